@@ -2,8 +2,8 @@
 
 Coefficients are the parameters of interest (compliances, their slopes and geometric errors) and the
 nuisance coefficients (effects that are modelled but not of interest). The degeneracies span the
-null space of the design matrix. The basis found is sparse, so that each degeneracy has few members:
-for example an amount of a nuisance, and the change of parameters that looks exactly like it. No
+null space of the design matrix. The basis found is sparse, so that each degeneracy has few members.
+An example is an amount of a nuisance, with the change of parameters that looks exactly like it. No
 readings are needed, so that a plan can be examined too.
 """
 

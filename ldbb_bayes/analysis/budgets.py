@@ -41,8 +41,8 @@ Kind = Literal["A", "B"]
 # A nuisance coefficient whose share of the variance is below this has no line of its own in a
 # budget.
 _LISTED_SHARE = 1e-3
-# Where the terms evaluated by other means than statistics (type B of the GUM) together have more
-# than this share of the variance, the heaviest term is chosen among them.
+# If terms of type B (GUM 2.3.3) together have more than this share of the variance, the heaviest
+# term is chosen among them.
 _MAJORITY = 0.5
 
 
@@ -82,8 +82,8 @@ class Budget(Result):
     #: model term with the largest share of the variance; chosen among terms of type B (GUM 2.3.3)
     #: where these have more than half of the variance
     heaviest: str
-    #: standard uncertainty of the parameter if the term ``heaviest`` were known exactly; None where
-    #: that term cannot be known, as the noise of the readings or the parameters' own priors
+    #: standard uncertainty of the parameter if the term ``heaviest`` were known exactly; None if it
+    #: cannot be known (noise of the readings, or the parameters' own priors)
     u_if_known: float | None
 
     def share(self, term: str) -> float:

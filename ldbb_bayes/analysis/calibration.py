@@ -1,9 +1,9 @@
 """Simulation-based calibration: ranks of true values among their posterior draws.
 
 In every replicate, true values of the parameters and hyper-parameters (the scales of the noise and
-of other effects) are drawn at random from their priors, readings are simulated, posterior draws are
-computed, and the true values are ranked among these draws. If the posterior is computed correctly,
-the ranks are uniformly distributed (Talts et al. 2018).
+of other effects) are drawn at random from their priors. Readings are simulated from them, and
+posterior draws are computed. The true values are then ranked among these draws. If the posterior is
+computed correctly, the ranks are uniformly distributed (Talts et al. 2018).
 """
 
 from __future__ import annotations

@@ -73,14 +73,14 @@ SLOPE_SCALES = (0.03, 0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 2.0, 3.0)
 # The readings reject an assumption whose log evidence is lower than that of the models' own
 # assumption by this much [nat].
 _REJECTED = 5.0
-# The evidence is computed only roughly for an assumption whose log evidence is lower than that of
-# the better of the first two models by more than this [nat].
+# An assumption is rejected, and its evidences need to be only rough, if the log evidences of both
+# models under it are lower by this [nat] than the best under the models' own assumption.
 _FAR_REJECTED = 10.0
 # Number of posterior draws over which the prediction of each model is averaged.
 _QUALITY_DRAWS = 1000
-# For the posterior mean and standard deviation of parameters: share of the weight of the quadrature
-# nodes that may be left out, and number of points for the truncation (compliances must not be
-# negative).
+# Settings for the posterior mean and standard deviation of parameters. They are the share of the
+# quadrature nodes' weight that may be left out, and the number of points that account for the
+# condition that compliances are not negative.
 _NEGLIGIBLE_WEIGHT = 1e-4
 _MOMENT_POINTS = 256
 # Smallest and largest tolerance of a log evidence that a caller may ask for [nat]. A comparison

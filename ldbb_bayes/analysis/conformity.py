@@ -35,8 +35,8 @@ from ldbb_bayes.units import is_direct
 
 __all__ = ["Conformity", "Decision", "assess_conformity", "draws_at", "normal_conformity"]
 
-# Where fewer posterior draws than this lie on either side of a limit, the probability beyond it is
-# that of the tail of a normal distribution instead of a share of draws.
+# The probability beyond a limit is a share of posterior draws if at least this many draws lie on
+# each side of it. Otherwise it is the tail of a normal distribution.
 _FEWEST_DRAWS = 10
 # Number of posterior draws for which the machine's circular path is computed.
 _PATH_DRAWS = 2000

@@ -111,7 +111,7 @@ def _pattern(nuisance: str) -> str:
 
 
 def _further_tests(plan: Campaign) -> dict[Cure, list[CircularTest]]:
-    """Return tests that can be added to a plan, by the remedy that they are."""
+    """Return tests that can be added to a plan, by the remedy that they would be."""
     further = {
         Cure.FORCES: _at_other_forces(plan),
         Cure.WORK_BALL: _clocked(plan, work_ball=True),

@@ -1,8 +1,8 @@
 """Local fits: constant compliance and geometry at every two neighbouring force levels.
 
 Compliance that changes with force shows as variation from pair to pair. Each pair of levels is
-fitted by the paper's least squares (Tables 7 and 8), and by the posterior of the model with
-nuisances (effects that are modelled but not of interest). Pairs overlap, and share ball form, bar
+fitted twice: by the paper's least squares (Tables 7 and 8), and by the posterior of the model. The
+model includes nuisances, effects that are not of interest. Pairs overlap, and share ball form, bar
 length and mount. The errors of their estimates are therefore correlated, and the points scatter
 less than their error bars suggest.
 
@@ -30,10 +30,10 @@ from ldbb_bayes.results import readable
 
 __all__ = ["local_fits"]
 
-# Settings that are precise enough for a figure (standard deviations within 2 %): error of the log
-# evidence [nat], share of the quadrature nodes' weight that is left out, number of points for the
-# moments with truncation (compliances must not be negative), and number of components of the
-# mixture from which quantiles are computed.
+# Settings that are precise enough for a figure, with standard deviations within 2 %. In turn: error
+# of the log evidence [nat], share of the quadrature nodes' weight that is left out, number of
+# points that account for the condition that compliances are not negative, and number of components
+# of the mixture from which quantiles are computed.
 _TOLERANCE = 5e-2
 _SPARE = 1e-3
 _POINTS_INSIDE = 128

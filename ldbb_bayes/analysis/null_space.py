@@ -14,8 +14,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["EXACT_SHARE", "NullSpace"]
 
-# A combination of coefficients counts as unresolved only if it changes no reading by more than this
-# share of what its pivot, the coefficient with the value one, changes alone.
+# A combination of coefficients is unresolved only if it changes no reading much. The limit is this
+# share of the change that its pivot, the coefficient with the value one, causes alone.
 EXACT_SHARE = 0.05
 # Coefficients are dropped from a combination if their effect on the readings is below a share of
 # the largest effect; these shares are tried in turn.
@@ -24,7 +24,7 @@ _SPARSITY_CUTS = (0.02, 1e-3, 1e-5, 1e-8)
 # the change that is too small to be seen.
 _SPARSE_LIMIT_SHARE = 0.5
 # A preferred coefficient becomes a pivot only if its row of the null space's basis is longer than
-# this, after the directions of the pivots chosen before are projected out.
+# this. The directions of pivots chosen before are first projected out of the row.
 _LEAST_PIVOT_LENGTH = 0.05
 # Singular values of a least-squares problem below this share of the largest count as zero.
 _RANK_TOLERANCE = 1e-12

@@ -3,7 +3,7 @@
 Each test r is compared with replicates: circles simulated from p(y_r | y_−r), the distribution of
 its readings y_r given the readings y_−r of the other tests. The models take part with their
 posterior probabilities given the other tests. For each Fourier order, the p-value of a test is the
-share of replicates that lie as far out as the test. A test has 13 orders, and the smallest of its
+share of replicates that deviate as much as the test. A test has 13 orders, and the smallest of its
 p-values would be small by chance. It is therefore compared with the smallest p-values of the
 replicates.
 

@@ -79,10 +79,10 @@ def state_of(
     """Return whether the values on a certificate can be used, with reasons against it.
 
     They cannot be used where the sampler missed its target, the readings do not fit the model, or
-    the readings contradict the condition that compliances are not negative. They can be used with
-    reservation where the readings hardly determine a stated parameter, a result depends on the
-    prior, or the noise is larger than its prior expects. The same holds where there are too few
-    forces for the degree, or where the result of the comparison depends on assumptions.
+    the readings speak against non-negative compliances. They can be used with reservation where the
+    readings hardly determine a stated parameter, a result depends on the prior, or the noise is
+    larger than its prior expects. The same holds where there are too few forces for the degree, or
+    where the result of the comparison depends on assumptions.
 
     Parameters
     ----------

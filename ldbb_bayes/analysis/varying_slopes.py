@@ -1,9 +1,9 @@
 """Subsets of slopes: which compliances change with force, and curves averaged over the subsets.
 
 Every compliance C may have a slope with force F or none, and each subset of slopes is a model with
-its own evidence. Curves are C(F). Where there are too many subsets (several planes), only some are
-considered: a search starts from no slopes and from all slopes, and goes on to the neighbours of the
-best subset.
+its own evidence. Curves are C(F). With several planes there are too many subsets, and only some are
+considered. A search then starts from no slopes and from all slopes, and goes on to the neighbours
+of the best subset.
 """
 
 from __future__ import annotations

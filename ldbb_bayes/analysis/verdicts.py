@@ -5,11 +5,11 @@ parameters (compliances, their slopes and geometric errors), nuisances the effec
 but not of interest, and y the readings. A degeneracy is a combination of parameters and nuisance
 coefficients that no reading resolves.
 
-Everything is computed for the linear Gaussian model at one value of the hyper-parameters φ (the
-scales of the noise and of other effects), without truncation (the condition that compliances must
-not be negative). No readings are needed for this, so that a plan can be judged before it is run.
-The value of φ is its posterior mean with readings, and its prior median without. Only the benefit
-of certificates is averaged over p(φ | y).
+Everything is computed for the linear Gaussian model, in which compliances may be negative, at one
+value of the hyper-parameters φ (the scales of the noise and of other effects). No readings are
+needed for this, so that a plan can be judged before it is run. The value of φ is its posterior mean
+with readings, and its prior median without. Only the benefit of certificates is averaged over p(φ |
+y).
 """
 
 from __future__ import annotations
@@ -91,9 +91,9 @@ class Verdict(StrEnum):
     1. *confounded*, when a nuisance that the model leaves out looks exactly like the parameter:
        nothing bounds the nuisance then.
     2. *confounded*, when nuisances in the model look exactly like the parameter and make up more
-       than half of its standard uncertainty (knowing them would remove more than a quarter of its
-       variance), and neither these readings nor a certificate state their size. A size inferred
-       from other Fourier orders of the circle does not count as measured.
+       than half of its standard uncertainty: knowing them would remove more than a quarter of its
+       variance. This holds only if neither these readings nor a certificate state their size. A
+       size inferred from other Fourier orders of the circle does not count as measured.
     3. *confounded*, when two conditions hold. More than half of the parameter's variance lies along
        combinations of coefficients for which the priors outweigh the readings. And more than half
        of the variance would vanish if the nuisance terms, and the parameters that no reading
@@ -132,9 +132,9 @@ class ParameterIdentifiability(Result):
 
     name: str  #: name of the parameter
     verdict: Verdict  #: verdict: identified, prior-limited or confounded
-    #: for a confounded parameter, the model terms, then the parameters, from which the readings
-    #: cannot separate it; for other parameters, the terms that hold more than 5 % of its variance;
-    #: those with the largest share come first
+    #: effects that are named with the verdict, those with the largest share first. For a confounded
+    #: parameter they are the model terms, then the parameters, from which it cannot be separated.
+    #: For others they are the terms with more than 5 % of its variance.
     partners: Annotated[tuple[str, ...], Field(alias="with")]
     #: share of the parameter's variance that vanishes if a partner is known, by name of the
     #: partner; effects that the model leaves out have no share

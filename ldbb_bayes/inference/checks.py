@@ -149,9 +149,10 @@ def effects_of_failures(
     """Return how much failing checks could change parameters and widen intervals.
 
     The first result holds, for each test with a failing Fourier order, the largest change of a
-    parameter when the test is left out, in units of its standard deviation. The second result is
-    the largest share by which an interval grows if tests with a failing check of noise have noise
-    as strong as at the orders 13 to 16. Both are computed at the hyper-parameters φ, shape (h,).
+    parameter when the test is left out. The change is in units of the parameter's standard
+    deviation. The second result is the largest share by which an interval grows if tests with a
+    failing check of noise are noisier than modelled. Their noise is taken to be as strong as at the
+    orders 13 to 16. Both results are computed at the hyper-parameters φ, shape (h,).
     """
     failing = failing_checks(all_checks(checks))
     of_order = [check.test for check in failing if check.kind == CheckKind.ORDER]

@@ -54,8 +54,8 @@ _IMPROBABLE = float(np.log(1e-3))
 # A hyper-parameter (scale of the noise or of another effect) is expected to lie below the quantile
 # of its prior at this probability.
 _EXPECTED_HYPER = 0.999
-# A parameter is a concern if its posterior mean is farther than this from its stated prior mean, in
-# units of the standard deviation that the prior expects of this distance.
+# A parameter is a concern if its posterior mean is farther than this from its stated prior mean.
+# The unit is the standard deviation that the prior expects of this distance.
 _LARGEST_PRIOR_DISTANCE = 3.0
 # Least variance of the distance between prior and posterior mean, as a share of the prior variance;
 # it avoids a division by zero.
@@ -122,15 +122,16 @@ class Fit(Result):
     linearisation_error_um: float
     concerns: tuple[Concern, ...]  #: warnings of the fit, each with a value and a limit
     predictive_checks: dict[str, TestChecks]  #: posterior predictive checks, by name of the test
-    #: how much the posterior of each variable moves if a density is raised to a power near one
-    #: (power-scaling), by name of the variable, then by the density: ``prior``, ``hyper_prior`` or
-    #: ``likelihood``
+    #: sensitivity of each posterior to power-scaling: how much it moves if a density is raised to a
+    #: power near one. Keys are the name of the variable, then that of the density: ``prior``,
+    #: ``hyper_prior`` or ``likelihood``.
     sensitivity: dict[str, dict[str, float]]
-    #: largest change of a parameter when a test is left out, in units of its standard uncertainty,
-    #: by name of the test; only for tests with an unexpected Fourier order, and not for flat priors
+    #: largest change of a parameter when a test is left out, in units of the parameter's standard
+    #: uncertainty. Keys are the names of the tests with an unexpected Fourier order. Empty for flat
+    #: priors.
     shift: dict[str, float]
     #: largest share by which an interval grows if the noise is as strong as at the Fourier orders
-    #: 13 to 16; zero unless a check of noise or of its autocorrelation fails
+    #: 13 to 16; zero unless a check of noise or its autocorrelation fails
     widening: float
 
     @property

@@ -43,8 +43,8 @@ _ROUNDS = 5
 # A round of sampling is extended by more points if its effective sample size exceeds this share of
 # its points; otherwise the proposal is fitted anew.
 _EFFICIENT = 0.4
-# Before the proposal is fitted, weights are raised to a power below one until their effective
-# sample size is a third of the number of points, or this number per dimension.
+# Before a proposal is fitted, weights are evened out by raising them to a power below one. Their
+# effective sample size must reach a third of the number of points, or this number per dimension.
 _FITTED_PER_DIMENSION = 40.0
 # The power to which weights are raised is multiplied by ``_EVENING`` until their effective sample
 # size suffices or the power ``_LEAST_POWER`` is reached.

@@ -59,8 +59,8 @@ class Integral:
     free: Array  #: coordinates of the nodes, shape (n, h)
     log_density: Array  #: logarithm of the density f at the nodes, shape (n,)
     log_volume: Array  #: logarithm of the volume that each node represents, shape (n,)
-    #: index of the grid of a lattice, or of the randomised sequence of a sample, that each node
-    #: belongs to, shape (n,); every grid or sequence estimates the integral by itself
+    #: index of the group that each node belongs to, shape (n,): a grid of a lattice, or a
+    #: randomised sequence of a sample; the nodes of each group estimate the integral by themselves
     estimate: Index
     #: whether a node is at the edge of a lattice, beyond which the density was not evaluated,
     #: shape (n,)

@@ -206,7 +206,10 @@ def _first_front(starts: Sequence[Array], offset: float) -> Array:
 
 
 def _keys(index: Array) -> NDArray[np.int64]:
-    """Return one integer that identifies each grid point, shape (n,), for points (n, h)."""
+    """Return integers that identify n grid points in h dimensions, shape (n,).
+
+    ``index``, shape (n, h), holds the positions of the points in the grid.
+    """
     h = index.shape[1]
     reach = 1 << 62 // h - 1
     limited = np.clip(index, -reach, reach - 1).astype(np.int64)

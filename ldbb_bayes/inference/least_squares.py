@@ -42,9 +42,9 @@ class LeastSquares(Result):
     (720,)
     """
 
-    #: table of the parameters with the columns unit, estimate and u (standard uncertainty), in
-    #: internal units (mm, N, rad); u follows from the scatter of the residuals, taken as white
-    #: noise; estimate and u are NaN if the readings do not determine the parameters
+    #: table of the parameters with the columns unit, estimate and u, in internal units (mm, N,
+    #: rad). u is the standard uncertainty from the scatter of the residuals, taken as white noise.
+    #: estimate and u are NaN if the readings do not determine the parameters.
     table: ByRow
     #: root-mean-square residual over all readings and of each test [µm], and fitness of each test
     #: [%] (Eq. 34-35 of the paper)

@@ -85,7 +85,7 @@ class StoppingRule(Shown):
     block: int = 20
     discard: float = 0.25  #: share of the stored draws that is discarded as burn-in
     #: number of autocorrelation times that the draws kept must span, because an ensemble that has
-    #: hardly moved can look well mixed; estimated from the smallest effective sample size
+    #: hardly moved can look well mixed
     lengths: float = 6.0
 
     def next_block(self, steps: int) -> BlockPlan:

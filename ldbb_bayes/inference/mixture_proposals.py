@@ -32,8 +32,8 @@ _FIRST_FREEDOM = 9.0
 # Places at which the two sides of a split Student-t distribution may meet, in the coordinate z of
 # `SplitT`.
 _OFFSETS = np.linspace(-0.4, 0.4, 9)
-# For the fit of a split Student-t distribution: number of alternations between fitting scales and
-# fitting degrees of freedom, and number of expectation-maximisation steps for the scales in each.
+# A split Student-t distribution is fitted by alternately fitting scales and degrees of freedom.
+# Number of alternations, and of expectation-maximisation steps for the scales in each of them.
 _ALTERNATIONS = 2
 _EM_STEPS = 3
 # Smallest and largest scale of a split Student-t distribution, in the coordinate z of `SplitT`.

@@ -59,8 +59,8 @@ _BELOW_MODE = 3.0
 # Tolerance of the log evidence [nat], and step in standard deviations, of coarse nodes.
 _COARSE_TOLERANCE = 0.2
 _COARSE_STEP = 1.25
-# Before the probability that no compliance is negative is computed at the nodes, the lightest are
-# left out; their share of the integral is at most the tolerance divided by this.
+# The lightest nodes are left out where the probability that no compliance is negative is computed.
+# Their share of the integral is at most the tolerance divided by this.
 _PARTS_OF_TOLERANCE = 20.0
 # Largest share of the integral in nodes that are left out, whatever the tolerance.
 _LARGEST_LEFT_OUT = 5e-4

@@ -49,7 +49,7 @@ def prior_draws_of(bound: BoundModel, size: int, rng: np.random.Generator) -> tu
     """Return random draws from the prior of p parameters and h hyper-parameters.
 
     They have the shapes (size, p) and (size, h); hyper-parameters are in mm. No compliance is
-    negative, if the model truncates. If the prior of the parameters is flat, their array has the
+    negative, if the model requires it. If the prior of the parameters is flat, their array has the
     shape (0, 0).
     """
     phi = bound.hyper_prior.draw(size, rng)

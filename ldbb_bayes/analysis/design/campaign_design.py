@@ -45,8 +45,8 @@ __all__ = ["Certificate", "Design", "Judged", "Limits", "design", "read_design"]
 _CERTIFICATE_TOLERANCE = 1e-4
 # Candidate tests whose share of the tests is below this are not listed.
 _LISTED_SHARE = 1e-4
-# More circles of the same kind hardly reduce the uncertainty of a parameter if the standard
-# uncertainty that remains after very many circles exceeds this share of the one expected.
+# More circles of the same kind count as useless for a parameter if very many of them would leave
+# more than this share of its expected standard uncertainty.
 _STUCK_SHARE = 0.8
 # Default step between the force levels that a design chooses from [N].
 _FORCE_STEP_N = 1.0
@@ -194,8 +194,8 @@ class Design(Forecast):
     def model(self) -> HybridModel:
         """The model for the analysis of the recommended tests.
 
-        Its reference force F0 and the prior standard deviations of the slopes are those of the
-        pilot (the campaign or plan that the design starts from), whatever the forces of the tests.
+        Whatever the forces of the tests, its reference force F0 and the prior standard deviations
+        of the slopes are those of the campaign or plan that the design starts from.
         """
         return self._require_planned().model
 

@@ -96,7 +96,7 @@ def objective_of(
 
 
 class _Layout(NamedTuple):
-    """Columns and rows that an objective needs of the information of the tests."""
+    """Columns and rows of the tests' information matrices that an objective needs."""
 
     columns: NDArray[np.int_]  # indices of coefficients, those of interest last
     rows: NDArray[np.int_]  # indices of rows that are not zero in all tests
@@ -104,10 +104,10 @@ class _Layout(NamedTuple):
 
 
 def _layout_of(information: Information, blocks: Array, chosen: Sequence[str]) -> _Layout:
-    """Return the columns and rows that an objective needs, from the information at one φ.
+    """Return the columns and rows of the information matrices that an objective needs.
 
-    ``blocks``, shape (tests, rows, m), is the information of each test about m coefficients. The
-    layout is the same for every value of the hyper-parameters φ.
+    ``blocks``, shape (tests, rows, m), is the information of each test about m coefficients, at one
+    value of the hyper-parameters. The layout is the same for every value.
     """
     interest = [information.names.index(name) for name in chosen]
     columns = _connected_columns(blocks, interest)

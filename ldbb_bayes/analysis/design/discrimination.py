@@ -1,8 +1,8 @@
 """Evidence that planned tests will give for or against slopes of the compliances with force.
 
 B is the Bayes factor of the model with the slopes over the model without slopes. ln B is computed
-for the linear Gaussian model without truncation (the condition that compliances must not be
-negative), and averaged over the hyper-parameters φ (the scales of the noise and of other effects).
+for the linear Gaussian model, in which compliances may be negative. It is averaged over the
+hyper-parameters φ (the scales of the noise and of other effects).
 """
 
 from __future__ import annotations

@@ -56,8 +56,8 @@ _MAX_RESTARTS = 100
 _RESTART_COST = 4_000_000
 # If there are at most this many possible designs, the search does not restart from perturbed ones.
 _FEW_DESIGNS = 1000
-# Two forces of a design whose distance is at most ``_CLOSE_FORCES`` times the range of force are
-# merged into one, if the relative loss of efficiency is at most ``_MERGING_LOSS``.
+# Two forces of a design are close if their distance is at most ``_CLOSE_FORCES`` times the range of
+# force. They are merged into one if the relative loss of efficiency is at most ``_MERGING_LOSS``.
 _CLOSE_FORCES = 0.05
 _MERGING_LOSS = 1e-4
 

@@ -39,8 +39,8 @@ _ZERO_SHARE = 1e-10
 _STARTING_SHARE = 0.02
 # Value of the solver's loss function where the shares leave a parameter undetermined.
 _UNDETERMINED_LOSS = 1e6
-# Tolerance of the solver SLSQP: in the first round, the smallest ever used, and its ratio to the
-# relative excess of the largest sensitivity over the bound after the previous round.
+# Tolerances of the solver SLSQP: that of the first round, and the smallest of all. The third number
+# is the ratio of the tolerance to the relative excess of the largest sensitivity over its bound.
 _LOOSE_TOLERANCE = 1e-5
 _TIGHT_TOLERANCE = 1e-15
 _TOLERANCE_PER_EXCESS = 1e-3

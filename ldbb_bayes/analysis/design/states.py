@@ -36,8 +36,8 @@ class States:
     #: parameters β, whose compliances are not negative, shape (K, p); p = 0 where their prior is
     #: flat
     beta: Array
-    #: Gaussian density of the parameters β given the hyper-parameters, before the new tests, in
-    #: which compliances may be negative: the prior, or the posterior given tests that count as run
+    #: Gaussian density of the parameters given the hyper-parameters, before the new tests: the
+    #: prior, or the posterior given tests that count as run; compliances may be negative
     before: Gaussian
 
 
@@ -64,15 +64,17 @@ def hyper_nodes(model: HybridModel, pilot: Campaign, size: int, seed: int) -> Ar
 
 
 def extend_hyper_parameters(bound: BoundModel, phi: Array, run: int) -> Array:
-    """Return hyper-parameters φ for ``run`` circles of the pilot and the new circles after them.
+    """Return hyper-parameters of a model of circles already run and of new circles.
 
-    The relative scale λ of the scatter of a single circle is set to 1 for new circles, as 1/λ² is
-    one on average. Other hyper-parameters that do not act on the pilot are spread over their prior.
+    The hyper-parameters φ of the pilot, the campaign that a design starts from, are extended by
+    those of the new circles. The relative scale λ of the scatter of a single new circle is set to
+    1, as 1/λ² is one on average. Other hyper-parameters that do not act on the pilot are spread
+    over their prior.
 
     Parameters
     ----------
     bound
-        Model bound to the circles run, followed by the new ones.
+        Model bound to the circles run, followed by the new circles.
     phi
         K values of the pilot's φ, shape (K, h) [mm].
     run
@@ -81,7 +83,7 @@ def extend_hyper_parameters(bound: BoundModel, phi: Array, run: int) -> Array:
     Returns
     -------
     Array
-        K values of φ of ``bound``, shape (K, number of its hyper-parameters) [mm].
+        K values of the hyper-parameters of ``bound``, shape (K, their number) [mm].
     """
     pilot = bound.pilot or bound.campaign
     pilot_bound = bound
