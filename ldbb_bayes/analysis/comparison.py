@@ -208,7 +208,8 @@ class Comparison(Result):
     #: expected log predictive density of tests left out: that of each later model minus that of the
     #: first [nat], by "model/first"
     elpd_difference: dict[str, Difference]
-    #: names of the models whose log Bayes factor both sensitivities state, as "second/first"
+    #: names of the first two models as "second/first"; the results under other priors and
+    #: assumptions state the log Bayes factor of these two
     sensitivity_of: str
     prior_sensitivity: tuple[ScaledSlopes, ...]  #: log Bayes factor at each slope scale
     #: scales of the slopes' prior at which the log Bayes factor changes sign
@@ -242,7 +243,7 @@ class Comparison(Result):
 
     @property
     def pair(self) -> tuple[str, str]:
-        """Return the names of the first two models, which the sensitivities compare."""
+        """Return the names of the first two models, which are compared under other assumptions."""
         first, second, *_ = self.models
         return first, second
 

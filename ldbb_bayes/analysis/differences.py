@@ -38,7 +38,7 @@ class _Differences(NamedTuple):
 
     means: Array  #: posterior means in both campaigns, shape (2, names)
     difference: Array  #: posterior mean of second minus first campaign, shape (names,)
-    sd: Array  #: standard uncertainty of the difference, shape (names,)
+    sd: Array  #: standard uncertainty of ``difference``, shape (names,)
     interval: Array  #: ends of the equal-tailed interval of the difference, shape (2, names)
     increase: Array  #: probability that the second campaign's value is larger, shape (names,)
     conflict: Conflict | None = None

@@ -34,7 +34,7 @@ _ASKING = 1.0
 class Explained:
     """One combination of explanations of a change of the readings with force."""
 
-    by: tuple[str, ...]  #: names of the explanations combined
+    by: tuple[str, ...]  #: names of the explanations of a change with force that are combined
     log_evidence: float  #: log evidence of the combination [nat]
     log_evidence_error: Finite  #: error of the log evidence [nat]
     probability: float  #: posterior probability of the combination

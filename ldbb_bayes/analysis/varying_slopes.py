@@ -53,8 +53,8 @@ class SlopeSubset:
     """One subset of slopes, as a model with its evidence and probability."""
 
     varying: tuple[str, ...]  #: names of the compliances that vary with force
-    log_evidence: float  #: log evidence of the model with these slopes [nat]
-    probability: float  #: posterior probability of the subset
+    log_evidence: float  #: log evidence of the model with this subset of slopes [nat]
+    probability: float  #: posterior probability of the subset of slopes
 
 
 @dataclass(frozen=True)

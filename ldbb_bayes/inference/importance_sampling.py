@@ -146,7 +146,7 @@ def _draw_round(
     tolerance: float = np.inf,
     max_points: int = 0,
 ) -> Integral:
-    """Return one round of sampling, doubled until the tolerance is reached.
+    """Return one round of sampling, doubled in size until the tolerance is reached.
 
     It starts with ``size`` points for each of the randomised sequences (scrambles). Doubling stops
     early if the weights are too uneven or cannot be trusted, or if the round would have more than

@@ -160,9 +160,9 @@ def _draw_standard(
 ) -> tuple[Array, Array]:
     """Return standard coordinates of random draws of the parameters, and counts of usable draws.
 
-    The p parameters are drawn without truncation at w values of the hyper-parameters. The
-    coordinates have the shape (w, tries, p). Draws without a negative compliance are usable; they
-    come first, and their counts have the shape (w,).
+    The p parameters are drawn at w values of the hyper-parameters, as if compliances might be
+    negative. The coordinates have the shape (w, tries, p). Draws without a negative compliance are
+    usable; they come first, and their counts have the shape (w,).
     """
     z = rng.standard_normal((len(conditional.mean), tries, conditional.mean.shape[1]))
     rows = conditional.physical.rows

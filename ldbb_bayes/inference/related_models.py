@@ -28,7 +28,10 @@ _SAME_SD = 1e-12
 
 
 class _Conditionals(NamedTuple):
-    """Gaussian posteriors of p coefficients given the hyper-parameters at n nodes."""
+    """Gaussian posteriors of p coefficients given the hyper-parameters at n nodes.
+
+    Coefficients are the parameters, and those of rival explanations of slopes.
+    """
 
     mean: Array  #: means of the coefficients, shape (p, n)
     covariance: Array  #: covariances of the coefficients, shape (p, p, n)
@@ -116,7 +119,10 @@ class RelatedModels:
 
     @cached_property
     def _conditionals(self) -> _Conditionals:
-        """Gaussian posteriors of the coefficients, given the hyper-parameters at the nodes."""
+        """Gaussian posteriors of the coefficients, given the hyper-parameters at the nodes.
+
+        Coefficients are the parameters, and those of rival explanations of slopes.
+        """
         bound = self._bound
         free = self._integral.free
         p = len(bound.coefficients)

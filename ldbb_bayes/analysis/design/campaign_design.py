@@ -481,10 +481,10 @@ def _describe_design(
 
 
 def _judge_tests(space: Space, name: str, tests: tuple[CircularTest, ...]) -> Judged:
-    """Return the forecast and the efficiency of a design that is compared with the best shares.
+    """Return the forecast and the efficiency of a design that is compared with the best one.
 
-    ``name`` is the name of the design in the comparison. The efficiency of tests that leave a
-    parameter undetermined is zero.
+    ``name`` is the name of the design in the comparison. The efficiency is relative to the best
+    fractions of as many tests. It is zero for tests that leave a parameter undetermined.
     """
     forecast = space.forecast(tests)
     efficiency = space.efficiency(tests) if forecast.determined else 0.0

@@ -47,11 +47,11 @@ class Objective(Shown):
 
     @property
     def candidates(self) -> int:
-        """Number of candidate tests."""
+        """Number of candidate tests, among which a design chooses."""
         return int(self.rows.shape[1])
 
     def among(self, candidates: Array) -> Objective:
-        """Return the same objective for the candidates with these indices only."""
+        """Return the same objective for only those candidate tests that have these indices."""
         return replace(self, rows=self.rows[:, candidates])
 
     def efficiency(self, value: float, best: float) -> float:

@@ -30,12 +30,14 @@ __all__ = ["MAX_TESTS", "ExactDesign", "Search", "efficient_rounding", "exchange
 
 # Largest number of tests in a design.
 MAX_TESTS = 300
-# Largest number of times that an exchange goes through all tests of a design.
+# Largest number of times that the search goes through all tests of a design to replace them by
+# better candidates.
 _MAX_SWEEPS = 50
-# If there are at most this many candidates, all are tried as a replacement of each test.
+# If a design chooses among at most this many candidate tests, all are tried as a replacement of
+# each of its tests.
 _FEW_CANDIDATES = 64
-# If there are more candidates than `_FEW_CANDIDATES`, this many with the largest sensitivity and
-# this many random ones are tried as a replacement of each test.
+# If there are more candidate tests than ``_FEW_CANDIDATES``, this many with the largest sensitivity
+# and this many random ones are tried as a replacement of each test.
 _TRIED_CANDIDATES = 12
 # Number of candidates of each kind, most sensitive and random, that are tried as a replacement of
 # each test at the end of a thorough exchange.
@@ -43,12 +45,12 @@ _TRIED_AT_THE_END = 128
 # Sensitivities by which candidates are selected are averaged over every n-th value of the
 # hyper-parameters, with n this number, to save time.
 _HYPER_STEP = 4
-# Number of designs that the search starts from: the rounded shares, and random designs. In every
-# third, tests are drawn from all candidates with equal probability. In the others, the shares are
-# the probabilities.
+# Number of designs that the search starts from: the best fractions of tests, rounded, and random
+# designs. In every third random design, tests are drawn from all candidates with equal probability.
+# In the others, the best fractions are the probabilities.
 _STARTS = 6
-# Shares count as the best where the largest sensitivity exceeds its bound by at most this, relative
-# to the bound.
+# Shares (fractions of the tests at each candidate) count as the best where the largest sensitivity
+# exceeds its bound by at most this, relative to the bound.
 _SHARES_TOLERANCE = 1e-5
 # Largest number of restarts of the search from perturbed designs, and largest cost of all restarts:
 # the product of matrix elements, tests, candidates tried and restarts.
@@ -63,12 +65,12 @@ _MERGING_LOSS = 1e-4
 
 
 def efficient_rounding(share: Array, tests: int) -> Array:
-    """Return the whole numbers of tests nearest to given shares (Pukelsheim and Rieder 1992).
+    """Return whole numbers of tests nearest to given fractions (Pukelsheim and Rieder 1992).
 
     Parameters
     ----------
     share
-        Share of the tests by candidate, shape (candidates,).
+        Fraction of the tests by candidate, shape (candidates,).
     tests
         Number of tests.
 
@@ -182,7 +184,7 @@ def _likely_candidates(
 
 @dataclass(frozen=True, eq=False)
 class ExactDesign:
-    """A design in whole numbers of tests, and the best shares of the same number of tests."""
+    """A design in whole numbers of tests, and the best fractions of the same number of tests."""
 
     counts: Array  #: whole number of tests of each candidate, shape (candidates,)
     value: float  #: value Φ of the criterion for the design
@@ -201,7 +203,10 @@ class Search:
     _shares: dict[float, Optimum] = field(default_factory=dict, init=False)
 
     def shares(self, tests: float) -> Optimum:
-        """Return the best shares of this number of tests, computed once for each number."""
+        """Return the best shares of this number of tests, computed once for each number.
+
+        Shares are the fractions of the tests that are run at each candidate.
+        """
         if tests not in self._shares:
             self._shares[tests] = optimal_shares(self.objective, tests, tolerance=_SHARES_TOLERANCE)
         return self._shares[tests]
@@ -241,9 +246,10 @@ class Search:
         return ExactDesign(best, value, optimum, efficiency)
 
     def _starting_designs(self, share: Array, tests: int, rng: np.random.Generator) -> list[Array]:
-        """Return the designs that the search starts from: the rounded shares, and random designs.
+        """Return the designs that the search starts from, as counts of tests by candidate.
 
-        ``share`` are the best shares of the tests, shape (candidates,).
+        The first design is rounded from the best fractions of tests, ``share``, shape
+        (candidates,). The others are random.
         """
         n = self.objective.candidates
         starts = [efficient_rounding(share, tests)]

@@ -29,15 +29,17 @@ _EQUALITY_TOLERANCE = 1e-9
 _MAX_ROUNDS = 400
 # Largest number of iterations of the solver SLSQP in each round.
 _SOLVER_ITERATIONS = 40
-# Largest number of candidates that may join the active ones in a round.
+# Largest number of candidate tests that join, in one round, those whose fractions are optimized.
 _JOINING_CANDIDATES = 3
-# Number of evenly spread candidates whose shares are optimized in the first round.
+# Number of evenly spread candidate tests whose fractions of the tests are optimized in the first
+# round.
 _FIRST_CANDIDATES = 32
-# A candidate's share of the tests below this counts as zero.
+# A candidate's fraction of the tests below this counts as zero.
 _ZERO_SHARE = 1e-10
-# Least share of each candidate at the start of the solver, times the number of active candidates.
+# Least fraction of the tests at each candidate when the solver starts, times the number of
+# candidates whose fractions are optimized.
 _STARTING_SHARE = 0.02
-# Value of the solver's loss function where the shares leave a parameter undetermined.
+# Value of the solver's loss function where the fractions of tests leave a parameter undetermined.
 _UNDETERMINED_LOSS = 1e6
 # Tolerances of the solver SLSQP: that of the first round, and the smallest of all. The third number
 # is the ratio of the tolerance to the relative excess of the largest sensitivity over its bound.
@@ -66,13 +68,13 @@ def is_better(value: float, reference: float) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Optimum(Shown):
-    """Shares of N tests among candidates, their criterion Φ, and the sensitivities N ∂Φ/∂n_i.
+    """Shares (fractions) of N tests among candidates, their criterion Φ, and the sensitivities.
 
-    n_i is the number of tests of candidate i. If the shares are the best, no sensitivity exceeds
-    the mean of the sensitivities weighted by the shares.
+    The sensitivity of candidate i is N ∂Φ/∂n_i, where n_i is its number of tests. If the shares are
+    the best, no sensitivity exceeds the mean of the sensitivities weighted by the shares.
     """
 
-    share: Array  #: share of the tests by candidate, shape (candidates,); their sum is 1
+    share: Array  #: fraction of the tests at each candidate, shape (candidates,); their sum is 1
     value: float  #: value Φ of the criterion for these shares
     #: derivative of the criterion by the number of tests of each candidate, times the number of all
     #: tests, shape (candidates,)
@@ -81,7 +83,7 @@ class Optimum(Shown):
 
     @property
     def excess(self) -> float:
-        """Largest sensitivity divided by the bound, minus one; zero for the best shares.
+        """Largest sensitivity divided by the bound, minus one; zero for the best shares of tests.
 
         If the criterion is concave, no design exceeds these shares by more than bound · excess.
         """
@@ -90,6 +92,8 @@ class Optimum(Shown):
 
 def certificate(objective: Objective, share: Array, tests: float) -> Optimum:
     """Return criterion, sensitivities and bound of given shares of N tests.
+
+    Shares are the fractions of the tests that are run at each candidate.
 
     Parameters
     ----------
@@ -111,7 +115,7 @@ def certificate(objective: Objective, share: Array, tests: float) -> Optimum:
 
 
 def optimal_shares(objective: Objective, tests: float, *, tolerance: float = 1e-6) -> Optimum:
-    """Return the shares of N tests that make the criterion largest.
+    """Return the shares (fractions) of N tests among candidates that make the criterion largest.
 
     The algorithm is fully corrective: it optimizes the shares of a few active candidates, then adds
     candidates whose sensitivity exceeds the bound. It repeats this until the relative excess over

@@ -248,7 +248,10 @@ class Space:
         return Search(self.objective(self.tests), forces_N, levels, self.seed)
 
     def efficiency(self, tests: Sequence[CircularTest]) -> float:
-        """Return the efficiency of tests relative to the best shares of as many tests."""
+        """Return the efficiency of tests relative to the best shares of as many tests.
+
+        Shares are the fractions of the tests that are run at each candidate.
+        """
         value = self.objective(tests).value(np.ones(len(tests)))
         best = self.search.shares(float(len(tests))).value
         return self.search.objective.efficiency(value, best)
