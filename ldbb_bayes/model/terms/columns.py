@@ -118,7 +118,8 @@ class Columns(Shown):
     sd: Any
     hyper: Hyper | None = None  #: name of the hyper-parameter that scales ``sd``
     private: bool = False  #: whether every test has its own copy of each coefficient
-    mean: Array | None = None  #: prior mean of the p coefficients, shape (p,); default: zero
+    #: prior mean of the p coefficients, shape (p,), or one number for all; default: zero
+    mean: Any = None
     #: name of the hyper-parameter d by which ``sd`` falls with the order, as (order/6)^(−d)
     decay: Hyper | None = None
     #: order of the harmonic of each of the p coefficients, shape (p,); needed with ``decay``
