@@ -1,4 +1,4 @@
-"""Log of the assumptions made while files are read, each with the option that changes it."""
+"""Log of the assumptions that are made when foreign files are read."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ __all__ = ["Assumption", "AssumptionLog"]
 
 @dataclass(frozen=True)
 class Assumption:
-    """One assumption: where it was made, on what, and why."""
+    """Assumption about foreign files: place, subject, value and reason."""
 
-    #: file, sheet or test of the assumption, or the number of places; empty: everywhere
+    #: file, sheet or test of the assumption, or the number of places; empty for all files
     place: str
     what: str  #: subject of the assumption, such as "separator"
     value: str  #: value that was assumed
-    because: str  #: evidence for the value
+    because: str  #: reason for the value
     option: str  #: command-line option that changes the value
 
 
 class _Entry(NamedTuple):
-    """An assumption without its place."""
+    """Assumption without the place where it was made."""
 
     subject: str
     value: str
@@ -33,27 +33,30 @@ class _Entry(NamedTuple):
 
 @dataclass
 class AssumptionLog:
-    """Log of assumptions in the order they are made.
+    """Log of assumptions about foreign files, in the order in which they are made.
 
-    An assumption that is made in several places is kept once. The log also keeps the layout fields
-    found in each sheet.
+    An assumption that is made in several places is kept once. The log also keeps the fields of the
+    layout that are found in each sheet.
     """
 
     _places: dict[_Entry, list[str]] = field(default_factory=dict)
     _layout_values: dict[str, list[Any]] = field(default_factory=dict)
 
     def add(self, place: str, subject: str, value: str, reason: str, option: str) -> None:
-        """Note that this value was assumed for a subject in a place."""
+        """Add an assumption: its place, subject, value, reason and the option that changes it."""
         entry = _Entry(subject, value, reason, option)
         self._places.setdefault(entry, []).append(place)
 
     def keep(self, **fields: Any) -> None:
-        """Keep layout fields found in one sheet; None for what the sheet itself states."""
+        """Keep fields of the layout as found in one sheet.
+
+        A value is None if the sheet itself states it, so that the layout need not.
+        """
         for key, value in fields.items():
             self._layout_values.setdefault(key, []).append(value)
 
     def assumptions(self) -> tuple[Assumption, ...]:
-        """Return the assumptions in the order of their first places."""
+        """Return the assumptions in the order in which they were first made."""
         assumptions = []
         for entry, places in self._places.items():
             place = places[0]
@@ -63,9 +66,9 @@ class AssumptionLog:
         return tuple(assumptions)
 
     def layout(self, stated: Layout) -> Layout:
-        """Return the stated layout, completed by the fields that are the same in all sheets.
+        """Return the layout that the user states, completed by fields found in the sheets.
 
-        Fields that differ between sheets stay as stated.
+        Fields that differ between sheets do not change.
         """
         common = {}
         for key, values in self._layout_values.items():

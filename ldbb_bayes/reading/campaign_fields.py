@@ -1,4 +1,4 @@
-"""Fields of the campaign that files state, and values that are assumed for unstated fields."""
+"""Fields of the campaign that foreign files state, and values assumed for unstated fields."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ from ldbb_bayes.reading.recording import UNITS_SHOWN, Recording, option_for
 
 __all__ = ["find_resolution", "note_assumed_fields", "take_stated_fields"]
 
-# Fields of the campaign that lines above a table may state, with the options for these fields.
+# Fields of the campaign that lines above a table may state, each with the command-line option that
+# states it too.
 _OPTIONS = {
     "plane": "--plane",
     "resolution_um": "--resolution-um",
@@ -26,22 +27,24 @@ _OPTIONS = {
     "feed_mm_per_min": "--feed-mm-per-min",
     **{key: option_for(key) for key in LABELS},
 }
-# Fields that may differ from test to test.
+# Fields that tests of one campaign may state differently.
 _FIELDS_OF_EACH = ("plane", "date")
-# Fields for people, places and instruments; if several are stated, all are listed.
+# Fields for people, places and instruments. If files state several values, all are listed.
 _NAMES = ("operator", "place", "ball_bar", "force_device")
-# Fields for which several different values are no contradiction.
+# Fields that files may state differently without an error.
 _MAY_DIFFER = (*_NAMES, "ball_bar_calibrated", "feed_mm_per_min")
-# Number of decimals to which stated numbers are compared.
+# Numbers that two lines state are equal if they agree when rounded to this number of decimals.
 _COMPARED_PLACES = 9
-# Smallest and largest step that a readout may have [µm].
+# Smallest step [µm] between readings that is accepted as the resolution of a readout.
 _SMALLEST_STEP_UM = 0.001
+# Largest step [µm] between readings that is accepted as the resolution of a readout.
 _LARGEST_STEP_UM = 5.0
-# Largest step of a readout, as a share of the span of the readings.
+# Largest step between readings that is accepted as a resolution, as a share of their range.
 _LARGEST_STEP_SHARE = 0.1
-# Relative difference from the force law above which stated forces are noted.
+# Stated forces that differ from the force law by more than this relative difference are noted.
 _OFF_FORCE_LAW = 0.05
-# Values that are assumed for unstated fields, with the options that state these fields.
+# Values that are assumed for unstated fields of the campaign, each with the command-line option
+# that states the field.
 _ASSUMED = {
     "topology": ("wCAFYXZSt", "--topology"),
     "plane": ("XY", "--plane"),
@@ -49,23 +52,23 @@ _ASSUMED = {
     "resolution_um": ("0.24 µm", "--resolution-um"),
     "mount": ("readings compensated for its deflection", "--raw"),
 }
-# A message shows so many characters of a list.
+# Number of characters of a list that a message shows.
 _LIST_SHOWN = 200
 
 
 class _StatedValue(NamedTuple):
-    """A value of a field, and the place that states it."""
+    """Value of a field, and the place in a file that states it."""
 
     value: Any
     source: str  # line or name that states the value
-    place: str  # the source with its file
+    place: str  # line or name that states the value, with its file
 
 
 def take_stated_fields(campaign: dict[str, Any], recordings: Sequence[Recording]) -> None:
-    """Fill unstated fields of the campaign from lines above tables and from names.
+    """Fill in fields of the campaign that no option states, from lines above tables and names.
 
-    Planes and temperatures are fields of each test; a plane common to all tests, and all other
-    fields, are fields of the campaign.
+    Planes and temperatures are fields of each test. A plane common to all tests, and every other
+    field, is a field of the campaign.
 
     Parameters
     ----------
@@ -87,11 +90,11 @@ def take_stated_fields(campaign: dict[str, Any], recordings: Sequence[Recording]
 
 
 def _places_by_value(recordings: Sequence[Recording], key: str) -> dict[Any, str]:
-    """Return every value that files state for a field, with the place that states it.
+    """Return every value that files state for a field, each with the place that states it.
 
-    The values are noted as assumptions, and a plane is added to the fields of its test. The
-    statements about a test do not count if a user or a column states the field of this test. Raise
-    an `InputError` for contradictory statements.
+    The values are noted as assumptions, and a plane is added to the fields of its test. If a user
+    or a column states the field for a test, other statements about this test do not count. Raise an
+    `InputError` for contradictory statements.
 
     Parameters
     ----------
@@ -119,7 +122,7 @@ def _places_by_value(recordings: Sequence[Recording], key: str) -> dict[Any, str
 
 
 def _note_stated(recording: Recording, key: str, stated: _StatedValue) -> None:
-    """Note a stated value as an assumption; add a plane to the fields of its test."""
+    """Add a value that a file states to the log of assumptions, and a plane to its test."""
     text = stated.value
     if key in UNITS_SHOWN:
         text = f"{stated.value:g} {UNITS_SHOWN[key]}"
@@ -129,9 +132,9 @@ def _note_stated(recording: Recording, key: str, stated: _StatedValue) -> None:
 
 
 def _stated_values(recording: Recording, key: str) -> dict[Any, _StatedValue]:
-    """Return the values of a field that lines above a table state, by value.
+    """Return the values that lines above a table state for a field; the key is the value.
 
-    A plane may also be stated by the names of test, column, sheet and file.
+    The names of test, column, sheet and file may also state a plane.
     """
     values: dict[Any, _StatedValue] = {}
     if key == "plane":
@@ -153,7 +156,7 @@ def _stated_values(recording: Recording, key: str) -> dict[Any, _StatedValue]:
 
 
 def _certain_value(recording: Recording, key: str) -> Any:
-    """Return the value of a field that a user or a column states; None where neither does."""
+    """Return the value that the user or a column states for a field; None without either."""
     value = recording.stated.get(key)
     if not value:
         value = recording.fields.get(key)
@@ -169,9 +172,9 @@ def _certain_value(recording: Recording, key: str) -> Any:
 def _note_contradictions(
     recording: Recording, key: str, certain: Any, values: Mapping[Any, _StatedValue]
 ) -> None:
-    """Note stated values that differ from the certain one, which a user or a column states.
+    """Add to the log values in a file that contradict the one that a user or a column states.
 
-    A line that calls readings raw while they are said to be compensated is an `InputError`.
+    Raise an `InputError` if a line calls readings raw that are stated to be compensated.
     """
     different = {value: stated for value, stated in values.items() if value != certain}
     if "raw" in different:
@@ -185,7 +188,7 @@ def _note_contradictions(
 
 
 def _check_stated(recording: Recording, key: str, places: Mapping[Any, str]) -> None:
-    """Raise an `InputError` for contradicting values of a field, and for unknown planes."""
+    """Raise an `InputError` for contradictory statements about a field, or an unknown plane."""
     listed = " and ".join(f"{value} in {place}" for value, place in places.items())
     remedy = f"Correct the lines, or give {_OPTIONS[key]}."
     require(
@@ -199,16 +202,16 @@ def _check_stated(recording: Recording, key: str, places: Mapping[Any, str]) -> 
 
 
 def _is_common_plane(recordings: Sequence[Recording], places: Mapping[Any, str]) -> bool:
-    """Return whether only one plane is stated and all tests have it."""
+    """Return whether files state a single plane and all tests are in this plane."""
     planes = {recording.fields.get("plane") for recording in recordings}
     return len(places) == 1 and planes == set(places)
 
 
 def _take_field(campaign: dict[str, Any], key: str, values: Sequence[Any]) -> None:
-    """Set a field of the campaign from its stated values.
+    """Set a field of the campaign from the values that files state.
 
-    All people, places and instruments are listed. Of dates of calibration the latest counts, of
-    other dates the earliest. Feeds that differ leave the campaign's feed unset.
+    All people, places and instruments are listed. The latest date of calibration counts, and the
+    earliest of other dates. If feeds differ, the campaign has no feed.
     """
     if key == "mount":
         campaign[key] = MountCompensation(compensated=list(values) == ["compensated"])
@@ -221,7 +224,10 @@ def _take_field(campaign: dict[str, Any], key: str, values: Sequence[Any]) -> No
 
 
 def _take_temperature(recording: Recording) -> None:
-    """Set the temperature of a test, if unstated, from the first line that states one."""
+    """Set the temperature of a test from the first line above its table that states one.
+
+    A temperature that the user or a column states does not change.
+    """
     statements = recording.statements.get("temperature_C", ())
     if not statements or "temperature_C" in recording.stated:
         return
@@ -240,9 +246,9 @@ def _take_temperature(recording: Recording) -> None:
 def find_resolution(
     campaign: dict[str, Any], tests: Sequence[CircularTest], log: AssumptionLog
 ) -> None:
-    """Set an unstated resolution to the smallest step of the readings.
+    """Set the resolution of the campaign, if unstated, to the smallest step between readings.
 
-    Nothing is set unless the readings of every test have a step that a readout may have.
+    It is set only if the readings of every test have a step that a readout can have.
 
     Parameters
     ----------
@@ -276,7 +282,7 @@ def note_assumed_fields(
     log: AssumptionLog,
     unclear: Mapping[str, str],
 ) -> tuple[str, ...]:
-    """Note the usual values that are assumed for unstated fields of the campaign.
+    """Add to the log the usual values that are assumed for unstated fields of the campaign.
 
     Parameters
     ----------
@@ -287,11 +293,11 @@ def note_assumed_fields(
     log
         Log to which the assumptions are added.
     unclear
-        Notes of lines that could not be understood, by the field they are about.
+        Notes on lines that could not be understood, by the field that they concern.
 
     Returns
     -------
-    The fields that have their usual values.
+    Names of the fields that have their usual values.
     """
     reasons = dict(unclear)
     assumed = []
@@ -310,7 +316,7 @@ def note_assumed_fields(
 
 
 def _note_force_law(tests: Sequence[CircularTest], log: AssumptionLog) -> None:
-    """Note forces that differ from the usual force law, and that it supplies missing forces."""
+    """Add to the log forces that differ from the usual force law, and forces computed from it."""
     law = ForceLaw()
     options = "--force-slope, --force-offset"
     stated = []

@@ -1,4 +1,4 @@
-"""Roles of the columns of a table, found by the names in their headers; units of headers.
+"""Roles of the columns of a foreign table, and units, both found from the columns' headers.
 
 A role is what a column holds: angle, reading, time, force, pressure, direction or test.
 """
@@ -36,36 +36,39 @@ __all__ = [
     "unit_of",
 ]
 
-# Words that may stand beside "test" in the header of the column that names the tests.
+# Words that may follow or precede "test" in the header of the column that names the tests.
 _NUMBERING = {"name", "no", "nr", "number", "id", "label", "index"}
-# Words of at most this many letters must be whole words of a header: "t", "dir".
+# A role word of at most this many letters, such as "t" or "dir", must be a whole word of a header;
+# a longer one may also be the beginning of a word.
 _SHORT_WORD = 3
+# Pattern of an opening bracket, before the unit in a header.
 BRACKET = re.compile(r"[\[({<]")
 _INSIDE_BRACKETS = re.compile(r"[\[({<]\s*([^\[\](){}<>]+?)\s*(?=[\[\](){}<>])")
-# Pattern of a range before a unit of angle: 0-360°.
+# Pattern of a range before a unit of angle in a header, such as 0-360°.
 _RANGE = re.compile(r"-?\d+\s*(?:-|–|to|\.\.\.?)\s*\d+\s*(?=°|deg)")
-# Pattern of a factor before a unit: 10-3 mm, x 10 µm, 0.1 µm.
+# Pattern of a factor before a unit in a header, such as 10-3 mm, x 10 µm or 0.1 µm.
 _FACTOR = re.compile(r"[x×*]|\S*[\d⁰¹²³⁴⁵⁶⁷⁸⁹]\S*")
-# Pattern of a number of a column: one or two digits. A text that begins with 10 is a factor.
+# Pattern of the number of a column in its header: one or two digits. A text that begins with 10 is
+# a factor instead.
 _COLUMN_NUMBER = re.compile(r"(?!10)\d{1,2}")
 _UNIT_AFTER_IN = re.compile(r"(.*?)\s+in\s+(.+)")
 _UNIT_AT_END = re.compile(r"(.*?)(?:\s*/\s*|_|\s*,\s*|\s+)([^\s/_,\d]+)\s*")
-# Pattern of a cell that underlines a header.
+# Pattern of a cell of dashes or similar signs that underlines a header.
 RULE = re.compile(r"[-=+_|: ]*")
 
 
 class Header(NamedTuple):
-    """Name and unit that a header states."""
+    """Name and unit that the header of a column states."""
 
     name: str
-    #: this package's name of the unit; an unknown unit unchanged; empty where none is stated
+    #: unit under the name that this package uses; an unknown unit is unchanged, a missing one empty
     unit: str
 
 
 def unit_of(header: str) -> Header:
-    """Return a header's name and unit: ``Angle [°]`` → ("Angle", "deg").
+    """Return name and unit that a header states: "Angle" and "deg" for ``Angle [°]``.
 
-    An unknown unit, in brackets or after "in", is returned unchanged; it is refused only if the
+    An unknown unit, in brackets or after "in", is returned unchanged. It is refused only if the
     column is used.
     """
     header = header.strip().lstrip("#").strip()
@@ -88,13 +91,14 @@ def unit_of(header: str) -> Header:
 
 
 def _stated_unit(name: str, texts: Sequence[str], is_scaled: bool) -> str:
-    """Return the one unit that texts in brackets or after "in" name.
+    """Return the unit that texts of a header, in brackets or after "in", state.
 
-    If they name no unit, several, or one with a factor, return the texts, which are no known unit.
+    If they state no known unit, several units, or a unit with a factor, return the texts
+    themselves, which later code refuses as an unknown unit.
     """
     is_german_angle = comparable(name).startswith("winkel")
     if is_german_angle and len(texts) == 1 and comparable(texts[0]) == "grad":
-        return "deg"  # elsewhere a grad is a gon
+        return "deg"  # in other languages a grad is a hundredth of a right angle
     units = {unit_named(text) for text in texts} - {""}
     if len(units) == 1 and not is_scaled:
         return units.pop()
@@ -105,7 +109,7 @@ def _stated_unit(name: str, texts: Sequence[str], is_scaled: bool) -> str:
 
 
 def _unit_at_end(header: str) -> Header:
-    """Return name and unit of a header such as ``reading_um`` or ``Reading, µm``."""
+    """Return name and unit of a header that ends with its unit, such as ``reading_um``."""
     match = _UNIT_AT_END.fullmatch(header)
     if not match:
         return Header(header, "")
@@ -122,7 +126,7 @@ def _unit_at_end(header: str) -> Header:
 
 
 def has_role(name: str, role: str) -> bool:
-    """Return whether the name of a column contains a word for the role."""
+    """Return whether the name of a column contains a word for a role, such as angle."""
     name_words = re.findall(r"[^\W\d_]+", comparable(name[:LONGEST_NAME]))
     role_words = ROLES[role]
     if role in ("force", "pressure") and OTHER_QUANTITY.search(" ".join(name_words)):
@@ -138,15 +142,15 @@ def has_role(name: str, role: str) -> bool:
 
 
 def names_any_role(cell: str) -> bool:
-    """Return whether a cell is a header that names any role."""
+    """Return whether a cell is a header that names any role, such as angle, reading or time."""
     name = unit_of(cell).name
     return any(has_role(name, role) for role in ROLES)
 
 
 def names_columns(cells: Sequence[str]) -> bool:
-    """Return whether a row names columns: it has two words or more, and no number.
+    """Return whether a row is a header: it has two words or more, and no number.
 
-    A row with numbers also names columns if its words name two of angle, reading and time.
+    A row with numbers is also a header if its words name two of angle, reading and time.
     """
     words = [cell for cell in cells if _is_word(cell)]
     if len(words) < 2:
@@ -167,27 +171,27 @@ def _is_word(cell: str) -> bool:
 
 
 def count_numbers(cells: Sequence[str]) -> int:
-    """Return how many cells are numbers."""
+    """Return how many of the cells are numbers."""
     return sum(looks_like_number(cell) for cell in cells)
 
 
 @dataclass
 class ColumnRoles:
-    """Columns of a table by the roles they play."""
+    """Columns of a table by their roles, such as angle, reading or time."""
 
-    #: index of the column that plays each role, counted from 0
+    #: index of the column (from 0) that has each role
     columns: dict[str, int] = field(default_factory=dict)
-    #: indices of all columns of readings; each of several columns is a test of its own
+    #: indices of all columns of readings; if there are several, each is a separate test
     readings: list[int] = field(default_factory=list)
 
 
 def find_columns(place: str, layout: Layout, headers: Sequence[str]) -> ColumnRoles:
-    """Return the roles of the columns, as the layout states them or else by their headers.
+    """Return the roles of the columns, as the layout states them or else from their headers.
 
     Raises
     ------
     InputError
-        For a stated column that does not exist, and for several columns that may play one role.
+        For a stated column that does not exist, and for several columns that may have one role.
     """
     roles = _stated_columns(place, layout, headers)
     if not any(headers):
@@ -208,9 +212,10 @@ def find_columns(place: str, layout: Layout, headers: Sequence[str]) -> ColumnRo
 
 
 def _settle_time(roles: ColumnRoles, layout: Layout, headers: Sequence[str]) -> None:
-    """Drop the role of time if there is an angle, unless the layout states the time's column.
+    """Decide which column has the role of time.
 
-    If there is neither, the column time_s, otherwise a field of tests, plays the role of time.
+    If there is a column of angles, no column does, unless the layout states one. If there are
+    neither angles nor times, the column time_s does; otherwise time_s is the start of each test.
     """
     if "angle" in roles.columns:
         if "time" not in layout.columns:
@@ -220,7 +225,10 @@ def _settle_time(roles: ColumnRoles, layout: Layout, headers: Sequence[str]) -> 
 
 
 def _settle_readings(roles: ColumnRoles) -> None:
-    """Remove other roles from columns of readings, and fill ``readings`` if it is empty."""
+    """Remove other roles from columns of readings, and list the column of readings.
+
+    A list of several columns of readings does not change.
+    """
     for role, column in list(roles.columns.items()):
         if role != "reading" and column in roles.readings:
             del roles.columns[role]
@@ -229,7 +237,7 @@ def _settle_readings(roles: ColumnRoles) -> None:
 
 
 def _stated_columns(place: str, layout: Layout, headers: Sequence[str]) -> ColumnRoles:
-    """Return the columns that the layout states."""
+    """Return the roles of columns that the layout states."""
     roles = ColumnRoles()
     for role, stated in layout.columns.items():
         if isinstance(stated, list):
@@ -246,7 +254,10 @@ def _stated_columns(place: str, layout: Layout, headers: Sequence[str]) -> Colum
 
 
 def _columns_without_header(place: str, roles: ColumnRoles, width: int) -> ColumnRoles:
-    """Return the stated columns; if none is stated, the two columns as angle and reading."""
+    """Return the roles of columns in a table without a header.
+
+    If the layout states none, the two columns are angle and reading.
+    """
     has_abscissa = "angle" in roles.columns or "time" in roles.columns
     if "reading" not in roles.columns or not has_abscissa:
         require(
@@ -261,12 +272,12 @@ def _columns_without_header(place: str, roles: ColumnRoles, width: int) -> Colum
 
 
 def _find_role(place: str, role: str, roles: ColumnRoles, headers: Sequence[str]) -> None:
-    """Give the role to the column whose header names it, if there is such a column."""
+    """Find the column whose header names a role, and record it in ``roles``."""
     assigned = set(roles.columns.values())
     free = [column for column in range(len(headers)) if column not in assigned]
     candidates = _candidates(role, free, headers)
     if role == "reading":
-        # Columns of readings may be named after the load of their test: 36 N [mm], reading 238 N.
+        # Columns of readings may be named after the load of their test, such as 36 N [mm].
         loaded = [column for column in free if load_in_name([headers[column]]) is not None]
         if len(loaded) > 1 and set(candidates) <= set(loaded):
             roles.readings = loaded
@@ -288,9 +299,9 @@ def _find_role(place: str, role: str, roles: ColumnRoles, headers: Sequence[str]
 
 
 def _candidates(role: str, columns: Sequence[int], headers: Sequence[str]) -> list[int]:
-    """Return the indices of the columns whose headers name a role.
+    """Return the indices of the columns whose headers name a role, such as time.
 
-    A column with exactly the name of a field of a test holds that field; it is returned only if no
+    A column that is called exactly like a field of a test, such as time_s, is returned only if no
     other column names the role.
     """
     candidates = []
@@ -303,7 +314,10 @@ def _candidates(role: str, columns: Sequence[int], headers: Sequence[str]) -> li
 
 
 def _column_index(place: str, role: str, reference: str | int, headers: Sequence[str]) -> int:
-    """Return the index of a column stated by its number, or by its header with or without unit."""
+    """Return the index of the column that the layout states for a role.
+
+    ``reference`` is the number of the column from 1, or its header with or without the unit.
+    """
     if isinstance(reference, int):
         require(
             1 <= reference <= len(headers),

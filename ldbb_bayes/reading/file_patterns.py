@@ -1,4 +1,4 @@
-"""Expansion of file names with ``*`` and ``?`` to the files they match."""
+"""Expansion of file names with ``*`` and ``?`` to the matching files."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from ldbb_bayes.errors import require
 
 __all__ = ["matching"]
 
-# A message shows so many characters of a list of names.
+# Number of characters of a list of file names that an error message shows.
 _LONGEST_LIST = 200
 
 
 def matching(files: Iterable[str | os.PathLike[str]]) -> list[Path]:
-    """Return the paths of the named files, with patterns expanded to the files they match.
+    """Return the paths of the named files, with each pattern replaced by the matching files.
 
-    Patterns contain ``*`` or ``?``, which not every shell expands. Matches come in natural order
-    (2 N before 10 N). Backslashes may separate folders. Hidden files, and lock files of
-    spreadsheet programs (``~$``), are not matched.
+    Patterns contain ``*`` or ``?``, which not every shell expands. Matching files are in natural
+    order (2 N before 10 N). Backslashes may separate folders. Hidden files, and lock files of
+    spreadsheet programs (``~$``), do not match.
 
     Raises
     ------
     InputError
-        For a pattern that matches nothing, and if no file is named.
+        For a pattern without matching files, and if no file is named.
     """
     paths: list[Path] = []
     for file in files:
@@ -42,7 +42,7 @@ def matching(files: Iterable[str | os.PathLike[str]]) -> list[Path]:
 
 
 def _path_of(text: str) -> Path:
-    """Return the file path of a text in which backslashes may separate folders."""
+    """Return the file path that a text states; backslashes may separate its folders."""
     path = Path(text)
     windows_path = PureWindowsPath(text)
     if "\\" not in text or windows_path.anchor or path.exists():
@@ -58,7 +58,7 @@ def _first_wild_part(path: Path) -> int | None:
 
 
 def _matches_of(text: str, path: Path, wild_part: int) -> list[Path]:
-    """Return the files that a pattern matches, or the folders if it matches no file."""
+    """Return the files that match a pattern, or else the matching folders."""
     folder = Path(*path.parts[:wild_part])
     pattern = "/".join(path.parts[wild_part:]).replace("[", "[[]")
     matches = [match for match in folder.glob(pattern) if not _is_hidden(match)]
@@ -84,7 +84,7 @@ def _is_hidden(path: Path) -> bool:
 
 
 def _natural_order(name: object) -> list[str | int]:
-    """Return a key that sorts 2 N before 10 N."""
+    """Return a sort key for names that puts 2 N before 10 N."""
     key: list[str | int] = []
     for piece in re.split(r"([0-9]+)", str(name).casefold()):
         key.append(piece)

@@ -1,4 +1,4 @@
-"""Joining of two half circles, each from a file of its own, into one test."""
+"""Joining of two half circles that come from separate files into one test."""
 
 from __future__ import annotations
 
@@ -16,51 +16,55 @@ from ldbb_bayes.results import Array
 
 __all__ = ["MeasuredArc", "join_half_circles"]
 
-# Shortest and longest arc that counts as a half circle [deg].
+# Shortest arc that counts as a half circle [deg].
 _SHORTEST_HALF_DEG = 150.0
+# Longest arc that counts as a half circle [deg].
 _LONGEST_HALF_DEG = 240.0
-# Fields of a test in which its two halves, from different files, may differ.
+# Fields of a test in which the two half circles of a test may differ, as they are separate files.
 _FIELDS_OF_A_FILE = ("name", "time_s", "temperature_C")
-# Largest gap between two halves of one circle, in steps of the angle.
+# Largest gap between two half circles of one test, as a multiple of the step of the angle.
 _LARGEST_GAP_STEPS = 3.0
 
 
 @dataclass
 class MeasuredArc:
-    """A test as one file holds it: a whole circle, or a half whose other half is elsewhere."""
+    """Arc of a test as one file holds it: a whole circle or one half of it."""
 
     recording: Recording
-    fields: dict[str, Any]  #: fields of the circular test that are not None
-    angle_deg: Array  #: angles, shape (n,)
-    reading_um: Array  #: readings, shape (n,)
+    fields: dict[str, Any]  #: stated fields of the circular test, by name
+    angle_deg: Array  #: angles of the n readings, shape (n,)
+    reading_um: Array  #: the n readings, shape (n,)
 
     def to_test(self) -> CircularTest:
-        """Return the circular test."""
+        """Return the circular test with the readings of this arc."""
         with placed(self.recording.sheet.place):
             return CircularTest(angle_deg=self.angle_deg, reading_um=self.reading_um, **self.fields)
 
     @property
     def step_deg(self) -> float:
-        """Median step of the angles [deg]."""
+        """Median step from one angle to the next [deg]."""
         return float(np.median(np.abs(np.diff(self.angle_deg))))
 
     @property
     def is_half_circle(self) -> bool:
-        """Whether the arc is about half a circle."""
+        """Whether the arc is about half a circle, from 150° to 240°."""
         return _SHORTEST_HALF_DEG <= float(np.ptp(self.angle_deg)) <= _LONGEST_HALF_DEG
 
     @property
     def runs_counter_clockwise(self) -> bool:
-        """Whether the angles increase."""
+        """Whether the bar runs counter-clockwise, with increasing angles."""
         return bool(self.angle_deg[-1] > self.angle_deg[0])
 
     def shared_fields(self) -> dict[str, Any]:
-        """Return the fields in which two halves of one test must agree."""
+        """Return the fields of the test in which two half circles of one test must agree."""
         return {key: value for key, value in self.fields.items() if key not in _FIELDS_OF_A_FILE}
 
 
 def join_half_circles(arcs: Sequence[MeasuredArc]) -> list[MeasuredArc]:
-    """Return the arcs, with each pair of halves of one test joined in the place of the first."""
+    """Return the arcs, with each two half circles of one test joined.
+
+    The joined circle takes the place of its first half.
+    """
     remaining = list(arcs)
     joined = []
     while remaining:
@@ -75,7 +79,7 @@ def join_half_circles(arcs: Sequence[MeasuredArc]) -> list[MeasuredArc]:
 
 
 def _are_halves(first: MeasuredArc, second: MeasuredArc) -> bool:
-    """Return whether two arcs are halves of one circle, of the same force and direction."""
+    """Return whether two arcs are the halves of one circle with the same force and direction."""
     if not (first.is_half_circle and second.is_half_circle):
         return False
     if first.shared_fields() != second.shared_fields():
@@ -89,7 +93,11 @@ def _are_halves(first: MeasuredArc, second: MeasuredArc) -> bool:
 
 
 def _join(first: MeasuredArc, second: MeasuredArc) -> MeasuredArc:
-    """Return two halves as one test, whose angles continue from the first half to the second."""
+    """Return two half circles as one test.
+
+    Whole turns are added to the angles of the second half, so that they continue those of the
+    first.
+    """
     n_turns = round((first.angle_deg[-1] - second.angle_deg[0]) / TURN_DEG)
     first_name = str(first.fields["name"])
     second_name = str(second.fields["name"])
@@ -110,7 +118,7 @@ def _join(first: MeasuredArc, second: MeasuredArc) -> MeasuredArc:
 
 
 def _common_beginning(first: str, second: str) -> str:
-    """Return the longest beginning that both texts share."""
+    """Return the longest common beginning of two texts."""
     for k, (letter, other) in enumerate(zip(first, second, strict=False)):
         if letter != other:
             return first[:k]

@@ -1,4 +1,4 @@
-"""Location of the table in a sheet: its first row of numbers, its header, and the lines above."""
+"""Location of the table in a foreign sheet: header, first row of numbers, and lines above."""
 
 from __future__ import annotations
 
@@ -27,15 +27,17 @@ from ldbb_bayes.reading.words import LONGEST_NAME, LONGEST_TEXT, comparable, uni
 
 __all__ = ["Heading", "NoTableError", "find_heading", "note_heading"]
 
-# A table begins with at least so many rows that hold numbers and have equally many cells.
+# A table of numbers begins with at least this many rows that have equally many cells.
 _BLOCK_ROWS = 9
-# Pattern of a cell that is a text in brackets, as a row of units may hold.
+# Pattern of a cell that is a text in brackets, such as a unit.
 _BRACKETED = re.compile(r"[\[({].*[\])}]")
-# Longest cell in a row of units that is no known unit [characters].
+# In a row of units, a cell that is no known unit may have at most this many characters.
 _LONGEST_UNIT = 4
-# A message shows so many cells of a row, characters of each cell, and characters of a whole row.
+# Number of cells of a row that an error message shows.
 _CELLS_SHOWN = 6
+# Number of characters of a cell that an error message shows.
 _CELL_SHOWN = 30
+# Number of characters of a whole row that an error message shows.
 _ROW_SHOWN = 60
 
 
@@ -50,20 +52,23 @@ class Heading:
     line: int  #: line number of the header in the file; 0 without a header
     first_row: int  #: index of the first row of numbers among the sheet's rows
     headers: list[str]  #: header of each column, as the file writes it
-    units: list[str]  #: unit that each header names; empty for none
-    roles: dict[str, int]  #: index of the column that plays each role, counted from 0
-    lines_above: list[tuple[int | str, str]]  #: lines above the header, each with its number
-    #: indices of the columns of readings; each of several columns is a test of its own
+    units: list[str]  #: unit that the header of each column states; empty for none
+    roles: dict[str, int]  #: index of the column (from 0) for each role, such as angle
+    lines_above: list[tuple[int | str, str]]  #: lines above the header, each with its line number
+    #: indices of the columns of readings; if there are several, each is a separate test
     readings: list[int]
-    label: str = ""  #: name of the test, if several columns of readings are tests of their own
+    label: str = ""  #: name of the test, if the sheet has one column of readings for each test
 
     def column_title(self, role: str, column: int) -> str:
-        """Return the role of a column with the column's name or number, for messages."""
+        """Return the role of a column with the column's name or number, for error messages."""
         name = self.headers[column][:LONGEST_NAME] or column + 1
         return f"{role} (column {name!r})"
 
     def split_by_readings(self) -> Iterator[Heading]:
-        """Yield one heading for each column of readings, labelled where there are several."""
+        """Yield a heading for each column of readings, each of which is a separate test.
+
+        If there are several, each heading has the name of its test as label.
+        """
         if len(self.readings) < 2:
             yield self
             return
@@ -75,19 +80,19 @@ class Heading:
 
 
 class _HeaderRows(NamedTuple):
-    """The rows of a table's header: names, units and underlines, above the numbers."""
+    """Rows above the numbers of a table that state names and units of the columns."""
 
     line: int  # line number of the header in the file; 0 without a header
     start: int  # index of the first header row among the sheet's rows
-    end: int  # index of the first row of numbers
+    end: int  # index of the first row of numbers among the sheet's rows
     headers: list[str]  # name of each column, as the file writes it
-    units: list[str]  # unit of each column; empty for none
+    units: list[str]  # unit of each column; empty if none is stated
 
 
 def find_heading(sheet: Sheet, layout: Layout) -> Heading:
-    """Return the heading of the table in a sheet: where the table begins, and its columns.
+    """Return header, columns and first row of the table in a sheet.
 
-    Whether all further rows hold numbers is not checked here.
+    Whether all rows of the table hold numbers is not checked here.
 
     Raises
     ------
@@ -124,7 +129,7 @@ def find_heading(sheet: Sheet, layout: Layout) -> Heading:
 
 
 def _unit_of_reading(header: str) -> str:
-    """Return the unit of readings from a header that may also state a load: 36 N [mm]."""
+    """Return the unit of readings from a header that may also state a load, such as 36 N [mm]."""
     without_load = LOAD_IN_NAME.sub("", header[:LONGEST_TEXT])
     return unit_of(f"reading {without_load}").unit
 
@@ -138,8 +143,8 @@ def _no_header(sheet: Sheet, block: int) -> _HeaderRows:
 def _rows_of_header(sheet: Sheet, header_row: int, first_block_row: int) -> _HeaderRows:
     """Return the names and units of the columns, and which rows of the sheet hold them.
 
-    The header may be followed by a row of units, whose units then count instead of those in the
-    names, and by rows of dashes that underline it.
+    Below the row of names there may be a row of units, which replace units stated in the names.
+    Rows of dashes may underline the header.
 
     Parameters
     ----------
@@ -187,9 +192,9 @@ def _units_from_below(headers: Sequence[str], units_below: Sequence[str]) -> lis
 
 
 def _find_block(sheet: Sheet, layout: Layout) -> int:
-    """Return the index of the row that begins the first block of numbers below the header.
+    """Return the index of the first row of the first block of numbers below the header.
 
-    A block is nine rows with equally many cells, at least two of which are numbers.
+    A block is nine rows with equally many cells; in each row at least two cells are numbers.
     """
     rows = sheet.rows
     header_line = layout.header_line or 0
@@ -214,9 +219,9 @@ def _find_block(sheet: Sheet, layout: Layout) -> int:
 
 
 def _is_block(sheet: Sheet, start: int) -> bool:
-    """Return whether the nine rows from ``start`` on have equally many cells and two numbers each.
+    """Return whether a block of numbers begins at the row ``start``.
 
-    More than two numbers in a row will do as well.
+    The nine rows from there on then have equally many cells, at least two of them numbers.
     """
     width = len(sheet.rows[start].cells)
     for row in sheet.rows[start : start + _BLOCK_ROWS]:
@@ -226,7 +231,7 @@ def _is_block(sheet: Sheet, start: int) -> bool:
 
 
 def _middle_row(sheet: Sheet) -> str:
-    """Return a sentence that shows the row in the middle of a sheet."""
+    """Return a sentence for an error message that shows the row in the middle of a sheet."""
     if not sheet.rows:
         return ""
     row = sheet.rows[len(sheet.rows) // 2]
@@ -237,8 +242,9 @@ def _middle_row(sheet: Sheet) -> str:
 def _first_row_without_header(sheet: Sheet, block: int) -> int:
     """Return the index of the first row of a table without a header.
 
-    Rows directly above ``block`` belong to the table too if they have as many cells, at least one
-    of them a number. Raise an `InputError` if other rows above hold numbers.
+    ``block`` is the index of the first row of its block of numbers. Rows directly above also belong
+    to the table if they have as many cells, at least one of them a number. Raise an `InputError` if
+    other rows above hold numbers.
     """
     rows = sheet.rows
     width = len(rows[block].cells)
@@ -262,9 +268,10 @@ def _first_row_without_header(sheet: Sheet, block: int) -> int:
 
 
 def _find_header_row(sheet: Sheet, layout: Layout, block: int) -> int | None:
-    """Return the index of the header row, as stated or as found; None without a header.
+    """Return the index of the header row in a sheet; None for a table without a header.
 
-    The header is found as the last row of words above the numbers that is not a row of units.
+    If the user does not state its line, it is the last row of words above the numbers that is not a
+    row of units.
     """
     if layout.header_line == 0:
         return None
@@ -290,7 +297,7 @@ def _find_header_row(sheet: Sheet, layout: Layout, block: int) -> int | None:
 
 
 def _stated_header_row(sheet: Sheet, line: int) -> int:
-    """Return the index of the row in the header line that the user states."""
+    """Return the index of the row at the line number that the user states for the header."""
     header_row = [row.line for row in sheet.rows].index(line)
     cells = sheet.rows[header_row].cells
     if count_numbers(cells) >= 2 and not names_columns(cells):
@@ -302,7 +309,7 @@ def _stated_header_row(sheet: Sheet, line: int) -> int:
 
 
 def _column_names(sheet: Sheet, header_row: int, block: int) -> list[str]:
-    """Return one name for every column, empty where the header has none.
+    """Return the name of every column from the header row; empty for a column without a name.
 
     If blanks separate the cells, a unit in brackets belongs to the name before it.
     """
@@ -326,7 +333,7 @@ def _column_names(sheet: Sheet, header_row: int, block: int) -> list[str]:
 
 
 def _join_units(words: Sequence[str]) -> list[str]:
-    """Return the words, with each word in brackets joined to the word before it."""
+    """Return the words of a header, with each unit in brackets joined to the word before it."""
     joined: list[str] = []
     for word in words:
         if joined and BRACKET.match(word):
@@ -337,7 +344,7 @@ def _join_units(words: Sequence[str]) -> list[str]:
 
 
 def _row_of_units(cells: Sequence[str]) -> list[str]:
-    """Return the units in a row of units; an empty list for any other row."""
+    """Return the units that a row of units holds; an empty list for any other row."""
     units = []
     for cell in cells:
         text = cell.strip("[](){} ")
@@ -351,8 +358,8 @@ def _row_of_units(cells: Sequence[str]) -> list[str]:
 def _holds_only_units(cells: Sequence[str]) -> bool:
     """Return whether a row is a row of units.
 
-    At least one cell must be a known unit, and two must be known units or texts in brackets (fewer
-    in a row of fewer filled cells). All other filled cells must be short.
+    At least one cell must be a known unit, and two cells must be known units or texts in brackets.
+    A row with a single filled cell needs only one. All other filled cells must be short.
     """
     n_known = 0
     n_bracketed = 0
@@ -374,7 +381,10 @@ def _holds_only_units(cells: Sequence[str]) -> bool:
 
 
 def note_heading(sheet: Sheet, heading: Heading, layout: Layout, log: AssumptionLog) -> None:
-    """Note a sheet's format, which column was assumed to play which role, and unused columns."""
+    """Add to the log what was assumed about a sheet: its format, the roles of its columns.
+
+    Unused columns are noted too.
+    """
     _note_format(sheet, heading, layout, log)
     _note_columns(sheet, heading, layout, log)
     unused = _unused_headers(heading)
@@ -389,7 +399,7 @@ def note_heading(sheet: Sheet, heading: Heading, layout: Layout, log: Assumption
 
 
 def _note_columns(sheet: Sheet, heading: Heading, layout: Layout, log: AssumptionLog) -> None:
-    """Note which columns were assumed to play the roles that the layout does not state."""
+    """Add to the log which columns were assumed to have the roles that the layout leaves open."""
     columns: dict[str, Any] = {}
     for role, column in heading.roles.items():
         if role not in layout.columns:
@@ -407,7 +417,7 @@ def _note_columns(sheet: Sheet, heading: Heading, layout: Layout, log: Assumptio
 
 
 def _unused_headers(heading: Heading) -> list[str]:
-    """Return the headers of columns that neither play a role nor hold a field of a test."""
+    """Return the headers of columns without a role that hold no field of a test either."""
     columns_in_use = {*heading.roles.values(), *heading.readings}
     unused = []
     for column, header in enumerate(heading.headers):
@@ -417,7 +427,7 @@ def _unused_headers(heading: Heading) -> list[str]:
 
 
 def _note_format(sheet: Sheet, heading: Heading, layout: Layout, log: AssumptionLog) -> None:
-    """Note the encoding, separator and header line that the layout does not state."""
+    """Add to the log the encoding, separator and header line that the layout does not state."""
     if sheet.encoding and layout.encoding is None:
         log.keep(encoding=sheet.encoding)
         if sheet.encoding != "utf-8":

@@ -1,4 +1,4 @@
-"""Import of foreign files as a campaign; what they do not state is assumed and noted."""
+"""Import of foreign files as a campaign; values that they do not state are assumed and noted."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ __all__ = ["Imported", "import_campaign"]
 
 # Largest number of tests in a campaign.
 LARGEST_TESTS = 1000
-# A message shows so many characters of a list.
+# Number of characters of a list that an error message shows.
 _LIST_SHOWN = 200
 
 
@@ -67,12 +67,13 @@ class Imported(Result):
     """
 
     schema: int = field(default=1, init=False)  #: version of the JSON format
-    #: the campaign; in JSON only its name, number of tests and number of readings
+    #: imported campaign; in JSON only its name, number of tests and number of readings
     campaign: Annotated[Campaign, PlainSerializer(_campaign_in_json)]
-    #: layout of the files, with which they can be read again without assumptions about them
+    #: layout of the files: with it they can be read again without assumptions about their format
     layout: Annotated[Layout, PlainSerializer(_layout_in_json)]
-    assumptions: tuple[Assumption, ...]  #: assumptions, each with the option that changes it
-    #: fields of the campaign that nothing states and that have their usual values
+    #: assumptions that were made, each with the command-line option that changes it
+    assumptions: tuple[Assumption, ...]
+    #: names of the campaign's fields that nothing states, so that they have their usual values
     unsaid: tuple[str, ...]
 
 
@@ -150,7 +151,7 @@ def import_campaign(
 def _select_tables(
     paths: Iterable[Path], matched: set[Path], layout: Layout, log: AssumptionLog
 ) -> SheetSelection:
-    """Return the sheets of all files with a table of readings, and those left out."""
+    """Return the sheets of all files with a table of readings, and the sheets without one."""
     sheets = []
     for path in paths:
         sheets += read_sheets(
@@ -175,7 +176,7 @@ def _split_into_tests(
 
 
 def _stated_loads(recordings: Sequence[Recording], layout: Layout) -> dict[str, list[float]]:
-    """Return the loads that the layout lists, one number for each test, by field."""
+    """Return the forces and pressures that the layout lists, one number for each test, by field."""
     loads = {}
     for key, field_name in LOAD_LISTS.items():
         values = getattr(layout, field_name)
@@ -195,7 +196,8 @@ def _stated_loads(recordings: Sequence[Recording], layout: Layout) -> dict[str, 
 def _measured_arc(recording: Recording, loads: Mapping[str, float]) -> MeasuredArc:
     """Return a test with its load, direction, angles and readings.
 
-    Loads that the layout lists replace those of a [[test]].
+    ``loads`` are the force and pressure that the layout lists for this test. They replace those
+    that an entry [[test]] of the layout states.
     """
     if loads:
         for key in LOAD_ROLES:
@@ -217,7 +219,10 @@ def _measured_arc(recording: Recording, loads: Mapping[str, float]) -> MeasuredA
 
 
 def _name_tests(arcs: Iterable[MeasuredArc]) -> list[CircularTest]:
-    """Return the circular tests; a name already used in another sheet gets the sheet's title."""
+    """Return the circular tests, with different names for tests of different sheets.
+
+    If a name is already used, the name of the sheet is put in front of it.
+    """
     tests: list[CircularTest] = []
     for arc in arcs:
         test = arc.to_test()
@@ -247,7 +252,7 @@ def _check_names_differ(tests: Sequence[CircularTest], paths: Sequence[Path]) ->
 def _note_unused_entries(
     recordings: Iterable[Recording], layout: Layout, log: AssumptionLog
 ) -> None:
-    """Note every [[test]] of the layout that names no test."""
+    """Add to the log every entry [[test]] of the layout whose name is that of no test."""
     names: set[str] = set()
     for recording in recordings:
         names.update(layout_names(recording.sheet, recording.label))
@@ -258,9 +263,9 @@ def _note_unused_entries(
 
 
 def _note_unused_loads(lines: Lines, log: AssumptionLog) -> None:
-    """Note loads in a sheet without a table that stand outside a list of tests.
+    """Add to the log loads that sheets without a table state outside a list of tests.
 
-    They are not used for any test.
+    These forces and pressures are not used for any test.
     """
     for key, statements in statements_in(lines).items():
         if key not in LOAD_ROLES:
@@ -274,7 +279,7 @@ def _note_unused_loads(lines: Lines, log: AssumptionLog) -> None:
 
 
 def _campaign_name(paths: Sequence[Path]) -> str:
-    """Return a name for the campaign: that of the only file, or of the folder of several files."""
+    """Return a name for the campaign: the name of its only file, or of the folder of its files."""
     if len(paths) == 1:
         return paths[0].stem
     return paths[0].resolve().parent.name or "campaign"

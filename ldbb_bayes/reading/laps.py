@@ -1,4 +1,4 @@
-"""Angles along a recording: from times, over whole turns and laps, and their direction."""
+"""Angles of the readings in a recording: from times, over several turns, and their direction."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ def angles_from_time(
     overshoot_deg: float,
     sense: int,
 ) -> Array:
-    """Return the angle of every reading of a log over time, not reduced modulo 360°.
+    """Return the angle of every reading of a recording over time; angles continue beyond 360°.
 
-    The machine moves at constant feed F along the circle of radius R, and so the angle at time t is
-    θ(t) = start + sense · (F (t − t0) / R − overshoot), with t0 the time of the first reading.
-    Accelerations at both ends are assumed to lie within the overshoot, and are otherwise neglected.
+    The machine moves at constant feed F along the circle of radius R. The angle at time t is
+    therefore θ(t) = start + sense · (F (t − t0) / R − overshoot), with t0 the time of the first
+    reading. The machine is assumed to accelerate within the overshoot (run-in and run-out) only.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ def angles_from_time(
     overshoot_deg
         Angle of the run-in before the circle begins [deg].
     sense
-        1 counter-clockwise, −1 clockwise.
+        Direction of travel: 1 counter-clockwise, −1 clockwise.
 
     Returns
     -------
@@ -64,19 +64,20 @@ def angles_from_time(
 
 
 def on_the_circle(angle_deg: Array, *, start_deg: float, sense: int) -> NDArray[np.bool_]:
-    """Return which readings of a log lie on the circle, outside run-in and run-out.
+    """Return whether each reading of a recording is on the circle, not in run-in or run-out.
 
-    The circle begins at its start angle and goes over whole turns; the last reading of a turn may
-    be missing. A log that ends before the first turn is complete is an arc, kept to its end.
+    The circle begins at its start angle and covers whole turns; the last reading of a turn may be
+    missing. If the recording ends before one turn is complete, all readings after the start are
+    kept.
 
     Parameters
     ----------
     angle_deg
-        Angles that run in one direction, not reduced modulo 360°, shape (n,) [deg].
+        Angles in one direction, which continue beyond 360°, shape (n,) [deg].
     start_deg
         Angle at which the circle begins [deg].
     sense
-        1 counter-clockwise, −1 clockwise.
+        Direction of travel: 1 counter-clockwise, −1 clockwise.
 
     Returns
     -------
@@ -92,10 +93,10 @@ def on_the_circle(angle_deg: Array, *, start_deg: float, sense: int) -> NDArray[
 
 
 def average_laps(angle_deg: Array, reading_um: Array) -> tuple[Array, Array]:
-    """Return the readings averaged over all whole laps, with the angles of the first lap.
+    """Return the readings averaged over all whole laps (turns), with the angles of the first lap.
 
-    Readings of later laps are interpolated at these angles; readings after the last whole lap are
-    left out.
+    Readings of later laps are interpolated at the angles of the first lap. Readings after the last
+    whole lap are left out.
 
     Parameters
     ----------
@@ -109,7 +110,7 @@ def average_laps(angle_deg: Array, reading_um: Array) -> tuple[Array, Array]:
     Raises
     ------
     InputError
-        For angles that change direction, and fewer than two whole laps.
+        For angles that change direction, and for fewer than two whole laps.
     """
     is_new_angle = np.concatenate([[True], np.diff(angle_deg) != 0.0])
     angle_deg = angle_deg[is_new_angle]
@@ -135,17 +136,17 @@ def average_laps(angle_deg: Array, reading_um: Array) -> tuple[Array, Array]:
 
 
 def direction_run(angle_deg: Array) -> str | None:
-    """Return the direction in which the angles run, CW or CCW; None for half a turn or less.
+    """Return the direction in which angles run, CW or CCW; None for half a turn or less.
 
     Parameters
     ----------
     angle_deg
-        Angles, not reduced modulo 360°, shape (n,) [deg].
+        Angles, which continue beyond 360°, shape (n,) [deg].
 
     Raises
     ------
     InputError
-        For angles that run forth and back, which make two tests.
+        For angles that run forth and back, which belong to two tests.
     """
     travelled = angle_deg - angle_deg[0]
     farthest = float(travelled[np.argmax(np.abs(travelled))])

@@ -1,4 +1,4 @@
-"""Layout of tables to be read, as a user states it in a TOML file or by options.
+"""Layout of foreign tables, as a user states it in a TOML file or by command-line options.
 
 Options take precedence over the TOML file.
 """
@@ -22,25 +22,26 @@ from ldbb_bayes.results import Shown
 
 __all__ = ["Layout", "TestLayout", "layout_to_toml", "read_layout"]
 
-# Signs of the separators, by the names that options and layouts may use for them.
+# Characters that separate cells, by the names that options and layouts may use for them.
 _SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "bar": "|", "space": " "}
-# Fields of the layout that list loads of all tests, with the field of a test that each fills.
+# Fields of the layout that list forces or pressures of all tests, each with the field of a test for
+# which it gives the values.
 _LOAD_LISTS = {"forces_N": "force_N", "pressures_bar": "pressure_bar"}
 
 
 @validated_dataclass(frozen=True, kw_only=True, config=ConfigDict(extra="forbid"))
 class TestLayout(TestFields):
-    """Fields of one test that its table does not state.
+    """Fields of one test that a user states in the layout, because its table does not.
 
-    The test is found by ``file``: the name of its file or sheet, or its label in the column that
-    names tests.
+    ``file`` identifies the test: it is the name of its file or sheet, or its label in the column
+    that names tests.
     """
 
     file: str
     start_deg: Number | None = None
 
     def stated(self) -> dict[str, Any]:
-        """Return the fields that are not None, ``file`` included."""
+        """Return the stated fields of the test by name, ``file`` included."""
         return {key: value for key, value in vars(self).items() if value is not None}
 
 
@@ -55,7 +56,7 @@ def _check_encoding(name: str) -> str:
 
 
 def _separator_sign(separator: str) -> str:
-    """Return the sign of a separator that may be given by its name."""
+    """Return the character that separates cells, given by itself or by its name, such as tab."""
     if separator in _SEPARATORS.values():
         return separator
     if separator not in _SEPARATORS:
@@ -63,7 +64,8 @@ def _separator_sign(separator: str) -> str:
     return _SEPARATORS[separator]
 
 
-# A column as header or number (from 1); for readings, there may be a list of several columns.
+# Type that states a column: its header, or its number from 1. For readings, it may be a list of
+# several columns.
 _Column = str | int | list[str | int]
 
 
@@ -88,44 +90,44 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     3
     """
 
-    schema_: Literal[1] = Field(default=1, alias="schema")  #: version of the format, 1
+    schema_: Literal[1] = Field(default=1, alias="schema")  #: version of the layout's format, 1
     #: encoding of text files by its name in Python, such as utf-8 or cp1252
     encoding: Annotated[str, AfterValidator(_check_encoding)] | None = None
-    #: separator of columns: comma, semicolon, tab, bar, space, or the sign itself
+    #: separator of columns: comma, semicolon, tab, bar, space, or the character itself
     separator: Annotated[str, AfterValidator(_separator_sign)] | None = None
     decimal: Literal[".", ","] | None = None  #: decimal sign, point or comma
-    #: line of the header; 0 if there is no header, columns are then named by number from 1
+    #: line number of the header; 0 for tables without header, whose columns have numbers from 1
     header_line: int | None = Field(default=None, ge=0)
-    #: names of the sheets of workbooks to read; empty for all with a table of readings
+    #: names of the sheets of workbooks that are read; empty for all with a table of readings
     sheets: list[str] = Field(default_factory=list)
-    #: header or number of the column, by role; several columns of readings are one test each
+    #: header or number of the column for each role, such as angle; each of several columns of
+    #: readings is a separate test
     columns: dict[str, _Column] = Field(default_factory=dict)
-    #: forces of all tests, in the order of files, sheets and rows; ``force_N`` of a [[test]] is
-    #: then ignored
+    #: forces of all tests, in the order of files, sheets and rows; they replace forces that entries
+    #: [[test]] state
     forces_N: list[Number] = Field(default_factory=list)
-    #: pressures of all tests, in the same order as ``forces_N``
+    #: pressures of all tests, in the order of files, sheets and rows
     pressures_bar: list[Number] = Field(default_factory=list)
     reading_unit: str | None = None  #: unit of the readings, such as um or mm
     angle_unit: str | None = None  #: unit of the angles, such as deg or rad
     time_unit: str | None = None  #: unit of times, such as s or ms
     force_unit: str | None = None  #: unit of forces, such as N or kN
     pressure_unit: str | None = None  #: unit of pressures, such as bar
-    #: whether readings are deviations from the radius or distances of the balls
+    #: whether readings are deviations from the radius, or distances of the balls
     zero: Literal["deviation", "distance"] | None = None
-    sign: Literal[1, -1] = 1  #: −1 if the instrument counts a longer bar as negative
-    angle_sign: Literal[1, -1] = 1  #: −1 if the file counts angles clockwise
-    #: angle that the file has on the plane's first axis; θ = angle_sign · (angle −
-    #: angle_offset_deg)
+    sign: Literal[1, -1] = 1  #: sign of readings: −1 if a longer bar gives a smaller reading
+    angle_sign: Literal[1, -1] = 1  #: sign of angles: −1 if the file counts angles clockwise
+    #: angle in the file at which the bar is along the plane's first axis; it is subtracted
     angle_offset_deg: float = 0.0
-    start_deg: float | None = None  #: angle at which the circle begins in a log over time
-    #: angle of the run-in before the circle in a log over time
+    start_deg: float | None = None  #: angle at which the circle begins, for recordings over time
+    #: angle of the run-in before the circle, for recordings over time
     overshoot_deg: float | None = Field(default=None, ge=0.0)
-    #: feed along the circle in a log over time
+    #: feed along the circle, for recordings over time
     feed_mm_per_min: float | None = Field(default=None, gt=0.0)
     direction: Literal["CW", "CCW"] | None = None  #: direction of travel of all tests
-    #: whether the laps of a recording longer than a turn are kept or averaged
+    #: whether several laps (turns) in one recording are kept or averaged
     laps: Literal["keep", "average"] | None = None
-    #: fields of single tests that their tables do not state, each with its ``file``
+    #: fields of single tests that their tables do not state; each entry names its test by ``file``
     test: list[TestLayout] = Field(default_factory=list)
 
     @field_validator("reading_unit", "angle_unit", "time_unit", "force_unit", "pressure_unit")
@@ -161,10 +163,10 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
         return columns
 
     def with_given(self, options: dict[str, Any]) -> Layout:
-        """Return the layout with the options in place of the layout's own fields.
+        """Return the layout with its fields replaced by the given command-line options.
 
         Options that are None change nothing. A field that an option states for all tests is
-        removed from the [[test]] entries.
+        removed from the entries [[test]].
         """
         stated = {key: value for key, value in options.items() if value is not None}
         keys_of_tests = stated.keys() & TestLayout.__dataclass_fields__.keys()
@@ -181,7 +183,7 @@ def _without(fields: dict[str, Any], keys: set[str]) -> dict[str, Any]:
 
 
 def layout_to_toml(layout: Layout) -> str:
-    """Return a layout as TOML, with which the same files can be read without assumptions."""
+    """Return a layout as TOML text, by which the same files can be read again."""
     content = layout.model_dump(by_alias=True, exclude_none=True)
     tests = content.pop("test")
     content = {key: value for key, value in content.items() if value not in ([], {})}

@@ -1,4 +1,4 @@
-"""Statements in the lines above a table: numbers, names, dates and directions."""
+"""Statements in the lines above a foreign table: numbers, names, dates and directions."""
 
 from __future__ import annotations
 
@@ -35,31 +35,34 @@ __all__ = [
     "statements_in",
 ]
 
-# Lines as pairs of line number (or place) and text.
+# Type of lines of text: pairs of the line number (or place) and the text.
 Lines = Sequence[tuple[int | str, str]]
 
 
 @dataclass(frozen=True)
 class LineStatement:
-    """One value of a field that a line states."""
+    """Value of a field of a test or campaign, as one line above a table states it."""
 
-    #: value in the unit that the field's name ends with; NaN if a mark may be decimal or separate
-    #: thousands: 1,000
+    #: stated value, in the unit that the field's name states; NaN if it can be read in two ways,
+    #: such as 1,000
     value: Any
-    unit: str  #: unit as the line writes it; empty if it names none
-    line: int | str  #: line number, or place of the line
+    unit: str  #: unit of the value as the line writes it; empty if the line states none
+    line: int | str  #: number of the line, or its place in words
 
 
 class _Quantity(NamedTuple):
-    """A quantity of which a line may state the number."""
+    """Quantity, such as the radius, whose value a line above a table may state."""
 
     words: str  #: pattern of the words for the quantity
-    usual_unit: str  #: unit if the line names none; empty if it must name one
-    units: Mapping[str, float]  #: sizes of the allowed units in the unit of the field
+    usual_unit: str  #: unit that is assumed if the line states none; empty if a unit is necessary
+    units: Mapping[str, float]  #: permitted units, each with its size in the unit of the field
 
 
 def _expand_parts() -> dict[str, str]:
-    """Return the named parts of patterns; each may contain earlier parts, which are filled in."""
+    """Return the parts from which text patterns are built, by name.
+
+    A part may contain earlier parts, which are filled in.
+    """
     expanded: dict[str, str] = {}
     for name, pattern in WORDS["parts"].items():
         expanded[name] = pattern % expanded
@@ -70,7 +73,7 @@ def _quantities() -> dict[str, _Quantity]:
     quantities = {}
     for key, entry in WORDS["numbers"].items():
         units = entry["units"]
-        if isinstance(units, str):  # the name of a role
+        if isinstance(units, str):  # name of a role, such as force, whose units are permitted
             units = UNITS[units]
         scale = entry.get("one", 1.0)
         scaled = {unit: scale * size for unit, size in units.items()}
@@ -80,35 +83,36 @@ def _quantities() -> dict[str, _Quantity]:
 
 _PARTS = _expand_parts()
 _QUANTITIES = _quantities()
-# Pattern of a number in a line that is not the beginning of a time, a date or a longer number.
+# Pattern of a number in a line above a table; the beginning of a time, date or longer number does
+# not match.
 _WHOLE_NUMBER = rf"(?P<number>{NUMBER_IN_TEXT})(?![\d:/]|[.,]\d|[\-−]\d|\s\d{{3}}(?!\d))(?!')"
-# Pattern of a unit before the number: "in" and a word, or a text in brackets.
+# Pattern of a unit that a line states before the number: "in" and a word, or a text in brackets.
 _UNIT_BEFORE = r"(?:in\s+(?P<inside>[^\s:=;,|]+)|[\[(](?P<brackets>[^\])]*)[\])])"
-# Pattern of what follows the number, in the same cell or in the next.
+# Pattern of the word that follows a number, in the same cell or in the next one.
 _FOLLOWING = r"\s*(?P<cell>[;|,\t]?)\s*(?P<following>[^\s;,|()\[\]]*)"
-# Patterns of the words before a name ("Operator"), by field, and of a cell or line that holds a
-# name after such words.
+# Patterns, by field, of the words that precede a name in a line, such as "Operator". The pattern
+# below them matches such words together with the name.
 _NAME_WORDS = {key: words % _PARTS for key, words in WORDS["names"].items()}
 _NAME_AFTER = rf"{_PARTS['cell']}(?:%s)\s*(?:[:=]\s*[;,|\t]?|[;|\t])\s*(\w(?:[^;,|\t]|,\s)*)"
-# Patterns of statements in words, by field.
+# Patterns, by field, of statements in words, such as the plane or a date.
 _IN_WORDS = {key: words % _PARTS for key, words in WORDS["in_words"].items()}
 _IN_WORDS |= {key: _NAME_AFTER % words for key, words in _NAME_WORDS.items()}
-# Pattern of a cell that holds only the words before a name or a date.
+# Pattern of a cell that holds a label, such as "Operator" or "Date", without its value.
 _LABEL = re.compile(
     "|".join((*_NAME_WORDS.values(), "date|datum|plane|ebene", _PARTS["calibrated"])),
     re.IGNORECASE,
 )
-# Fields that are dates.
+# Fields of a campaign that are dates.
 _DATES = ("date", "ball_bar_calibrated")
-# Pattern of the words for a date of calibration after the name of a ball bar.
+# Pattern of the words for a date of calibration, which may follow the name of a ball bar.
 _CALIBRATED_BEHIND = re.compile(rf",\s*{_PARTS['calibrated']}", re.IGNORECASE)
 _PRODUCT = re.compile(_PARTS["product"], re.IGNORECASE)
-# Patterns of readings or the mount as subject of a sentence, and of filling words, which do not
-# decide whether readings are compensated.
+# Pattern of the words by which a sentence is about the readings or the mount.
 _READINGS = re.compile(WORDS["mount"]["readings"], re.IGNORECASE)
+# Pattern of words that do not matter for whether readings are stated to be compensated.
 _FILLING = re.compile(f"{_READINGS.pattern}|{WORDS['mount']['filling']}", re.IGNORECASE)
 _MOUNT_STATES = {state: WORDS["mount"][state] for state in ("raw", "compensated")}
-# First three letters of the months' names, in English and German.
+# First three letters of the names of the months, in English and German.
 _MONTHS = (
     "jan",
     "feb",
@@ -124,15 +128,16 @@ _MONTHS = (
     "dec dez",
 )
 _DIRECTION_WORDS: Mapping[str, Any] = WORDS["directions"]
-# Pattern of any word for CW or CCW.
+# Pattern of any word for clockwise or counter-clockwise.
 _SENSE = re.compile(
     rf"(?<![a-zA-Z])({_DIRECTION_WORDS['clock_hand']}|ccw|cw|{_DIRECTION_WORDS['in_words']})"
     r"(?![a-z])",
     re.IGNORECASE,
 )
-# Pattern of a word for direction, and what follows it.
+# Pattern of a word for "direction", with the text that follows it.
 _DIRECTION = re.compile(_DIRECTION_WORDS["after"], re.IGNORECASE)
-# Patterns of words that show that a line is about a field, whether it is understood or not.
+# Patterns, by field, of words that show that a line is about this field, even if its statement
+# cannot be understood.
 _SUBJECTS = {
     "force_N": re.compile(rf"\b{_QUANTITIES['force_N'].words}\b", re.IGNORECASE),
     "pressure_bar": re.compile(rf"\b{_QUANTITIES['pressure_bar'].words}\b", re.IGNORECASE),
@@ -144,7 +149,7 @@ _SUBJECTS = {
 
 
 def statements_in(lines: Lines) -> dict[str, list[LineStatement]]:
-    """Return all that lines state, by field.
+    """Return all statements in lines of text, by the field that they concern.
 
     Numbers without a known unit, and quantities of another kind (maximum, ambient, …), are ignored.
     """
@@ -163,7 +168,10 @@ def statements_in(lines: Lines) -> dict[str, list[LineStatement]]:
 
 @cache
 def _pattern(words: str) -> re.Pattern[str]:
-    """Return the pattern of the given words, an optional unit, a number, and what follows it."""
+    """Return the pattern of words for a quantity, followed by its number and unit.
+
+    The unit may stand before or after the number.
+    """
     between = rf"{_PARTS['between']}{{0,4}}"
     return re.compile(
         rf"\b{words}\b{between}(?:{_UNIT_BEFORE}{between})?{_WHOLE_NUMBER}{_FOLLOWING}",
@@ -174,14 +182,17 @@ def _pattern(words: str) -> re.Pattern[str]:
 def _stated_number(
     key: str, quantity: _Quantity, match: re.Match[str], line: int | str
 ) -> LineStatement | None:
-    """Return the number of a match in the unit of its field; None for other quantities or units."""
+    """Return the number that a line states for a quantity, in the unit of its field.
+
+    Return None if the number belongs to another quantity or has another unit.
+    """
     if OTHER_QUANTITY.search(_words_before_number(match)):
         return None
     following = match["following"]
     if OTHER_QUANTITY.fullmatch(following):
         return None
     if match["cell"] and _unit_among(following, quantity.units) is None:
-        following = ""  # the next cell is of something else
+        following = ""  # the next cell is not the unit of this number
     named = match["inside"] or match["brackets"] or following
     unit: str | None = quantity.usual_unit
     if named:
@@ -194,14 +205,14 @@ def _stated_number(
 
 
 def _words_before_number(match: re.Match[str]) -> str:
-    """Return the text before the number in its cell."""
+    """Return the text that precedes the number in the same cell."""
     before_match = match.string[: match.start()]
     cell = re.split(r"[;,|\t]", before_match)[-1]
     return cell + match.string[match.start() : match.start("number")]
 
 
 def _unit_among(name: str, units: Mapping[str, float]) -> str | None:
-    """Return the one of the allowed units that a text names; None if it names none of them."""
+    """Return which of the permitted units a text names; None if it names none of these."""
     wanted = {name.casefold(), unit_named(name).casefold()}
     for unit in units:
         if unit.casefold() in wanted:
@@ -210,9 +221,10 @@ def _unit_among(name: str, units: Mapping[str, float]) -> str | None:
 
 
 def _stated_in_words(text: str) -> Iterator[tuple[str, str]]:
-    """Yield the fields that a text states in words, each with its value.
+    """Yield each field that a text states in words, with its value.
 
-    They are the plane, dates (in ISO 8601), names, and whether readings are raw or compensated.
+    The fields are the plane, dates (in ISO 8601), names, and whether readings are raw or
+    compensated for the mount.
     """
     for key, pattern in _IN_WORDS.items():
         for match in re.finditer(pattern, text, re.IGNORECASE):
@@ -226,7 +238,7 @@ def _stated_in_words(text: str) -> Iterator[tuple[str, str]]:
 
 
 def _value_in_words(key: str, value: str, matched: str) -> str:
-    """Return the value of a field from its words in a line; empty if they are no value."""
+    """Return the value of a field from the words of a line; empty if the words are no value."""
     if key == "plane":
         return re.sub("[-/]", "", value.upper())
     if key in _DATES:
@@ -239,7 +251,7 @@ def _value_in_words(key: str, value: str, matched: str) -> str:
 
 
 def _is_header_beside(key: str, value: str, matched: str) -> bool:
-    """Return whether the words after a label are no value but another label, or a header."""
+    """Return whether the words after a label are another label or a header, and no value."""
     if key == "ball_bar" and _PRODUCT.fullmatch(value):
         return False
     if _LABEL.fullmatch(value):
@@ -248,7 +260,10 @@ def _is_header_beside(key: str, value: str, matched: str) -> bool:
 
 
 def _mount_states(passage: str, is_whole_line: bool) -> Iterator[str]:
-    """Yield "raw" or "compensated" if a passage states this of the readings or the mount."""
+    """Yield "raw" or "compensated" if a passage states this about the readings or the mount.
+
+    Compensated readings are corrected for the deflection of the mount.
+    """
     remaining = " ".join(_FILLING.sub(" ", passage.casefold()).split())
     if not (_READINGS.search(passage) or (is_whole_line and "ompens" in remaining)):
         return
@@ -258,7 +273,7 @@ def _mount_states(passage: str, is_whole_line: bool) -> Iterator[str]:
 
 
 def _iso_date(text: str) -> str:
-    """Return a date in ISO 8601; empty for a date that does not exist."""
+    """Return a date from a line as text in ISO 8601; empty for a date that does not exist."""
     first, second, third = re.findall(r"[^-/., ]+", text.casefold())
     day = first
     month = second
@@ -278,7 +293,7 @@ def _iso_date(text: str) -> str:
 
 
 def _month_number(name: str) -> str:
-    """Return the number of a month; 0 for a word that is no month."""
+    """Return the number of the month with this name, as text; 0 for a word that is no month."""
     for k, beginnings in enumerate(_MONTHS, start=1):
         if name[:3] in beginnings:
             return str(k)
@@ -286,7 +301,7 @@ def _month_number(name: str) -> str:
 
 
 def is_label(text: str) -> bool:
-    """Return whether a text is only a label of a value: ``Operator``, ``Radius``."""
+    """Return whether a text is a label without its value, such as ``Operator`` or ``Radius``."""
     if _LABEL.fullmatch(text) or _DIRECTION.fullmatch(text):
         return True
     quantities = _QUANTITIES.values()
@@ -294,14 +309,14 @@ def is_label(text: str) -> bool:
 
 
 def is_direction(text: str) -> bool:
-    """Return whether a text is a word for CW or CCW."""
+    """Return whether a text is a word for clockwise or counter-clockwise."""
     return _SENSE.fullmatch(text) is not None
 
 
 def directions_stated(lines: Lines, names: Sequence[str] = ()) -> set[str]:
-    """Return the directions, CW and CCW, that lines and names state.
+    """Return the directions of travel, CW and CCW, that lines and names state.
 
-    A line states a direction after a word for direction. Of the names, only the first that
+    A line states a direction after a word such as "direction". Of the names, only the first that
     contains a direction counts.
     """
     directions: set[str] = set()
@@ -317,7 +332,7 @@ def directions_stated(lines: Lines, names: Sequence[str] = ()) -> set[str]:
 
 
 def _direction_after(text: str) -> set[str]:
-    """Return CW and CCW, as far as stated in the text after a word for direction."""
+    """Return the directions CW and CCW that a line states after a word such as "direction"."""
     senses = _senses(text)
     if len(senses) > 1:
         # A line may list both directions before it states one: "Direction (CW/CCW): CCW".
@@ -338,7 +353,10 @@ def _senses(text: str) -> set[str]:
 
 
 def not_understood(lines: Lines) -> dict[str, str]:
-    """Return, by field, a note of the first line about the field that could not be understood."""
+    """Return a note on each field that a line concerns without being understood, by field.
+
+    The note names the first such line.
+    """
     unclear: dict[str, str] = {}
     for line, text in lines:
         if _is_understood(line, text):

@@ -1,4 +1,4 @@
-"""Removal of readings from circular tests: in given arcs, and near the axes' reversal points."""
+"""Removal of readings from circular tests, in given arcs or near the axes' reversal points."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Loads, radii and planes that are part of a name of a file, sheet, column or test."""
+"""Loads, radii and planes that names of files, sheets, columns or tests state, such as 238N."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ __all__ = [
     "radius_in_name",
 ]
 
-# Pattern of a number with a unit of force or pressure: 238N, 2.5 bar.
+# Pattern of a number with a unit of force or pressure in a name, such as 238N or 2.5 bar.
 LOAD_IN_NAME = re.compile(
     rf"(?<![\d.,A-Za-z])({NUMBER_IN_TEXT})[ _-]?"
     r"(kN|daN|N|newton|bar|mbar|MPa|kPa|psi)(?![a-zA-Z])",
     re.IGNORECASE,
 )
-# Pattern of a load that can be read in two ways: with a sign in place of a decimal point (3_5bar),
-# or with a blank that may stand between thousands (1 238 N). Forces of 10 236 N do not occur.
+# Pattern of a load in a name that can be read in two ways. A sign may replace a decimal point
+# (3_5bar), or a blank may separate thousands (1 238 N). Forces above 5999 N do not occur.
 _AMBIGUOUS_LOAD = re.compile(
     r"\d[_p\-]\d+[ _]?(?:[a-z]*bar|kN|MPa|kPa|psi)"
     r"|(?<!\d)0[_p\-]\d+[ _]?N(?![a-z])"
@@ -33,44 +33,46 @@ _AMBIGUOUS_LOAD = re.compile(
     r"|(?<![a-zA-Z\d])[1-5][ ']\d{3}[ _]?k?N(?![a-z])",
     re.IGNORECASE,
 )
-# Pattern of a force without its unit, of two or three digits: F238. F2000 is a feed.
+# Pattern of a force of two or three digits without a unit in a name, such as F238. Longer numbers
+# after F, such as F2000, are feeds.
 _FORCE_AFTER_F = re.compile(r"(?<![a-zA-Z0-9])[fF](\d{2,3})(?![\d.,])")
-# Pattern of a radius of at least 50 mm: R100. R10 is the number of a run.
+# Pattern of a radius of at least 50 mm in a name, such as R100. A smaller number after R is the
+# number of a run.
 _RADIUS_AFTER_R = re.compile(
     r"(?<![a-zA-Z0-9])R(?:adius)?[ _=]?([5-9]\d|[1-9]\d{2,3})(?:[ _]?mm)?(?![a-zA-Z\d.,])"
 )
 _PLANE = re.compile(r"(?<![a-zA-Z])(XY|YX|YZ|ZY|ZX|XZ)(?![a-zA-Z])")
-# Usual names of planes whose letters are in the other order.
+# Usual name of each plane whose letters are written in the other order.
 _PLANE_NAMES = {"YX": "XY", "ZY": "YZ", "XZ": "ZX"}
 
 
 class NamedLoad(NamedTuple):
-    """A load, force or pressure, that a name states."""
+    """Load (force or pressure) that the name of a file, sheet, column or test states."""
 
-    key: str  #: force_N or pressure_bar
-    value: float  #: value of the load, in the unit of ``key``
+    key: str  #: kind of load: force_N or pressure_bar
+    value: float  #: value of the load, in N or bar as ``key`` states
     name: str  #: name that states the load
 
 
 class _WrittenLoad(NamedTuple):
-    """A load as it is written in a name: a number with a unit."""
+    """Load as it is written in a name: a number with its unit."""
 
-    key: str  # force_N or pressure_bar
-    text: str  # the number as written
+    key: str  # kind of load: force_N or pressure_bar
+    text: str  # number of the load as written
     unit_size: float  # size of the written unit in N or bar
 
 
 def load_in_name(names: Sequence[str], key: str = "") -> NamedLoad | None:
-    """Return the load that the first name with exactly one load states; None if there is none.
+    """Return the load that names state, such as ``238N``, ``2.5 bar`` or ``f238``.
 
-    Names state a load like ``238N``, ``2.5 bar`` or ``f238``.
+    The first name that contains exactly one load counts. Return None if there is no such name.
 
     Parameters
     ----------
     names
         Names of test, column, sheet and file; the first that states a load counts.
     key
-        Kind of load, force_N or pressure_bar; empty for either.
+        Kind of load, force_N or pressure_bar; empty if any kind is accepted.
     """
     for name in names:
         text = name[:LONGEST_TEXT]
@@ -88,7 +90,10 @@ def load_in_name(names: Sequence[str], key: str = "") -> NamedLoad | None:
 
 
 def _written_loads(text: str) -> list[_WrittenLoad]:
-    """Return all numbers in a text that have a unit of force or pressure, forces first."""
+    """Return all loads in a text, that is numbers with a unit of force or pressure.
+
+    Forces come first, then pressures.
+    """
     forces = []
     pressures = []
     for digits, word in LOAD_IN_NAME.findall(text):
@@ -101,14 +106,17 @@ def _written_loads(text: str) -> list[_WrittenLoad]:
 
 
 def load_is_ambiguous(names: Sequence[str]) -> bool:
-    """Return whether a number before a unit may be only part of the load: ``1 238 N``."""
+    """Return whether a load in a name can be read in two ways, such as ``1 238 N``.
+
+    This may be 1238 N, or 238 N after another number.
+    """
     return any(_AMBIGUOUS_LOAD.search(name) for name in names)
 
 
 def radius_in_name(names: Sequence[str]) -> float | None:
-    """Return the radius [mm] that the first name with exactly one radius states: ``R100``.
+    """Return the radius [mm] that names state, such as ``R100``.
 
-    Return None if no name states a radius.
+    The first name that contains exactly one radius counts. Return None if there is no such name.
     """
     for name in names:
         radii = set(_RADIUS_AFTER_R.findall(name[:LONGEST_TEXT]))
@@ -118,9 +126,9 @@ def radius_in_name(names: Sequence[str]) -> float | None:
 
 
 def plane_in_name(names: Sequence[str]) -> str | None:
-    """Return the plane that the first name with exactly one plane states; ``XZ`` is ``ZX``.
+    """Return the plane that names state, as XY, YZ or ZX; ``XZ`` is returned as ``ZX``.
 
-    Return None if no name states a plane.
+    The first name that contains exactly one plane counts. Return None if there is no such name.
     """
     for name in names:
         planes = set()

@@ -28,28 +28,30 @@ __all__ = [
     "seconds_of",
 ]
 
-# Pattern of a gap between thousands: a blank of any width, or an apostrophe.
+# Pattern of a sign that separates thousands: a blank of any width, or an apostrophe.
 _GAP = r"[ '\u00a0\u202f\u2009]"
 _EXPONENT = r"(?:[eEdD][+\-−–]?\d+)?"
-# Pattern of a cell that is a number, with either decimal mark.
+# Pattern of a cell that is a number, with a decimal point or a decimal comma.
 _NUMBER_CELL = re.compile(
     rf"[+\-−–]?(?:\d{{1,3}}(?:{_GAP}\d{{3}})+(?:[.,]\d+)?|\d[\d.,]*{_EXPONENT}|[.,]\d+{_EXPONENT})"
 )
-# Pattern of a number inside a line or a name, for use in larger patterns.
+# Pattern of a number inside a text, to be used in larger patterns.
 NUMBER_IN_TEXT = r"[+\-−]?(?:\d+(?:[.,]\d+)?|[.,]\d+)(?:[eE][+\-]?\d{1,3})?"
-# Translation of non-ASCII minus signs to the hyphen.
+# Translation of minus signs and dashes to the hyphen, which Python reads as minus.
 _MINUS_SIGNS = str.maketrans("−–", "--")
-# Patterns of a time of day, with or without date: 12:00:01.250, 00:01,25 (minutes and seconds),
-# 2026-03-04T12:00:01Z, 12:00:01 PM.
+# Pattern of a date before a time of day, such as 2026-03-04T.
 _DATE = r"(?:\d{4}-\d\d-\d\d|\d{1,2}[./]\d{1,2}[./]\d{4})[T ]"
+# Pattern of a time zone, or of AM or PM, after a time of day.
 _ZONE = r"Z|[+-]\d\d:\d\d|\s?(?P<half_day>[AaPp])\.?[Mm]\.?"
+# Pattern of a time of day, with or without date, such as 12:00:01.250, 12:00:01 PM or 00:01,25
+# (minutes and seconds).
 _CLOCK = re.compile(
     rf"(?:{_DATE})?(?:(?P<hours>\d{{1,2}}):)?(?P<minutes>\d{{1,2}}):"
     rf"(?P<seconds>\d{{1,2}}(?:[.,]\d{{1,9}})?)(?:{_ZONE})?"
 )
 _DAY_S = 86_400.0
 _HOUR_S = 3_600.0
-# Texts of a cell whose number is missing.
+# Texts by which a cell states that its number is missing.
 _MISSING = (
     "-",
     "--",
@@ -64,43 +66,44 @@ _MISSING = (
     "null",
     "none",
 )
-# Mark that may stand between thousands, by decimal mark.
+# Mark that may separate thousands, for each decimal mark.
 OTHER_MARK = {".": ",", ",": "."}
-# Largest numbers, by quantity, in which a mark before three digits may stand between thousands:
-# 1,000 N may be 1000 N, but 150.000 mm is not 150 000 mm.
+# Largest value, by quantity, for which a mark before three digits may separate thousands: 1,000 N
+# may be 1000 N, but 150.000 mm is not 150 000 mm.
 _LARGEST_THOUSANDS = {"force_N": 5000.0, "radius_mm": 2000.0, "feed_mm_per_min": 100_000.0}
 
 
 def looks_like_number(cell: str) -> bool:
-    """Return whether a cell is a number, with either decimal mark, or a time of day."""
+    """Return whether a cell is a number, with decimal point or comma, or a time of day."""
     return _NUMBER_CELL.fullmatch(cell) is not None or is_clock(cell)
 
 
 def is_missing(cell: str) -> bool:
-    """Return whether a cell is a sign for a missing number, such as NaN or a dash.
+    """Return whether a cell states that its number is missing, such as NaN or a dash.
 
-    A row with a missing number belongs to the table; reading it is an error that names its line.
+    A row with a missing number belongs to the table. If the number is needed, an error names the
+    line.
     """
     return cell.casefold() in _MISSING
 
 
 def is_clock(cell: str) -> bool:
-    """Return whether a cell is a time of day, or minutes and seconds."""
+    """Return whether a cell is a time of day, or a time in minutes and seconds."""
     return ":" in cell and _CLOCK.fullmatch(cell) is not None
 
 
 def could_be_thousands(cell: str) -> bool:
-    """Return whether the mark in a cell may stand between thousands.
+    """Return whether the comma or point in a number may separate thousands.
 
-    ``12,310`` may be 12310; ``0,310`` and ``12,31`` may not.
+    This is so in ``12,310``, but not in ``0,310`` or ``12,31``.
     """
     return re.fullmatch(r"[+\-−–]?[1-9]\d{0,2}[.,]\d{3}", cell) is not None
 
 
 def may_be_thousands(key: str, text: str) -> bool:
-    """Return whether the mark in a number of this quantity may stand between thousands.
+    """Return whether the comma or point in the value of a quantity may separate thousands.
 
-    ``key`` is the field of the quantity, and ``text`` the number as written.
+    ``key`` is the field of the quantity, such as force_N, and ``text`` the number as written.
     """
     if not could_be_thousands(text):
         return False
@@ -109,22 +112,25 @@ def may_be_thousands(key: str, text: str) -> bool:
 
 
 def _is_grouped(text: str, mark: str) -> bool:
-    """Return whether a number has this mark, given as a pattern, before each three digits."""
+    """Return whether a number has a mark before each group of three digits, such as 1,000,000.
+
+    ``mark`` is the pattern of this mark.
+    """
     return re.fullmatch(rf"[+\-]?\d{{1,3}}(?:{mark}\d{{3}})+", text) is not None
 
 
 def number(cell: str, decimal: str = ".") -> float:
-    """Return the number in a cell.
+    """Return the number in a cell, with ``decimal`` as the decimal mark.
 
-    Thousands may be separated by blanks, apostrophes, or commas (points, if the decimal mark is a
-    comma).
+    Thousands may be separated by blanks or apostrophes. They may also be separated by commas, or by
+    points if the decimal mark is a comma.
 
     Raises
     ------
     ValueError
         For a text that is no number.
     """
-    if "_" in cell:  # Python reads 1_000 as a number
+    if "_" in cell:  # Python would read 1_000 as a number
         raise ValueError(cell)
     if decimal == ".":
         with suppress(ValueError):
@@ -139,7 +145,7 @@ def number(cell: str, decimal: str = ".") -> float:
 
 
 def number_in_text(text: str) -> float:
-    """Return the number in a text from a line or a name; a comma is the decimal mark."""
+    """Return the number in a text; a comma or a point is its decimal mark."""
     if "," in text:
         return number(text, ",")
     return number(text)
@@ -148,9 +154,9 @@ def number_in_text(text: str) -> float:
 def numbers_in(
     place: str, name: str, lines: Sequence[int], cells: Sequence[str], decimal: str | None
 ) -> Array:
-    """Return the numbers of a column, shape (n,).
+    """Return the n numbers of a column, shape (n,).
 
-    A cell that is no finite number raises an `InputError`, which names the first such line.
+    If a cell is no finite number, raise an `InputError` that names its line.
     """
     values = np.full(len(cells), np.nan)
     for k, cell in enumerate(cells):
@@ -169,8 +175,8 @@ def numbers_in(
 def decimal_mark(place: str, cells: Iterable[tuple[int, str]]) -> str | None:
     """Return the decimal mark of a table; None if no cell has a comma or a point.
 
-    If a cell has both comma and point, the last is the decimal mark, and the other separates
-    thousands. If there is no such cell, commas in some cells and points in others are an
+    If a cell has comma and point, the last one is the decimal mark, and the other separates
+    thousands. If no cell has two marks, but some have commas and others points, raise an
     `InputError`.
 
     Parameters
@@ -181,7 +187,7 @@ def decimal_mark(place: str, cells: Iterable[tuple[int, str]]) -> str | None:
         Line number and text of every cell.
     """
     certain: str | None = None
-    single: dict[str, tuple[int, str]] = {}  # first cell with that mark only
+    single: dict[str, tuple[int, str]] = {}  # for each mark, the first cell with this mark alone
     for line, cell in cells:
         has_comma = "," in cell
         has_point = "." in cell
@@ -215,9 +221,9 @@ def _contradicting_marks(place: str, line: int, cell: str) -> InputError:
 
 
 def seconds_of(place: str, lines: Sequence[int], cells: Sequence[str]) -> Array:
-    """Return times of day in seconds, which continue to increase past midnight, shape (n,) [s].
+    """Return n times of day in seconds, which increase also past midnight, shape (n,) [s].
 
-    Minutes and seconds without hours continue past the full hour. Dates are ignored.
+    Times in minutes and seconds increase also past the full hour. Dates are ignored.
     """
     times = np.zeros(len(cells))
     period = _HOUR_S
@@ -251,7 +257,7 @@ def constant_value(
 ) -> str | float | None:
     """Return the value of a column in the rows of a test; None if the cells are empty.
 
-    The value must be the same in all rows.
+    Raise an `InputError` if the rows have different values.
     """
     first = cells[0]
     for line, cell in zip(lines, cells, strict=True):

@@ -1,6 +1,6 @@
-"""Statements in sheets without a table of readings, about all tests or about single tests.
+"""Statements about tests in sheets that have no table of readings.
 
-Such a sheet may hold a list with one row per test.
+Such a sheet states values for all tests, or holds a list with one row for each test.
 """
 
 from __future__ import annotations
@@ -18,25 +18,26 @@ from ldbb_bayes.reading.words import comparable
 
 __all__ = ["LONGEST_OVERVIEW", "OverviewLines", "overview_lines"]
 
-# So many rows of a sheet without a table, and of lines above a table, are examined.
+# Number of rows that are examined in a sheet without a table, or above a table.
 LONGEST_OVERVIEW = 1000
 
 
 @dataclass
 class OverviewLines:
-    """Lines of sheets without a table of readings: place and text of each."""
+    """Place and text of lines in sheets that have no table of readings."""
 
-    #: lines that concern all tests
+    #: place and text of lines that concern all tests
     of_all_tests: list[tuple[str, str]] = field(default_factory=list)
-    #: cells from the row of one test in a list of tests
+    #: place and text of cells that concern one test, from its row in a list of tests
     of_this_test: list[tuple[str, str]] = field(default_factory=list)
 
 
 def overview_lines(sheets: Iterable[Sheet], names: Collection[str]) -> OverviewLines:
-    """Return the lines that concern all tests, and those that concern the test of given names.
+    """Return the lines of sheets that concern all tests, and the cells that concern one test.
 
-    Lines outside lists of tests concern all tests. In a list of tests, a row that holds one of the
-    names concerns that test; each of its cells is returned as ``header: cell``.
+    ``names`` are the names of this test. Lines outside lists of tests concern all tests. In a list
+    of tests, a row with one of the names concerns this test; each of its cells is returned as
+    ``header: cell``.
     """
     lines = OverviewLines()
     wanted = {comparable(name) for name in names}
@@ -58,9 +59,9 @@ def overview_lines(sheets: Iterable[Sheet], names: Collection[str]) -> OverviewL
 
 
 def _is_row_of_test(filled: Sequence[str], wanted: set[str]) -> bool:
-    """Return whether a row of a list is that of the test, which it must name.
+    """Return whether a row in a list of tests contains the name of the wanted test.
 
-    A row in which the name is only the value of a label, such as ``Operator:``, does not count.
+    A row in which the name is the value of a label, such as ``Operator:``, does not count.
     """
     named = wanted & {comparable(cell) for cell in filled}
     if not named:
@@ -71,7 +72,7 @@ def _is_row_of_test(filled: Sequence[str], wanted: set[str]) -> bool:
 def _labelled_cells(
     place: str, header: Sequence[str], cells: Sequence[str]
 ) -> list[tuple[str, str]]:
-    """Return the filled cells of a row as ``header: cell``, each with its place."""
+    """Return place and text of the filled cells of a row; each text is ``header: cell``."""
     labelled = []
     for name, cell in zip(header, cells, strict=False):
         if name and cell:
@@ -82,15 +83,15 @@ def _labelled_cells(
 
 
 def _has_label(cell: str) -> bool:
-    """Return whether a cell labels a value that follows: ``Radius``, ``Ort:``, ``Radius: 100``."""
+    """Return whether a cell contains the label of a value, such as ``Radius`` or ``Ort:``."""
     name = unit_of(cell).name.rstrip(" :")
     return is_label(name) or re.search(r"\D:|:$", cell) is not None
 
 
 def _heads_a_list(filled: Sequence[str]) -> bool:
-    """Return whether a row names the columns of a list of tests.
+    """Return whether a row is the header of a list of tests.
 
-    A row with a label and its value does not: ``Radius | 100 mm``.
+    A row with a label and its value, such as ``Radius | 100 mm``, is no header.
     """
     if not names_columns(filled):
         return False

@@ -1,4 +1,4 @@
-"""Sheets: the text cells of one text file, or of one sheet of a workbook."""
+"""Sheets: the cells of one text file, or of one sheet of a workbook, as texts."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ __all__ = ["Sheet"]
 
 @dataclass(frozen=True, eq=False)
 class Sheet:
-    """Text cells of one text file, or of one sheet of a workbook."""
+    """Cells of one text file, or of one sheet of a workbook, as texts."""
 
     path: Path  #: path of the file
     name: str  #: name of the sheet; empty for a text file
     rows: list[Row]  #: rows of cells, without empty lines
     encoding: str = ""  #: encoding of a text file; empty for a workbook
     separator: str = ""  #: separator of cells in a text file; empty for a workbook
-    #: whether the file holds no other table, so that the table is named after the file
+    #: whether the file holds no other table; tests are then named after the file
     is_only_table: bool = False
 
     @property
@@ -37,20 +37,21 @@ class Sheet:
 
     @property
     def place(self) -> str:
-        """Name of the sheet in messages: path of the file, and name of the sheet."""
+        """Name of the sheet in error messages: path of the file, and name of the sheet."""
         if self.name:
             return f"{self.path}, sheet {self.name!r}"
         return str(self.path)
 
     def texts(self, rows: Iterable[Row]) -> Iterator[tuple[int, str]]:
-        """Yield the line number and the text of each row."""
+        """Yield the line number of each row, and its cells as one line of text."""
         for row in rows:
             yield row.line, self.text_of(row.cells)
 
     def text_of(self, cells: Iterable[str]) -> str:
-        """Return cells joined to one line of text.
+        """Return the cells of a row as one line of text.
 
-        Cells of a text file are joined by its separator, filled cells of a workbook by semicolons.
+        The separator of a text file is put between its cells. Cells of a workbook that are not
+        empty are separated by semicolons.
         """
         if self.separator:
             return self.separator.join(cells)

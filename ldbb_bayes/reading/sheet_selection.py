@@ -1,4 +1,4 @@
-"""Selection of the sheets that hold a table of angles and readings; others are left out."""
+"""Selection of the sheets of foreign files that hold a table of angles and readings."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ __all__ = ["HeadedSheet", "SheetSelection", "select_sheets"]
 
 
 class HeadedSheet(NamedTuple):
-    """A sheet and the heading of its table."""
+    """Sheet of a file, with the header and columns of its table."""
 
     sheet: Sheet
     heading: Heading
@@ -29,7 +29,7 @@ class HeadedSheet(NamedTuple):
 
 @dataclass
 class SheetSelection:
-    """Sheets with a table of readings, and sheets that are left out."""
+    """Sheets with a table of readings (``tables``), and sheets without one (``left_out``)."""
 
     tables: list[HeadedSheet] = field(default_factory=list)
     left_out: list[Sheet] = field(default_factory=list)
@@ -41,25 +41,25 @@ def select_sheets(
     log: AssumptionLog,
     matched: Collection[Path] = (),
 ) -> SheetSelection:
-    """Return the sheets with a table of angles and readings, and the sheets left out.
+    """Return the sheets with a table of angles and readings, and the sheets that are left out.
 
-    A sheet without such a table is left out, and noted, if it is one of several in a workbook, or
-    a file that a pattern with ``*`` or ``?`` matched. Other sheets without a table of numbers, and
-    files none of which has a table, raise an `InputError`.
+    A sheet without such a table is left out in two cases: if it is one of several in a workbook, or
+    if its file was found by a pattern with ``*`` or ``?``. This is noted. Any other sheet without a
+    table raises an `InputError`, and so do files none of which has a table.
 
     Parameters
     ----------
     sheets
         All sheets, in the order of files.
     layout
-        What a user states of the tables; sheets that the layout names must have a table.
+        Layout that the user states; sheets that it names must have a table.
     log
         Log to which the sheets left out are added.
     matched
-        Files that a pattern matched, and that the user did not name.
+        Files that were found by a pattern and not named by the user.
     """
     selection = SheetSelection()
-    incomplete: list[HeadedSheet] = []  # tables without angles or readings
+    incomplete: list[HeadedSheet] = []  # tables without a column of angles or of readings
     errors: list[InputError] = []
     optional = {*matched}
     if not layout.sheets:
@@ -83,7 +83,8 @@ def select_sheets(
     if not selection.tables:
         if not incomplete:
             raise errors[-1]
-        # These tables lack a column; the code that reads their rows says which one.
+        # These tables have no column of angles or readings. The code that reads their rows raises
+        # an error that states the missing column.
         selection = SheetSelection(tables=incomplete)
         return _mark_only_tables(selection, list(incomplete))
     reason = "it holds no table of angles and readings"
@@ -102,14 +103,17 @@ def _workbooks_of_several_sheets(sheets: Sequence[Sheet]) -> set[Path]:
 
 
 def _has_no_readings(sheet: Sheet, error: InputError) -> bool:
-    """Return whether a refused sheet has no table, or no row that names angle and reading."""
+    """Return whether a sheet that raised an error holds no readings.
+
+    It then has no table of numbers, or no row that names both an angle and a reading.
+    """
     if isinstance(error, NoTableError):
         return True
     return not any(_names_readings(row.cells) for row in sheet.rows[:LONGEST_OVERVIEW])
 
 
 def _names_readings(cells: Sequence[str]) -> bool:
-    """Return whether a row names a reading and an angle or time."""
+    """Return whether a row of cells names a column of readings and one of angles or times."""
     names = [unit_of(cell).name for cell in cells if cell and not looks_like_number(cell)]
     has_abscissa = any(has_role(name, "angle") or has_role(name, "time") for name in names)
     return has_abscissa and any(has_role(name, "reading") for name in names)
@@ -122,7 +126,7 @@ def _is_complete(heading: Heading) -> bool:
 
 
 def _mark_only_tables(selection: SheetSelection, tables: Sequence[HeadedSheet]) -> SheetSelection:
-    """Return the selection, with each sheet marked that holds the only table of its file."""
+    """Return the selection, with a mark on each sheet that holds the only table of its file."""
     paths = [table.sheet.path for table in tables]
     marked = []
     for sheet, heading in tables:

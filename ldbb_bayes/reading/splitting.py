@@ -1,4 +1,4 @@
-"""Splitting of sheets into the recordings of single tests, with columns as numbers."""
+"""Splitting of foreign tables into the recordings of single tests, with cells as numbers."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from ldbb_bayes.results import Array
 
 __all__ = ["FIELDS_OF_ALL_TESTS", "layout_names", "split_sheet"]
 
-# Roles of columns that are not read as numbers for all tests of a sheet together.
+# Roles of columns that are not converted to numbers once for all tests of a sheet.
 _NOT_SHARED = ("test", "direction", "reading")
 # Fields that lines in a sheet without a table may state for all tests.
 FIELDS_OF_ALL_TESTS = {
@@ -47,29 +47,32 @@ FIELDS_OF_ALL_TESTS = {
 
 @dataclass(frozen=True)
 class _SheetColumns:
-    """The table of a sheet as columns of cells."""
+    """Table of a sheet as columns of cells."""
 
     sheet: Sheet
     heading: Heading
     lines: list[int]  # line number of each row in the file
     cells: list[list[str]]  # cells of each column
-    clock_column: int | None  # index of the column of times of day
-    decimal: str | None  # decimal mark; None if no number has one
+    clock_column: int | None  # index of the column with times of day; None without one
+    decimal: str | None  # decimal mark of the table; None if no number has one
 
     def numbers(self, role: str, column: int) -> Array:
-        """Return the numbers in a column, shape (n,)."""
+        """Return the n numbers in a column, shape (n,); ``role`` names it in error messages."""
         title = self.heading.column_title(role, column)
         place = self.sheet.place
         return numbers_in(place, title, self.lines, self.cells[column], self.decimal)
 
     def constant(self, test: str, key: str, column: int, rows: Sequence[int]) -> Any:
-        """Return the value of a column in the rows of a test, which must be the same in all."""
+        """Return the value of a column in the rows of one test.
+
+        Raise an `InputError` if these rows have different values.
+        """
         lines = [self.lines[k] for k in rows]
         cells = [self.cells[column][k] for k in rows]
         return constant_value(self.sheet.place, test, key, lines, cells, self.decimal)
 
     def direction_words(self, rows: Sequence[int]) -> dict[str, int]:
-        """Return the words in the column of directions, each with its first line number."""
+        """Return the words in the column of directions, each with the first line that has it."""
         words: dict[str, int] = {}
         if "direction" in self.heading.roles:
             column = self.heading.roles["direction"]
@@ -88,23 +91,23 @@ def split_sheet(
 ) -> Iterator[Recording]:
     """Split the table of one sheet into tests, and yield the recording of each.
 
-    A table holds one test for every column of readings and, if it has a column of tests, for every
-    label in that column. Tests come in the order of the columns of readings, and then of their
-    first rows. Each recording has the test's rows as numbers, and all that the file, its name and
-    the user state of the test.
+    A table holds one test for every column of readings. If it has a column of tests, it holds one
+    for every label in that column. Tests are in the order of the columns of readings, and then of
+    their first rows. Each recording has the numbers of the test, and everything that the file, its
+    name and the user state about the test.
 
     Parameters
     ----------
     sheet, heading
         The sheet and the heading of its table.
     layout
-        What a user states of the tables.
+        Layout that the user states.
     campaign
         Fields of the campaign that options state.
     log
         Log to which assumptions are added.
     left_out
-        Sheets without a table, which may state fields of all tests or of one test.
+        Sheets without a table, which may state fields for all tests or for one test.
 
     Raises
     ------
@@ -152,7 +155,7 @@ def split_sheet(
 
 
 def _statements_of_all_tests(lines: Lines) -> dict[str, list[LineStatement]]:
-    """Return what lines in sheets without a table state of all tests, by field."""
+    """Return the statements about all tests in lines of sheets without a table, by field."""
     statements = {}
     for key, statements_of_field in statements_in(lines).items():
         if key in FIELDS_OF_ALL_TESTS:
@@ -163,7 +166,10 @@ def _statements_of_all_tests(lines: Lines) -> dict[str, list[LineStatement]]:
 def _read_columns(
     sheet: Sheet, heading: Heading, layout: Layout, log: AssumptionLog
 ) -> _SheetColumns:
-    """Return the table of a sheet as columns; heading and decimal mark are noted."""
+    """Return the table of a sheet as columns of cells.
+
+    Assumptions about its header and its decimal mark are added to the log.
+    """
     lines, cells = columns_of(sheet.place, _table_rows(sheet, heading), len(heading.headers))
     note_heading(sheet, heading, layout, log)
     clock_column = None
@@ -186,7 +192,7 @@ def _read_columns(
 
 
 def _table_rows(sheet: Sheet, heading: Heading) -> list[Row]:
-    """Return the rows of a table, without rows below its last row of numbers."""
+    """Return the rows of a table up to its last row of numbers."""
     rows = sheet.rows[heading.first_row :]
     while rows and not _has_number(rows[-1]):
         rows.pop()
@@ -200,7 +206,10 @@ def _has_number(row: Row) -> bool:
 def _decimal_mark_of(
     sheet: Sheet, cells: Sequence[tuple[int, str]], layout: Layout, log: AssumptionLog
 ) -> str | None:
-    """Return the decimal mark, as stated or as found; it is noted if another is possible."""
+    """Return the decimal mark of a table, as the layout states it or as found in its cells.
+
+    If another mark is possible, the assumption is noted.
+    """
     if layout.decimal is not None:
         _note_stated_mark(sheet, cells, layout.decimal, log)
         return layout.decimal
@@ -220,7 +229,7 @@ def _decimal_mark_of(
 def _note_stated_mark(
     sheet: Sheet, cells: Sequence[tuple[int, str]], decimal: str, log: AssumptionLog
 ) -> None:
-    """Note a stated decimal mark that no cell has although cells have the other mark."""
+    """Add to the log that cells have only another decimal mark than the stated one."""
     if any(decimal in cell for _, cell in cells):
         return
     other = OTHER_MARK[decimal]
@@ -230,7 +239,7 @@ def _note_stated_mark(
 
 
 def _shared_numbers(columns: _SheetColumns, layout: Layout) -> dict[str, Array]:
-    """Return the numeric columns except readings, by role; times of day in seconds."""
+    """Return the numbers of all columns except readings, by role; times of day are in seconds."""
     numbers = {}
     for role, column in columns.heading.roles.items():
         if role not in _NOT_SHARED and column != columns.clock_column:
@@ -247,7 +256,7 @@ def _shared_numbers(columns: _SheetColumns, layout: Layout) -> dict[str, Array]:
 
 
 def _labels_of(columns: _SheetColumns) -> list[str]:
-    """Return the label of the test for each row; empty without a column of tests."""
+    """Return the name of the test for each row; empty names if there is no column of tests."""
     if "test" not in columns.heading.roles:
         return [""] * len(columns.lines)
     labels = columns.cells[columns.heading.roles["test"]]
@@ -261,9 +270,9 @@ def _labels_of(columns: _SheetColumns) -> list[str]:
 
 
 def layout_names(sheet: Sheet, label: str) -> list[str]:
-    """Return the names by which a [[test]] of the layout may call a test, the most specific first.
+    """Return the names by which an entry [[test]] of the layout may state a test.
 
-    ``label`` is the name of the test in its sheet.
+    ``label`` is the name of the test in its sheet. The most specific name is first.
     """
     path = sheet.path
     names = (label, sheet.name_in_file, path.name, path.stem, str(path), sheet.name)
@@ -271,9 +280,9 @@ def layout_names(sheet: Sheet, label: str) -> list[str]:
 
 
 def _stated_fields(sheet: Sheet, label: str, layout: Layout, holds_several: bool) -> dict[str, Any]:
-    """Return the fields that the layout states of a test, under any of the test's names.
+    """Return the fields that the layout states for a test, under any name of the test.
 
-    If several entries state a field, the one with the most specific name counts.
+    If several entries [[test]] state a field, the one with the most specific name counts.
     """
     entries = {entry.file: entry for entry in layout.test}
     fields: dict[str, Any] = {}
@@ -295,9 +304,9 @@ def _stated_fields(sheet: Sheet, label: str, layout: Layout, holds_several: bool
 def _field_columns(
     columns: _SheetColumns, labels: Sequence[str], log: AssumptionLog
 ) -> dict[str, int]:
-    """Return the indices of the columns that hold a field of each test, by field.
+    """Return the indices of columns that state a field of each test, such as setup, by field.
 
-    Columns of times and temperatures that change within a test are left out, which is noted.
+    Columns of times and temperatures that change within a test are left out, and this is noted.
     """
     heading = columns.heading
     field_columns = {

@@ -1,4 +1,4 @@
-"""Reading of foreign files into text cells: workbooks and texts of any encoding and separator."""
+"""Reading of foreign files (workbooks, and text files of any encoding) into cells of text."""
 
 from __future__ import annotations
 
@@ -23,16 +23,18 @@ __all__ = ["read_sheets"]
 
 # First bytes of PDF files and pictures, which hold no table that can be read.
 _PICTURE_SIGNATURES = (b"%PDF-", b"\x89PNG\r\n", b"\xff\xd8\xff", b"GIF8")
-# So many bytes at the beginning of a text are searched for zeros, which indicate UTF-16.
+# Number of bytes at the beginning of a text file that are searched for zeros, which indicate the
+# encoding UTF-16.
 _HEAD_BYTES = 4096
-# A text is UTF-16 if more than this share of the bytes searched are zeros in the same place of
-# their byte pairs.
+# A text file is in UTF-16 if more than this share of its first bytes are zeros, always the first or
+# always the second byte of a pair.
 _SHARE_OF_ZEROS = 0.2
-# Signs that may separate cells, in order of preference.
+# Characters that may separate the cells of a text file, in order of preference.
 _SEPARATORS = (";", "\t", "|", ",", " ")
-# A separator is judged by so many lines.
+# Number of lines by which possible separators of cells are compared.
 _SAMPLE_LINES = 200
-# The score of a separator must exceed the scores of preferred ones by more than this.
+# The score of a separator of cells must exceed the scores of preferred separators by more than
+# this.
 _SCORE_MARGIN = 0.02
 
 
@@ -43,16 +45,17 @@ def read_sheets(
     separator: str | None = None,
     sheets: Sequence[str] = (),
 ) -> list[Sheet]:
-    """Return the tables in a file.
+    """Return the sheets of a workbook, or a text file as one sheet of text cells.
 
     Parameters
     ----------
     path
-        A workbook (XLSX, XLS, ODS) or a text file. PDF and pictures give one sheet without rows.
+        Path of a workbook (XLSX, XLS, ODS) or a text file. PDF and pictures give one sheet without
+        rows.
     encoding, separator
-        Encoding and separator of a text file; None if they are to be found.
+        Encoding and separator of a text file; None to determine them from its content.
     sheets
-        Names of the sheets to read from a workbook; empty for all that are not empty.
+        Names of the sheets to read from a workbook; without names, all sheets that are not empty.
 
     Raises
     ------
@@ -83,10 +86,11 @@ def read_sheets(
 
 
 def _find_encoding(raw: bytes) -> str:
-    """Return the encoding of a text, found by its byte-order mark or its zero bytes.
+    """Return the encoding of a text file, from its byte-order mark or its zero bytes.
 
-    Without either it is UTF-8 if the text can be decoded so, else Windows-1252. Libraries that
-    detect encodings often mistake Windows-1252 with few non-ASCII characters for others.
+    A text file without these is in UTF-8 if it can be decoded so, else in Windows-1252. No library
+    is used for this: libraries often take Windows-1252 with few non-ASCII characters for another
+    encoding.
     """
     for encoding, mark in BYTE_ORDER_MARKS.items():
         if raw.startswith(mark):
@@ -103,7 +107,7 @@ def _find_encoding(raw: bytes) -> str:
 
 
 def _find_separator(lines: Sequence[str]) -> str:
-    """Return the separator that splits most lines into equally many cells.
+    """Return the character that splits most lines of a text file into equally many cells.
 
     The first third of the lines, which may precede the table, is not considered.
     """
@@ -122,9 +126,10 @@ def _find_separator(lines: Sequence[str]) -> str:
 
 
 def _separator_score(sample: Sequence[str], separator: str) -> float:
-    """Return a separator's score: the share of lines with the usual number of cells.
+    """Return a score that is large if a character is likely the separator of cells.
 
-    The share is multiplied by 1 plus the share of numbers among the filled cells.
+    The score is the share of lines with the usual number of cells, times 1 plus the share of
+    numbers among the filled cells.
     """
     widths = []
     n_filled = 0

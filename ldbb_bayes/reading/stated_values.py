@@ -1,8 +1,8 @@
 """Load, radius, feed and direction of a test, from all sources that state them.
 
 Values that a user or a column states are certain; a source that contradicts them is noted. Lines
-above a table and names are uncertain evidence: their use is noted, and they are refused if they
-contradict each other.
+above a table and names of files are uncertain: their use is noted, and an `InputError` is raised if
+they contradict each other.
 """
 
 from __future__ import annotations
@@ -26,32 +26,33 @@ from ldbb_bayes.reading.words import UNITS, WORDS
 
 __all__ = ["direction_of", "loads_of", "quantity_of", "unit_size"]
 
-# Relative rounding that is allowed for a value in a line above a table.
+# Relative rounding error that is permitted for a value in a line above a table.
 _ROUNDED_IN_LINE = 1e-3
-# Relative rounding that is allowed for a value in a name.
+# Relative rounding error that is permitted for a value in the name of a file, sheet or test.
 _ROUNDED_IN_NAME = 0.02
-# Relative tolerance within which the rows of a column count as one value.
+# Relative tolerance within which the loads in all rows of a test count as equal.
 _CONSTANT = 1e-9
-# A message shows so many characters of a text, and of a unit, from a file.
+# Number of characters of a text from a file that an error message shows.
 _TEXT_SHOWN = 60
+# Number of characters of a unit from a file that an error message shows.
 _UNIT_SHOWN = 40
 
 
 class _Evidence(NamedTuple):
-    """A stated value of a quantity, and the source that states it."""
+    """Value that a source states for a quantity of a test."""
 
-    value: float  # NaN where the number can be read in two ways
+    value: float  # stated value; NaN if the number can be read in two ways
     source: str
-    tolerance: float  # relative rounding that is allowed for the value
+    tolerance: float  # relative rounding error that is permitted for the value
 
 
 def quantity_of(recording: Recording, key: str, column_value: float | None = None) -> float | None:
-    """Return a quantity of a test; None where nothing states it.
+    """Return a quantity of a test, such as its radius; None if nothing states it.
 
     Parameters
     ----------
     recording
-        The test.
+        The test as the file holds it.
     key
         Field of the quantity: force_N, pressure_bar, radius_mm, feed_mm_per_min, start_deg or
         overshoot_deg.
@@ -61,8 +62,8 @@ def quantity_of(recording: Recording, key: str, column_value: float | None = Non
     Raises
     ------
     InputError
-        For lines and names that contradict each other, and for a number whose mark may be decimal
-        or stand between thousands.
+        For lines and names that contradict each other, and for a number in which a mark may be a
+        decimal mark or separate thousands.
     """
     certain = _certain_evidence(recording, key, column_value)
     uncertain = _uncertain_evidence(recording, key)
@@ -97,7 +98,10 @@ def quantity_of(recording: Recording, key: str, column_value: float | None = Non
 
 
 def _agrees(evidence: _Evidence, value: float) -> bool:
-    """Return whether evidence equals the value up to rounding, or is no clear number."""
+    """Return whether a stated value agrees with ``value`` up to rounding.
+
+    A stated number that can be read in two ways counts as agreeing.
+    """
     if math.isnan(evidence.value):
         return True
     return bool(np.isclose(evidence.value, value, rtol=evidence.tolerance))
@@ -106,10 +110,10 @@ def _agrees(evidence: _Evidence, value: float) -> bool:
 def _certain_evidence(
     recording: Recording, key: str, column_value: float | None
 ) -> list[_Evidence]:
-    """Return the values of a quantity that the user and its column state.
+    """Return the values that the user and a column of the table state for a quantity.
 
-    There are at most two, and none where neither states the quantity. The value that counts comes
-    first: that of the user, but for a radius that of the column.
+    The list has at most two entries. The entry that counts is first: the user's value, but for a
+    radius the column's value.
     """
     user_evidence = _evidence_if_stated(recording.stated_value(key), "as given")
     column_evidence = _evidence_if_stated(column_value, "its column")
@@ -119,14 +123,14 @@ def _certain_evidence(
 
 
 def _evidence_if_stated(value: float | None, source: str) -> list[_Evidence]:
-    """Return the value as one piece of evidence, or none for None."""
+    """Return a list with the stated value, or an empty list if the value is None."""
     if value is None:
         return []
     return [_Evidence(float(value), source, _ROUNDED_IN_LINE)]
 
 
 def _uncertain_evidence(recording: Recording, key: str) -> list[_Evidence]:
-    """Return what the lines above the table and the names state, lines first."""
+    """Return the values that lines above the table and names state for a quantity, lines first."""
     evidence = []
     for statement in recording.statements.get(key, ()):
         source = f"line {statement.line}"
@@ -143,7 +147,7 @@ def _uncertain_evidence(recording: Recording, key: str) -> list[_Evidence]:
 
 
 def loads_of(recording: Recording) -> dict[str, float]:
-    """Return the loads of a test that are stated: force_N, pressure_bar, or both.
+    """Return the stated loads of a test: force_N, pressure_bar or both.
 
     Raises
     ------
@@ -170,7 +174,10 @@ def loads_of(recording: Recording) -> dict[str, float]:
 
 
 def _constant_load(recording: Recording, key: str) -> float | None:
-    """Return the value of a column of loads, which must be constant; None without the column."""
+    """Return the load of a test from its column; None without such a column.
+
+    Raise an `InputError` if the load differs between the rows of the test.
+    """
     role = LOAD_ROLES[key]
     unit = UNITS_SHOWN[key]
     if role not in recording.numbers:
@@ -191,21 +198,21 @@ def _constant_load(recording: Recording, key: str) -> float | None:
 def unit_size(
     recording: Recording, role: str, usual: str, reason: str = "no unit in the header"
 ) -> float:
-    """Return the size of a column's unit in the package's own unit.
+    """Return the factor from the unit of a column to the unit that this package uses.
 
-    The unit is the one that a user states, else the one that the header names, else the usual
-    unit, which is noted as an assumption.
+    The unit is the one that the user states, or else that of the header. Without either it is the
+    usual unit, and this is noted as an assumption.
 
     Parameters
     ----------
     recording
-        The test.
+        The test as the file holds it.
     role
-        Role of the column.
+        Role of the column, such as reading.
     usual
         Unit that is assumed if none is stated.
     reason
-        Evidence for the usual unit, for the note.
+        Reason for the usual unit, for the note.
     """
     header_line = recording.heading.line
     header_unit = recording.heading.units[recording.heading.roles[role]]
@@ -241,16 +248,16 @@ _SENSES_BY_WORD = _senses_by_word()
 
 
 def _sense_of(word: str) -> str:
-    """Return CW or CCW for a word that means either, else the word itself in capitals."""
+    """Return CW or CCW for a word with this meaning; any other word is returned in capitals."""
     letters = re.sub(r"(?<=\w)[-_ ](?:DE[NM][-_ ])?", "", word.upper())
     return _SENSES_BY_WORD.get(letters, word.upper())
 
 
 def direction_of(recording: Recording) -> str | None:
-    """Return the direction of a test, CW or CCW; None where nothing states it.
+    """Return the direction of travel of a test, CW or CCW; None if nothing states it.
 
-    The first of these sources that states a direction counts: the user, the column of directions,
-    lines above the table and names, sheets without a table.
+    The first source that states a direction counts, in this order: the user, the column of
+    directions, lines above the table and names, sheets without a table.
     """
     column_senses: dict[str, int] = {}
     for word, line in recording.direction_words.items():
@@ -261,7 +268,7 @@ def direction_of(recording: Recording) -> str | None:
         senses = directions_stated(recording.heading.lines_above, recording.names())
     if not senses:
         elsewhere = directions_stated(recording.lines_of_all_tests)
-        if len(elsewhere) == 1:  # both would not be of one test
+        if len(elsewhere) == 1:  # two directions would belong to different tests
             senses = elsewhere
     stated: str | None = recording.stated_value("direction")
     if stated is not None:

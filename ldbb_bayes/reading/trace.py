@@ -1,4 +1,4 @@
-"""Traces: the angles [deg] and readings [µm] of one test, made from its columns."""
+"""Angles [deg] and readings [µm] of one test, computed from the columns of a foreign table."""
 
 from __future__ import annotations
 
@@ -21,51 +21,52 @@ from ldbb_bayes.results import Array
 
 __all__ = ["Trace", "trace_of"]
 
-# Angles without a unit that span more than this are in degrees.
+# Angles without a unit that cover more than this are taken as degrees.
 _LARGEST_SPAN_RAD = 7.0
-# Readings whose median is within this of the radius are distances of the balls: deviations that a
-# bar can measure are no larger.
+# If the median of the readings differs from the radius by less than this, they are distances of the
+# balls. A bar cannot measure larger deviations from the radius.
 _LARGEST_DEVIATION_MM = 1.5
-# Readings without a unit whose median is within this share of the radius in mm are in mm.
+# Readings without a unit are taken as mm if their median differs from the radius in mm by less than
+# this share.
 _NEAR_RADIUS = 0.05
-# Readings without a unit that are all smaller than this are in mm.
+# Readings without a unit are taken as mm if all are smaller than this number.
 _LARGEST_IN_MM = 0.5
-# Readings whose median is larger than this [mm], and whose scatter is below this share of the
-# median, are distances of the balls.
+# Readings may be distances of the balls if their median is larger than this [mm].
 _SMALLEST_RADIUS_MM = 20.0
+# Readings may be distances of the balls if their scatter is below this share of their median.
 _SMALLEST_SCATTER = 0.01
-# A recording of more than so many turns holds several laps, or run-in and run-out.
+# A recording of more than this number of turns holds several laps, or run-in and run-out.
 _MORE_THAN_A_TURN = 1.02
-# A message shows so many characters of a list of columns.
+# Number of characters of a list of columns that an error message shows.
 _LIST_SHOWN = 200
 
 
 class Trace(NamedTuple):
-    """Angles and readings of one test."""
+    """Angles and readings of one test, and its direction of travel."""
 
-    #: angles from the plane's first axis, counter-clockwise, not reduced modulo 360°, shape (n,)
+    #: angles from the plane's first axis, counter-clockwise; they continue beyond 360°, shape (n,)
     angle_deg: Array
-    reading_um: Array  #: actual distance of the balls − radius, shape (n,)
-    direction: str | None  #: CW, CCW or None for unknown; always known for a log over time
+    reading_um: Array  #: readings: actual distance of the balls − radius, shape (n,)
+    direction: str | None  #: direction of travel, CW or CCW; None if unknown
 
 
 class _Log(NamedTuple):
-    """Angles computed for a log over time."""
+    """Angles computed for a recording over time, and its direction of travel."""
 
     angle_deg: Array  # angles of the m readings on the circle, shape (m,)
-    on_circle: NDArray[np.bool_]  # which of all n readings lie on the circle, shape (n,)
+    on_circle: NDArray[np.bool_]  # whether each of all n readings is on the circle, shape (n,)
     direction: str
 
 
 def trace_of(recording: Recording, direction: str | None) -> Trace:
-    """Return the trace of a test.
+    """Return angles [deg], readings [µm] and direction of travel of a test.
 
     Parameters
     ----------
     recording
-        The test, with its radius.
+        The test as the file holds it.
     direction
-        CW or CCW as stated; None where nothing states it.
+        Stated direction of travel, CW or CCW; None if nothing states it.
 
     Raises
     ------
@@ -98,7 +99,10 @@ def _missing_column(recording: Recording, role: str, content: str) -> InputError
 
 
 def _angles_of_column(recording: Recording) -> Array:
-    """Return the angle of every reading, from the plane's first axis, shape (n,) [deg]."""
+    """Return the angle of every reading from the column of angles, shape (n,) [deg].
+
+    Angles are counted from the plane's first axis.
+    """
     raw = recording.numbers.get("angle")
     if raw is None:
         raise _missing_column(recording, "angle", "angle, or the time")
@@ -113,7 +117,10 @@ def _angles_of_column(recording: Recording) -> Array:
 
 
 def _angles_of_log(recording: Recording, direction: str | None) -> _Log:
-    """Return the angles of a log over time, for its readings on the circle."""
+    """Return the angles for a recording over time, computed from times, feed and radius.
+
+    Only readings on the circle are kept, without run-in and run-out.
+    """
     feed = quantity_of(recording, "feed_mm_per_min")
     if feed is None or not feed > 0.0:
         raise InputError(
@@ -153,7 +160,10 @@ def _angles_of_log(recording: Recording, direction: str | None) -> _Log:
 
 
 def _angle_or_zero(recording: Recording, key: str) -> float:
-    """Return a stated angle of a log over time, or else zero, which is noted as an assumption."""
+    """Return a stated angle, such as the start of the circle, for a recording over time [deg].
+
+    If none is stated, return zero and note the assumption.
+    """
     value = quantity_of(recording, key)
     if value is None:
         recording.note(key, "0°", "nothing says otherwise", option_for(key))
@@ -162,7 +172,10 @@ def _angle_or_zero(recording: Recording, key: str) -> float:
 
 
 def _deviations(recording: Recording, raw: Array) -> Array:
-    """Return the readings as actual distance of the balls − radius, shape (n,) [µm]."""
+    """Return the readings as actual distance of the balls minus radius, shape (n,) [µm].
+
+    ``raw`` (n,) are the numbers in the file, in its unit.
+    """
     require(
         np.ptp(raw) > 0.0,
         f"{recording.place}: the reading must change from row to row, got {raw[0]:g} in all. Say"
@@ -180,9 +193,13 @@ def _deviations(recording: Recording, raw: Array) -> Array:
 
 
 def _zero_of(recording: Recording, reading_um: Array) -> str:
-    """Return "deviation" for deviations from the radius, "distance" for distances of the balls."""
+    """Return whether readings are a "deviation" from the radius or a "distance" of the balls.
+
+    Raise an `InputError` if readings fit neither.
+    """
     radius_mm = recording.radius_mm
-    # Distances of the balls on another radius must not be taken for deviations from this one.
+    # Readings are also tested for distances of the balls on a circle with another radius. They must
+    # not be taken for deviations.
     median_mm = float(np.median(reading_um)) * 1e-3
     scatter_mm = float(np.median(np.abs(reading_um - 1e3 * median_mm))) * 1e-3
     is_near = abs(median_mm - radius_mm) < _LARGEST_DEVIATION_MM
@@ -214,9 +231,9 @@ def _zero_of(recording: Recording, reading_um: Array) -> str:
 
 
 def _handle_laps(recording: Recording, trace: Trace) -> Trace:
-    """Return the trace with its laps kept or averaged, as the layout states.
+    """Return angles and readings with several laps kept or averaged, as the layout states.
 
-    A stated direction that contradicts the order of the angles is noted.
+    If the stated direction contradicts the order of the angles, this is noted.
     """
     angle = trace.angle_deg
     if len(angle) < 2:
@@ -229,7 +246,7 @@ def _handle_laps(recording: Recording, trace: Trace) -> Trace:
             f"the angles run {run}: taken as sorted",
             "--direction",
         )
-    # A full circle whose last reading is one step before the first counts as one turn.
+    # Add one step: the last reading of a full circle is usually one step before the first.
     step = np.median(np.abs(np.diff(angle)))
     n_laps = float(abs(angle[-1] - angle[0]) + step) / TURN_DEG
     if n_laps < _MORE_THAN_A_TURN or recording.layout.laps == "keep":

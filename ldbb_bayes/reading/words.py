@@ -1,6 +1,6 @@
-"""Words and units that files use for what they hold, in English, German and other languages.
+"""Words and units that foreign files use, in English, German and other languages.
 
-The words themselves are in ``words.toml``.
+The words themselves are in the file ``words.toml``.
 """
 
 from __future__ import annotations
@@ -23,43 +23,47 @@ __all__ = [
     "unit_named",
 ]
 
-# A line is examined up to so many characters.
+# Number of characters at the beginning of a line that are examined.
 LONGEST_TEXT = 300
-# A header is examined up to so many characters.
+# Number of characters at the beginning of a header that are examined.
 LONGEST_NAME = 200
 # Longest unit [characters]; a longer text is no unit.
 _LONGEST_UNIT = 40
 
+# Content of ``words.toml``: words and units that foreign files use.
 WORDS: Mapping[str, Any] = tomllib.loads(
     (Path(__file__).parent / "words.toml").read_text(encoding="utf-8")
 )
 
 
 def _role_words() -> dict[str, list[str]]:
-    """Return the words by which a header names a role, by role."""
+    """Return the words by which headers name the role of a column, by role."""
     role_words = {}
     for role, words in WORDS["roles"].items():
         role_words[role] = words.split()
     return role_words
 
 
-# Words by which a header names a role, by role, in the order in which the roles are tried.
+# Words by which headers name the role of a column, by role. Roles are tried in this order.
 ROLES: Mapping[str, Sequence[str]] = _role_words()
-# Pattern of words for quantities that are neither load nor radius of a test: a maximum, an ambient
-# pressure, …
+# Pattern of words for quantities that are neither load nor radius of a test, such as a maximum or
+# an ambient pressure.…
 OTHER_QUANTITY = re.compile(rf"\b(?:{WORDS['others']['words']})\b", re.IGNORECASE)
 
 
 def comparable(text: str) -> str:
-    """Return a text in the form in which texts are compared.
+    """Return a text in a form for comparison, in which spelling variants are equal.
 
-    It has one sign for micro, no capitals, and no blanks, dots or colons at its ends.
+    There is one sign for micro, no capitals, and no blank, dot or colon at either end.
     """
     return unicodedata.normalize("NFKC", text).casefold().strip(" .:")
 
 
 def _unit_sizes() -> dict[str, dict[str, float]]:
-    """Return the size of every known unit in the package's own unit, by role and unit."""
+    """Return the size of every known unit in the unit of this package, by role and unit.
+
+    For readings, for example, the unit of this package is µm.
+    """
     sizes: dict[str, dict[str, float]] = {}
     for role, units in WORDS["units"].items():
         sizes[role] = {unit: float(entry[0]) for unit, entry in units.items()}
@@ -67,7 +71,7 @@ def _unit_sizes() -> dict[str, dict[str, float]]:
 
 
 def _units_by_word() -> dict[str, str]:
-    """Return the package's name of a unit, by every word that files use for the unit."""
+    """Return the name that this package uses for a unit, by every word for this unit in files."""
     units_by_word: dict[str, str] = {}
     for units in WORDS["units"].values():
         for unit, (_, *synonyms) in units.items():
@@ -76,12 +80,16 @@ def _units_by_word() -> dict[str, str]:
     return units_by_word
 
 
+# Size of every known unit in the unit of this package, by role and unit.
 UNITS: Mapping[str, Mapping[str, float]] = _unit_sizes()
 _UNITS_BY_WORD = _units_by_word()
 
 
 def unit_named(text: str) -> str:
-    """Return the package's name of the unit that a text names; empty if it names no unit."""
+    """Return the unit that a text names, by the name that this package uses for it.
+
+    Return an empty text if it names no known unit.
+    """
     if len(text) > _LONGEST_UNIT:
         return ""
     return _UNITS_BY_WORD.get(comparable(text), "")

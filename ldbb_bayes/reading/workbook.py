@@ -1,4 +1,4 @@
-"""Reading of workbooks (XLSX, XLS, ODS); archives are checked before they are unpacked."""
+"""Reading of workbooks (XLSX, XLS, ODS), which are checked before they are unpacked."""
 
 from __future__ import annotations
 
@@ -26,22 +26,24 @@ WORKBOOK_SUFFIXES = (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods")
 _MEGABYTE = 2**20
 # Largest unpacked size of a workbook [bytes].
 _LARGEST_UNPACKED = 256 * _MEGABYTE
-# Largest ratio of unpacked to packed size.
+# Largest ratio of unpacked to packed size of a workbook.
 _LARGEST_RATIO = 200.0
-# Unpacked size that is allowed in addition to that ratio, for small archives [bytes].
+# Unpacked size [bytes] that a small workbook may have in addition to the largest ratio.
 _SMALL_ARCHIVE = _MEGABYTE
-# Pattern of a cell so far out that a table reaching to it does not fit into memory.
+# Pattern of a cell with a very high row or column number: a table that extends to this cell does
+# not fit into memory.
 _DISTANT_CELL = re.compile(rb'\br="([A-Z]{3,}\d+|[A-Z]+\d{6,})"')
-# Size of the sectors of which compound files consist [bytes].
+# Size of one sector of a compound file, the format of XLS [bytes]; a complete file has whole ones.
 _SECTOR = 512
-# Whole numbers below this, which double precision holds exactly, become texts without a point.
+# Whole numbers below this are converted to texts without a decimal point; double precision holds
+# them exactly.
 _LARGEST_WHOLE = 1e15
 
 
 def read_workbook(path: Path, raw: bytes, wanted: Sequence[str]) -> list[Sheet]:
-    """Return the wanted sheets of a workbook that are not empty; without names, all such sheets.
+    """Return the sheets of a workbook that are wanted and not empty; without names, all of these.
 
-    Of a formula, the value saved with it is read.
+    For a cell with a formula, the value saved in the file is read.
     """
     if raw.startswith(ARCHIVE_SIGNATURE):
         _check_archive(path, raw)
@@ -60,7 +62,8 @@ def read_workbook(path: Path, raw: bytes, wanted: Sequence[str]) -> list[Sheet]:
     except (python_calamine.CalamineError, OSError) as error:
         raise _unreadable(path, f"a damaged one ({error})") from None
     except BaseException as error:
-        # A failed assertion in the library raises a class that is no Exception, nor importable.
+        # A fault of the library raises a PanicException. It is not derived from Exception and
+        # cannot be imported.
         if type(error).__name__ != "PanicException":
             raise
         raise _unreadable(path, f"a damaged one ({error})") from None
@@ -97,14 +100,17 @@ def _sheets_of(
 
 
 def _cell_text(value: object) -> str:
-    """Return a cell as text; a whole number has no decimal point."""
+    """Return the value of a cell as text; a whole number has no decimal point."""
     if isinstance(value, float) and value.is_integer() and abs(value) < _LARGEST_WHOLE:
         return f"{value:.0f}"
     return str(value).strip()
 
 
 def _check_archive(path: Path, raw: bytes) -> None:
-    """Raise an `InputError` for an archive that unpacks to too much, or has a cell too far out."""
+    """Raise an `InputError` for a workbook that would not fit into memory.
+
+    It unpacks to too much, or has a cell with a very high row or column number.
+    """
     try:
         with zipfile.ZipFile(io.BytesIO(raw)) as archive:
             members = archive.infolist()
