@@ -35,7 +35,7 @@ __all__ = ["BLAS_MULTIPLE", "FEWEST_PHI", "DesignRows", "Elimination", "Front"]
 _MOST_PHI = 512
 # Fewest values of the hyper-parameters per pass, even if the factors do not fit into the cache.
 FEWEST_PHI = 128
-# Floating-point numbers that fit into the processor's cache.
+# Number of floating-point numbers that fit into the processor's cache.
 _CACHE_SIZE = 1 << 19
 # Values of the hyper-parameters are processed in multiples of this number, which BLAS rounds
 # identically. Results then do not depend on how many values are processed together.

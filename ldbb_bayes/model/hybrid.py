@@ -66,13 +66,13 @@ _SIGMA = Scale("sigma", "sigma_um", "σ", "white noise")
 _HYPER_ORDER = ("sigma", "delta", "delta_0", "delta_1", "kappa", "tau", "decay", "omega", "eta")
 # In campaigns with fewer circles than this, no circle has a noise factor λ of its own.
 _FEWEST_SCALED_CIRCLES = 4
-# Error tolerance [nat] of the log prior probability that compliances are not negative. It holds for
-# each block of compliances that share parameters.
+# Error tolerance [nat] of the log prior probability that compliances are not negative. It applies
+# to each group of compliances that share parameters.
 _TRUNCATION_TOLERANCE = 1e-4
 
 
 def _default_terms() -> tuple[Term, ...]:
-    """Return one term of each kind that the default model has."""
+    """Return the nuisance terms (effects modelled but not of interest) of the default model."""
     return tuple(kind() for kind in Term.kinds.values() if not kind.on_demand)
 
 
@@ -106,11 +106,12 @@ class HybridModel(Result):
     #: effects modelled but not of interest
     nuisances: Sequence[Term] = field(default_factory=_default_terms)
     prior: Prior = field(default_factory=Prior.default)  #: prior of parameters and hyper-parameters
-    #: Reference force F0 [N]. Default: the middle of the campaign's forces. F0 = 0 gives Eq. 33.
+    #: reference force F0, at which compliances are stated; by default the middle of the campaign's
+    #: forces. With F0 = 0 the model is Eq. 33 of the paper.
     reference_force_N: float | None = None
     preset: Preset = "default"  #: name of the preset that the model was derived from
-    #: parameters fixed at zero, such as C_XYX_1; names are checked when the model meets a
-    #: campaign
+    #: names of the parameters fixed at zero, such as C_XYX_1; they are checked when a campaign is
+    #: given
     fixed: Sequence[str] = ()
 
     def __post_init__(self) -> None:
@@ -235,11 +236,11 @@ class HybridModel(Result):
     def with_prior(
         self, priors: Mapping[str, Any] | None = None, /, **further_priors: Any
     ) -> HybridModel:
-        """Return the same model with other priors.
+        """Return the same model with other priors of parameters and hyper-parameters.
 
-        A parameter has a mean and a sd, and is free again if it was fixed; a slope's mean stays 0.
-        Each value is a text with its unit or a number in internal units (mm, N, rad). Names of
-        parameters are checked against the machine when the model is bound to a campaign.
+        A parameter gets a mean and a sd; if it was fixed at zero, it is free again. The mean of a
+        slope must be 0. Each value is a text with its unit or a number in internal units (mm, N,
+        rad). Names of parameters are checked when the model is bound to a campaign.
 
         Parameters
         ----------
@@ -318,7 +319,7 @@ class HybridModel(Result):
         """Return the same model without the named terms.
 
         Names are those of terms, such as ``ball-form`` and ``hysteresis``, and ``truncation``, the
-        condition that compliances are not negative. InputError for other names.
+        condition that compliances are not negative. Raise an `InputError` for other names.
         """
         check_known("term", names, (*(kind.key() for kind in Term.kinds.values()), "truncation"))
         prior = replace(self.prior, truncated=False) if "truncation" in names else self.prior
@@ -509,7 +510,7 @@ class Simulation(Result):
     campaign: Campaign
     parameters: dict[str, float]  #: true values in internal units (mm, N, rad)
     hyper_um: dict[str, float]  #: true hyper-parameters, lengths in µm
-    units: dict[str, str]  #: units of the parameters
+    units: dict[str, str]  #: internal unit of each parameter, by name
 
 
 # Cache of every campaign's readings, reduced to Fourier coefficients. Comparisons combine one
@@ -768,7 +769,8 @@ class BoundModel(Shown):
         """Density p(y | β, φ) of the readings y, with the nuisances integrated out.
 
         Nuisances are effects modelled but not of interest. β are the parameters and φ the
-        hyper-parameters (scales of noise and nuisances). The density takes β − `centre`.
+        hyper-parameters (scales of noise and nuisances). The argument is β − `centre`, the
+        difference from a least-squares estimate.
         """
         return self._structured(self.nuisance_columns, self.interest)
 
@@ -776,7 +778,7 @@ class BoundModel(Shown):
     def collapsed(self) -> StructuredGaussian:
         """Density p(y | φ) of the readings y, with nuisances and parameters β integrated out.
 
-        φ are the hyper-parameters (scales of noise and nuisances). Negative compliances count too.
+        φ are the hyper-parameters (scales of noise and nuisances). Compliances may be negative.
         The last coefficients that all tests share are the rivals of slopes and β − `centre`.
         """
         nuisances = sorted(self.nuisance_columns, key=is_rival_of_slopes)

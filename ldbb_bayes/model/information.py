@@ -110,7 +110,8 @@ class Information:
                 raise InputError(
                     "reading noise must be left: readings without any would make everything known."
                 )
-        # Tests that have the same noise covariance are divided by it together.
+        # The columns of all tests with the same noise covariance are divided by its Cholesky factor
+        # together.
         blocks_by_noise: dict[int, list[int]] = {}
         for k, sources in enumerate(self.noise):
             blocks_by_noise.setdefault(id(sources), []).append(k)

@@ -33,11 +33,11 @@ class Parameter:
 
     name: str
     unit: str
-    prior_sd: float  #: infinite when the prior is flat
+    prior_sd: float  #: standard deviation of the prior; infinite if the prior is flat
     group: Group
     #: power of F − F0 (force less reference force) that multiplies a slope; 0 for other parameters
     degree: int = 0
-    prior_mean: float = 0.0  #: zero when the prior is flat
+    prior_mean: float = 0.0  #: mean of the prior; zero if the prior is flat
 
     @property
     def compliance(self) -> str:
@@ -187,7 +187,7 @@ def physical_rows(
         Reference force F0.
     """
     at_forces = [compliance_rows(interest.compliances, parameters, lever) for lever in levers_N]
-    # A dictionary keeps the rows in order and drops equal ones.
+    # A dictionary keeps the rows of the matrix in order and drops equal rows.
     rows: dict[tuple[float, ...], None] = {}
     for j in np.flatnonzero(interest.visible.not_negative):
         label = interest.compliances[j].label

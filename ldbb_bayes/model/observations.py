@@ -39,11 +39,11 @@ class Rows(NamedTuple):
     modelled but not of interest), and D is a diagonal covariance.
     """
 
-    #: Columns A of the nuisance coefficients, shape (n, columns).
+    #: Design matrix A of the nuisance coefficients, shape (n, columns).
     columns: Array
-    #: Columns H of the parameters of interest, shape (n, p).
+    #: Design matrix H of the p parameters of interest, shape (n, p).
     interest: Array
-    #: Left-hand sides z: reduced readings or prior means, shape (n,).
+    #: Left-hand side of each row: a reduced reading or a prior mean, shape (n,).
     values: Array
     #: Number of readings that each row represents, shape (n,).
     readings: Array
@@ -324,13 +324,16 @@ def _reading_rows(
 
 
 def _stack_values(terms: Sequence[Columns], tests: int) -> Array:
-    """Return the columns of all terms side by side, shape (tests, 25, columns)."""
+    """Return the columns of all terms side by side, shape (tests, 25, columns).
+
+    A column is the effect of one unit of a coefficient on each test, as 25 Fourier coefficients.
+    """
     no_columns = np.zeros((tests, SIZE, 0))
     return np.concatenate([no_columns, *(term.values for term in terms)], axis=2)
 
 
 def _concatenate(blocks: Sequence[Rows]) -> Rows:
-    """Return the rows of all blocks, one below the other."""
+    """Return several sets of observation equations as one set, one below the other."""
     return Rows(
         columns=np.concatenate([block.columns for block in blocks]),
         interest=np.concatenate([block.interest for block in blocks]),

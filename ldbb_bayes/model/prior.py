@@ -73,7 +73,8 @@ _LARGEST_MEAN_PER_SD = 1000.0
 # Kind of a geometric error, by the order in its name: E_XX1 has order 1. Names of squareness errors
 # state no order.
 _KIND_OF_ORDER: dict[str, GeometricKind] = {"0": "offset", "1": "gain", "2": "straightness"}
-# Matches names such as C_XXX, C_XXX_1 (a slope), E_XX1, E_Xt0, E_Xt0_2 (of set-up 2) and E_C0YX.
+# Pattern of parameter names, such as C_XXX, C_XXX_1 (a slope), E_XX1, E_Xt0, E_Xt0_2 (of set-up 2)
+# and E_C0YX.
 _PARAMETER_NAME = re.compile(r"C_([A-Z])([A-Z])(.)(?:_\d)?|E_(?:.(.)([012])(?:_\d+)?|.0..)")
 
 

@@ -37,11 +37,13 @@ TRAVEL_SIGNS = {"CW": 1.0, "CCW": -1.0}
 # Direction of travel for each sign: clockwise is positive.
 TRAVEL_NAMES = {1.0: "CW", -1.0: "CCW"}
 _SECONDS_PER_HOUR = 3600.0
-# Smaller Fourier coefficients of powers of the bar's direction are rounding errors and set to zero.
+# Fourier coefficients of powers of the bar's direction below this are rounding errors and set to
+# zero.
 _POWER_ROUNDING = 1e-12
-# Smaller Fourier coefficients of rotated harmonics are rounding errors and set to zero.
+# Fourier coefficients of rotated harmonics below this are rounding errors and set to zero.
 _ROTATION_ROUNDING = 1e-14
-# Two clocking angles of a ball count as equal if their points on the unit circle are closer.
+# Two clocking angles of a ball count as equal if their points on the unit circle are closer than
+# this.
 _SAME_CLOCKING = 1e-9
 
 

@@ -31,9 +31,10 @@ __all__ = [
 # Beginning of the module names of the package's own terms. The default model has these terms,
 # unless they are marked as on demand.
 _PACKAGE = "ldbb_bayes.model.terms."
-# Matches the position before every capital letter of a class name except the first.
+# Pattern of the positions in a class name where a new word begins: before every capital letter
+# except the first.
 _BETWEEN_WORDS = re.compile(r"(?<!^)(?=[A-Z])")
-# Matches the end of a coefficient's name: its plane, then its harmonic, such as _XY_cos2 or _0.
+# Pattern of the end of a coefficient's name, with plane and harmonic, such as _XY_cos2 or _0.
 _SUFFIX = re.compile(r"(?:_(?P<plane>XY|YZ|ZX))?(?:_(?P<trig>cos|sin)(?P<order>\d+)|_0)?$")
 
 

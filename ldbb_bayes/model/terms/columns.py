@@ -28,7 +28,7 @@ NOISE = "ReadingNoise"
 # Order n of the harmonic cos nθ, sin nθ at which the scales of ball form and of the machine's
 # pattern are stated; prior sds at other orders follow from the decay.
 FORM_ORDER = 6.0
-# Laws of the priors of hyper-parameters.
+# Laws of prior distributions of hyper-parameters (scales of the noise and of other effects).
 Law = Literal["half-normal", "decay", "circle"]
 
 
@@ -47,7 +47,7 @@ class Scale(NamedTuple):
     ['sigma', 'delta', 'kappa', 'tau', 'decay', 'omega', 'eta']
     """
 
-    name: Hyper  #: results append ``_um`` to this name
+    name: Hyper  #: name of the hyper-parameter; results append ``_um`` to it
     #: scale of the half-normal prior [µm], or the field of `Prior` that holds it
     prior_um: float | str
     symbol: str = ""  #: symbol in reports, such as σ

@@ -155,7 +155,7 @@ class ForceError(Term):
     """
 
     gain_sd: float = 0.01  #: prior sd of the gain error, a share of the force
-    curvature_sd: float = 0.01  #: prior sd of the curvature, a share of F_max
+    curvature_sd: float = 0.01  #: prior sd of the curvature, a share of the largest force
     random_sd_N: float = 4.0  #: prior sd of the random force error of every test
     stem = ("force_gain", "force_curvature", "force_random")
     unit = Unit("1", 1e-2, "%")

@@ -90,7 +90,7 @@ class JointLoad(Term):
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """Return a description of a coefficient in words."""
+        """Return a coefficient in words, such as contact of axis X under its own load."""
         axis, law = coefficient.removeprefix("joint_load_").split("_")
         effect = "stiffening" if law == "slope" else "contact"
         return f"{effect} of axis {axis} under its own load"
@@ -136,6 +136,6 @@ class Position(Term):
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """Return a description of a coefficient in words."""
+        """Return a coefficient in words, such as linear change of the compliance along X."""
         axis, law = coefficient.removeprefix("position_").split("_")
         return f"{law} change of the compliance along {axis}"
