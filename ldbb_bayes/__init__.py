@@ -23,7 +23,7 @@ def __getattr__(name: str) -> Any:
 
     From then on, ``print`` shows results as tables and sentences.
     """
-    from ldbb_bayes.results import register_when_displayed  # it loads NumPy
+    from ldbb_bayes.results import register_when_displayed  # imported late: it loads NumPy
 
     register_when_displayed(_load_words)
     if name in NEW_NAMES:

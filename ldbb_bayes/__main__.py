@@ -18,7 +18,7 @@ def run() -> None:
     for variable in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(variable, "1")
     try:
-        from ldbb_bayes.cli import main  # loads NumPy
+        from ldbb_bayes.cli import main  # imported late: it loads NumPy
 
         main()
     except KeyboardInterrupt:

@@ -117,16 +117,19 @@ class Instrument(Shown):
     (0.0005, 'mm')
     """
 
-    work: Ball = field(default_factory=Ball)  #: work ball
-    tool: Ball = field(default_factory=Ball)  #: tool ball
+    work: Ball = field(default_factory=Ball)  #: form of the work ball
+    tool: Ball = field(default_factory=Ball)  #: form of the tool ball
     bar_length_error_um: Number = 0.0  #: error of the bar's length, by which readings are too large
-    bar_U_um: Certified | None = None  #: expanded uncertainty of the bar's length
-    mount_U_percent: Percent | None = None  #: expanded uncertainty of the mount's deflection
-    force_U_percent: Percent | None = None  #: expanded uncertainty of the force's gain
+    bar_U_um: Certified | None = None  #: expanded uncertainty (k = 2) of the bar's length
+    #: expanded uncertainty (k = 2) of the mount's deflection, in percent of the deflection
+    mount_U_percent: Percent | None = None
+    #: expanded uncertainty (k = 2) of the gain of the force measurement, in percent
+    force_U_percent: Percent | None = None
     #: largest deviation of the force from a straight line, in percent of the largest force
     force_linearity_percent: Percent | None = None
     force_random_N: Certified | None = None  #: random error of each force, one standard deviation
-    angle_U_deg: CertifiedAngle | None = None  #: expanded uncertainty of angle reference and lag
+    #: expanded uncertainty (k = 2) of the angle reference and of the lag of the readings
+    angle_U_deg: CertifiedAngle | None = None
     #: name of the bar's certificate; no number depends on it
     bar_certificate: Label | None = None
     #: name of the force device's certificate; no number depends on it

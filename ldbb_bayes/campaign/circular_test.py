@@ -106,18 +106,18 @@ class CircularTest(TestFields):
     """
 
     force_N: Force | None = None  #: radial force, above zero
-    #: angle θ of the bar's sensitive direction from the plane's first axis, shape (n,)
+    #: angles of the bar from the plane's first axis, one for each of the n readings, shape (n,)
     angle_deg: Any = None
-    reading_um: Any = None  #: reading ρ: actual distance of the balls − radius, shape (n,)
-    #: name of the test, such as f036 for 36 N; repeats are numbered
+    reading_um: Any = None  #: readings: actual distance of the balls − radius, shape (n,)
+    #: name of the test, such as f036 for 36 N; repetitions of a force are numbered
     name: FileName = field(default="", kw_only=True)
-    #: how far the work ball is turned in its socket
+    #: clocking: angle by which the work ball is turned in its socket
     work_ball_deg: Number = field(default=0.0, kw_only=True)
-    #: how far the tool ball is turned in its socket
+    #: clocking: angle by which the tool ball is turned in its socket
     tool_ball_deg: Number = field(default=0.0, kw_only=True)
-    #: angles in radians, instead of ``angle_deg``; converted to it and then None
+    #: angles in radians, given instead of ``angle_deg``; they are converted, and this becomes None
     angle_rad: Any = field(default=None, kw_only=True)
-    #: readings in mm, instead of ``reading_um``; converted to it and then None
+    #: readings in mm, given instead of ``reading_um``; they are converted, and this becomes None
     reading_mm: Any = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:

@@ -67,17 +67,17 @@ def _require_file_name(name: str) -> str:
 Number = Annotated[float, BeforeValidator(_refuse_text), Field(allow_inf_nan=False)]
 Positive = Annotated[Number, Field(gt=0.0)]
 Percent = Annotated[Number, Field(gt=0.0, le=100.0)]
-# Force [N].
+# Type of a force [N] that a user gives: above zero, at most 1e6.
 Force = Annotated[Number, Field(gt=0.0, le=1e6)]
-# Pressure [bar].
+# Type of a pressure [bar] that a user gives: zero or more.
 Pressure = Annotated[Number, Field(ge=0.0)]
-# Length [mm].
+# Type of a length [mm] that a user gives: above zero, at most 1e5.
 Length = Annotated[Number, Field(gt=0.0, le=1e5)]
-# Coordinate [mm].
+# Type of a coordinate [mm] that a user gives: at most 1e5 from zero.
 Coordinate = Annotated[Number, Field(ge=-1e5, le=1e5)]
-# Certified value [µm or N]; a larger value is probably in another unit.
+# Type of a certified value [µm or N]; a larger value is probably in another unit.
 Certified = Annotated[Number, Field(gt=0.0, le=1e3)]
-# Certified angle [deg]; a larger value is probably in another unit.
+# Type of a certified angle [deg]; a larger value is probably in another unit.
 CertifiedAngle = Annotated[Number, Field(gt=0.0, le=10.0)]
 # Harmonic a cos n(θ − phase) of a ball's form: order n, amplitude a [µm] and phase [deg].
 Harmonic = tuple[

@@ -57,9 +57,9 @@ _CONTROL_Z = b"\x1a"
 
 
 class Row(NamedTuple):
-    """One line of a table."""
+    """Row of a text table: its line number and its cells."""
 
-    line: int  #: line number in the file, from 1
+    line: int  #: line number of the row in the file, from 1
     cells: list[str]
 
 

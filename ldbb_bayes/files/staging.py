@@ -1,4 +1,4 @@
-"""Writing of folders completely or not at all."""
+"""Writing of folders, which are written completely or not at all."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def check_target(target: Path, *, force: bool, ours: Collection[str] = ()) -> No
         is_file = False
         names: list[str] | None = None
         try:
-            names = os.listdir(target)  # once: another run may be replacing the folder
+            names = os.listdir(target)  # read once: another run may replace the folder
         except FileNotFoundError:
             pass
         except NotADirectoryError:

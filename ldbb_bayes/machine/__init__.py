@@ -1,4 +1,4 @@
-"""Model of the machine: kinematic chain, exact readings of circles, and Jacobians."""
+"""Model of the machine: kinematic chain, exact readings, and readings per unit parameter."""
 
 import lazy_loader
 

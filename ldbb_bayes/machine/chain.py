@@ -73,7 +73,7 @@ class Circle(Shown):
     radius_mm: float = 150.0  #: nominal distance between the balls
     #: position of the work ball; its component normal to the plane affects lever arms only
     centre_mm: Sequence[float] = (0.0, 0.0, 0.0)
-    plane: str = "XY"  #: angles are measured from the first axis of the plane
+    plane: str = "XY"  #: plane of the circle; angles are measured from the plane's first axis
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "centre_mm", tuple(self.centre_mm))
@@ -145,8 +145,8 @@ class Machine(Shown):
 
     topology: str = "wCAFYXZSt"  #: machine axes in order from workpiece to tool
     planes: str | Sequence[str] = ("XY",)  #: planes of the circular tests, of XY, YZ and ZX
-    #: Position of each joint's frame with all axes at zero, relative to the point where the balls
-    #: coincide; by default zero, as in the paper.
+    #: position (X, Y, Z) of the frame of each joint with all axes at zero, by axis letter. It is
+    #: relative to the point where the balls coincide, and by default zero, as in the paper.
     frames_mm: Mapping[str, Sequence[float]] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:

@@ -61,7 +61,7 @@ _INDEPENDENT = 1e-8
 
 
 class ErrorBearer(NamedTuple):
-    """Joint at which a geometric error acts, and its order with the joint's motion."""
+    """Joint at which a geometric error acts, before or after the joint's motion."""
 
     joint: Joint
     #: whether the error acts before the joint's own motion, seen from the foundation
@@ -160,7 +160,7 @@ class Kept:
     """Compliances that circles can separate (kept), and the others that each one represents.
 
     A proportional set is a set of compliances that change the readings proportionally. The readings
-    determine only their weighted sum, which one representative of the set stands for.
+    determine only their weighted sum; one compliance, the representative, is kept for the set.
     """
 
     #: kept compliances, one for each proportional set, in the order of Table 1 of the paper
@@ -305,7 +305,7 @@ def _not_negative(
 ) -> tuple[bool, ...]:
     """Return for each kept compliance whether it cannot be negative.
 
-    A kept compliance stands for a weighted sum Σ_k ⟨A_k, C_k⟩ of the compliance matrices C_k of the
+    A kept compliance represents a weighted sum Σ_k ⟨A_k, C_k⟩ of the compliance matrices C_k of the
     joints k. A_k are symmetric matrices of weights, all of shape (6, 6), and ⟨ , ⟩ is the sum of
     the products of elements. If every A_k is positive semi-definite, the sum is not negative for
     any positive semi-definite C_k, and only then.

@@ -1,4 +1,7 @@
-"""The hybrid model of compliance and geometry: terms, priors, likelihood and truncation."""
+"""Hybrid model of compliance and geometry: terms, priors, likelihood and truncation.
+
+Terms are effects that are modelled but not of interest. Truncation excludes negative compliances.
+"""
 
 import lazy_loader
 

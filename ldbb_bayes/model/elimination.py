@@ -91,7 +91,8 @@ class Front(NamedTuple):
 
         Returns
         -------
-        Shape (groups, s, s + m + 1, w); Aᵀ D⁻¹ r is the last of the s + m + 1 entries.
+        Array of shape (groups, s, s + m + 1, w) for groups of s columns with m border columns;
+        Aᵀ D⁻¹ r is the last of the s + m + 1 entries.
         """
         _, columns, entries, _ = self.gram.shape
         group_weight = weight[self.kinds][:, None]

@@ -298,7 +298,7 @@ class Gaussian(Shown):
 
         Returns
         -------
-        X, shape (..., q, q), or (..., m, q) for linear combinations.
+        Square root X, shape (..., q, q), or (..., m, q) for linear combinations.
         """
         rows = np.eye(self.scale.shape[-1]) if combinations is None else combinations
         scaled = np.swapaxes(rows * self.scale[..., None, :], -1, -2)

@@ -1,4 +1,4 @@
-"""Least squares of minimum norm and square roots of singular covariances."""
+"""Least-squares solutions of minimum norm, and square roots of singular covariance matrices."""
 
 from __future__ import annotations
 

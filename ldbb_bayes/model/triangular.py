@@ -73,9 +73,9 @@ def solve_lower(
     Parameters
     ----------
     lower
-        L, shape (..., q, q).
+        Matrices L, shape (..., q, q).
     right
-        X, shape (..., q, k).
+        Right-hand sides X, shape (..., q, k).
     triangular
         Whether X is lower triangular too, which saves half of the computation.
     """
@@ -94,9 +94,9 @@ def solve_upper(lower: Array, right: Array) -> Array:
     Parameters
     ----------
     lower
-        L, shape (..., q, q).
+        Matrices L, shape (..., q, q).
     right
-        x, shape (..., q).
+        Right-hand sides x, shape (..., q).
     """
     lower, solved = _move_stack_last(lower, right, 1)
     for i in reversed(range(len(solved))):

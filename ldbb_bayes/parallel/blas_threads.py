@@ -23,7 +23,7 @@ ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "OMP_NUM_THRE
 
 
 def one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:
-    """Return a function that does the same with one thread of BLAS.
+    """Return a function that does the same as ``function``, with a single thread of BLAS.
 
     BLAS is the linear algebra library behind NumPy.
 

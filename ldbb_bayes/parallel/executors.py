@@ -1,4 +1,4 @@
-"""Executors that run jobs in other processes, chosen by the options of a command."""
+"""Executors, which run jobs in other processes, as the options of a command choose them."""
 
 from __future__ import annotations
 

@@ -373,7 +373,7 @@ def _holds_only_units(cells: Sequence[str]) -> bool:
             uncertain.append(cell)
     n_certain = n_known + n_bracketed
     n_needed = min(2, n_certain + len(uncertain))
-    if "grad" in [comparable(cell) for cell in uncertain]:  # German for degree
+    if "grad" in [comparable(cell) for cell in uncertain]:  # the German word for degree
         n_needed = min(1, n_needed)
     if n_known == 0 or n_certain < n_needed:
         return False

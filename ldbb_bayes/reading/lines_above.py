@@ -170,7 +170,7 @@ def statements_in(lines: Lines) -> dict[str, list[LineStatement]]:
 def _pattern(words: str) -> re.Pattern[str]:
     """Return the pattern of words for a quantity, followed by its number and unit.
 
-    The unit may stand before or after the number.
+    The unit may precede or follow the number.
     """
     between = rf"{_PARTS['between']}{{0,4}}"
     return re.compile(

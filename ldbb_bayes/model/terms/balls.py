@@ -1,6 +1,7 @@
-"""Terms of the form of the balls and of the machine's pattern of higher orders.
+"""Nuisance terms for the form of the balls, and for the machine's errors of higher orders.
 
-A harmonic of order n is cos nθ or sin nθ, with θ the angle on the circle.
+Nuisance terms are effects that are modelled but not of interest. A harmonic of order n is cos nθ or
+sin nθ, with θ the angle on the circle.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ _DECAY = Scale("decay", "decay", "p", "decay of form with its order", "decay")
 # Prior variance of each coefficient of the orders 2 and 3, per square of the ball's deviation from
 # sphericity (peak to valley).
 _VARIANCE_PER_SPHERICITY = 1.0 / 24.0
-# The highest order to which a stated deviation from sphericity is attributed.
+# Highest order n of the harmonics to which a stated deviation from sphericity is attributed.
 _LAST_SPHERICITY_ORDER = 3
 
 
@@ -87,9 +88,10 @@ class BallForm(Term):
     BallForm(sphericity_um=0.5, law='decay')
     """
 
-    #: deviation from sphericity, peak to valley, of a ball of which nothing is stated
+    #: deviation from sphericity, peak to valley, of a ball without certificate or grade
     sphericity_um: float = 2.5
-    #: how the prior sd falls with the order n: decay, with the power p, or 1/n
+    #: law by which the prior sd falls with the order n: n^(−p) with a hyper-parameter p (decay),
+    #: or 1/n
     law: Literal["decay", "1/n"] = "decay"
     stem = ("form", "work_form", "tool_form")
     calibration = "a calibration of the balls' form"

@@ -1,4 +1,7 @@
-"""Terms of effects that differ between circles: shift, discrepancy, hysteresis and drift."""
+"""Nuisance terms that differ between circles: shift, discrepancy, hysteresis and drift.
+
+Nuisance terms are effects that are modelled but not of interest.
+"""
 
 from __future__ import annotations
 

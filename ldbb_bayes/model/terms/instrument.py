@@ -1,4 +1,7 @@
-"""Terms of the measuring instrument: bar length, mount, force device, angle reference."""
+"""Nuisance terms of the instrument: bar length, mount, force device and angle reference.
+
+Nuisance terms are effects that are modelled but not of interest.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Terms of the machine's joints: nonlinear compliance under load, and change along the travel."""
+"""Nuisance terms of the machine's joints: nonlinear compliance, and change along the travel.
+
+Nuisance terms are effects that are modelled but not of interest.
+"""
 
 from __future__ import annotations
 
