@@ -42,8 +42,8 @@ _CACHE_SIZE = 1 << 19
 BLAS_MULTIPLE = 8
 # Overhead of the function calls for one column, as the number of multiplications that take as long.
 _CALL_COST = 60.0
-# Number of columns that one matrix product assembles. Fewer waste time in calls; more compute
-# entries below the diagonal that are not needed.
+# Number of columns that one matrix product computes. A smaller number wastes time in function
+# calls. A larger one computes entries below the diagonal that are not needed.
 _GRAM_COLUMNS = 4
 
 
@@ -66,7 +66,7 @@ class Front(NamedTuple):
 
     @property
     def entries(self) -> int:
-        """Number of matrix entries for each value of the hyper-parameters."""
+        """Number of matrix entries that are computed for each value of the hyper-parameters."""
         return int(np.prod(self.gram.shape[:3]))
 
     def assemble(

@@ -175,35 +175,37 @@ class Prior(Shown):
     cross_mm_per_N: float = 1e-5  #: prior sd of C_XYX
     rotation_for_force_rad_per_N: float = 1e-7  #: prior sd of C_CXY and C_CYY
     rotation_for_moment_rad_per_N_mm: float = 1e-9  #: prior sd of C_CCY
-    #: prior sd of the slope C_k of degree k: slope_scale · size / (F_max − F_min)^k; F_min and
-    #: F_max are the campaign's extreme forces, and ``slopes_of_estimate`` says what the size is
+    #: factor of the prior sd of slopes: a slope of degree k has the prior sd slope_scale · size /
+    #: (F_max − F_min)^k. F_min and F_max are the campaign's extreme forces; ``slopes_of_estimate``
+    #: states which size of the compliance is used.
     slope_scale: float = 0.3
     gain: float = 2e-4  #: prior sd of E_XX1 and E_YY1
     squareness_rad: float = 5e-5  #: prior sd of E_C(0Y)X
     straightness_per_mm: float = 1e-6  #: prior sd of E_YX2 and E_XY2
     offset_mm: float = 0.02  #: prior sd of E_Xt0 and E_Yt0
-    sigma_um: float = 1.0  #: scale of the half-normal prior of σ, white noise
-    delta_um: float = 1.0  #: scale of the half-normal prior of δ, shift between set-ups
-    kappa_um: float = 1.0  #: scale of the half-normal prior of κ, model discrepancy
-    #: scale of the half-normal prior of τ, form of the balls at order 6
+    sigma_um: float = 1.0  #: scale of the half-normal prior of σ, the sd of white noise
+    delta_um: float = 1.0  #: scale of the half-normal prior of δ, the sd of set-up shifts
+    kappa_um: float = 1.0  #: scale of the half-normal prior of κ, the sd of discrepancy
+    #: scale of the half-normal prior of τ, the sd of the balls' form at order 6
     tau_um: float = 1.5
-    #: scale of the half-normal prior of ω, the machine's own pattern at order 6
+    #: scale of the half-normal prior of ω, the sd of the machine's pattern at order 6
     omega_um: float = 1.5
-    eta_um: float = 2.0  #: scale of the half-normal prior of η, hysteresis
-    #: prior mean of the power by which form falls with its order; Gaussian within [0.5, 3.5]
+    eta_um: float = 2.0  #: scale of the half-normal prior of η, the sd of hysteresis
+    #: prior mean of the power by which the sd of the balls' form falls with its order; the prior is
+    #: Gaussian, restricted to [0.5, 3.5]
     decay: float = 2.0
-    decay_sd: float = 0.7  #: prior sd of the power by which form falls with its order
-    #: the size that ``slope_scale`` multiplies: if true, max(|Ĉ|, sd(C)/20), where Ĉ is the
-    #: least-squares estimate of the compliance and sd(C) its prior sd; if false, sd(C) (model of
-    #: the first edition)
+    decay_sd: float = 0.7  #: prior sd of the power by which the balls' form falls with its order
+    #: whether the prior sd of a slope is proportional to the estimate of its compliance. If true,
+    #: the size that ``slope_scale`` multiplies is max(|Ĉ|, sd(C)/20), where Ĉ is the least-squares
+    #: estimate and sd(C) the prior sd. If false, it is sd(C), as in the model's first edition.
     slopes_of_estimate: bool = True
-    #: whether C_XXX(F), C_YYY(F) and C_CCY(F) must not be negative at the tested forces F:
-    #: F · C(F) is a deflection in the direction of the load itself
+    #: whether C_XXX, C_YYY and C_CCY must not be negative at the tested forces, because they are
+    #: deflections in the direction of the load itself
     truncated: bool = True
-    flat: bool = False  #: no prior on the parameters of interest (the paper's least squares)
-    #: prior sds by name of parameter, in internal units (mm, N, rad)
+    flat: bool = False  #: whether parameters have flat priors, as in the paper's least squares
+    #: prior sds that replace the defaults, by name of the parameter, in internal units (mm, N, rad)
     overrides: Mapping[str, float] = field(default_factory=dict)
-    #: prior means by name of parameter, in internal units (mm, N, rad)
+    #: prior means that are not zero, by name of the parameter, in internal units (mm, N, rad)
     means: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

@@ -55,7 +55,7 @@ _DASK_OPTIONS: dict[str, Any] = {
     # Dask must not repeat a job whose worker was killed: `done` repeats it after all other jobs.
     "distributed.scheduler.allowed-failures": 0,
     "distributed.comm.timeouts.connect": ANSWER_S,
-    # No record of run times: it would grow with every job.
+    # Workers keep no record of run times, which would grow with every job.
     "distributed.worker.profile.enabled": False,
     "distributed.worker.preload": [__name__],
     "distributed.nanny.pre-spawn-environ": _WORKER_ENVIRONMENT,

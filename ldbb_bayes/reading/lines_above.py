@@ -53,7 +53,7 @@ class LineStatement:
 class _Quantity(NamedTuple):
     """Quantity, such as the radius, whose value a line above a table may state."""
 
-    words: str  #: pattern of the words for the quantity
+    words: str  #: text pattern of the words that name the quantity
     usual_unit: str  #: unit that is assumed if the line states none; empty if a unit is necessary
     units: Mapping[str, float]  #: permitted units, each with its size in the unit of the field
 

@@ -161,8 +161,8 @@ class Hysteresis(Term):
     'hysteresis in proportion to force (cos 2θ)'
     """
 
-    constant_um: float = 2.0  #: prior sd of the part that does not depend on force, if law is fixed
-    proportional_um_per_kN: float = 2.0  #: prior sd of the part proportional to force
+    constant_um: float = 2.0  #: prior sd of the hysteresis without force, if law is fixed
+    proportional_um_per_kN: float = 2.0  #: prior sd of the hysteresis proportional to force
     #: whether η is a hyper-parameter (sampled) or replaced by ``constant_um`` (fixed)
     law: Literal["sampled", "fixed"] = "sampled"
     calibration = "a narrower prior of it"
