@@ -36,9 +36,9 @@ class CertifiedQuantity:
     holders: tuple[str, ...]  #: names of the elements that contain the quantity, outermost first
     value: float
     unit: str | None  #: unit in the notation of the D-SI (Digital SI), such as \micro\metre
-    U: float | None  #: expanded uncertainty
-    k: float | None  #: coverage factor of U
-    coverage: float | None  #: coverage probability of U
+    U: float | None  #: expanded uncertainty, as the certificate states it
+    k: float | None  #: coverage factor of the expanded uncertainty
+    coverage: float | None  #: coverage probability of the expanded uncertainty
 
     @property
     def title(self) -> str:
@@ -105,7 +105,7 @@ class CertifiedQuantity:
         return value, _without_rounding(U * size.factor / factor)
 
     def magnitude(self) -> float:
-        """Return the absolute value, in SI units (bar for pressure)."""
+        """Return the absolute value of the quantity in SI units, with bar for pressure."""
         value, _ = self.numbers()
         return abs(value)
 

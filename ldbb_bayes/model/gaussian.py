@@ -155,7 +155,7 @@ class Gaussian(Shown):
         Parameters
         ----------
         rows
-            Columns in units of the noise, shape (..., n, q).
+            Design matrix of n readings and q coefficients, in units of the noise, (..., n, q).
         values
             Readings in units of the noise, shape (..., n).
 
@@ -189,7 +189,7 @@ class Gaussian(Shown):
         Parameters
         ----------
         rows
-            Columns in units of the noise, shape (..., n, q).
+            Design matrix of n readings and q coefficients, in units of the noise, (..., n, q).
         values
             Readings in units of the noise, shape (..., n).
         """

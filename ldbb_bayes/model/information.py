@@ -174,7 +174,8 @@ class Information:
         Parameters
         ----------
         fixed, times
-            See `root`.
+            Terms or coefficients that are taken as known, and the number of repetitions of all
+            readings, as in `root`.
         """
         root, free = self.root(fixed, times=times)
         inverse = scipy.linalg.solve_triangular(root, np.eye(len(root)))
@@ -195,7 +196,8 @@ class Information:
         Parameters
         ----------
         fixed, times
-            See `root`.
+            Terms or coefficients that are taken as known, and the number of repetitions of all
+            readings, as in `root`.
         """
         return np.diag(self.covariance(fixed, times=times))[self.interest]
 

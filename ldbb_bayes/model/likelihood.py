@@ -183,7 +183,7 @@ class StructuredGaussian:
         Parameters
         ----------
         phi, beta
-            See `log_density`.
+            Hyper-parameters, shape (w, h) [mm], and parameters of interest, shape (w, p) or (p,).
         last
             Number of shared coefficients to return, counted from the end; by default all.
         """
@@ -224,7 +224,7 @@ class StructuredGaussian:
         Parameters
         ----------
         phi, beta
-            See `log_density`.
+            Hyper-parameters, shape (w, h) [mm], and parameters of interest, shape (w, p) or (p,).
         shared
             Values of the q coefficients that all tests share, shape (w, q).
         """

@@ -33,7 +33,7 @@ ANSWER_S = 10.0
 # Number of threads that wait for results of Dask workers. It limits the number of jobs that are
 # submitted at once.
 _WAITING_THREADS = 64
-# Names of loggers that are silenced, because their messages are also raised as exceptions.
+# Names of Dask's loggers that are silenced, because their messages are also raised as exceptions.
 _LOGGERS = (
     "distributed",
     "distributed.client",

@@ -50,7 +50,7 @@ class AssumptionLog:
     def keep(self, **fields: Any) -> None:
         """Keep fields of the layout as found in one sheet.
 
-        A value is None if the sheet itself states it, so that the layout need not.
+        A value is None if the sheet itself states it; the layout then leaves the field open.
         """
         for key, value in fields.items():
             self._layout_values.setdefault(key, []).append(value)

@@ -33,7 +33,8 @@ _SMALL_ARCHIVE = _MEGABYTE
 # Pattern of a cell with a very high row or column number: a table that extends to this cell does
 # not fit into memory.
 _DISTANT_CELL = re.compile(rb'\br="([A-Z]{3,}\d+|[A-Z]+\d{6,})"')
-# Size of one sector of a compound file, the format of XLS [bytes]; a complete file has whole ones.
+# Size [bytes] of one sector of a compound file, the format of XLS. A complete file consists of
+# whole sectors.
 _SECTOR = 512
 # Whole numbers below this are converted to texts without a decimal point; double precision holds
 # them exactly.

@@ -161,7 +161,8 @@ class Hysteresis(Term):
     'hysteresis in proportion to force (cos 2θ)'
     """
 
-    constant_um: float = 2.0  #: prior sd of the hysteresis without force, if law is fixed
+    #: prior sd of the part of hysteresis that does not depend on force; used if ``law`` is fixed
+    constant_um: float = 2.0
     proportional_um_per_kN: float = 2.0  #: prior sd of the hysteresis proportional to force
     #: whether η is a hyper-parameter (sampled) or replaced by ``constant_um`` (fixed)
     law: Literal["sampled", "fixed"] = "sampled"
