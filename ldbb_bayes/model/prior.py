@@ -171,18 +171,20 @@ class Prior(Shown):
     {'E_XX1': 0.0001}
     """
 
-    direct_mm_per_N: float = 1e-4  #: prior sd of C_XXX and C_YYY
-    cross_mm_per_N: float = 1e-5  #: prior sd of C_XYX
-    rotation_for_force_rad_per_N: float = 1e-7  #: prior sd of C_CXY and C_CYY
-    rotation_for_moment_rad_per_N_mm: float = 1e-9  #: prior sd of C_CCY
+    direct_mm_per_N: float = 1e-4  #: prior sd of direct compliances, such as C_XXX
+    cross_mm_per_N: float = 1e-5  #: prior sd of cross compliances, such as C_XYX
+    #: prior sd of rotations caused by a force, such as C_CXY
+    rotation_for_force_rad_per_N: float = 1e-7
+    #: prior sd of rotations caused by a moment, such as C_CCY
+    rotation_for_moment_rad_per_N_mm: float = 1e-9
     #: factor of the prior sd of slopes: a slope of degree k has the prior sd slope_scale · size /
     #: (F_max − F_min)^k. F_min and F_max are the campaign's extreme forces; ``slopes_of_estimate``
     #: states which size of the compliance is used.
     slope_scale: float = 0.3
-    gain: float = 2e-4  #: prior sd of E_XX1 and E_YY1
-    squareness_rad: float = 5e-5  #: prior sd of E_C(0Y)X
-    straightness_per_mm: float = 1e-6  #: prior sd of E_YX2 and E_XY2
-    offset_mm: float = 0.02  #: prior sd of E_Xt0 and E_Yt0
+    gain: float = 2e-4  #: prior sd of scale errors of axes, such as E_XX1
+    squareness_rad: float = 5e-5  #: prior sd of squareness errors, such as E_C(0Y)X
+    straightness_per_mm: float = 1e-6  #: prior sd of quadratic straightness, such as E_YX2
+    offset_mm: float = 0.02  #: prior sd of offsets of the tool ball, such as E_Xt0
     sigma_um: float = 1.0  #: scale of the half-normal prior of σ, the sd of white noise
     delta_um: float = 1.0  #: scale of the half-normal prior of δ, the sd of set-up shifts
     kappa_um: float = 1.0  #: scale of the half-normal prior of κ, the sd of discrepancy

@@ -94,7 +94,7 @@ class Setting:
     two_balls: bool  #: whether each of the two balls has a separate form, not one for their sum
     clocked: bool  #: whether the clocking angle of a ball differs between tests
     radii_mm: tuple[float, ...]  #: the different nominal radii of the circles
-    setups: tuple[int, ...]  #: the different numbers of set-ups
+    setups: tuple[int, ...]  #: number of each set-up, such as 1 and 2
     planes: tuple[str, ...]  #: the machine's planes, such as XY
     both_ways: tuple[str, ...]  #: planes in which circles run in both directions of travel
     largest_force_N: float  #: largest force of the whole campaign

@@ -98,7 +98,7 @@ def dask_executor(scheduler: str | None = None, workers: int = 0) -> Iterator[Ex
     """
     refuse_to_nest()
     try:
-        import dask  # an optional dependency
+        import dask  # imported here, because Dask need not be installed
         import distributed
     except ImportError as error:
         raise InputError(
@@ -161,7 +161,7 @@ def _local_cluster(workers: int) -> Iterator[Any]:
     If a worker died, closing the cluster may take long. It is not waited for beyond a time limit,
     because all results have arrived by then.
     """
-    from distributed import LocalCluster  # an optional dependency
+    from distributed import LocalCluster  # imported here, because Dask need not be installed
 
     try:
         cluster = LocalCluster(n_workers=workers or usable_cores(), **_CLUSTER_OPTIONS)

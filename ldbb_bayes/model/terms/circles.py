@@ -43,7 +43,9 @@ class SetupShift(Term):
     ['delta_0', 'delta_1']
     """
 
-    moves: Moves = "together"  #: what moves: together, apart, zero or centre
+    #: what moves: zero and centre with one common sd (together) or separate sds (apart), or only
+    #: one of them (zero, centre)
+    moves: Moves = "together"
     words = "set-up shift"
     remedy = "Run more circles: zero and centre move from one to the next."
 
