@@ -18,7 +18,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.campaign import Campaign, require_campaign
 from ldbb_bayes.errors import require
@@ -142,7 +141,7 @@ class LogDensity(Shown):
         scales = len(self.bound.hyper_prior.names)
         return f"LogDensity of {campaign!r}: {parameters} parameters, {scales} scales"
 
-    def log_prob(self, x: Array) -> float | NDArray[np.float64]:
+    def log_prob(self, x: Array) -> Array:
         """Return the log density of the readings and of x; −inf where the prior density is zero.
 
         It is ln p(y | x) + ln p(x), for the readings y and the point x of parameters and
@@ -150,7 +149,7 @@ class LogDensity(Shown):
         """
         return self._evaluate(x, self._log_joint)
 
-    def log_prior(self, x: Array) -> float | NDArray[np.float64]:
+    def log_prior(self, x: Array) -> Array:
         """Return the log prior density ln p(x) at x.
 
         x are parameters and hyper-parameters. The density is −inf where a compliance is negative,
@@ -159,7 +158,7 @@ class LogDensity(Shown):
         """
         return self._evaluate(x, self._log_prior)
 
-    def log_likelihood(self, x: Array) -> float | NDArray[np.float64]:
+    def log_likelihood(self, x: Array) -> Array:
         """Return the log density ln p(y | x) of the readings y in mm, given x.
 
         x are parameters and hyper-parameters. The result is −inf if a hyper-parameter is out of
@@ -246,9 +245,7 @@ class LogDensity(Shown):
         )
         return points
 
-    def _evaluate(
-        self, x: Array, density: Callable[[Array, Array], Array]
-    ) -> float | NDArray[np.float64]:
+    def _evaluate(self, x: Array, density: Callable[[Array, Array], Array]) -> Array:
         """Return a log density at x; −inf if a hyper-parameter is out of its bounds.
 
         ``density`` is a function of the parameters and the hyper-parameters.
@@ -262,9 +259,9 @@ class LogDensity(Shown):
         log_density = np.full(len(points), -np.inf)
         if inside.any():
             log_density[inside] = density(beta[inside], phi[inside])
-        if values.ndim == 1:
-            return float(log_density[0])
-        return log_density
+        # The empty index makes a number of an array without axes, which one point would give.
+        of_points: Array = log_density.reshape(values.shape[:-1])[()]
+        return of_points
 
 
 def _log_joint(bound: BoundModel, beta: Array, phi: Array, log_hyper_prior: Array) -> Array:
