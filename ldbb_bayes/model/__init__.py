@@ -1,6 +1,7 @@
 """Hybrid model of compliance and geometry: terms, priors, likelihood and truncation.
 
-Terms are effects that are modelled but not of interest. Truncation excludes negative compliances.
+Terms are effects on the readings that are modelled but not of interest. Truncation restricts the
+compliances to values that are not negative.
 """
 
 import lazy_loader

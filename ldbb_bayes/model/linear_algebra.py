@@ -16,20 +16,20 @@ def minimum_norm_solution(
     *,
     rank_tolerance: float = 1e-10,
 ) -> Array:
-    """Return the least-squares solution of smallest norm for p parameters, shape (p,).
+    """Return the p parameters β of smallest norm that minimise |jacobian β − y|, shape (p,).
 
     Parameters
     ----------
     jacobian
-        Columns of the parameters, shape (n, p).
+        Derivatives of the n readings with respect to the p parameters, shape (n, p).
     y
         Readings, shape (n,).
     scale
-        Units of the parameters in which the norm is computed, shape (p,); by default the reciprocal
-        norms of the columns.
+        Unit of each parameter, shape (p,): the norm of β is computed in these units. By default the
+        units are the reciprocal norms of the columns of ``jacobian``.
     rank_tolerance
-        Combinations of parameters whose singular value is below this share of the largest count as
-        undetermined by the readings.
+        Combinations of parameters count as undetermined by the readings if their singular value is
+        below this share of the largest singular value.
     """
     if scale is None:
         norms = np.linalg.norm(jacobian, axis=0)
@@ -39,9 +39,9 @@ def minimum_norm_solution(
 
 
 def singular_root(covariance: Array) -> Array:
-    """Return a square root X of a covariance matrix, X Xᵀ = covariance, shape (..., p, p).
+    """Return a square root X of covariance matrices, with X Xᵀ = covariance, shape (..., p, p).
 
-    The covariance may be singular, unlike for a Cholesky factor.
+    Unlike a Cholesky factor, X exists for singular covariance matrices too.
     """
     symmetric = 0.5 * (covariance + np.swapaxes(covariance, -1, -2))
     values, vectors = np.linalg.eigh(symmetric)

@@ -11,12 +11,14 @@ from ldbb_bayes.results import Array
 
 __all__ = ["mixture_moments", "mixture_quantiles", "weighted_quantiles"]
 
-# Maximum number of steps of Newton's method; bisection alone needs about fifty.
+# Maximum number of steps of Newton's method when a quantile of a Gaussian mixture is computed.
+# Bisection alone would need about fifty steps.
 _ITERATIONS = 100
-# Newton's method ends when a step is no longer than this, in standard deviations of the mixture.
+# The search for a quantile of a Gaussian mixture ends when a step of Newton's method is no longer
+# than this, in standard deviations of the mixture.
 _STEP_TOLERANCE = 1e-12
-# Number of values (components times mixtures) that are processed at once, so that they fit into the
-# processor's cache.
+# Largest number of values (Gaussian components times mixtures) that are processed at once, so that
+# they fit into the processor's cache.
 _CHUNK = 200_000
 
 
@@ -25,14 +27,15 @@ def mixture_moments(
     mean: Array,
     sd: Array,
 ) -> tuple[Array, Array]:
-    """Return mean and standard deviation of mixtures of Gaussians, each of shape (...).
+    """Return mean and standard deviation of mixtures of k Gaussians, each of shape (...).
 
     Parameters
     ----------
     weight
-        Weights of the components, shape (k,).
+        Weights of the k Gaussian components, shape (k,), which sum to one.
     mean, sd
-        Means and standard deviations of the components, shape (k, ...).
+        Means and standard deviations of the components, shape (k, ...); the dimensions "..." hold
+        many mixtures.
     """
     centre = np.tensordot(weight, mean, 1)
     variance = np.tensordot(weight, sd**2 + (mean - centre) ** 2, 1)
@@ -45,19 +48,21 @@ def mixture_quantiles(
     sd: Array,
     levels: Sequence[float] | Array,
 ) -> Array:
-    """Return quantiles of mixtures of Gaussians, shape (levels, ...).
+    """Return quantiles of mixtures of k Gaussians, shape (levels, ...).
 
-    The distribution function is solved by Newton's method within a bracket of the quantile.
+    The equation distribution function = level is solved by Newton's method, with bounds that always
+    enclose the quantile.
 
     Parameters
     ----------
     weight
-        Weights of the components, shape (k,), or an array that broadcasts with ``mean``; they sum
-        to one along the first axis.
+        Weights of the k Gaussian components, shape (k,), or an array that broadcasts with ``mean``;
+        they sum to one along the first dimension.
     mean, sd
-        Means and standard deviations of the components, shape (k, ...).
+        Means and standard deviations of the components, shape (k, ...); the dimensions "..." hold
+        many mixtures.
     levels
-        Probabilities, each strictly between zero and one.
+        Probabilities of the quantiles, each strictly between zero and one.
     """
     flat_mean = mean.reshape(len(mean), -1)
     flat_sd = sd.reshape(len(mean), -1)
@@ -82,7 +87,8 @@ def _mixture_quantile(
 ) -> Array:
     """Return the quantile at one probability of n mixtures of k Gaussians, shape (n,).
 
-    ``level`` is the probability; the other arrays have shape (k, n).
+    ``level`` is the probability. ``weight``, ``mean`` and ``sd`` are the weights, means and
+    standard deviations of the Gaussians, each of shape (k, n).
     """
     component_quantiles = mean + ndtri(level) * sd
     low = component_quantiles.min(axis=0)
@@ -100,8 +106,9 @@ def _mixture_quantile(
             newton_x = x - excess / density
         low = np.where(excess <= 0.0, x, low)
         high = np.where(excess >= 0.0, x, high)
-        # Take Newton's step where it converges, or where it stays inside the bracket and is at most
-        # half as long as the step before. Elsewhere halve the bracket.
+        # Take the step of Newton's method where it is short enough to end the search, or where it
+        # stays between the bounds of the quantile and is at most half as long as the step before.
+        # Elsewhere go to the middle of the two bounds.
         size = np.abs(newton_x - x)
         converged = size <= _STEP_TOLERANCE * spread
         inside = (newton_x > low) & (newton_x < high)
@@ -122,16 +129,16 @@ def weighted_quantiles(
     """Return quantiles of weighted random draws, shape (levels, ...).
 
     Quantiles are interpolated linearly between the sorted draws. The probability at each draw is
-    the sum of the weights below it plus half its own weight.
+    the sum of the weights of all smaller draws plus half its own weight.
 
     Parameters
     ----------
     weight
         Weights of the random draws, shape (k,), which sum to one.
     draws
-        Random draws, shape (k, ...).
+        k random draws of the quantities, shape (k, ...).
     levels
-        Probabilities, each between zero and one.
+        Probabilities of the quantiles, each between zero and one.
     """
     flat = draws.reshape(len(draws), -1)
     quantiles = np.empty((len(levels), flat.shape[1]))

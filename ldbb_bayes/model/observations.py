@@ -2,14 +2,16 @@
 
     z − H β = A x + N(0, D(φ))
 
-z are the readings of T tests, reduced to Fourier coefficients (`reduction`). β are the p
-parameters, with the columns H (rows, p). x are the coefficients of nuisances, which are effects
-modelled but not of interest; each is in units of its prior standard deviation. A
-(rows, coefficients) are their columns. Some coefficients are shared by all tests; private ones
-belong to a single test. The rows of a test are rotated so that all its noise is diagonal. Every
-prior of a coefficient is one more row. Only the diagonal matrix D depends on the hyper-parameters
-φ, the scales of the noise and of nuisances. Its entries are sums of known numbers times squared
-sources of variance; a source is a hyper-parameter or a product of hyper-parameters.
+z are the readings of all tests, reduced to at most 26 numbers a test (`reduction`). β are the p
+parameters of interest (compliances, their slopes and geometric errors), with the design matrix H
+(rows, p). x are the coefficients of nuisances, which are effects modelled but not of interest, with
+the design matrix A (rows, coefficients); each coefficient is expressed in a unit of its own
+(`Observations.unit`). Shared coefficients are the same in all tests; private ones belong to a
+single test. The rows of a test are rotated so that all its noise is diagonal. Every prior of a
+coefficient is one more row. Only the diagonal matrix D depends on the hyper-parameters φ, the
+scales (standard deviations) of the noise and of nuisances. The entries of D are sums of known
+numbers times squared sources of variance; a source is a hyper-parameter or a product of
+hyper-parameters.
 """
 
 from __future__ import annotations
@@ -35,85 +37,99 @@ _LOG_2PI = float(np.log(2 * np.pi))
 class Rows(NamedTuple):
     """The n rows of observation equations z − H β = A x + N(0, D).
 
-    z are readings or prior means, β the p parameters, x the coefficients of nuisances (effects
-    modelled but not of interest), and D is a diagonal covariance.
+    z are reduced readings or prior means, β the p parameters of interest, x the coefficients of
+    nuisances (effects modelled but not of interest), and D is a diagonal covariance.
     """
 
-    #: Design matrix A of the nuisance coefficients, shape (n, columns).
+    #: Design matrix A of the coefficients of nuisances (effects modelled but not of interest), one
+    #: column for each coefficient, shape (n rows, coefficients).
     columns: Array
-    #: Design matrix H of the p parameters of interest, shape (n, p).
+    #: Design matrix H of the p parameters of interest (compliances, their slopes and geometric
+    #: errors), shape (n rows, p).
     interest: Array
-    #: Left-hand side of each row: a reduced reading or a prior mean, shape (n,).
+    #: Left-hand side z of each of the n rows [mm for readings]: a reduced reading, or the prior
+    #: mean of a coefficient, shape (n,).
     values: Array
-    #: Number of readings that each row represents, shape (n,).
+    #: Number of readings that each of the n rows represents, shape (n,); 1 for a row that is the
+    #: prior of a coefficient.
     readings: Array
-    #: Index of each row's test, shape (n,). Priors of coefficients that all tests share have the
-    #: number of tests instead.
+    #: Index of the test that each of the n rows belongs to, shape (n,). A row that is the prior of
+    #: a coefficient common to all tests has the number of tests instead.
     test: NDArray[np.intp]
-    #: Factors of the squared sources of variance in the noise variance of each row, shape
-    #: (n, sources). A source is a hyper-parameter or a product of hyper-parameters.
+    #: Numbers v, shape (n, sources), that give the variance of each of the n rows as
+    #: Σ v · source². A source of variance is a hyper-parameter (the standard deviation of an
+    #: effect) or a product of hyper-parameters.
     variance: Array
 
 
 class Observations(NamedTuple):
     """Observation equations of all tests, and further quantities for the likelihood.
 
-    They are linear equations between readings, parameters and coefficients of nuisances, which are
-    effects modelled but not of interest.
+    The equations are linear in the parameters of interest and in the coefficients of nuisances,
+    which are effects modelled but not of interest.
     """
 
     rows: Rows
-    #: Sources of variance: hyper-parameters and products of hyper-parameters.
+    #: Sources of variance, by which the noise variances of the rows are stated: hyper-parameters
+    #: (standard deviations of effects) and products of hyper-parameters.
     sources: list[Source]
-    #: Unit of every coefficient: its prior sd, or with a flat prior the reciprocal norm of its
-    #: column.
+    #: Unit in which every nuisance coefficient is expressed, shape (coefficients,): its prior sd
+    #: divided by the hyper-parameter that scales it, or with a flat prior the reciprocal norm of
+    #: its column.
     unit: Array
-    #: Signs ±1 of the coefficients' prior variances. A negative variance removes noise, as
-    #: `_columns_for_uneven_angles` explains.
+    #: Signs ±1 of the prior variances of the nuisance coefficients, shape (coefficients,). A
+    #: negative variance removes noise, as `_columns_for_uneven_angles` explains.
     signs: Array
-    #: Number of coefficients that all tests share; their columns come first.
+    #: Number of nuisance coefficients that are the same in all tests. Their columns are the first
+    #: ones of the design matrix.
     shared: int
-    #: For every test, the indices of the columns that only this test uses.
+    #: For every test, the indices of the columns of the design matrix whose coefficients belong to
+    #: this test alone; empty if no test has such columns.
     private: list[NDArray[np.intp]]
-    #: Constants that are added to the log density: one for every test, and one for all flat priors.
-    #: Shape (tests + 1,).
+    #: Constants that are added to the log density of the readings: one for every test, then one for
+    #: all flat priors of nuisance coefficients. Shape (tests + 1,).
     log_constants: Array
-    #: Whether extra columns describe a circle whose angles are not spaced uniformly.
+    #: Whether the design matrix has extra columns that correct the noise of a circle whose angles
+    #: are not spaced uniformly.
     uneven: bool
 
 
 class _Nuisances(NamedTuple):
     """Nuisances (effects modelled but not of interest), by how they enter the equations.
 
-    ``shared`` columns have coefficients common to all tests; in ``private`` columns every test has
-    its own coefficients. ``uneven`` states whether some circle's angles are not spaced uniformly.
+    The observation equations are z − H β = A x + N(0, D), with diagonal D. The coefficients x of
+    ``shared`` columns of A are the same in all tests; in ``private`` columns every test has its own
+    coefficients. ``uneven`` states whether some circle's angles are not spaced uniformly.
     """
 
-    #: Noise of Fourier coefficients that becomes part of the diagonal noise covariance.
+    #: Independent noise of the Fourier coefficients of each test that becomes part of the diagonal
+    #: covariance of the rotated readings, instead of columns of the design matrix.
     diagonal: list[BasisNoise]
     shared: list[Columns]
     private: list[Columns]
-    #: Signs ±1 of the prior variances of one test's own coefficients; −1 removes noise.
+    #: Signs ±1 of the prior variances of the coefficients that every test has for itself, one for
+    #: each coefficient of a test; −1 stands for a negative variance, which removes noise.
     private_signs: list[float]
     uneven: bool
 
     @property
     def shared_size(self) -> int:
-        """Number of coefficients that all tests share."""
+        """Number of nuisance coefficients that are the same in all tests."""
         return sum(len(term.names) for term in self.shared)
 
     @property
     def private_size(self) -> int:
-        """Number of coefficients that a single test has for itself, equal for all tests."""
+        """Number of nuisance coefficients that each test has for itself, equal for all tests."""
         return len(self.private_signs)
 
 
 class _Rotated(NamedTuple):
-    """Rows of one test after a rotation that makes all its noise diagonal.
+    """Matrices of one test after its m reduced readings are multiplied by a matrix Q.
 
-    ``rotation`` Q (m, m) is the rotation. ``factor`` Q R (m, 25) is the rotated triangular factor R
-    from Fourier coefficients to the m reduced readings. ``noise_sd`` holds the sd of every row, for
-    each term of noise.
+    Q is chosen so that the covariance of all noise in the test becomes diagonal. ``rotation`` is Q,
+    shape (m, m). R (m, 25) turns the test's 25 Fourier coefficients into its reduced readings, and
+    ``factor`` is Q R. ``noise_sd`` holds one array (m,) for each term of noise: the sd of the m
+    rows, divided by the hyper-parameter that scales this noise.
     """
 
     rotation: Array
@@ -124,23 +140,29 @@ class _Rotated(NamedTuple):
 class _CoefficientPriors(NamedTuple):
     """Gaussian priors of all nuisance coefficients, in the order of their columns.
 
-    A source of variance is the hyper-parameter, or product of them, that scales a prior sd.
+    Nuisances are effects modelled but not of interest. A source of variance is the hyper-parameter,
+    or the product of hyper-parameters, that multiplies the prior sd of a coefficient.
     """
 
-    #: Prior sd of every coefficient in units of its source of variance; infinite for a flat prior.
+    #: Prior sd of every nuisance coefficient divided by its source of variance, which is the
+    #: hyper-parameter, or the product of hyper-parameters, that scales it, shape (coefficients,);
+    #: infinite for a flat prior.
     sd: Array
-    #: Part of every prior sd [mm] that no hyper-parameter scales; it is added in quadrature.
+    #: Part of the prior sd of every nuisance coefficient that no hyper-parameter scales, shape
+    #: (coefficients,); it is added in quadrature to the part that a hyper-parameter scales.
     stated_sd: Array
     mean: Array
-    #: Index of the source of variance that scales each coefficient's prior sd.
+    #: For each nuisance coefficient, the index of the source of variance (hyper-parameter, or
+    #: product of hyper-parameters) that scales its prior sd, shape (coefficients,).
     source: NDArray[np.intp]
 
 
 class _Scaled(NamedTuple):
-    """Observation equations whose coefficients are in units of their prior sd.
+    """Observation equations whose nuisance coefficients are expressed in units of their own.
 
-    ``unit`` holds these units, and ``log_volume`` is the constant that flat priors add to the log
-    density.
+    ``unit`` holds these units, shape (coefficients,): the prior sd of each coefficient divided by
+    the hyper-parameter that scales it, or for a flat prior the reciprocal norm of its column.
+    ``log_volume`` is the constant that all flat priors together add to the log density.
     """
 
     rows: Rows
@@ -161,15 +183,17 @@ def observation_equations(
     Parameters
     ----------
     reduced
-        Readings of the tests, projected on the Fourier basis.
+        Readings of every test, reduced by projection on the 25 Fourier functions.
     terms
-        Columns and noise of the nuisance terms.
+        Columns and noise of the nuisance terms (effects modelled but not of interest).
     offset
-        Known part of the readings in the basis, shape (tests, 25) [mm].
+        Known part of the readings of every test, as 25 Fourier coefficients, shape (tests, 25)
+        [mm]; it is subtracted from the readings.
     hypers
-        Names of the hyper-parameters φ.
+        Names of the hyper-parameters φ, the scales of noise and nuisances.
     interest
-        Columns of the parameters of interest, shape (tests, 25, p).
+        Effect of one unit of each of the p parameters of interest on every test, as 25 Fourier
+        coefficients, shape (tests, 25, p).
 
     Returns
     -------
@@ -191,8 +215,9 @@ def observation_equations(
     first = len(rows.variance) - len(private_signs)
     rows.variance[first:] *= private_signs[:, None]
     log_constants = [-0.5 * _LOG_2PI * test.readings for test in reduced]
-    # The rows of nearly uniform circles were multiplied by a matrix whose log determinant is
-    # −½ Σ ln(1 + departure). The log density needs it as a constant.
+    # The rows of circles with nearly uniform angles were multiplied by a matrix whose log
+    # determinant is −½ Σ ln(1 + departure), where the departures are those of `NearUniform`. This
+    # determinant is added to the log density as a constant.
     if all_uniform:
         for r, test in enumerate(near_uniform):
             log_constants[r] -= 0.5 * np.log1p(test.departure).sum()
@@ -215,10 +240,20 @@ def _sort_nuisances(
 ) -> _Nuisances:
     """Return the nuisances, sorted into diagonal noise, shared columns and private columns.
 
-    Nuisances are effects modelled but not of interest; private columns are used by a single test.
-    If some test covers an arc only (``near_uniform`` is None), one term of noise alone can be made
-    diagonal. The term that affects the most Fourier coefficients is chosen, and the other noise
-    becomes private columns.
+    Nuisances are effects modelled but not of interest. The coefficients of shared columns are the
+    same in all tests; in private columns each test has its own coefficients.
+
+    Parameters
+    ----------
+    terms
+        Columns and noise of the nuisance terms.
+    near_uniform
+        Departures of the angles of every test from uniform ones. None if some test covers an arc
+        only: the covariance of only one term of noise can then be made diagonal. The term that
+        affects the most Fourier coefficients is chosen, and the other noise becomes private
+        columns.
+    tests
+        Number of tests.
     """
     noise = [term for term in terms if isinstance(term, BasisNoise)]
     columns = [term for term in terms if isinstance(term, Columns)]
@@ -249,9 +284,10 @@ def _private_columns(
     nuisances: _Nuisances,
     tests: int,
 ) -> list[NDArray[np.intp]]:
-    """Return for every test the indices of the columns that only this test uses.
+    """Return for each of ``tests`` tests the indices of the columns that only this test uses.
 
-    The list is empty if there are no such columns.
+    The columns are those of the design matrix of the nuisances. The list is empty if no test has
+    such columns.
     """
     size = nuisances.private_size
     if size == 0:
@@ -264,9 +300,10 @@ def _sort_sources(
     terms: Sequence[Columns | BasisNoise],
     hypers: Sequence[Hyper],
 ) -> list[Source]:
-    """Return every source of variance once, in the order of the hyper-parameters.
+    """Return every source of variance of the terms once, in the order of the hyper-parameters.
 
-    A source of variance is a hyper-parameter or a product of hyper-parameters.
+    A source of variance is a hyper-parameter (the sd of an effect) or a product of
+    hyper-parameters. ``hypers`` are the names of the hyper-parameters.
     """
     sources = {Source(), Source("sigma")}
     for term in terms:
@@ -288,10 +325,12 @@ def _reading_rows(
     *,
     all_uniform: bool,
 ) -> Rows:
-    """Return the observation equations of the readings, test by test.
+    """Return the observation equations of the readings, test by test, without those of priors.
 
     The last row of each test represents the part of its readings that Fourier series to order 12
-    cannot describe.
+    cannot describe. ``offset`` (tests, 25) is the known part of the readings and ``interest``
+    (tests, 25, p) the effect of the p parameters of interest, both as Fourier coefficients [mm].
+    ``all_uniform`` states whether all tests are full circles with nearly uniform angles.
     """
     tests = len(reduced)
     shared_values = _stack_values(nuisances.shared, tests)
@@ -324,9 +363,10 @@ def _reading_rows(
 
 
 def _stack_values(terms: Sequence[Columns], tests: int) -> Array:
-    """Return the columns of all terms side by side, shape (tests, 25, columns).
+    """Return the columns of all nuisance terms side by side, shape (tests, 25, columns).
 
-    A column is the effect of one unit of a coefficient on each test, as 25 Fourier coefficients.
+    A column is the effect of one unit of a nuisance coefficient on each test, as 25 Fourier
+    coefficients.
     """
     no_columns = np.zeros((tests, SIZE, 0))
     return np.concatenate([no_columns, *(term.values for term in terms)], axis=2)
@@ -350,12 +390,13 @@ def _rotate(
     *,
     uniform: bool,
 ) -> _Rotated:
-    """Return the rows of a test, rotated so that the noise of Fourier coefficients is diagonal.
+    """Return the matrix that makes the noise of a test's Fourier coefficients diagonal.
 
-    R is the triangular factor of the reduced readings and S the diagonal matrix of the norms of the
-    basis functions. For a nearly uniform circle (``uniform``) the rotation is S R⁻¹, which makes
-    any number of noise terms diagonal. Otherwise ``noise`` has at most one term, and the rotation
-    is the transpose of the left singular vectors of R · diag(sd of this noise).
+    R (m, 25) is the triangular factor of the test's m reduced readings (``test.factor``). If all
+    tests are circles with nearly uniform angles (``uniform``), the matrix is S R⁻¹, where the
+    diagonal matrix S holds the norms of the 25 Fourier functions; it makes any number of noise
+    terms diagonal. Otherwise ``noise`` has at most one term, and the matrix is the transpose of the
+    left singular vectors of R · diag(sd of this noise).
     """
     if uniform and test.near_uniform is not None:
         column_norms = test.near_uniform.column_norms
@@ -374,9 +415,11 @@ def _add_priors(
     tests: int,
     sources: list[Source],
 ) -> _Scaled:
-    """Return the rows of the readings and of the priors, with coefficients in natural units.
+    """Return the rows of the readings and of the priors, with rescaled nuisance coefficients.
 
-    The unit of a coefficient is its prior sd; with a flat prior, the reciprocal norm of its column.
+    The unit of a nuisance coefficient is its prior sd divided by the hyper-parameter that scales
+    it, or for a flat prior the reciprocal norm of its column. ``sources`` are the sources of
+    variance: hyper-parameters and their products.
     """
     priors = _coefficient_priors(nuisances, tests, sources)
     norms = np.linalg.norm(reading_rows.columns, axis=0)
@@ -402,10 +445,11 @@ def _add_priors(
 def _coefficient_priors(
     nuisances: _Nuisances, tests: int, sources: list[Source]
 ) -> _CoefficientPriors:
-    """Return the priors of all nuisance coefficients.
+    """Return the priors of all nuisance coefficients (of effects modelled but not of interest).
 
-    Coefficients that all tests share come first, then those of each test. ``sources`` are the
-    sources of variance to which the indices in the result refer.
+    Coefficients that are the same in all tests come first, then those of each test. ``sources`` are
+    the sources of variance (hyper-parameters and their products) to which the indices in the result
+    refer.
     """
     sd = [np.zeros(0)]
     stated_sd = [np.zeros(0)]
@@ -434,11 +478,12 @@ def _prior_variance(
     unit: Array,
     sources: list[Source],
 ) -> Array:
-    """Return the factors of the squared sources in the prior variances of the coefficients.
+    """Return numbers v, shape (coefficients, sources), that give the prior variances.
 
-    A source of variance is a hyper-parameter or a product of hyper-parameters. The result has shape
-    (coefficients, sources) and is in squared units of the coefficients. A coefficient with a prior
-    sd of zero gets a variance of one, because its rescaled column is zero.
+    The prior variance of each nuisance coefficient, in units of ``unit`` (coefficients,), is
+    Σ v · source². A source of variance is a hyper-parameter or a product of hyper-parameters. A
+    coefficient with a prior sd of zero gets a variance of one; it has no effect, because its
+    rescaled column is zero.
     """
     columns = np.arange(len(unit))
     flat = np.isinf(priors.sd)
@@ -455,9 +500,9 @@ def _test_of_coefficients(
     nuisances: _Nuisances,
     tests: int,
 ) -> NDArray[np.intp]:
-    """Return the index of the test that each coefficient belongs to.
+    """Return the index of the test that each nuisance coefficient belongs to, (coefficients,).
 
-    For a coefficient that all tests share it is the number of tests.
+    For a coefficient that is the same in all tests, return the number of tests instead.
     """
     shared = np.full(nuisances.shared_size, tests)
     private = np.repeat(np.arange(tests), nuisances.private_size)
@@ -465,10 +510,11 @@ def _test_of_coefficients(
 
 
 def _columns_of_noise(term: BasisNoise, tests: int) -> Columns:
-    """Return noise of Fourier coefficients in the form of columns.
+    """Return independent noise of the Fourier coefficients of each test in the form of columns.
 
-    There is one column for every Fourier function that has noise, equal to this function. Every
-    test has its own coefficient, whose prior sd is the sd of the noise.
+    There is one column for every Fourier function (such as cos 2θ) that has noise, and the column
+    is equal to this function. Each of ``tests`` tests has its own coefficient of the column, whose
+    prior sd is the sd of the noise.
     """
     functions = np.flatnonzero(term.sd)
     values = np.zeros((tests, SIZE, len(functions)))
@@ -486,16 +532,16 @@ def _columns_of_noise(term: BasisNoise, tests: int) -> Columns:
 def _columns_for_uneven_angles(circles: Sequence[NearUniform], sign: float) -> Columns | None:
     """Return columns that correct the reading noise for angles that are not spaced uniformly.
 
-    Fit the 25 Fourier coefficients of a test to readings with the noise sd σ, and multiply each by
-    the norm of its basis function (diagonal matrix S). Their covariance is then
-    σ² (1 + V λ Vᵀ)⁻¹ = σ² (1 − V λ/(1 + λ) Vᵀ), where V and λ are the directions and departures of
-    `NearUniform`. Each significant direction v becomes a column S⁻¹ v √(|λ|/(1 + λ)) whose
-    coefficient has the sd σ.
+    Suppose the 25 Fourier coefficients of a test are fitted to readings with the noise sd σ, and
+    each is multiplied by the norm of its Fourier function (diagonal matrix S). Their covariance is
+    then σ² (1 + V λ Vᵀ)⁻¹ = σ² (1 − V λ/(1 + λ) Vᵀ), where the orthogonal matrix V and the diagonal
+    matrix λ are the directions and departures of `NearUniform`. Each column v of V with a
+    significant λ becomes a column S⁻¹ v √(|λ|/(1 + λ)) whose coefficient has the sd σ.
 
     Parameters
     ----------
     circles
-        Departures of every test from uniform sampling.
+        Departure of the angles of every test from uniform ones.
     sign
         +1 for the directions in which readings are sparse (λ < 0), whose columns add noise; −1 for
         those in which readings are dense (λ > 0), whose columns remove noise, by a negative
@@ -504,8 +550,8 @@ def _columns_for_uneven_angles(circles: Sequence[NearUniform], sign: float) -> C
     Returns
     -------
     Columns or None
-        As many columns as the circle with the most directions of this sign needs; None if no
-        circle has such a direction.
+        As many columns as the circle with the most significant directions of this sign needs; None
+        if no circle has a significant direction of this sign.
     """
     indices_by_test = []
     for circle in circles:

@@ -1,8 +1,9 @@
 """Reduction of the readings of a circular test to at most 25 numbers.
 
-The model describes readings by the 25 basis functions 1, cos θ, sin θ, …, cos 12θ, sin 12θ. By the
-QR decomposition of the basis, at most 25 numbers and one sum of squares hold all that the readings
-say about the model, however many readings there are.
+The model describes readings at the angles θ by the 25 Fourier functions 1, cos θ, sin θ, …,
+cos 12θ, sin 12θ. Let B be the matrix of these functions at the n angles of a test, and B = Q R its
+QR decomposition. The at most 25 numbers Qᵀ · readings and the sum of squares of the rest hold all
+that the readings say about the model, however many readings there are.
 """
 
 from __future__ import annotations
@@ -19,14 +20,16 @@ from ldbb_bayes.results import Array
 
 __all__ = ["NearUniform", "Reduced", "reduce_readings"]
 
-# Number of readings that are reduced at once, which limits the memory in use.
+# Largest number of readings of a test that one QR decomposition reduces; it limits the memory used.
 _CHUNK = 8192
-# Relative departures from uniformly spaced angles below this size are neglected: they change a log
-# density by less than 1e-6.
+# Departures of a circle from uniformly spaced angles (`NearUniform.departure`, without unit) below
+# this size are neglected: they change a log density by less than 1e-6.
 _LEAST_DEPARTURE = 1e-6
-# A circle with more significant departures from uniformly spaced angles than this counts as an arc.
+# A circle counts as an arc if it has more than this number of significant departures from uniformly
+# spaced angles, out of the 25 of `NearUniform.departure`.
 _MOST_DEPARTURES = 4
-# Elements of eigenvectors below this size are rounding errors and count as zero.
+# Elements of the eigenvectors of RᵀR (R is the triangular factor of the Fourier functions) below
+# this size are rounding errors and count as zero.
 _ROUNDING = 1e-12
 
 
@@ -34,20 +37,24 @@ class NearUniform(NamedTuple):
     """Full circle of readings at nearly uniform angles: RᵀR = S (1 + V λ Vᵀ) S.
 
     R is the triangular factor in the QR decomposition of the 25 Fourier functions at the test's
-    angles. S and λ are diagonal and V is orthogonal, each of shape (25, 25). At exactly uniform
+    angles. The diagonal matrix S holds the norms of these functions, the diagonal matrix λ the
+    departures from uniform angles, and V is orthogonal; each has shape (25, 25). At exactly uniform
     angles λ is zero.
     """
 
-    #: Norms of the 25 Fourier functions at uniform angles, shape (25,).
+    #: Norms of the 25 Fourier functions at uniform angles, the diagonal of S in
+    #: RᵀR = S (1 + V λ Vᵀ) S, shape (25,).
     column_norms: Array
-    #: Relative departures from uniform sampling, the largest absolute value first, shape (25,).
+    #: Relative departures λ of RᵀR = S (1 + V λ Vᵀ) S from its value at uniform angles, the largest
+    #: absolute value first, shape (25,); R is the triangular factor of the Fourier functions.
     departure: Array
-    #: Orthogonal matrix whose columns belong to the departures from uniform sampling, (25, 25).
+    #: Orthogonal matrix V in RᵀR = S (1 + V λ Vᵀ) S, shape (25, 25); each column belongs to one
+    #: departure λ from uniform angles.
     directions: Array
 
     @property
     def significant(self) -> NDArray[np.bool_]:
-        """Whether each departure from uniform sampling can change a log density by over 1e-6."""
+        """Whether each of 25 departures from uniform angles changes a log density by over 1e-6."""
         return np.abs(self.departure) > _LEAST_DEPARTURE
 
 
@@ -59,22 +66,24 @@ class Reduced:
     decomposition.
     """
 
-    #: Reduced readings Qᵀ y [mm], where y are the n readings; shape (m,) with m = min(n, 25). None
-    #: for a planned test.
+    #: Reduced readings Qᵀ y [mm], where y are the n readings of the test and Q is the orthogonal
+    #: factor of the Fourier functions at its angles; shape (m,) with m = min(n, 25). None for a
+    #: planned test, which has no readings.
     projection: Array | None
-    #: Triangular factor R of the Fourier functions at the test's angles, shape (m, 25). It turns
-    #: Fourier coefficients into reduced readings.
+    #: Triangular factor R of the 25 Fourier functions at the test's n angles, shape (m, 25) with
+    #: m = min(n, 25). It turns Fourier coefficients into reduced readings.
     factor: Array
-    #: Sum of squares of the part of the readings that the Fourier functions cannot describe [mm²].
+    #: Sum of squares of the part of the test's readings that the Fourier functions to order 12
+    #: cannot describe [mm²].
     residual_ss: float
-    #: Number of readings n.
+    #: Number n of readings of the test.
     readings: int
 
     @cached_property
     def near_uniform(self) -> NearUniform | None:
-        """Departure of the test's angles from uniform ones.
+        """Departure of the test's angles from uniformly spaced ones on a full circle.
 
-        It is None for arcs and for fewer than 25 readings.
+        The value is None if the test is an arc or has fewer than 25 readings.
         """
         if self.readings < SIZE:
             return None
@@ -94,14 +103,12 @@ class Reduced:
 def reduce_readings(angle_rad: Array, reading_mm: Array | None) -> Reduced:
     """Return the readings of one test, reduced to at most 25 numbers and a sum of squares.
 
-    Angles need not be uniform.
-
     Parameters
     ----------
     angle_rad
-        Angles, shape (n,) [rad].
+        Angles θ at which the n readings are taken, shape (n,) [rad]; they need not be uniform.
     reading_mm
-        Readings, shape (n,) [mm]; None for a planned test.
+        Readings, shape (n,) [mm]; None for a planned test, which has no readings.
     """
     n = len(angle_rad)
     readings = np.zeros(n) if reading_mm is None else reading_mm

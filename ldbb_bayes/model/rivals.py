@@ -13,16 +13,17 @@ __all__ = ["RIVALS", "Rival", "is_rival_of_slopes"]
 
 
 class Rival(NamedTuple):
-    """Effect that resembles a change of a compliance with force.
+    """Effect on the readings that resembles a change of a compliance with force.
 
-    It is a whole nuisance term (effect modelled but not of interest), or a part of one that a
-    setting switches on.
+    The effect is a whole nuisance term (effect modelled but not of interest), such as `JointLoad`,
+    or a part of a term that a setting switches on, such as the curvature of `Mount`.
     """
 
     term: type[Term]
-    #: field of the term that switches the effect off when it is 0; empty if it is the whole term
+    #: name of the field of the term that switches the effect off when it is 0, such as
+    #: curvature_um; empty text if the effect is the whole term
     setting: str
-    stem: str  #: beginning of the names of this effect's coefficients
+    stem: str  #: beginning of the names of the effect's coefficients, such as joint_load
 
 
 RIVALS: dict[str, Rival] = {
@@ -34,8 +35,9 @@ _STEMS = tuple(rival.stem for rival in RIVALS.values())
 
 
 def is_rival_of_slopes(columns: Columns | BasisNoise) -> bool:
-    """Return whether columns belong to an effect that resembles a slope of a compliance.
+    """Return whether the columns of a term belong to an effect that resembles a slope.
 
-    A slope is the change of a compliance with force.
+    A slope is the change of a compliance with force. Effects that resemble it are joint load,
+    curved mount and curved force law. Noise (`BasisNoise`) never does.
     """
     return isinstance(columns, Columns) and columns.names[0].startswith(_STEMS)

@@ -1,6 +1,7 @@
 """TOML files of models, and TOML files of true values ("truths") for simulations.
 
-A model is written to and read from TOML; the SHA-256 digest of its TOML identifies it.
+A model (`HybridModel`) is written to and read from TOML text; the SHA-256 digest of this text
+identifies the model.
 """
 
 from __future__ import annotations
@@ -38,8 +39,8 @@ __all__ = [
 ]
 
 SCHEMA = 1
-# Names of the tables within [prior] of a model file. Empty tables are not written, so that digests
-# of existing models stay the same if a name is added here.
+# Names of the tables within the table [prior] of a model file. Tables without entries are not
+# written, so that the SHA-256 digests of existing models stay the same if a name is added here.
 _TABLES = ("overrides", "means")
 
 
@@ -55,7 +56,7 @@ class _SpecFile(BaseModel):
 
 
 def model_to_toml(model: HybridModel) -> str:
-    """Return a model as TOML text, with all its settings and priors."""
+    """Return a model as TOML text, with its degree, terms, priors and all other settings."""
     prior: dict[str, Any] = {
         field.name: getattr(model.prior, field.name)
         for field in fields(Prior)
@@ -75,10 +76,12 @@ def model_to_toml(model: HybridModel) -> str:
 
 
 def model_from_toml(text: str) -> HybridModel:
-    """Return the model that TOML text describes.
+    """Return the model that the TOML text of a model file describes.
 
-    Settings that the text omits are those of its preset. If the text has ``[terms]``, the model has
-    exactly the nuisances (effects that are modelled but not of interest) listed there.
+    Settings that the text omits are those of the preset that it names (``default``, ``first`` or
+    ``paper``). If the text has a table ``[terms]``, the model has exactly the nuisances (effects
+    that are modelled but not of interest) listed there. Raise an `InputError` for a mistake in the
+    text.
     """
     return _model_of(parse_toml(text, "model"), "model", None)
 
@@ -86,17 +89,17 @@ def model_from_toml(text: str) -> HybridModel:
 def read_model(path: str | os.PathLike[str], *, degree: int | None = None) -> HybridModel:
     r"""Return the model that a TOML file describes.
 
-    Settings that the file omits are those of its preset, ``default``, ``first`` or ``paper``. If
-    the file has ``[terms]``, the model has exactly the nuisances (effects that are modelled but not
-    of interest) listed there.
+    Settings that the file omits are those of the preset that it names: ``default``, ``first`` or
+    ``paper``. If the file has a table ``[terms]``, the model has exactly the nuisances (effects
+    that are modelled but not of interest) listed there.
 
     Parameters
     ----------
     path : str or os.PathLike
         Path of the file.
     degree : int, optional
-        Degree of the compliance in force, 0, 1 or 2, if the file states none; by default 0 for the
-        preset ``paper`` and 1 for the others.
+        Degree of the compliance as a polynomial in force, 0, 1 or 2. It is used only if the file
+        states no degree; by default it is then 0 for the preset ``paper`` and 1 for the others.
 
     Returns
     -------
@@ -106,8 +109,8 @@ def read_model(path: str | os.PathLike[str], *, degree: int | None = None) -> Hy
     Raises
     ------
     InputError
-        For a file that is not TOML, unknown keys, and values out of range or of another unit; the
-        message names the file and the place.
+        For a file that is not TOML, for unknown keys, and for values that are out of range or have
+        a unit that does not fit; the message names the file and the place of the mistake.
 
     Examples
     --------
@@ -120,7 +123,7 @@ def read_model(path: str | os.PathLike[str], *, degree: int | None = None) -> Hy
 
 
 def model_sha256(model: HybridModel) -> str:
-    """Return the SHA-256 digest of a model's TOML text, which identifies the model."""
+    """Return the SHA-256 digest of a model's TOML text (`model_to_toml`), which identifies it."""
     return hashlib.sha256(model_to_toml(model).encode()).hexdigest()
 
 
@@ -143,9 +146,10 @@ def _model_of(content: dict[str, Any], place: str, degree: int | None) -> Hybrid
 
 
 def _degree_of(spec: _SpecFile, degree: int | None) -> int:
-    """Return the degree of the compliance in force that a model file states.
+    """Return the degree of the compliance as a polynomial in force that a model file states.
 
-    If the file states none, return ``degree``; if this is None, the usual degree of the preset.
+    ``spec`` is the content of the file. If it states no degree, return ``degree``. If ``degree`` is
+    None too, return 0 for the preset ``paper`` and 1 for the other presets.
     """
     if spec.degree is not None:
         return spec.degree
@@ -157,7 +161,9 @@ def _degree_of(spec: _SpecFile, degree: int | None) -> int:
 def _terms_of(tables: Mapping[str, dict[str, float | str]], model: HybridModel) -> tuple[Term, ...]:
     """Return the nuisance terms that the tables under [terms] of a model file list.
 
-    Settings that a table omits are those of the same term of ``model``, or else the defaults.
+    ``tables`` holds the settings of every term, by the name of its class. Settings that a table
+    omits are those that the term has in ``model``. If ``model`` lacks the term, they are the
+    defaults of its class.
     """
     check_known(
         "term",
@@ -183,9 +189,11 @@ def _converted_settings(
 ) -> dict[str, Any]:
     """Return the settings of one table of a model file, with numbers in the units of their names.
 
-    ``types`` are the types of all settings that the table may have, by name; ``values`` are the
-    settings as the file states them. Numbers may be texts with a unit. Raise an `InputError` for an
-    unknown name or a value of the wrong type.
+    A number may be stated as a text with a unit, which is converted to the unit at the end of the
+    setting's name: "3000 nm" for ``sd_um`` becomes 3. ``table`` is the name of the table for error
+    messages. ``types`` are the types of all settings that the table may have, by name; ``values``
+    are the settings as the file states them. Raise an `InputError` for an unknown name or a value
+    of the wrong type.
     """
     check_known(f"{table} key", values, types)
     settings = {}
@@ -222,11 +230,14 @@ class _TruthsFile(BaseModel):
 class Truths:
     """Plan and true values of a simulation, as a TOML file states them."""
 
-    #: campaign to simulate; None if the file states no forces and another file gives the plan
+    #: campaign without readings that is to be simulated; None if the file states no forces, and the
+    #: plan must come from another file
     plan: Campaign | None
-    #: true parameters in internal units (mm, N, rad); None to draw them at random from the prior
+    #: true compliances, slopes and geometric errors by name, in internal units (mm, N, rad); None
+    #: to draw them at random from the prior
     parameters: dict[str, float] | None
-    #: true hyper-parameters [µm]; those not named are drawn at random from their priors
+    #: true hyper-parameters (scales of noise and other effects) by name [µm]; those not named are
+    #: drawn at random from their priors
     hyper_um: dict[str, float]
     exact: (
         bool  #: whether geometric errors act through the exact kinematic equations, not linearised
@@ -234,7 +245,11 @@ class Truths:
 
 
 def is_truths(path: Path) -> bool:
-    """Return whether a file is a TOML file of true values for a simulation, not a campaign."""
+    """Return whether a file is a TOML file of true values for a simulation.
+
+    Such a file is recognised by its suffix ``.toml`` and because it lists no tests, unlike a
+    campaign.
+    """
     if path.suffix.lower() != ".toml" or not path.is_file():
         return False
     with suppress(InputError):

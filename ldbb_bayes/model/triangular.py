@@ -24,18 +24,20 @@ def eliminate(
     """Compute Cholesky factors of the first columns of many symmetric matrices, in place.
 
     The factors are P = L S Lᵀ, where P is symmetric, L lower triangular and S a diagonal matrix of
-    signs ±1, by default the unit matrix. Further entries of the columns, such as right-hand sides,
-    are multiplied by the inverse factor. Entries become NaN where P has no factors with these
-    signs.
+    signs ±1, by default the unit matrix. Only the first s columns of L are computed. Right-hand
+    sides b, stored as further entries of the columns of P, become L⁻¹ b. Entries become NaN where P
+    has no factors with these signs.
 
     Parameters
     ----------
     front
-        Columns of P, shape (groups, s, n, w) with n ≥ s: s columns of length n in each group, for
-        w matrices. Column j of a group, from its diagonal on, is ``front[group, j, j:]``.
+        First s columns of groups × w matrices P, shape (groups, s, n, w) with n ≥ s. Column j of a
+        matrix, of which only the part from the diagonal on is used, is ``front[group, j, j:]``.
+        The columns are overwritten by those of L.
     links
-        k columns of L that were computed earlier, shape (k, n, w); their products are subtracted
-        from P first.
+        k columns l of L that were computed earlier, common to all groups, shape (k, n, w); None if
+        there are none. Σ s l lᵀ is subtracted from P before it is factorised, where s = ±1 is the
+        sign of each column (``link_signs``).
     signs
         Signs ±1 on the diagonal of S, shape (groups, s).
     link_signs
@@ -68,7 +70,7 @@ def solve_lower(
     *,
     triangular: bool = False,
 ) -> Array:
-    """Return L⁻¹ X, shape (..., q, k), for stacks of lower triangular matrices L.
+    """Return L⁻¹ X, shape (..., q, k), for lower triangular matrices L and right-hand sides X.
 
     Parameters
     ----------
@@ -89,7 +91,9 @@ def solve_lower(
 
 
 def solve_upper(lower: Array, right: Array) -> Array:
-    """Return L⁻ᵀ x, shape (..., q), for stacks of lower triangular matrices L.
+    """Return L⁻ᵀ x, shape (..., q), for lower triangular matrices L and right-hand sides x.
+
+    L⁻ᵀ is the inverse of the transpose of L.
 
     Parameters
     ----------
@@ -107,9 +111,9 @@ def solve_upper(lower: Array, right: Array) -> Array:
 
 
 def log_diagonal(root: Array) -> Array:
-    """Return the log determinant of triangular matrices with a positive diagonal, shape (...).
+    """Return the log determinants of triangular matrices with a positive diagonal, shape (...).
 
-    The matrices have shape (..., q, q).
+    ``root`` holds the matrices, shape (..., q, q).
     """
     return np.log(np.diagonal(root, axis1=-2, axis2=-1)).sum(axis=-1)
 
@@ -121,12 +125,14 @@ def _move_stack_last(
 ) -> tuple[Array, Array]:
     """Return triangular matrices and a copy of right-hand sides with the matrix dimensions first.
 
-    The triangular matrices then have shape (q, q, ...), and the right-hand sides (q, ...) or
-    (q, k, ...).
+    ``lower`` holds the matrices, shape (..., q, q), and is returned with shape (q, q, ...).
+    ``right`` holds the right-hand sides. With ``right_axes`` = 1 they are vectors of shape (...,
+    q), returned with shape (q, ...); with ``right_axes`` = 2 they are matrices of shape (..., q,
+    k), returned with shape (q, k, ...).
     """
     stack = np.broadcast_shapes(lower.shape[:-2], right.shape[:-right_axes])
-    # Make the matrices contiguous before they are broadcast: copying the broadcast array would be
-    # slow.
+    # Make the triangular matrices contiguous in memory before they are broadcast, because copying
+    # the larger broadcast array would be slow.
     contiguous = np.ascontiguousarray(np.moveaxis(lower, (-2, -1), (0, 1)))
     stack_first = np.moveaxis(contiguous, (0, 1), (-2, -1))
     full_lower = np.broadcast_to(stack_first, (*stack, *lower.shape[-2:]))
