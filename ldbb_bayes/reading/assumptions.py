@@ -1,4 +1,4 @@
-"""Log of the assumptions that are made when foreign files are read."""
+"""Log of the assumptions, such as an unstated unit, that are made when foreign files are read."""
 
 from __future__ import annotations
 
@@ -12,18 +12,19 @@ __all__ = ["Assumption", "AssumptionLog"]
 
 @dataclass(frozen=True)
 class Assumption:
-    """Assumption about foreign files: place, subject, value and reason."""
+    """Assumption that was made to import foreign files, such as an unstated unit."""
 
-    #: file, sheet or test of the assumption, or the number of places; empty for all files
+    #: file, sheet or test for which the assumption was made; their number, such as "3 places", if
+    #: there are several; empty if the assumption concerns all files
     place: str
     what: str  #: subject of the assumption, such as "separator"
     value: str  #: value that was assumed
-    because: str  #: reason for the value
+    because: str  #: reason why this value was assumed
     option: str  #: command-line option that changes the value
 
 
 class _Entry(NamedTuple):
-    """Assumption without the place where it was made."""
+    """Assumption without its place; equal assumptions of several files or tests are kept once."""
 
     subject: str
     value: str
@@ -35,22 +36,38 @@ class _Entry(NamedTuple):
 class AssumptionLog:
     """Log of assumptions about foreign files, in the order in which they are made.
 
-    An assumption that is made in several places is kept once. The log also keeps the fields of the
-    layout that are found in each sheet.
+    An assumption that is made for several files, sheets or tests is kept once. The log also keeps
+    the values of fields of the layout, such as the separator of cells, that are found in each
+    sheet.
     """
 
     _places: dict[_Entry, list[str]] = field(default_factory=dict)
     _layout_values: dict[str, list[Any]] = field(default_factory=dict)
 
     def add(self, place: str, subject: str, value: str, reason: str, option: str) -> None:
-        """Add an assumption: its place, subject, value, reason and the option that changes it."""
+        """Add an assumption to the log.
+
+        Parameters
+        ----------
+        place
+            File, sheet or test for which the assumption is made; empty if it concerns all files.
+        subject
+            Subject of the assumption, such as "separator".
+        value
+            Value that is assumed.
+        reason
+            Reason why this value is assumed.
+        option
+            Command-line option that changes the value.
+        """
         entry = _Entry(subject, value, reason, option)
         self._places.setdefault(entry, []).append(place)
 
     def keep(self, **fields: Any) -> None:
-        """Keep fields of the layout as found in one sheet.
+        """Keep values of fields of the layout that are found in one sheet.
 
-        A value is None if the sheet itself states it; the layout then leaves the field open.
+        An example is ``separator=";"``. The value is None if the sheet itself states it, such as a
+        unit in a header; the layout then need not state it.
         """
         for key, value in fields.items():
             self._layout_values.setdefault(key, []).append(value)
@@ -66,9 +83,9 @@ class AssumptionLog:
         return tuple(assumptions)
 
     def layout(self, stated: Layout) -> Layout:
-        """Return the layout that the user states, completed by fields found in the sheets.
+        """Return the layout ``stated`` by the user, completed by the values found in the sheets.
 
-        Fields that differ between sheets do not change.
+        A field for which sheets have different values stays as the user states it.
         """
         common = {}
         for key, values in self._layout_values.items():

@@ -27,21 +27,25 @@ _OPTIONS = {
     "feed_mm_per_min": "--feed-mm-per-min",
     **{key: option_for(key) for key in LABELS},
 }
-# Fields that tests of one campaign may state differently.
+# Fields in which the tests of one campaign may differ.
 _FIELDS_OF_EACH = ("plane", "date")
-# Fields for people, places and instruments. If files state several values, all are listed.
+# Fields of a campaign that name people, places and instruments. If its files state several values
+# for one of them, the campaign lists all.
 _NAMES = ("operator", "place", "ball_bar", "force_device")
-# Fields that files may state differently without an error.
+# Fields of a campaign for which its files may state different values without an error.
 _MAY_DIFFER = (*_NAMES, "ball_bar_calibrated", "feed_mm_per_min")
-# Numbers that two lines state are equal if they agree when rounded to this number of decimals.
+# Numbers that two lines state for one field count as equal if they agree when rounded to this
+# number of decimals.
 _COMPARED_PLACES = 9
 # Smallest step [µm] between readings that is accepted as the resolution of a readout.
 _SMALLEST_STEP_UM = 0.001
 # Largest step [µm] between readings that is accepted as the resolution of a readout.
 _LARGEST_STEP_UM = 5.0
-# Largest step between readings that is accepted as a resolution, as a share of their range.
+# Largest step between readings that is accepted as the resolution of a readout, as a share of the
+# range of the readings.
 _LARGEST_STEP_SHARE = 0.1
-# Stated forces that differ from the force law by more than this relative difference are noted.
+# A force that is stated together with a pressure is noted as an assumption if it differs by more
+# than this share from the force that the usual force law gives for the pressure.
 _OFF_FORCE_LAW = 0.05
 # Values that are assumed for unstated fields of the campaign, each with the command-line option
 # that states the field.
@@ -52,7 +56,7 @@ _ASSUMED = {
     "resolution_um": ("0.24 µm", "--resolution-um"),
     "mount": ("readings compensated for its deflection", "--raw"),
 }
-# Number of characters of a list that a message shows.
+# Number of characters of a list of forces that a note shows.
 _LIST_SHOWN = 200
 
 
@@ -65,10 +69,10 @@ class _StatedValue(NamedTuple):
 
 
 def take_stated_fields(campaign: dict[str, Any], recordings: Sequence[Recording]) -> None:
-    """Fill in fields of the campaign that no option states, from lines above tables and names.
+    """Fill in fields that no option states from lines above tables and names of files and sheets.
 
-    Planes and temperatures are fields of each test. A plane common to all tests, and every other
-    field, is a field of the campaign.
+    Planes and temperatures are filled in as fields of each test. All other fields are fields of
+    the campaign, and so is a plane that all tests have in common.
 
     Parameters
     ----------
@@ -90,11 +94,12 @@ def take_stated_fields(campaign: dict[str, Any], recordings: Sequence[Recording]
 
 
 def _places_by_value(recordings: Sequence[Recording], key: str) -> dict[Any, str]:
-    """Return every value that files state for a field, each with the place that states it.
+    """Return every value that files state for a field, with the line or name that states it.
 
-    The values are noted as assumptions, and a plane is added to the fields of its test. If a user
-    or a column states the field for a test, other statements about this test do not count. Raise an
-    `InputError` for contradictory statements.
+    The result is a dictionary from the value to the line and its file. The values are noted as
+    assumptions, and a plane is added to the fields of its test. If a user or a column states the
+    field for a test, other statements about this test do not count. Raise an `InputError` for
+    contradictory statements.
 
     Parameters
     ----------
@@ -122,7 +127,10 @@ def _places_by_value(recordings: Sequence[Recording], key: str) -> dict[Any, str
 
 
 def _note_stated(recording: Recording, key: str, stated: _StatedValue) -> None:
-    """Add a value that a file states to the log of assumptions, and a plane to its test."""
+    """Add a value that a file states for the field ``key`` of a test to the log of assumptions.
+
+    A plane is also added to the fields of the test.
+    """
     text = stated.value
     if key in UNITS_SHOWN:
         text = f"{stated.value:g} {UNITS_SHOWN[key]}"
@@ -132,9 +140,10 @@ def _note_stated(recording: Recording, key: str, stated: _StatedValue) -> None:
 
 
 def _stated_values(recording: Recording, key: str) -> dict[Any, _StatedValue]:
-    """Return the values that lines above a table state for a field; the key is the value.
+    """Return the values that lines above a table state for a field, each with its line.
 
-    The names of test, column, sheet and file may also state a plane.
+    The field has the name ``key``. The result is a dictionary from the value to the value with its
+    line. The names of test, column, sheet and file may also state a plane.
     """
     values: dict[Any, _StatedValue] = {}
     if key == "plane":
@@ -156,7 +165,10 @@ def _stated_values(recording: Recording, key: str) -> dict[Any, _StatedValue]:
 
 
 def _certain_value(recording: Recording, key: str) -> Any:
-    """Return the value that the user or a column states for a field; None without either."""
+    """Return the value that the user or a column of the table states for a field of a test.
+
+    The field has the name ``key``. Return None if neither states it.
+    """
     value = recording.stated.get(key)
     if not value:
         value = recording.fields.get(key)
@@ -174,7 +186,19 @@ def _note_contradictions(
 ) -> None:
     """Add to the log values in a file that contradict the one that a user or a column states.
 
-    Raise an `InputError` if a line calls readings raw that are stated to be compensated.
+    Raise an `InputError` if a line calls readings raw that the user states to be compensated for
+    the deflection of the mount.
+
+    Parameters
+    ----------
+    recording
+        The test as its file holds it.
+    key
+        Name of the field.
+    certain
+        Value that the user or a column states.
+    values
+        Values that lines or names in the file state, each with its line.
     """
     different = {value: stated for value, stated in values.items() if value != certain}
     if "raw" in different:
@@ -188,7 +212,11 @@ def _note_contradictions(
 
 
 def _check_stated(recording: Recording, key: str, places: Mapping[Any, str]) -> None:
-    """Raise an `InputError` for contradictory statements about a field, or an unknown plane."""
+    """Raise an `InputError` for contradictory statements about a field, or an unknown plane.
+
+    ``key`` is the name of the field; ``places`` gives, for each stated value, the line or name
+    that states it.
+    """
     listed = " and ".join(f"{value} in {place}" for value, place in places.items())
     remedy = f"Correct the lines, or give {_OPTIONS[key]}."
     require(
@@ -202,16 +230,20 @@ def _check_stated(recording: Recording, key: str, places: Mapping[Any, str]) -> 
 
 
 def _is_common_plane(recordings: Sequence[Recording], places: Mapping[Any, str]) -> bool:
-    """Return whether files state a single plane and all tests are in this plane."""
+    """Return whether files state a single plane and all tests are in this plane.
+
+    ``places`` gives, for each stated plane, the line or name that states it.
+    """
     planes = {recording.fields.get("plane") for recording in recordings}
     return len(places) == 1 and planes == set(places)
 
 
 def _take_field(campaign: dict[str, Any], key: str, values: Sequence[Any]) -> None:
-    """Set a field of the campaign from the values that files state.
+    """Set the field ``key`` of the campaign from the different values that its files state.
 
-    All people, places and instruments are listed. The latest date of calibration counts, and the
-    earliest of other dates. If feeds differ, the campaign has no feed.
+    Of several people, places or instruments, all are listed. Of several dates of calibration the
+    latest is taken, and of other dates the earliest. If the files state different feeds, the field
+    for the feed is not set.
     """
     if key == "mount":
         campaign[key] = MountCompensation(compensated=list(values) == ["compensated"])
@@ -246,7 +278,7 @@ def _take_temperature(recording: Recording) -> None:
 def find_resolution(
     campaign: dict[str, Any], tests: Sequence[CircularTest], log: AssumptionLog
 ) -> None:
-    """Set the resolution of the campaign, if unstated, to the smallest step between readings.
+    """Set the resolution of the readings, if nothing states it, to their smallest step.
 
     It is set only if the readings of every test have a step that a readout can have.
 
@@ -316,7 +348,11 @@ def note_assumed_fields(
 
 
 def _note_force_law(tests: Sequence[CircularTest], log: AssumptionLog) -> None:
-    """Add to the log forces that differ from the usual force law, and forces computed from it."""
+    """Add to the log how the stated forces and pressures of the tests fit the usual force law.
+
+    Stated forces that differ by more than 5 % from the law are noted, and so is that forces are
+    computed by the law for tests that state a pressure alone.
+    """
     law = ForceLaw()
     options = "--force-slope, --force-offset"
     stated = []

@@ -91,10 +91,11 @@ def unit_of(header: str) -> Header:
 
 
 def _stated_unit(name: str, texts: Sequence[str], is_scaled: bool) -> str:
-    """Return the unit that texts of a header, in brackets or after "in", state.
+    """Return the unit that the header of a column states in brackets or after "in".
 
-    If they state no known unit, several units, or a unit with a factor, return the texts
-    themselves, which later code refuses as an unknown unit.
+    ``name`` is the name of the column, and ``texts`` are the texts in brackets or after "in". If
+    they state no known unit, several units, or a unit with a factor (``is_scaled``), return the
+    texts themselves, which later code refuses as an unknown unit.
     """
     is_german_angle = comparable(name).startswith("winkel")
     if is_german_angle and len(texts) == 1 and comparable(texts[0]) == "grad":
@@ -126,7 +127,7 @@ def _unit_at_end(header: str) -> Header:
 
 
 def has_role(name: str, role: str) -> bool:
-    """Return whether the name of a column contains a word for a role, such as angle."""
+    """Return whether the name of a column contains a word for ``role``, such as angle or time."""
     name_words = re.findall(r"[^\W\d_]+", comparable(name[:LONGEST_NAME]))
     role_words = ROLES[role]
     if role in ("force", "pressure") and OTHER_QUANTITY.search(" ".join(name_words)):
@@ -148,9 +149,10 @@ def names_any_role(cell: str) -> bool:
 
 
 def names_columns(cells: Sequence[str]) -> bool:
-    """Return whether a row is a header: it has two words or more, and no number.
+    """Return whether a row of cells is the header of a table.
 
-    A row with numbers is also a header if its words name two of angle, reading and time.
+    A header has two words or more, and no number. A row with numbers is also a header if its words
+    name two of angle, reading and time.
     """
     words = [cell for cell in cells if _is_word(cell)]
     if len(words) < 2:
@@ -188,6 +190,15 @@ class ColumnRoles:
 def find_columns(place: str, layout: Layout, headers: Sequence[str]) -> ColumnRoles:
     """Return the roles of the columns, as the layout states them or else from their headers.
 
+    Parameters
+    ----------
+    place
+        Name of the table in error messages.
+    layout
+        Layout that the user states.
+    headers
+        Header of each column; all are empty for a table without a header.
+
     Raises
     ------
     InputError
@@ -212,10 +223,11 @@ def find_columns(place: str, layout: Layout, headers: Sequence[str]) -> ColumnRo
 
 
 def _settle_time(roles: ColumnRoles, layout: Layout, headers: Sequence[str]) -> None:
-    """Decide which column has the role of time.
+    """Decide which column has the role of time, and record it in ``roles``.
 
-    If there is a column of angles, no column does, unless the layout states one. If there are
-    neither angles nor times, the column time_s does; otherwise time_s is the start of each test.
+    If there is a column of angles, no column has this role, unless the layout states one. If no
+    column has the role of angle or of time, the column ``time_s`` gets the role of time. Otherwise
+    ``time_s`` is the start of each test.
     """
     if "angle" in roles.columns:
         if "time" not in layout.columns:
@@ -225,9 +237,10 @@ def _settle_time(roles: ColumnRoles, layout: Layout, headers: Sequence[str]) -> 
 
 
 def _settle_readings(roles: ColumnRoles) -> None:
-    """Remove other roles from columns of readings, and list the column of readings.
+    """Let each column of readings have no other role, and list the columns of readings.
 
-    A list of several columns of readings does not change.
+    Other roles of such a column are removed. If ``roles.readings`` is empty, the column with the
+    role of reading is put into it; otherwise the list does not change.
     """
     for role, column in list(roles.columns.items()):
         if role != "reading" and column in roles.readings:
@@ -237,7 +250,10 @@ def _settle_readings(roles: ColumnRoles) -> None:
 
 
 def _stated_columns(place: str, layout: Layout, headers: Sequence[str]) -> ColumnRoles:
-    """Return the roles of columns that the layout states."""
+    """Return the roles of those columns of a table for which the layout states a role.
+
+    ``place`` names the table in error messages, and ``headers`` are the headers of its columns.
+    """
     roles = ColumnRoles()
     for role, stated in layout.columns.items():
         if isinstance(stated, list):
@@ -254,9 +270,10 @@ def _stated_columns(place: str, layout: Layout, headers: Sequence[str]) -> Colum
 
 
 def _columns_without_header(place: str, roles: ColumnRoles, width: int) -> ColumnRoles:
-    """Return the roles of columns in a table without a header.
+    """Return the roles of the columns in a table without a header.
 
-    If the layout states none, the two columns are angle and reading.
+    ``roles`` are those that the layout states, and ``width`` is the number of columns. If the
+    layout states none, there must be two columns: angle and reading.
     """
     has_abscissa = "angle" in roles.columns or "time" in roles.columns
     if "reading" not in roles.columns or not has_abscissa:
@@ -272,7 +289,11 @@ def _columns_without_header(place: str, roles: ColumnRoles, width: int) -> Colum
 
 
 def _find_role(place: str, role: str, roles: ColumnRoles, headers: Sequence[str]) -> None:
-    """Find the column whose header names a role, and record it in ``roles``."""
+    """Find the column whose header names ``role``, such as time, and record it in ``roles``.
+
+    Columns that already have a role are not considered. Several columns of readings are accepted
+    if their headers state loads, such as 36 N; each is then a separate test.
+    """
     assigned = set(roles.columns.values())
     free = [column for column in range(len(headers)) if column not in assigned]
     candidates = _candidates(role, free, headers)
@@ -299,10 +320,10 @@ def _find_role(place: str, role: str, roles: ColumnRoles, headers: Sequence[str]
 
 
 def _candidates(role: str, columns: Sequence[int], headers: Sequence[str]) -> list[int]:
-    """Return the indices of the columns whose headers name a role, such as time.
+    """Return those of the indices ``columns`` whose headers name ``role``, such as time.
 
-    A column that is called exactly like a field of a test, such as time_s, is returned only if no
-    other column names the role.
+    A column that is called exactly like a field of a test, such as ``time_s``, is returned only if
+    no other column names the role.
     """
     candidates = []
     for column in columns:

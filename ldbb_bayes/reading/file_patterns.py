@@ -11,7 +11,7 @@ from ldbb_bayes.errors import require
 
 __all__ = ["matching"]
 
-# Number of characters of a list of file names that an error message shows.
+# Largest number of characters of a list of file names that an error message shows.
 _LONGEST_LIST = 200
 
 
@@ -58,7 +58,11 @@ def _first_wild_part(path: Path) -> int | None:
 
 
 def _matches_of(text: str, path: Path, wild_part: int) -> list[Path]:
-    """Return the files that match a pattern, or else the matching folders."""
+    """Return the files that match a pattern with ``*`` or ``?``, or else the matching folders.
+
+    ``text`` is the pattern as the user wrote it, and ``path`` the pattern as a path. The part of
+    the path with the index ``wild_part`` is the first one with ``*`` or ``?``.
+    """
     folder = Path(*path.parts[:wild_part])
     pattern = "/".join(path.parts[wild_part:]).replace("[", "[[]")
     matches = [match for match in folder.glob(pattern) if not _is_hidden(match)]

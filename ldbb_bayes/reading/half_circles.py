@@ -20,9 +20,11 @@ __all__ = ["MeasuredArc", "join_half_circles"]
 _SHORTEST_HALF_DEG = 150.0
 # Longest arc that counts as a half circle [deg].
 _LONGEST_HALF_DEG = 240.0
-# Fields of a test in which the two half circles of a test may differ, as they are separate files.
+# Fields in which the two half circles of one test may differ, because each half is a file of its
+# own.
 _FIELDS_OF_A_FILE = ("name", "time_s", "temperature_C")
-# Largest gap between two half circles of one test, as a multiple of the step of the angle.
+# Largest gap between two half circles of one test, as a multiple of the step from one angle to the
+# next.
 _LARGEST_GAP_STEPS = 3.0
 
 
@@ -36,7 +38,7 @@ class MeasuredArc:
     reading_um: Array  #: the n readings, shape (n,)
 
     def to_test(self) -> CircularTest:
-        """Return the circular test with the readings of this arc."""
+        """Return the circular test that consists of the readings and fields of this arc."""
         with placed(self.recording.sheet.place):
             return CircularTest(angle_deg=self.angle_deg, reading_um=self.reading_um, **self.fields)
 
@@ -56,14 +58,17 @@ class MeasuredArc:
         return bool(self.angle_deg[-1] > self.angle_deg[0])
 
     def shared_fields(self) -> dict[str, Any]:
-        """Return the fields of the test in which two half circles of one test must agree."""
+        """Return the fields, such as force and plane, in which two halves of one test must agree.
+
+        These are all stated fields except name, time and temperature.
+        """
         return {key: value for key, value in self.fields.items() if key not in _FIELDS_OF_A_FILE}
 
 
 def join_half_circles(arcs: Sequence[MeasuredArc]) -> list[MeasuredArc]:
-    """Return the arcs, with each two half circles of one test joined.
+    """Return the arcs of a campaign, in which two half circles of one test are joined to one arc.
 
-    The joined circle takes the place of its first half.
+    The joined circle takes the place of its first half in the list.
     """
     remaining = list(arcs)
     joined = []
@@ -79,7 +84,10 @@ def join_half_circles(arcs: Sequence[MeasuredArc]) -> list[MeasuredArc]:
 
 
 def _are_halves(first: MeasuredArc, second: MeasuredArc) -> bool:
-    """Return whether two arcs are the halves of one circle with the same force and direction."""
+    """Return whether two arcs are the halves of one circle with the same fields and direction.
+
+    Together they must cover the circle without a large gap.
+    """
     if not (first.is_half_circle and second.is_half_circle):
         return False
     if first.shared_fields() != second.shared_fields():

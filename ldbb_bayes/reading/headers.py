@@ -1,4 +1,7 @@
-"""Location of the table in a foreign sheet: header, first row of numbers, and lines above."""
+"""Location of the table in a foreign sheet: its header, first row of numbers, and lines above it.
+
+A sheet is a text file or one sheet of a workbook.
+"""
 
 from __future__ import annotations
 
@@ -55,12 +58,15 @@ class Heading:
     units: list[str]  #: unit that the header of each column states; empty for none
     roles: dict[str, int]  #: index of the column (from 0) for each role, such as angle
     lines_above: list[tuple[int | str, str]]  #: lines above the header, each with its line number
-    #: indices of the columns of readings; if there are several, each is a separate test
+    #: indices (from 0) of the columns of readings; if there are several, each is a separate test
     readings: list[int]
     label: str = ""  #: name of the test, if the sheet has one column of readings for each test
 
     def column_title(self, role: str, column: int) -> str:
-        """Return the role of a column with the column's name or number, for error messages."""
+        """Return the role of a column with its name or number, for error messages.
+
+        ``column`` is the index of the column from 0. An example is "angle (column 'phi')".
+        """
         name = self.headers[column][:LONGEST_NAME] or column + 1
         return f"{role} (column {name!r})"
 
@@ -92,7 +98,8 @@ class _HeaderRows(NamedTuple):
 def find_heading(sheet: Sheet, layout: Layout) -> Heading:
     """Return header, columns and first row of the table in a sheet.
 
-    Whether all rows of the table hold numbers is not checked here.
+    ``layout`` is what the user states about the table, such as the line of its header. Whether all
+    rows of the table hold numbers is not checked here.
 
     Raises
     ------
@@ -179,7 +186,10 @@ def _is_underline(row: Row) -> bool:
 
 
 def _units_from_below(headers: Sequence[str], units_below: Sequence[str]) -> list[str]:
-    """Return the unit of each column from the row of units below the header."""
+    """Return the unit of each column from the row of units below the header.
+
+    ``headers`` are the names of the columns, and ``units_below`` the cells of the row of units.
+    """
     units = []
     for column, header in enumerate(headers):
         unit = ""
@@ -192,9 +202,10 @@ def _units_from_below(headers: Sequence[str], units_below: Sequence[str]) -> lis
 
 
 def _find_block(sheet: Sheet, layout: Layout) -> int:
-    """Return the index of the first row of the first block of numbers below the header.
+    """Return the index of the row of a sheet at which the numbers of its table begin.
 
-    A block is nine rows with equally many cells; in each row at least two cells are numbers.
+    The numbers are the first block of nine rows with equally many cells, of which at least two in
+    each row are numbers. If the user states the line of the header, only rows below it count.
     """
     rows = sheet.rows
     header_line = layout.header_line or 0
@@ -219,9 +230,10 @@ def _find_block(sheet: Sheet, layout: Layout) -> int:
 
 
 def _is_block(sheet: Sheet, start: int) -> bool:
-    """Return whether a block of numbers begins at the row ``start``.
+    """Return whether a block of numbers begins at the row with the index ``start``.
 
-    The nine rows from there on then have equally many cells, at least two of them numbers.
+    The nine rows from this one on then have equally many cells, of which at least two in each row
+    are numbers.
     """
     width = len(sheet.rows[start].cells)
     for row in sheet.rows[start : start + _BLOCK_ROWS]:
@@ -242,9 +254,9 @@ def _middle_row(sheet: Sheet) -> str:
 def _first_row_without_header(sheet: Sheet, block: int) -> int:
     """Return the index of the first row of a table without a header.
 
-    ``block`` is the index of the first row of its block of numbers. Rows directly above also belong
-    to the table if they have as many cells, at least one of them a number. Raise an `InputError` if
-    other rows above hold numbers.
+    ``block`` is the index of the first of nine rows with equally many cells and at least two
+    numbers each. Rows directly above them also belong to the table if they have as many cells, at
+    least one of them a number. Raise an `InputError` if other rows above hold numbers.
     """
     rows = sheet.rows
     width = len(rows[block].cells)
@@ -270,8 +282,9 @@ def _first_row_without_header(sheet: Sheet, block: int) -> int:
 def _find_header_row(sheet: Sheet, layout: Layout, block: int) -> int | None:
     """Return the index of the header row in a sheet; None for a table without a header.
 
-    If the user does not state its line, it is the last row of words above the numbers that is not a
-    row of units.
+    ``block`` is the index of the row at which the numbers of the table begin. If the user does not
+    state the line of the header, the header is the last row of words above the numbers that is not
+    a row of units.
     """
     if layout.header_line == 0:
         return None
@@ -311,7 +324,9 @@ def _stated_header_row(sheet: Sheet, line: int) -> int:
 def _column_names(sheet: Sheet, header_row: int, block: int) -> list[str]:
     """Return the name of every column from the header row; empty for a column without a name.
 
-    If blanks separate the cells, a unit in brackets belongs to the name before it.
+    ``header_row`` is the index of the header row in the sheet, and ``block`` that of the row at
+    which the numbers begin. If blanks separate the cells, a unit in brackets belongs to the name
+    before it.
     """
     row = sheet.rows[header_row]
     names = list(row.cells)
@@ -344,7 +359,10 @@ def _join_units(words: Sequence[str]) -> list[str]:
 
 
 def _row_of_units(cells: Sequence[str]) -> list[str]:
-    """Return the units that a row of units holds; an empty list for any other row."""
+    """Return the units in a row of cells below a header; an empty list if it is no row of units.
+
+    An unknown unit is returned as it is written.
+    """
     units = []
     for cell in cells:
         text = cell.strip("[](){} ")
@@ -356,10 +374,11 @@ def _row_of_units(cells: Sequence[str]) -> list[str]:
 
 
 def _holds_only_units(cells: Sequence[str]) -> bool:
-    """Return whether a row is a row of units.
+    """Return whether a row of cells is a row of units.
 
-    At least one cell must be a known unit, and two cells must be known units or texts in brackets.
-    A row with a single filled cell needs only one. All other filled cells must be short.
+    At least one cell must be a known unit, and two cells must be known units or texts in brackets;
+    in a row with a single filled cell, this one is enough. All other filled cells must have at most
+    four characters.
     """
     n_known = 0
     n_bracketed = 0
@@ -381,9 +400,9 @@ def _holds_only_units(cells: Sequence[str]) -> bool:
 
 
 def note_heading(sheet: Sheet, heading: Heading, layout: Layout, log: AssumptionLog) -> None:
-    """Add to the log what was assumed about a sheet: its format, the roles of its columns.
+    """Add to the log what was assumed about the format of a sheet and the roles of its columns.
 
-    Unused columns are noted too.
+    Columns that are not used are noted too. Nothing is noted about what the layout states.
     """
     _note_format(sheet, heading, layout, log)
     _note_columns(sheet, heading, layout, log)
@@ -417,7 +436,10 @@ def _note_columns(sheet: Sheet, heading: Heading, layout: Layout, log: Assumptio
 
 
 def _unused_headers(heading: Heading) -> list[str]:
-    """Return the headers of columns without a role that hold no field of a test either."""
+    """Return the headers of the columns of a table that are not used.
+
+    They have no role, such as angle, and are not called like a field of a test, such as setup.
+    """
     columns_in_use = {*heading.roles.values(), *heading.readings}
     unused = []
     for column, header in enumerate(heading.headers):
