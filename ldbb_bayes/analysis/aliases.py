@@ -84,10 +84,11 @@ class Degeneracy:
 
 
 class StandingKind(StrEnum):
-    """Kind of effect that looks like a parameter and that the tests hardly separate from it.
+    """Kind of effect on the readings that looks like a parameter of the machine.
 
-    The effect is no term of the model, or only tests at different forces separate it from the
-    parameter.
+    It is friction, drift, a nonlinear mount or force device (curvature), or a four-lobed form error
+    of the balls (lobes). The effect is no term of the model, or only tests at different forces
+    separate it from the parameter.
     """
 
     FRICTION = "friction"
@@ -98,7 +99,11 @@ class StandingKind(StrEnum):
 
 @dataclass(frozen=True)
 class Standing(Result):
-    """Parameters that look like one kind of effect, which the tests hardly separate from them."""
+    """A kind of effect, such as friction, and the parameters that look like it.
+
+    ``parameters`` are the names of these parameters, which the tests hardly separate from the
+    effect.
+    """
 
     kind: StandingKind
     parameters: tuple[str, ...]
@@ -106,12 +111,12 @@ class Standing(Result):
 
 @dataclass(frozen=True)
 class _Coefficients:
-    """All m coefficients that tests share: parameters and nuisance coefficients, modelled or not.
+    """The m coefficients that act in several tests: parameters and nuisance coefficients.
 
-    ``owners`` are the class names of the model terms that the coefficients belong to, empty for
-    parameters. ``columns``, shape (tests, 25, m), are the changes of the 25 Fourier coefficients of
-    each test per unit of each coefficient. ``prior_sd``, shape (m,), are the prior standard
-    deviations.
+    Nuisance coefficients that the model leaves out are included. ``owners`` are the class names of
+    the model terms that the coefficients belong to, empty for parameters. ``columns``, shape
+    (tests, 25, m), are the changes of the 25 Fourier coefficients of each test's radial deviation
+    per unit of each coefficient. ``prior_sd``, shape (m,), are the prior standard deviations.
     """
 
     names: tuple[str, ...]
@@ -150,10 +155,12 @@ def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
 
 
 def _without_nuisances(space: NullSpace, vector: Array) -> Array:
-    """Return a combination without its nuisance coefficients, if no reading resolves that either.
+    """Return a combination of coefficients, with its nuisance coefficients set to zero if allowed.
 
-    ``vector``, shape (m,), holds the m coefficients in units of their prior standard deviations. It
-    is returned unchanged if its parameters alone change the readings noticeably.
+    They are set to zero if no reading resolves the parameters alone. If the parameters alone change
+    the readings noticeably, the combination is returned unchanged. The combination is ``vector``,
+    shape (m,): the m coefficients in units of their prior standard deviations. ``space`` is the
+    null space of the campaign's design matrix.
     """
     is_parameter = np.arange(len(vector)) < space.parameters
     parameters_only = np.where(is_parameter, vector, 0.0)
@@ -167,11 +174,12 @@ def _without_nuisances(space: NullSpace, vector: Array) -> Array:
 def _describe_degeneracy(
     bound: BoundModel, coefficients: _Coefficients, space: NullSpace, pivot: int, vector: Array
 ) -> Degeneracy | None:
-    """Return a combination that no reading resolves as a degeneracy, or None.
+    """Return the `Degeneracy` that describes an unresolved combination of coefficients.
 
-    None is returned if the combination involves no parameter. ``vector``, shape (m,), holds the m
-    coefficients in units of their prior standard deviations. ``pivot`` is the index of the
-    coefficient that comes first.
+    Return None if the combination involves no parameter. The combination is ``vector``, shape (m,):
+    the m coefficients in units of their prior standard deviations. ``pivot`` is the index of the
+    coefficient that the description lists first, and ``space`` the null space that the combination
+    belongs to.
     """
     names = coefficients.names
     effect = space.largest * np.abs(vector)
@@ -200,9 +208,9 @@ def _describe_degeneracy(
 
 
 def _sort_by_effect(indices: Sequence[int], effect: Array) -> list[int]:
-    """Return indices of coefficients, sorted by effect on the readings, the largest first.
+    """Return the given indices of coefficients, those with the largest effect first.
 
-    ``effect`` holds the largest effect of every coefficient on a reading.
+    ``effect`` holds the largest effect of every coefficient on any reading.
     """
     effect_by_index = {i: float(effect[i]) for i in indices}
     return ranked(effect_by_index, effect_by_index.__getitem__)
@@ -211,9 +219,9 @@ def _sort_by_effect(indices: Sequence[int], effect: Array) -> list[int]:
 def _in_reading_units(coefficients: _Coefficients, pivot: int, vector: Array) -> Array:
     """Return a combination of coefficients in internal units (mm, N, rad).
 
-    ``vector`` holds the coefficients in units of their prior standard deviations. If the first
-    coefficient, with index ``pivot``, is a nuisance, the combination is scaled so that this
-    nuisance is one in the unit that users see.
+    The combination is ``vector``, shape (m,): the m coefficients in units of their prior standard
+    deviations. If the coefficient with index ``pivot`` is a nuisance, the combination is scaled so
+    that this nuisance is one in the unit that users see, such as 1 µm.
     """
     change = np.asarray(vector * coefficients.prior_sd)
     if coefficients.owners[pivot]:
@@ -224,9 +232,11 @@ def _in_reading_units(coefficients: _Coefficients, pivot: int, vector: Array) ->
 
 
 def _reading_change_um(space: NullSpace, prior_sds: Array) -> float:
-    """Return the largest change of a reading [µm]; zero where it is a rounding error.
+    """Return the largest change of any reading caused by a combination of coefficients [µm].
 
-    ``prior_sds`` are changes of the coefficients in units of their prior standard deviations.
+    Return zero if this change is a rounding error. ``prior_sds`` are the changes of the
+    coefficients in units of their prior standard deviations; ``space`` is the null space that the
+    combination belongs to.
     """
     change = np.abs(space.scaled @ prior_sds).max()
     largest_alone = (space.largest * np.abs(prior_sds)).max()
@@ -236,7 +246,7 @@ def _reading_change_um(space: NullSpace, prior_sds: Array) -> float:
 
 
 def _modelled_term(bound: BoundModel, owner: str) -> Term | None:
-    """Return the model's nuisance term with this class name, or None if it is not modelled."""
+    """Return the model's nuisance term whose class is named ``owner``; None if there is none."""
     for term in bound.model.nuisances:
         if type(term).__name__ == owner:
             return term
@@ -244,7 +254,11 @@ def _modelled_term(bound: BoundModel, owner: str) -> Term | None:
 
 
 def _is_stated(bound: BoundModel, coefficient: str, term: Term | None) -> bool:
-    """Return whether a certificate, or a term changed by the user, states a coefficient's size."""
+    """Return whether the size of a nuisance coefficient is stated.
+
+    It is stated by a certificate, or by a term that the user has changed. ``term`` is the model
+    term that the coefficient belongs to; the answer is false if it is None (not modelled).
+    """
     if term is None:
         return False
     is_edited = _edition_terms(bound).get(type(term)) != term
@@ -252,10 +266,11 @@ def _is_stated(bound: BoundModel, coefficient: str, term: Term | None) -> bool:
 
 
 def standing_degeneracies(bound: BoundModel, aliases: Sequence[Degeneracy]) -> tuple[Standing, ...]:
-    """Return parameters that look like an effect which the tests hardly separate from them.
+    """Return the kinds of effect that look like parameters, each with these parameters.
 
-    The effect is no term of the model, or only tests at different forces separate it from the
-    parameters.
+    The kinds are friction, drift, a nonlinear mount or force device, and a four-lobed form error of
+    the balls. Such an effect is no term of the model, or only tests at different forces separate it
+    from the parameters.
 
     Parameters
     ----------
@@ -278,20 +293,21 @@ def standing_degeneracies(bound: BoundModel, aliases: Sequence[Degeneracy]) -> t
 
 
 def _compliances_of_kind(bound: BoundModel, kind: str) -> tuple[str, ...]:
-    """Return the names of the model's compliances of one kind, such as ``direct``."""
+    """Return the names of the model's compliances of one kind, such as ``cross`` (``C_XYX``)."""
     return tuple(name.label for name in bound.compliances if name.kind == kind)
 
 
 def _modelled_terms(bound: BoundModel) -> set[str]:
-    """Return class names of the model's nuisance terms."""
+    """Return the class names of the model's nuisance terms, such as ``Drift``."""
     return {type(term).__name__ for term in bound.model.nuisances}
 
 
 def _like_friction(bound: BoundModel) -> tuple[str, ...]:
-    """Return the cross compliances that friction can be mistaken for.
+    """Return the names of the cross compliances that friction can be mistaken for.
 
     Friction changes the readings like a cross compliance, but with a sign that changes with the
-    direction of travel. It is hidden where the parameters together can cause the same change.
+    direction of travel. It can be mistaken for the cross compliance if a combination of the
+    parameters changes the readings in the same way.
     """
     directions = {test.name: test.direction for test in bound.campaign.tests}
     sign = np.where([directions[name] == "CCW" for name in bound.test_names], -1.0, 1.0)
@@ -308,7 +324,12 @@ def _like_friction(bound: BoundModel) -> tuple[str, ...]:
 
 
 def _like_drift(bound: BoundModel) -> tuple[str, ...]:
-    """Return compliances that look like a drift, where the tests ran in the order of force."""
+    """Return the names of the compliances that a drift of the readings can be mistaken for.
+
+    There are none for a plan, if the model has the term ``Drift``, or if the tests were not run in
+    the order of their forces. Otherwise they are the direct compliances. If the model has the term
+    ``Position``, rotations caused by a force are added.
+    """
     modelled = _modelled_terms(bound)
     if "Drift" in modelled or bound.campaign.is_plan or not in_order_of_force(bound):
         return ()
@@ -319,9 +340,10 @@ def _like_drift(bound: BoundModel) -> tuple[str, ...]:
 
 
 def _like_curvature(bound: BoundModel) -> tuple[str, ...]:
-    """Return direct compliances whose slopes look like a nonlinear mount or force device.
+    """Return the direct compliances whose slopes look like a nonlinear mount or force device.
 
-    There are none unless two or more direct compliances all have slopes.
+    A slope is the change of a compliance with force. There are no such compliances unless the model
+    has two or more direct compliances, each with a slope.
     """
     direct = _compliances_of_kind(bound, "direct")
     if len(direct) > 1 and all(f"{label}_1" in bound.names for label in direct):
@@ -330,9 +352,12 @@ def _like_curvature(bound: BoundModel) -> tuple[str, ...]:
 
 
 def _like_lobes(bound: BoundModel, aliases: Sequence[Degeneracy]) -> tuple[str, ...]:
-    """Return rotations by a moment that look like a four-lobed form error of the balls.
+    """Return the rotations caused by a moment that look like a four-lobed form error of the balls.
 
-    Only tests at different forces separate the rotation from the form error.
+    There are none unless all tests have one radius and one clocking of the balls, at several
+    forces. Then only the forces separate the rotation from the form error. There are also none if
+    no degeneracy in ``aliases`` involves a form error of the balls, or if one already involves a
+    four-lobed form error.
     """
     once = not bound.setting.two_balls and len(set(bound.setting.radius_mm)) == 1
     if not once or bound.campaign.force_levels <= 1:
@@ -350,7 +375,7 @@ def _like_lobes(bound: BoundModel, aliases: Sequence[Degeneracy]) -> tuple[str, 
 
 
 def _all_coefficients(bound: BoundModel) -> _Coefficients:
-    """Return the parameters, and all nuisance coefficients that tests share.
+    """Return the parameters and the nuisance coefficients that act in several tests.
 
     The nuisance coefficients are those of the model's terms, and those of terms that the model's
     preset has but the model leaves out.
@@ -383,7 +408,10 @@ def _all_coefficients(bound: BoundModel) -> _Coefficients:
 
 
 def _edition_terms(bound: BoundModel) -> dict[type[Term], Term]:
-    """Return the nuisance terms of the model's preset, as the package ships them, by class."""
+    """Return the nuisance terms of the preset that the model was made from, by class.
+
+    The terms have the values of the package, not those that the user has changed.
+    """
     edition = HybridModel.first()
     if bound.model.preset == "default":
         edition = HybridModel.default()
@@ -393,8 +421,9 @@ def _edition_terms(bound: BoundModel) -> dict[type[Term], Term]:
 def _effects(bound: BoundModel, columns: Array) -> Array:
     """Return the change of k readings per unit of each of m coefficients, shape (k, m) [mm].
 
-    ``columns`` has the shape (tests, 25, m). The readings are those of each test at its own angles,
-    of which at most ``_MOST_ANGLES`` are used.
+    ``columns``, shape (tests, 25, m), are the changes of the 25 Fourier coefficients of each test's
+    radial deviation. The readings are those of each test at its own angles, of which at most
+    ``_MOST_ANGLES`` are used.
     """
     tests = {test.name: test for test in bound.campaign.tests}
     rows = []

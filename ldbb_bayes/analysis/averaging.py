@@ -43,13 +43,13 @@ if TYPE_CHECKING:
 
 __all__ = ["average"]
 
-# Number of chains into which the independent random draws are divided, because the diagnostics of
-# ArviZ expect several chains.
+# Number of chains into which the independent draws from the averaged posterior are divided, because
+# the diagnostics of ArviZ expect several chains.
 _CHAINS = 4
-# Least number of posterior draws that a caller may ask for.
+# Least number of draws from the averaged posterior that a caller may ask for.
 _FEWEST_DRAWS = 400
-# A model with a posterior probability below this is negligible: the error of its evidence is
-# ignored.
+# A model with a posterior probability below this is negligible in the average: the error of its
+# evidence is ignored.
 _NEGLIGIBLE_PROBABILITY = 1e-3
 # Largest error of a log evidence [nat] at which the posterior probabilities of models can be
 # trusted.
@@ -57,7 +57,11 @@ _LARGEST_ERROR = 0.1
 
 
 class _Combination(NamedTuple):
-    """The name of a model, and the rival explanations of slopes that it includes here."""
+    """One model of the average: the name that the caller gave it, and its rival explanations.
+
+    ``rivals`` are the rival explanations that the model includes: effects other than a compliance
+    that changes with force which change the readings like it.
+    """
 
     name: str
     rivals: tuple[str, ...]
@@ -65,11 +69,12 @@ class _Combination(NamedTuple):
 
 @dataclass(frozen=True)
 class _WeightedModels:
-    """Models with their posterior probabilities.
+    """The models of an average with their posterior probabilities.
 
-    ``combinations`` are the names and rival explanations of the models, ``nodes`` their weighted
-    nodes over the hyper-parameters. ``probability``, shape (models,), sums to one. ``bound`` is the
-    largest model, bound to the campaign.
+    ``combinations`` are the names and rival explanations of the models. ``nodes`` are, for each
+    model, the weighted points in the space of the hyper-parameters at which its posterior is
+    computed. ``probability``, shape (models,), sums to one. ``bound`` is the model with the most
+    parameters, bound to the campaign.
     """
 
     combinations: tuple[_Combination, ...]
@@ -79,7 +84,7 @@ class _WeightedModels:
 
     @property
     def bounds(self) -> list[BoundModel]:
-        """Return each model bound to the campaign."""
+        """Return each model of the average, bound to the campaign."""
         return [nodes.bound for nodes in self.nodes]
 
     @property
@@ -98,12 +103,13 @@ def average(
     draws: int = 4000,
     evidences: Evidences | None = None,
 ) -> xr.DataTree:
-    """Average the posterior over models and over what else explains a change with force.
+    """Average the posterior over models and over rival explanations of a change with force.
 
     The average is p(β, φ | y) = Σ_M p(M | y) p(β, φ | y, M): the posterior of the parameters β and
     hyper-parameters φ under each model M, weighted by the probability of the model given the
-    readings y. Every model, with every subset of its rival explanations of a change with force, has
-    the same prior probability.
+    readings y. Rival explanations are effects other than a change of compliance with force which
+    change the readings like it. Every model, with every subset of its rival explanations, has the
+    same prior probability.
 
     Parameters
     ----------
@@ -113,7 +119,7 @@ def average(
     campaign : Campaign
         Campaign with readings.
     seed : int
-        Seed of the draws.
+        Seed of the random draws.
     draws : int
         Number of draws in all four chains, at least 400; each model has a share equal to its
         probability.
@@ -213,7 +219,11 @@ def _check_arguments(models: Mapping[str, HybridModel], draws: int) -> None:
 
 
 def _weigh_models(models: Mapping[str, HybridModel], evidences: Evidences) -> _WeightedModels:
-    """Return each model with each subset of its rival explanations, and their probabilities."""
+    """Return the models of the average with their posterior probabilities.
+
+    They are each given model with each subset of its rival explanations. Their ``evidences`` are
+    computed where they are not known.
+    """
     combinations = []
     variants = []
     for name, model in models.items():
@@ -235,7 +245,10 @@ def _weigh_models(models: Mapping[str, HybridModel], evidences: Evidences) -> _W
 
 
 def _check_nested(bound: BoundModel, largest: BoundModel) -> None:
-    """Refuse a model that is not the largest model with some parameters fixed at zero."""
+    """Refuse a model that is not nested in the largest model.
+
+    ``bound`` is nested if it is ``largest`` with some parameters fixed at zero.
+    """
     same_terms = bound.hyper_prior.names == largest.hyper_prior.names
     fewer_parameters = set(bound.names) <= set(largest.names)
     same_force = bound.setting.reference_force_N == largest.setting.reference_force_N
@@ -250,9 +263,11 @@ def _check_nested(bound: BoundModel, largest: BoundModel) -> None:
 def _draw_posteriors(
     weighted: _WeightedModels, size: int, rng: np.random.Generator
 ) -> tuple[Array, list[ModelDraws]]:
-    """Return the model's index of every posterior draw, and the draws of each model that has any.
+    """Return ``size`` draws from the averaged posterior.
 
-    The number of draws of a model differs from its probability times ``size`` by less than one.
+    The first value, shape (size,), is the index of the model of each draw; the second holds the
+    draws of each model that has any. The number of draws of a model differs from its probability
+    times ``size`` by less than one.
     """
     cumulative = np.append(0.0, np.cumsum(weighted.probability) / weighted.probability.sum())
     ends = np.floor(cumulative * size + rng.random()).astype(int)
@@ -278,9 +293,11 @@ def _draw_priors(
 
 
 def _pool_draws(bound: BoundModel, draws_of_models: Sequence[ModelDraws]) -> tuple[Array, Array]:
-    """Return all n draws of parameters β, shape (n, p), and hyper-parameters φ, shape (n, h).
+    """Return the draws of all models in one array for parameters and one for hyper-parameters.
 
-    The draws of the models follow one another. β is zero where a model lacks a parameter.
+    The n draws of the p parameters have the shape (n, p), those of the h hyper-parameters the shape
+    (n, h). The draws of one model follow those of another. The parameters are those of ``bound``,
+    the largest model; a parameter that a model lacks is zero in its draws.
     """
     pooled_beta = []
     for draws_of_model in draws_of_models:
@@ -297,7 +314,9 @@ def _pool_draws(bound: BoundModel, draws_of_models: Sequence[ModelDraws]) -> tup
 def _log_densities(draws_of_models: Sequence[ModelDraws], order: Array) -> dict[str, Array]:
     """Return the log densities of the draws of all models, by name of the density.
 
-    ``order`` holds the indices of the draws in the wanted order, shape (chains, draws).
+    A density is, for example, the likelihood. ``order``, shape (chains, draws), holds the index of
+    the draw that belongs at each place of the result, among the draws of all models one after
+    another.
     """
     by_model = [densities_of(draws_of_model) for draws_of_model in draws_of_models]
     pooled = {}
@@ -309,8 +328,8 @@ def _log_densities(draws_of_models: Sequence[ModelDraws], order: Array) -> dict[
 def _log_prob_truncation(weighted: _WeightedModels) -> tuple[float, float]:
     """Return the log probability that no compliance is negative, and its error [nat].
 
-    It is the probability in the posterior of the most probable model, without the condition that
-    compliances are not negative.
+    It is the probability in the posterior of the most probable model that is computed without the
+    condition that compliances are not negative.
     """
     most_probable = weighted.bounds[int(np.argmax(weighted.probability))]
     near = weighted.nodes[0].posterior.plain.mode
@@ -318,7 +337,7 @@ def _log_prob_truncation(weighted: _WeightedModels) -> tuple[float, float]:
 
 
 def _free_coordinates(beta: Array, phi: Array) -> Array:
-    """Return parameters β and hyper-parameters φ that are not constant over the draws.
+    """Return the draws of those parameters β and hyper-parameters φ that vary between the draws.
 
     β has the shape (chains, draws, p), φ the shape (chains, draws, h). The result has the shape
     (chains, draws, at most p + h).
@@ -332,8 +351,9 @@ def _averaged_prior(
 ) -> dict[str, dict[str, float]]:
     """Return prior mean and standard deviation of every parameter, averaged over the models.
 
-    The models are equally probable beforehand. ``prior_sd`` has the prior standard deviations of
-    the largest model. Those of the hyper-parameters are returned unchanged.
+    The models have equal prior probabilities; a parameter that a model lacks is zero there.
+    ``prior_sd`` holds the prior standard deviations of the largest model, by name of parameter and
+    hyper-parameter; those of the hyper-parameters are returned unchanged.
     """
     names = weighted.bound.names
     moments = np.zeros((2, len(names)))
@@ -352,7 +372,8 @@ def _averaged_prior(
 def _describe_models(weighted: _WeightedModels) -> dict[str, Any]:
     """Return the models with their probabilities, for the record of the averaged posterior.
 
-    The result also has the total probability of each model name and of each rival explanation.
+    Each model is described by name, rival explanations, log evidence and posterior probability. The
+    result also has the total probability of each model name and of each rival explanation.
     """
     models = []
     for combination, nodes, probability in zip(

@@ -38,11 +38,11 @@ __all__ = ["Budget", "Contribution", "budget_uncertainty"]
 
 Kind = Literal["A", "B"]
 
-# A nuisance coefficient whose share of the variance is below this has no line of its own in a
-# budget.
+# A nuisance coefficient whose share of a parameter's variance is below this has no line of its own
+# in the uncertainty budget of the parameter.
 _LISTED_SHARE = 1e-3
-# If terms of type B (GUM 2.3.3) together have more than this share of the variance, the heaviest
-# term is chosen among them.
+# If the model terms of type B (GUM 2.3.3) together have more than this share of a parameter's
+# variance, the heaviest term of the budget is chosen among them.
 _MAJORITY = 0.5
 
 
@@ -53,15 +53,15 @@ class Contribution:
     #: name of the source: a nuisance coefficient, the small coefficients of one term together
     #: ("other …"), a noise of the readings, or ``Parameters`` for the parameters' own priors
     source: str
-    term: str  #: model term that the source belongs to
+    term: str  #: model term that the source belongs to, such as ``Mount``
     #: evaluation (GUM 2.3.2, 2.3.3): "A" from the scatter of the readings, "B" by other means
     kind: Kind
     #: standard uncertainty of the source, in the unit ``unit``; None for several coefficients
     #: together
     u: float | None
     unit: str  #: unit of the source's standard uncertainty ``u``
-    #: change of the parameter's estimate per unit of the source; for noise, ``contribution`` over
-    #: ``u``, without a sign
+    #: change of the parameter's estimate per unit of the source; for noise, the ratio of
+    #: ``contribution`` to ``u``, always positive; None where ``u`` is None
     sensitivity: float | None
     #: standard uncertainty of the parameter due to this source alone, in the parameter's unit
     contribution: float
@@ -95,11 +95,12 @@ class Budget(Result):
 class _PosteriorVariance:
     """The posterior variance of all p parameters, and the sources that it comes from.
 
-    ``covariance``, shape (m, m), is that of all m coefficients (parameters and nuisances) at the
-    mean hyper-parameters ``phi`` [mm], in units of the prior standard deviations. ``shares`` are
-    the shares of the parameters' variances, shape (p,), by names of source and term.
-    ``variance_if_known`` are the variances of the parameters, shape (p,), if the term of this name
-    were known exactly.
+    ``phi`` are the mean hyper-parameters, by name. ``covariance``, shape (m, m), is the posterior
+    covariance of all m coefficients (parameters and nuisances) at these hyper-parameters, in units
+    of the prior standard deviations. ``shares`` holds, by names of source and model term, the share
+    of the source in the variance of each parameter, shape (p,). ``variance_if_known`` holds, by
+    name of a model term, the variance that each parameter would have if the term were known
+    exactly, shape (p,).
     """
 
     bound: BoundModel
@@ -111,7 +112,7 @@ class _PosteriorVariance:
 
 
 class _NoiseSource(NamedTuple):
-    """Type (A or B of the GUM), standard uncertainty and unit of a noise of the readings.
+    """Type (A or B of the GUM), standard uncertainty ``u`` and unit of a noise of the readings.
 
     ``u`` is None where several noises are taken together.
     """
@@ -125,10 +126,11 @@ class _NoiseSource(NamedTuple):
 def budget_uncertainty(posterior: xr.DataTree) -> dict[str, Budget]:
     """Return the uncertainty budget of every parameter of a posterior, in the form of the GUM.
 
-    The share of a source s in the variance of a parameter y is u_s²(y) / u²(y), as in the GUM, but
-    for the truncation (compliances are not negative) and the uncertainty of the hyper-parameters
-    (the scales of the noise and of other effects). Both are in the variance u²(y), which is that of
-    the posterior draws; shares are computed at the mean hyper-parameters.
+    The share of a source s in the variance of a parameter y is u_s²(y) / u²(y) as in the GUM, where
+    u_s(y) is the standard uncertainty of y due to s alone. The variance u²(y) is that of the
+    posterior draws. Unlike the GUM, it includes the truncation (compliances are not negative) and
+    the uncertainty of the hyper-parameters (the scales of the noise and of other effects). The
+    shares are computed at the mean hyper-parameters.
 
     Parameters
     ----------
@@ -189,8 +191,8 @@ def budget_uncertainty(posterior: xr.DataTree) -> dict[str, Budget]:
 def _contributions(variance: _PosteriorVariance, i: int, u: float) -> tuple[Contribution, ...]:
     """Return the lines of the budget of parameter i, the largest share of the variance first.
 
-    ``u`` is the parameter's standard uncertainty. Small contributions of one term are summed in one
-    line.
+    ``variance`` holds the shares of all sources; ``u`` is the parameter's standard uncertainty.
+    Small contributions of one model term are summed in one line.
     """
     lines = []
     unlisted_shares: dict[str, float] = {}
@@ -214,8 +216,9 @@ def _coefficient_line(
 ) -> Contribution:
     """Return the line of one nuisance coefficient in the budget of parameter i.
 
-    ``share`` is the share of the coefficient in the parameter's variance; ``u`` is the standard
-    uncertainty of the parameter.
+    ``source`` is the name of the coefficient and ``term`` that of its model term. ``share`` is the
+    share of the coefficient in the parameter's variance; ``u`` is the standard uncertainty of the
+    parameter.
     """
     information = variance.information
     row = information.interest[i]
@@ -240,7 +243,9 @@ def _contribution(
 ) -> Contribution:
     """Return the line of a source in a budget, from its share of the parameter's variance.
 
-    ``u`` is the standard uncertainty of the parameter, ``source_u`` that of the source.
+    ``u`` is the standard uncertainty of the parameter, ``source_u`` that of the source in ``unit``,
+    or None if the source has no single one. ``kind`` is the type of evaluation, A or B of the GUM.
+    ``sign`` is the sign of the sensitivity.
     """
     contribution = float(np.sqrt(max(share, 0.0))) * u
     sensitivity = None
@@ -259,7 +264,10 @@ def _contribution(
 
 
 def _noise_source(bound: BoundModel, term: str, phi: Mapping[Any, float]) -> _NoiseSource:
-    """Return type, standard uncertainty and unit of a noise, or of the parameters' own priors."""
+    """Return type, standard uncertainty and unit of a noise, or of the parameters' own priors.
+
+    ``term`` is the name of the source in the budget; ``phi`` are the hyper-parameters by name [mm].
+    """
     if term == NOISE:
         return _NoiseSource("A", phi["sigma"], "mm")
     columns: Sequence[Columns | BasisNoise] = ()
@@ -280,10 +288,11 @@ def _noise_source(bound: BoundModel, term: str, phi: Mapping[Any, float]) -> _No
 
 
 def _heaviest_term(contributions: Sequence[Contribution]) -> str:
-    """Return the model term with the largest share of the variance.
+    """Return the model term with the largest share of a parameter's variance.
 
-    Where terms of type B (GUM 2.3.3) have more than half of the variance, return the largest of
-    these: more circles would not reduce them.
+    Where terms of type B (GUM 2.3.3) together have more than half of the variance, return the
+    largest of these, because more circles would not reduce them. ``contributions`` are the lines of
+    the parameter's budget.
     """
     shares: dict[str, float] = {}
     for line in contributions:
@@ -297,9 +306,10 @@ def _heaviest_term(contributions: Sequence[Contribution]) -> str:
 def _uncertainty_if_known(
     variance: _PosteriorVariance, i: int, term: str, u: float
 ) -> float | None:
-    """Return the uncertainty of parameter i if a term were known; None if it cannot be known.
+    """Return the standard uncertainty of parameter i if a model term were known exactly.
 
-    ``u`` is the present standard uncertainty of the parameter.
+    Return None if the term cannot be known, such as noise of the readings. ``u`` is the present
+    standard uncertainty of the parameter.
     """
     if term not in variance.variance_if_known:
         return None

@@ -30,9 +30,10 @@ from ldbb_bayes.results import Array, Numbers, Result, readable
 
 __all__ = ["LOG_LIKELIHOOD", "Validation", "calibrate"]
 
-# Name of the log likelihood among the quantities that calibration ranks.
+# Name of the log likelihood among the quantities that calibration ranks, beside the parameters and
+# hyper-parameters.
 LOG_LIKELIHOOD = "log_likelihood"
-# Probabilities of the credible intervals whose coverage is reported.
+# Probabilities of the credible intervals whose coverage (share of true values inside) is reported.
 _INTERVALS = (0.5, 0.8, 0.95)
 _MIN_REPLICATES = 10
 _MIN_DRAWS = 9
@@ -40,7 +41,7 @@ _MIN_DRAWS = 9
 
 @dataclass(frozen=True, eq=False)
 class Validation(Result):
-    """Ranks of true values among their posterior draws.
+    """Ranks of true values among their posterior draws, from simulation-based calibration.
 
     Examples
     --------
@@ -58,7 +59,8 @@ class Validation(Result):
     ranks: Numbers
     draws: int  #: number of posterior draws in each replicate
     sampler: str  #: method of drawing from the posterior: ``joint`` or ``independent``
-    #: probability, if calibrated, that the ranks of all quantities stay inside their bands
+    #: probability that the distributions of ranks of all quantities stay inside the band ``band``,
+    #: if the posterior is calibrated
     prob: float
     #: error messages of replicates whose posterior could not be sampled; these replicates have no
     #: ranks
@@ -74,10 +76,10 @@ class Validation(Result):
 
     @cached_property
     def band(self) -> tuple[Array, Array]:
-        """Lower and upper limit of the distribution `ecdf` of one quantity, shape (draws,) each.
+        """Lower and upper limit of the empirical distribution of ranks, shape (draws,) each.
 
-        If the posterior is calibrated, all quantities stay inside this band together with
-        probability ``prob``.
+        Both are limits of `ecdf`, the same for every quantity. If the posterior is calibrated, the
+        distributions of all quantities stay inside this band together with probability ``prob``.
         """
         prob_of_one = self.prob ** (1.0 / len(self.names))
         return simultaneous_band(self.replicates, self.draws, prob_of_one)
@@ -86,8 +88,8 @@ class Validation(Result):
     def pit(self) -> xr.DataTree:
         """The ranks scaled to 0 … 1 in ArviZ's group ``prior_sbc``, for ``plot_ecdf_pit``.
 
-        A scaled rank is (rank + ½) / (draws + 1). Each replicate stands where ArviZ's layout has a
-        random draw.
+        A scaled rank is (rank + ½) / (draws + 1), where ``draws`` is the number of posterior draws
+        in each replicate. The dimension ``draw`` of ArviZ's layout counts the replicates.
         """
         shares = (self.ranks + 0.5) / (self.draws + 1.0)
         data = {
@@ -108,13 +110,14 @@ class Validation(Result):
         Returns
         -------
         Array
-            Share of replicates whose rank is at most k, for k = 0 … draws − 1.
+            Share of replicates whose rank is at most k, for k = 0 … draws − 1, where ``draws`` is
+            the number of posterior draws in each replicate.
         """
         return ecdf(self.ranks[:, self.names.index(name)], self.draws)
 
     @cached_property
     def outside(self) -> tuple[str, ...]:
-        """Names of the quantities whose distribution of ranks leaves the band."""
+        """Names of the quantities whose distribution of ranks leaves the band ``band``."""
         lower, upper = self.band
         outside = []
         for name in self.names:
@@ -125,11 +128,15 @@ class Validation(Result):
 
     @property
     def calibrated(self) -> bool:
-        """Whether the ranks of all quantities stay inside the band and no replicate failed."""
+        """Whether the posterior is found to be calibrated.
+
+        It is if the distributions of ranks of all quantities stay inside the band, and no replicate
+        failed.
+        """
         return not self.outside and not self.failures
 
     def coverage(self) -> pd.DataFrame:
-        """Return the share of true values that lie inside their equal-tailed intervals.
+        """Return the share of true values that lie inside their equal-tailed credible intervals.
 
         Returns
         -------
@@ -208,7 +215,8 @@ def calibrate(
         Model that simulates the readings. Default: ``model``. Another one shows the effect of an
         analysis with a wrong model.
     prob : float
-        Probability that all ranks of all quantities lie inside their bands, if calibrated.
+        Probability that the distributions of ranks of all quantities stay inside their band, if the
+        posterior is calibrated.
     seed : int
         Seed of all random numbers.
     executor : Executor, optional
@@ -285,7 +293,11 @@ def calibrate(
 
 
 class _Study(NamedTuple):
-    """Settings of a calibration that all replicates have in common."""
+    """Settings of a calibration that all replicates have in common.
+
+    ``model`` computes the posterior of readings that ``generator`` simulates for the tests of
+    ``plan``. ``sampler`` is the method of drawing; ``draws`` is the number of posterior draws.
+    """
 
     model: HybridModel
     generator: HybridModel
@@ -297,12 +309,15 @@ class _Study(NamedTuple):
 class _Ranks(NamedTuple):
     """Ranks of the true values in one simulated replicate."""
 
-    ranks: Array  # numbers of draws below each true value, shape (quantities,)
-    by_emcee: bool  # whether the draws come from the sampler emcee
+    ranks: Array  # number of posterior draws below each true value, shape (quantities,)
+    by_emcee: bool  # whether the posterior draws come from the sampler emcee
 
 
 def _rank_replicate(study: _Study, seed: np.random.SeedSequence) -> _Ranks | str:
-    """Return the ranks of true values in one simulated campaign, or an error message."""
+    """Return the ranks of true values in one simulated campaign.
+
+    Return an error message if no posterior draws can be made.
+    """
     simulation_seed, sampling_seed = seed.spawn(2)
     simulation = study.generator.simulate(
         study.plan, seed=int(simulation_seed.generate_state(1)[0])

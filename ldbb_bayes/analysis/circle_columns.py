@@ -35,35 +35,50 @@ COS2, SIN2 = harmonic_index(2)
 
 
 class MachineColumns(NamedTuple):
-    """Changes of the 25 Fourier coefficients of one circle per unit of each of p parameters."""
+    """Changes of the 25 Fourier coefficients of one circle per unit of each of p parameters.
+
+    The coefficients describe the radial deviation of the circle [mm].
+    """
 
     elastic: Array  #: effects of compliances and slopes, zero for other parameters, shape (25, p)
     geometric: Array  #: effects of geometric errors, zero for other parameters, shape (25, p)
 
 
 class SecondOrderFactors(NamedTuple):
-    """Scale mismatch and squareness per amplitude of a circle's second harmonic [µm/m per µm]."""
+    """Scale mismatch and squareness per µm of a circle's second harmonic [µm/m per µm].
+
+    The second harmonic of the radial deviation has an amplitude of cos 2θ and one of sin 2θ.
+    """
 
     scale_mismatch: float  #: scale mismatch per amplitude of cos 2θ [µm/m per µm]
     squareness: float  #: squareness per amplitude of sin 2θ [µm/m per µm]
 
 
 def machine_columns(bound: BoundModel, r: int, force_N: float) -> MachineColumns:
-    """Return the effects of the parameters on the circle of test r, at any force."""
+    """Return the effects of the parameters on the circle of the test with index ``r``.
+
+    The effects are those at the force ``force_N`` of the bar, which need not be the test's own.
+    """
     geometric = np.array([parameter.group == "geometric" for parameter in bound.parameters])
     elastic = force_N * bound.setting.wrench[r] @ bound.compliance_at(force_N)
     return MachineColumns(elastic, np.where(geometric, bound.interest[r], 0.0))
 
 
 def second_order_factors(bound: BoundModel, r: int) -> SecondOrderFactors:
-    """Return scale mismatch and squareness per µm of the second harmonic of test r."""
+    """Return scale mismatch and squareness per µm of the second harmonic, for one circle.
+
+    The circle is that of the test with index ``r``; its radius and plane determine the factors.
+    """
     radius_m = float(bound.setting.radius_mm[r]) * 1e-3
     sin2_of_squareness = float(bound.setting.geometric[r][SIN2, _squareness_index(bound, r)])
     return SecondOrderFactors(2.0 / radius_m, 1e3 / sin2_of_squareness)
 
 
 def _squareness_index(bound: BoundModel, r: int) -> int:
-    """Return the index of the geometric error that is the squareness of the plane of test r."""
+    """Return the index of the squareness error in the plane of the test with index ``r``.
+
+    It is the index among the campaign's geometric errors.
+    """
     sin2 = bound.setting.geometric[r][SIN2]
     for j, error in enumerate(geometric_errors_of(bound.campaign)):
         if error.kind == "squareness" and sin2[j] != 0.0:
@@ -78,7 +93,7 @@ def squareness_name(bound: BoundModel, plane: str) -> str:
 
 
 def first_circle(bound: BoundModel, plane: str) -> int:
-    """Return the index of the first test of a plane."""
+    """Return the index of the first test that was run in a plane, such as XY."""
     return list(bound.setting.plane).index(plane)
 
 

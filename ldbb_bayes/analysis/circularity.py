@@ -50,8 +50,9 @@ __all__ = [
     "summarise_draws",
 ]
 
-# Units of circular-test quantities by name: those of every tool path, those of planes run both
-# clockwise and counterclockwise, and those about the centre of the minimum zone.
+# Units of circular-test quantities by name. QUANTITIES are those of every tool path; BIDIRECTIONAL
+# are those of planes run both clockwise and counterclockwise; MINIMUM_ZONES are the deviations
+# about the centre of the minimum zone.
 QUANTITIES = {
     "G": "µm",
     "F_max": "µm",
@@ -61,10 +62,11 @@ QUANTITIES = {
 }
 BIDIRECTIONAL = {"G_b": "µm", "D": "µm"}
 MINIMUM_ZONES = {"G_minimum_zone": "µm", "G_b_minimum_zone": "µm"}
-# Whether each of the 25 Fourier coefficients is kept when radius and centre are removed.
+# Whether each of the 25 Fourier coefficients of a circle is kept when radius and centre are
+# removed. The first three are not: the mean radius, and the amplitudes of cos θ and sin θ.
 _CENTRED = np.arange(SIZE) >= 3
-# Patterns of the names of hysteresis coefficients: those of the part independent of force, and
-# those of the part proportional to force.
+# Regular expressions for the names of hysteresis coefficients. The first matches the part that is
+# independent of force, the second the part that is proportional to force.
 _CONSTANT_HYSTERESIS = re.compile(r"hysteresis_(?!force)")
 _PROPORTIONAL_HYSTERESIS = re.compile("hysteresis_force")
 
@@ -80,9 +82,10 @@ def predict_circularity(
 ) -> pd.DataFrame:
     """Return circular-test quantities of the machine's own tool path, with credible intervals.
 
-    The quantities are those of ISO 230-4, without errors of the instrument, on the first circle of
-    each plane. A G is a largest difference: where the path is not known it is more often too large
-    than too small.
+    The quantities are those of ISO 230-4, without errors of the instrument, for the first circle of
+    each plane. The circular deviation G is the largest difference of radii along the path. Where
+    the readings do not determine the path well, G is therefore estimated too large more often than
+    too small.
 
     Parameters
     ----------
@@ -99,11 +102,12 @@ def predict_circularity(
     -------
     DataFrame
         One row per plane, force and quantity: plane, radius_mm, force_N, quantity, unit, mean, sd,
-        median, ci_low, ci_high. G, F_max, F_min about the least-squares centre and radius [µm];
-        squareness (in the sense and sign of the plane's own parameter, E_C0YX in XY) and
-        scale_mismatch (gain of the first axis less that of the second) [µm/m], as the second
-        harmonic shows them, compliance included; where the plane is run both ways G_b and D, the
-        mean radius less the nominal one [µm] (G and F are then of the mean path).
+        median, ci_low, ci_high. G, F_max and F_min [µm] are taken about the least-squares centre
+        and radius. Squareness and scale_mismatch [µm/m] are computed from the second harmonic of
+        the path, and include the effect of compliance. Squareness has the sign of the plane's own
+        parameter, E_C0YX in XY; scale_mismatch is the gain of the first axis minus that of the
+        second. For a plane run in both directions of travel, G, F_max and F_min are those of the
+        mean path, and there are also G_b and D [µm]; D is the mean radius minus the nominal one.
 
     Raises
     ------
@@ -140,7 +144,11 @@ class PathDraws(NamedTuple):
 def path_draws(
     posterior: xr.DataTree, forces_N: Sequence[float] = (), draws: int = 2000
 ) -> Iterator[PathDraws]:
-    """Yield posterior draws of each quantity of `predict_circularity`, by plane and force."""
+    """Yield posterior draws of each quantity of `predict_circularity`, by plane and force.
+
+    ``forces_N`` are forces of the bar [N], by default 0 and the tested forces. ``draws`` is the
+    number of posterior draws used.
+    """
     bound = bound_of(posterior)
     draws_of_models = model_draws_of(posterior, draws)
     hysteresis = _draw_hysteresis(bound, draws_of_models)
@@ -168,10 +176,10 @@ def path_draws(
 
 
 def _path_quantities(bound: BoundModel, r: int, path_um: Array) -> dict[str, Array]:
-    """Return deviations, squareness and scale mismatch of a tool path, each of shape (draws,).
+    """Return G, F_max, F_min, squareness and scale mismatch of a tool path, each of shape (draws,).
 
-    ``path_um``, shape (draws, 25), holds posterior draws of the Fourier coefficients of the radial
-    deviation on the circle of test ``r``.
+    ``path_um``, shape (draws, 25), holds posterior draws of the 25 Fourier coefficients of the
+    radial deviation [µm] on the circle of the test with index ``r``.
     """
     factors = second_order_factors(bound, r)
     trace = np.where(_CENTRED, path_um, 0.0) @ basis(ANGLE_RAD).T
@@ -185,11 +193,12 @@ def _path_quantities(bound: BoundModel, r: int, path_um: Array) -> dict[str, Arr
 
 
 def _bidirectional_quantities(path_um: Array, half_difference_um: Array) -> dict[str, Array]:
-    """Return the quantities of both directions of travel, from their mean and half difference.
+    """Return the bidirectional deviation G_b and the mean deviation D of ISO 230-4 [µm].
 
-    ``path_um`` is the mean of the two tool paths and ``half_difference_um`` half their difference,
-    as Fourier coefficients of shape (draws, 25). Both paths are taken about the least-squares
-    centre of their mean.
+    ``path_um`` is the mean of the clockwise and the counterclockwise tool path, and
+    ``half_difference_um`` half their difference. Both are given, for each posterior draw, by the 25
+    Fourier coefficients of the radial deviation (constant, and cosine and sine of the harmonics 1
+    to 12), shape (draws, 25). Both paths are taken about the least-squares centre of their mean.
     """
     centred = np.where(_CENTRED, path_um, 0.0)
     clockwise = (centred + half_difference_um) @ basis(ANGLE_RAD).T
@@ -199,7 +208,10 @@ def _bidirectional_quantities(path_um: Array, half_difference_um: Array) -> dict
 
 
 def summarise_draws(values: Array, prob: float) -> dict[str, float]:
-    """Return sd, median and both ends of the equal-tailed interval of draws, by column name."""
+    """Return sd, median and both ends of the equal-tailed interval of draws, by column name.
+
+    ``values`` are the draws, shape (draws,); ``prob`` is the probability of the interval.
+    """
     low, median, high = np.quantile(values, [0.5 - 0.5 * prob, 0.5, 0.5 + 0.5 * prob])
     return {
         "sd": float(values.std()),
@@ -210,7 +222,11 @@ def summarise_draws(values: Array, prob: float) -> dict[str, float]:
 
 
 class _Hysteresis(NamedTuple):
-    """Half the difference of a circle between the directions of travel, as Fourier coefficients."""
+    """Posterior draws of the hysteresis of a circle, as 25 Fourier coefficients.
+
+    Hysteresis is half the difference of radial deviation between clockwise and counterclockwise
+    travel.
+    """
 
     constant: Array  #: part of the hysteresis independent of force, shape (draws, 25) [mm]
     #: part of the hysteresis proportional to force, per unit of force, shape (draws, 25) [mm/N]
@@ -223,10 +239,11 @@ class _Hysteresis(NamedTuple):
 def _draw_hysteresis(
     bound: BoundModel, draws_of_models: Sequence[ModelDraws]
 ) -> dict[str, _Hysteresis]:
-    """Return random draws of hysteresis for each plane run in both directions.
+    """Return random draws of hysteresis for each plane run in both directions of travel.
 
-    Hysteresis is half the difference between the directions. The draws of the models of an average
-    follow one another.
+    Hysteresis is half the difference of radial deviation between clockwise and counterclockwise
+    travel. If the posterior is an average over models, the draws of one model follow those of
+    another. Planes whose hysteresis is zero are left out.
     """
     if not bound.setting.both_ways:
         return {}

@@ -26,8 +26,8 @@ from ldbb_bayes.units import ranked
 
 __all__ = ["Conflict", "JointDifference", "joint_difference", "worst_conflict"]
 
-# The readings count as informative about a coefficient where they lower its variance by at least
-# this share of the variance that remains.
+# The readings of a campaign count as informative about a nuisance coefficient of the instrument if
+# they lower its variance by at least this share of the variance that remains.
 _LEAST_INFORMATION = 0.05
 # Names of the hyper-parameters of the instrument: the scale of the balls' form errors, and the
 # decay of this scale with the number of waves per turn.
@@ -35,7 +35,7 @@ _INSTRUMENT_HYPERS = ("tau", "decay")
 
 
 class Conflict(NamedTuple):
-    """The coefficient of a common instrument about which two campaigns disagree most."""
+    """The nuisance coefficient of a common instrument about which two campaigns disagree most."""
 
     coefficient: str
     #: probability of a larger disagreement by chance, times the number of coefficients compared
@@ -44,28 +44,28 @@ class Conflict(NamedTuple):
 
 
 class JointDifference(NamedTuple):
-    """Joint estimate of the compared parameters of both campaigns, and their difference."""
+    """Joint estimate of the n compared parameters of two campaigns, and their difference."""
 
-    means: Array  #: posterior means in both campaigns, shape (2, names)
-    difference: Array  #: posterior mean of second minus first campaign, shape (names,)
-    sd: Array  #: standard uncertainty of ``difference``, shape (names,)
-    #: common coefficient about which the campaigns disagree most; None where the readings of both
-    #: campaigns are informative about no common coefficient
+    means: Array  #: posterior means of the parameters in both campaigns, shape (2, n)
+    difference: Array  #: posterior mean of second minus first campaign, shape (n,)
+    sd: Array  #: standard uncertainty of ``difference``, shape (n,)
+    #: nuisance coefficient of the common instrument about which the campaigns disagree most; None
+    #: if there is no such coefficient about which the readings of both campaigns are informative
     conflict: Conflict | None
 
 
 class _Campaign(NamedTuple):
-    """The coefficients of one campaign, given its hyper-parameters."""
+    """Posterior of the coefficients of one campaign, given its hyper-parameters."""
 
     information: Information
-    names: list[str]  #: names of the parameters and shared nuisance coefficients
+    names: list[str]  #: names of the parameters, and of nuisance coefficients that tests share
     mean: Array  #: posterior means of the coefficients in ``names``
 
 
 def joint_difference(
     bounds: Sequence[BoundModel], phi: Sequence[Array], rows: Sequence[Array]
 ) -> JointDifference:
-    """Return the difference of two campaigns run with the same instrument.
+    """Return the difference of the parameters of two campaigns run with the same instrument.
 
     Parameters
     ----------
@@ -74,8 +74,8 @@ def joint_difference(
     phi : sequence of ndarray
         Hyper-parameters of each campaign, shape (h,) [mm].
     rows : sequence of ndarray
-        Matrix of each campaign, shape (names, p), that maps its parameters β, shape (p,), to the
-        compared parameters, shape (names,).
+        Matrix of each campaign, shape (n, p), that maps its parameters β, shape (p,), to the n
+        compared parameters, shape (n,).
     """
     if _several_clockings(bounds):
         bounds = [bound.with_two_balls() for bound in bounds]
@@ -122,7 +122,7 @@ def joint_difference(
 
 
 def _several_clockings(bounds: Sequence[BoundModel]) -> bool:
-    """Return whether the balls were turned between any two tests."""
+    """Return whether the clocking of the balls differs between any two tests of both campaigns."""
     clockings = set()
     for bound in bounds:
         for test in bound.campaign.tests:
@@ -131,7 +131,10 @@ def _several_clockings(bounds: Sequence[BoundModel]) -> bool:
 
 
 def _share_hypers(bounds: Sequence[BoundModel], phi: Sequence[Array]) -> list[Array]:
-    """Return the hyper-parameters of both campaigns, with means for those of the instrument."""
+    """Return the hyper-parameters of both campaigns, made equal where they are the instrument's.
+
+    These are the scale of the balls' form errors and its decay; each is the mean of both campaigns.
+    """
     shared = [values.copy() for values in phi]
     for name in _INSTRUMENT_HYPERS:
         if any(name not in bound.hyper_prior.names for bound in bounds):
@@ -161,7 +164,7 @@ def _information_and_means(bound: BoundModel, phi: Array) -> _Campaign:
 
 
 def _common_coefficients(first: _Campaign, second: _Campaign) -> list[str]:
-    """Return the names of the instrument's coefficients that both campaigns have."""
+    """Return the names of the instrument's nuisance coefficients that both campaigns have."""
     common = []
     for name, owner in zip(first.names, first.information.owners, strict=True):
         of_instrument = owner in Term.kinds and Term.kinds[owner].instrument
@@ -175,8 +178,8 @@ def _places(
 ) -> list[int]:
     """Return the indices of a campaign's coefficients in the joint list of both campaigns.
 
-    The coefficients of the first campaign come first in that list. Those that only the second
-    campaign has follow.
+    ``all_names`` is the joint list: the coefficients of the first campaign, then those of the
+    second that are not ``common``. ``is_first`` says whether ``campaign`` is the first.
     """
     if is_first:
         return list(range(len(campaign.names)))
@@ -198,18 +201,19 @@ def worst_conflict(
     information: Sequence[Information],
     means: Sequence[Array],
 ) -> Conflict | None:
-    """Return the coefficient about which the readings of two campaigns disagree most.
+    """Return the common coefficient about which the readings of two campaigns disagree most.
 
-    The readings y alone, without the prior, estimate a coefficient ν with the standard uncertainty
-    1/√l, where l = 1/Var(ν | y) − 1/S and S is the prior variance of ν. The estimates from the two
-    campaigns must agree within their uncertainties.
+    The campaigns were run with the same instrument. Their readings y alone, without the prior,
+    estimate a coefficient ν of the instrument with the standard uncertainty 1/√l, where l =
+    1/Var(ν | y) − 1/S and S is the prior variance of ν. The estimates from the two campaigns must
+    agree within their uncertainties.
 
     Parameters
     ----------
     common : sequence of str
-        Coefficients that both campaigns have.
+        Names of the instrument's nuisance coefficients that both campaigns have.
     names : sequence of sequence of str
-        All coefficients of each campaign.
+        Names of all coefficients of each campaign.
     information : sequence of Information
         Information about the coefficients of each campaign.
     means : sequence of ndarray
@@ -218,7 +222,8 @@ def worst_conflict(
     Returns
     -------
     Conflict or None
-        None where the readings of both campaigns are informative about no common coefficient.
+        Coefficient and p-value of the disagreement. None if there is no common coefficient about
+        which the readings of both campaigns are informative.
     """
     scales = []
     variances = []
@@ -246,10 +251,10 @@ def worst_conflict(
 
 
 def _posterior_mean(bound: BoundModel, phi: Array) -> Array:
-    """Return the posterior mean of parameters, and of nuisances that tests share, given φ.
+    """Return the posterior mean of parameters and shared nuisance coefficients, given ``phi``.
 
-    φ are the hyper-parameters, shape (h,) [mm]. The coefficients are in the order of
-    `information_of`.
+    ``phi`` are the hyper-parameters, shape (h,) [mm]. Shared nuisance coefficients act in several
+    tests. The means have the order of `information_of`: parameters first.
     """
     beta = bound.given(phi[None])[1].mean[0]
     has_shared_nuisances = any(

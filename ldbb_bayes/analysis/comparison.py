@@ -66,21 +66,21 @@ __all__ = [
     "read_comparison",
 ]
 
-# Scales of the prior of the slopes at which the Bayes factor is computed. Over the range of force,
-# the prior standard deviation of the change of a compliance is this multiple of that of the
-# compliance.
+# Scales of the prior of the slopes at which the Bayes factor is computed. A slope is the change of
+# a compliance with force. The scale is the prior standard deviation of this change over the range
+# of force, divided by that of the compliance itself.
 SLOPE_SCALES = (0.03, 0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 2.0, 3.0)
-# The readings reject an assumption whose log evidence is lower than that of the models' own
-# assumption by this much [nat].
+# The readings reject an assumption about how circles differ if its log evidence is lower than that
+# of the models' own assumption by this or more [nat].
 _REJECTED = 5.0
-# An assumption is rejected, and its evidences need to be only rough, if the log evidences of both
-# models under it are lower by this [nat] than the best under the models' own assumption.
+# The evidences under an assumption about how circles differ need to be only rough if both log
+# evidences are lower by this [nat] than the better one under the models' own assumption.
 _FAR_REJECTED = 10.0
-# Number of posterior draws over which the prediction of each model is averaged.
+# Number of posterior draws over which each model's prediction of the readings is averaged.
 _QUALITY_DRAWS = 1000
-# Settings for the posterior mean and standard deviation of parameters. They are the share of the
-# quadrature nodes' weight that may be left out, and the number of points that account for the
-# condition that compliances are not negative.
+# Settings of the quadrature for the posterior mean and standard deviation of parameters. The first
+# is the share of the weight that may be left out; nodes of the smallest weight are skipped. The
+# second is the number of quasi-random points for the condition that no compliance is negative.
 _NEGLIGIBLE_WEIGHT = 1e-4
 _MOMENT_POINTS = 256
 # Smallest and largest tolerance of a log evidence that a caller may ask for [nat]. A comparison
@@ -90,7 +90,7 @@ _COARSEST_TOLERANCE = 1.0
 
 
 class Sign(StrEnum):
-    """Robustness of the sign of the log Bayes factor of two models against other assumptions."""
+    """Whether the sign of the log Bayes factor of two models holds under other assumptions."""
 
     OPEN = "depends on assumptions that the readings allow"
     HELD = "holds but for assumptions that the readings reject"
@@ -99,7 +99,7 @@ class Sign(StrEnum):
 
 @dataclass(frozen=True)
 class ComparedCampaign:
-    """Name and digest (SHA-256) of the campaign that models were compared on."""
+    """Name of the campaign that models were compared on, and digest (SHA-256) of its readings."""
 
     name: str
     sha256: str
@@ -116,7 +116,11 @@ class ParameterEstimate:
 
 @dataclass(frozen=True, eq=False)
 class ComparedModel:
-    """Evidence, fit and parameter estimates of one of the models compared."""
+    """Evidence, fit and parameter estimates of one of the models compared.
+
+    ``degree`` is the degree of compliance in force: 0 constant, 1 linear. Log evidence and its
+    error are in nats.
+    """
 
     log_evidence: float
     log_evidence_error: Finite
@@ -125,8 +129,8 @@ class ComparedModel:
     #: other tests [nat]; not a number for a campaign of one test
     elpd_lofo: Number
     elpd_lofo_se: Number  #: standard error of ``elpd_lofo``, from the scatter over the tests [nat]
-    #: root-mean-square residual (Eq. 34 of the paper) of the posterior mean prediction [µm], which
-    #: has the machine's effects and the nuisance effects that all tests share
+    #: root-mean-square residual (Eq. 34 of the paper) of the posterior mean prediction [µm]; the
+    #: prediction includes the machine's effects and the nuisance effects that tests share
     rmse_um: float
     #: root-mean-square residual (Eq. 34 of the paper) of the paper's least-squares fit (Eq. 31)
     #: [µm]; not a number where the tests have too few forces for the fit
@@ -140,8 +144,8 @@ class ComparedModel:
 class ComparedTest:
     """One test of a campaign, predicted from the other tests.
 
-    Names with ``lofo`` state such predictions of a test that was left out. The p-values, the worst
-    Fourier order and the flag are those of `JudgedTest`.
+    Fields with ``lofo`` in their names compare the test's readings with their prediction from the
+    other tests. The p-values, the worst Fourier order and the flag are those of `JudgedTest`.
     """
 
     force_N: float
@@ -155,16 +159,19 @@ class ComparedTest:
 
     @property
     def stands_out(self) -> bool:
-        """Return whether the family-wise p-value is below 2 %, even if the test is not flagged."""
+        """Return whether the test stands out from its prediction by the other tests.
+
+        It does if its family-wise p-value is below 2 %, even if the test is not flagged.
+        """
         return self.lofo_family_wise_p_value < FALSE_ALARMS
 
 
 @dataclass(frozen=True)
 class ScaledSlopes:
-    """The log Bayes factor [nat] under one prior of the slopes.
+    """The log Bayes factor of two models [nat], and its error, under one prior of the slopes.
 
-    Over the range of force, the prior standard deviation of the change of a compliance is
-    ``slope_scale`` times that of the compliance.
+    A slope is the change of a compliance with force. Over the range of force, the prior standard
+    deviation of this change is ``slope_scale`` times that of the compliance itself.
     """
 
     slope_scale: float
@@ -174,9 +181,9 @@ class ScaledSlopes:
 
 @dataclass(frozen=True)
 class Difference:
-    """A difference of expected log predictive densities, or a sum of log densities [nat].
+    """The sum over the tests of a log predictive density, or of its difference of two models [nat].
 
-    ``se`` is the standard error of ``value``, from the scatter over the tests.
+    ``value`` is the sum; ``se`` is its standard error, from the scatter over the tests.
     """
 
     value: Number
@@ -185,7 +192,7 @@ class Difference:
 
 @dataclass(frozen=True, eq=False)
 class Comparison(Result):
-    """The result of comparing models of one campaign.
+    """The result of comparing models of one campaign by evidence and prediction.
 
     Logarithms are natural; parameters are in internal units (mm, N, rad).
 
@@ -201,44 +208,49 @@ class Comparison(Result):
 
     campaign: ComparedCampaign  #: name and digest of the campaign
     models: dict[str, ComparedModel]  #: models by the names that the caller gave
-    #: log Bayes factor ln B of each later model over the first [nat], by "model/first"
+    #: log Bayes factor ln B of each later model over the first [nat]; keys are such as
+    #: "linear/constant", the later model's name before the first's
     log_bayes_factor: dict[str, float]
-    #: error of each log Bayes factor ln B [nat], by "model/first"
+    #: error of each log Bayes factor ln B [nat], with the keys of ``log_bayes_factor``
     log_bayes_factor_error: dict[str, Finite]
     #: expected log predictive density of tests left out: that of each later model minus that of the
-    #: first [nat], by "model/first"
+    #: first [nat], with the keys of ``log_bayes_factor``; empty if no test was left out
     elpd_difference: dict[str, Difference]
     #: names of the first two models as "second/first"; the results under other priors and
-    #: assumptions state the log Bayes factor of these two
+    #: assumptions state the log Bayes factor of the second model over the first
     sensitivity_of: str
-    prior_sensitivity: tuple[ScaledSlopes, ...]  #: log Bayes factor at each slope scale
-    #: scales of the slopes' prior at which the log Bayes factor changes sign
+    #: log Bayes factor of the second model over the first at each scale of the slopes' prior
+    prior_sensitivity: tuple[ScaledSlopes, ...]
+    #: scales of the slopes' prior at which the log Bayes factor in ``prior_sensitivity`` changes
+    #: sign
     prior_sensitivity_crossings: tuple[float, ...]
-    #: log Bayes factor under each assumption about how circles differ from one another: the models'
-    #: own assumption comes first, white noise alone last
+    #: log Bayes factor of the second model over the first under each assumption about how circles
+    #: differ from one another; the models' own assumption comes first, white noise alone last
     discrepancy_sensitivity: tuple[Assumed, ...]
-    #: slope (change with force) of each compliance; empty where no model has slopes, or only
-    #: evidences were computed
+    #: slope (change with force) of each compliance, by name of the compliance; empty if no model
+    #: has slopes, or if only evidences were computed
     slopes: dict[str, VaryingSlope]
-    #: models with different subsets of the slopes, the most probable first; not all subsets if
-    #: there are too many
+    #: models in which different subsets of the compliances have slopes, the most probable model
+    #: first; not all subsets are compared if there are too many
     slope_subsets: tuple[SlopeSubset, ...]
     #: compliance C(F) against force F, by name, averaged over the models with subsets of slopes
     compliance_against_force: dict[str, Curve]
     tests: dict[str, ComparedTest]  #: tests by name; empty for a campaign of one test
-    #: fits of constant compliance to neighbouring forces: the table that `local_fits` returns
+    #: fits of constant compliance to every two neighbouring forces: the table that `local_fits`
+    #: returns
     local_fits: Records
-    #: largest error allowed of every log evidence [nat]; 0.1 nat is enough for assumptions whose
-    #: log evidence is 10 nat lower than the best
+    #: largest error allowed of every log evidence [nat]; assumptions whose log evidence is more
+    #: than 10 nat lower than the best are allowed 0.1 nat
     tolerance: float
-    #: largest error of any log evidence [nat], except those of assumptions whose log evidence is 10
-    #: nat lower than the best
+    #: largest error of any log evidence [nat]; assumptions whose log evidence is more than 10 nat
+    #: lower than the best are not counted
     largest_error: Finite
     #: number of evidences whose quadrature weights cannot be trusted, so that their errors are
-    #: infinite; the older name is kept for readers of the JSON file
+    #: infinite; the field has the name of an older version, for programs that read the JSON file
     by_emcee: int = 0
-    #: probabilities of slopes and of rival explanations of a change with force; None unless the
-    #: second model is the first with slopes added and has rival explanations
+    #: probabilities of slopes (compliances that change with force) and of rival explanations of the
+    #: same change of the readings, such as a nonlinear mount. It is None unless two conditions
+    #: hold: the second model is the first with slopes added, and it has rival explanations.
     explanations: Explanations | None = None
 
     @property
@@ -268,13 +280,18 @@ class Comparison(Result):
         return self.largest_error <= self.tolerance
 
     def gain(self, assumed: Assumed) -> float:
-        """Return the log evidence of an assumption minus that of the models' own [nat]."""
+        """Return the log evidence of an assumption minus that of the models' own assumption [nat].
+
+        The assumptions are about how circles differ from one another. Each counts with the larger
+        log evidence of the two models.
+        """
         return assumed.best - self.discrepancy_sensitivity[0].best
 
     def turning(self) -> list[Assumed]:
-        """Return the assumptions that reverse the sign of `headline`, the best supported first.
+        """Return the assumptions that reverse the sign of the log Bayes factor `headline`.
 
-        The assumption of white noise alone is left out.
+        The assumptions are about how circles differ from one another; white noise alone is left
+        out. The one with the largest log evidence comes first.
         """
         opposite_sign = -np.sign(self.headline[0])
         turning = []
@@ -285,12 +302,18 @@ class Comparison(Result):
         return ranked(turning, self.gain)
 
     def allowed(self, assumed: Assumed) -> bool:
-        """Return whether the readings do not reject an assumption."""
+        """Return whether the readings allow an assumption about how circles differ.
+
+        They do unless its log evidence is 5 nat or more below that of the models' own assumption.
+        """
         return self.gain(assumed) > -_REJECTED
 
     @property
     def sign(self) -> Sign:
-        """Return how robust the sign of the log Bayes factor is against other assumptions."""
+        """Return whether the sign of the log Bayes factor `headline` holds under other assumptions.
+
+        The other assumptions are about the prior of the slopes and how circles differ.
+        """
         turning = self.turning()
         if self.prior_sensitivity_crossings or any(map(self.allowed, turning)):
             return Sign.OPEN
@@ -299,9 +322,10 @@ class Comparison(Result):
         return Sign.FIRM
 
     def preferred_assumption(self) -> Assumed | None:
-        """Return the assumption with the most evidence, or None.
+        """Return the assumption about how circles differ that has the most evidence, or None.
 
-        None is returned unless the readings reject the models' own assumption in its favour.
+        Return None unless its log evidence is more than 5 nat above that of the models' own
+        assumption.
         """
         best = ranked(self.discrepancy_sensitivity, lambda assumed: assumed.best)[0]
         return best if self.gain(best) > _REJECTED else None
@@ -336,14 +360,16 @@ def read_comparison(path: str | os.PathLike[str]) -> Comparison:
 class _ComparisonPlan:
     """The models whose evidences a comparison computes, and its choice of further results.
 
-    Each mapping of models to compare holds the first two models, both changed in the same manner.
+    Each value in ``by_slope_scale``, ``unchanged`` and ``by_assumption`` holds the first two
+    models, both changed in the manner that the key names.
     """
 
     #: the first two models to compare, by the names that the caller gave
     pair: dict[str, HybridModel]
-    #: model with the most parameters, for fits to the tests at neighbouring forces
+    #: model with the most parameters; fits to the tests at neighbouring forces are made with it
     largest: HybridModel
-    #: the largest model, but with at most linear compliance, for subsets of slopes
+    #: the largest model, but with at most linear compliance; models with subsets of its slopes are
+    #: compared
     linear: HybridModel
     #: the first two models under each scale of the slopes' prior, in the order of `SLOPE_SCALES`;
     #: empty where neither model has slopes
@@ -358,17 +384,21 @@ class _ComparisonPlan:
     has_slope_subsets: bool
     #: whether models are fitted to the tests at neighbouring forces
     has_local_fits: bool
-    #: whether slopes are compared with rival explanations of a change with force
+    #: whether slopes are compared with rival explanations of a change with force, such as a
+    #: nonlinear mount
     has_rival_explanations: bool
 
     @property
     def slope_scales(self) -> tuple[float, ...]:
-        """Return the scales of the slopes' prior; none where neither model has slopes."""
+        """Return the scales of the slopes' prior; an empty tuple if neither model has slopes."""
         return SLOPE_SCALES if self.by_slope_scale else ()
 
 
 class _StepCounter:
-    """Counter that reports the number of steps done, and their total, at every call."""
+    """Counter of the steps of a comparison, called once after every step.
+
+    At every call it passes the number of steps done, and their total, to ``progress``.
+    """
 
     def __init__(self, progress: Callable[[int, int], None], total: int) -> None:
         self.progress = progress
@@ -381,7 +411,7 @@ class _StepCounter:
 
 
 def _report_nothing() -> None:
-    """Do nothing: stand-in for a function that reports progress."""
+    """Do nothing: replace the function that reports progress once no more reports are wanted."""
 
 
 @one_blas_thread
@@ -407,7 +437,8 @@ def compare(
     Parameters
     ----------
     models : mapping of str to HybridModel
-        At least two models by name. The sensitivities state ln B of the second over the first.
+        At least two models by name. Under other priors and assumptions, ln B of the second model
+        over the first is computed.
     campaign : Campaign
         Campaign with readings.
     evidence_only : bool
@@ -418,7 +449,7 @@ def compare(
     prob : float
         Probability of the bands of C(F) and of the intervals of local fits, between 0 and 1.
     seed : int
-        Seed of the random draws behind replicates and bands.
+        Seed of the random draws from which replicates of the readings and bands are computed.
     progress : callable, optional
         Function called with the steps done and their total number.
     evidences : Evidences, optional
@@ -544,8 +575,8 @@ def _plan_comparison(
     """Return the plan of a comparison: which models to compare, and which results to compute.
 
     With ``evidence_only``, tests are not left out, and there are no subsets of slopes and no fits
-    to neighbouring forces. Rival explanations are compared where the second model is the first with
-    slopes added.
+    to neighbouring forces. Rival explanations of a change with force are compared if the second
+    model is the first with slopes added and has rival explanations.
     """
     first, second = tuple(models)[:2]
     pair = {first: models[first], second: models[second]}
@@ -577,7 +608,10 @@ def _plan_comparison(
 def _models_by_slope_scale(
     pair: Mapping[str, HybridModel],
 ) -> dict[str, tuple[HybridModel, ...]]:
-    """Return the two models under every scale of the slopes' prior; none if neither has slopes."""
+    """Return both models of a pair under every scale of the slopes' prior, by name of the scale.
+
+    The dictionary is empty if neither model has slopes.
+    """
     changes: dict[str, sensitivity.Change] = {}
     if any(model.degree for model in pair.values()):
         for scale in SLOPE_SCALES:
@@ -586,7 +620,7 @@ def _models_by_slope_scale(
 
 
 def _change_of_slope_scale(scale: float) -> sensitivity.Change:
-    """Return a function that returns a model with this scale of the slopes' prior."""
+    """Return a function that takes a model and returns it with this scale of the slopes' prior."""
 
     def change(model: HybridModel) -> HybridModel:
         return model.with_slope_scale(scale)
@@ -595,9 +629,10 @@ def _change_of_slope_scale(scale: float) -> sensitivity.Change:
 
 
 def _count_steps(plan: _ComparisonPlan, models: int, campaign: Campaign) -> int:
-    """Return how many evidences this process computes.
+    """Return how many evidences of a comparison this process computes.
 
-    ``models`` is the number of models. Evidences under other assumptions are not counted.
+    ``models`` is the number of models. Evidences under other assumptions about how circles differ
+    are not counted.
     """
     steps = models
     if plan.leaves_tests_out:
@@ -614,9 +649,10 @@ def _count_steps(plan: _ComparisonPlan, models: int, campaign: Campaign) -> int:
 def _begin_local_fits(
     plan: _ComparisonPlan, campaign: Campaign, prob: float, executor: Executor | None
 ) -> Callable[[], pd.DataFrame]:
-    """Begin fits to neighbouring forces; return a function that waits and returns their table.
+    """Begin the fits of constant compliance to every two neighbouring forces.
 
-    The table is empty if the plan has no such fits.
+    Return a function that waits for the fits and returns their table. The table is empty if the
+    plan has no such fits. ``prob`` is the probability of the credible intervals.
     """
     if not plan.has_local_fits:
         return pd.DataFrame
@@ -632,7 +668,9 @@ def _begin_assumptions(
 ) -> Callable[[], tuple[tuple[Assumed, ...], list[Evidence]]]:
     """Begin to compute evidences of the first two models under other assumptions.
 
-    Return a function that waits for the log Bayes factors and evidences, and returns them.
+    The assumptions are about how circles differ from one another. Return a function that waits for
+    the log Bayes factors and evidences, and returns them. ``nodes_by_model`` holds the evidences
+    under the models' own assumption.
     """
     best = max(nodes_by_model[name].evidence.log_value for name in plan.pair)
     separate = evidences.apart()
@@ -654,16 +692,21 @@ def _weigh_assumptions(
     evidences: Evidences,
     rejected_below: float,
 ) -> tuple[tuple[Assumed, ...], list[Evidence]]:
-    """Return two models compared under each assumption, and all evidences that are precise.
+    """Return the log Bayes factor of two models under each assumption, and all precise evidences.
 
-    Where the log evidences of both models are below ``rejected_below``, rough evidences are used.
+    ``names`` are the names of the two models; ``assumptions`` holds both models under each
+    assumption about how circles differ. Rough evidences are computed first. They are used if both
+    log evidences are below ``rejected_below`` [nat]; otherwise precise ones are computed.
     """
     weigh = partial(evidences.unless_rejected, rejected_below)
     return sensitivity.under(names, assumptions, weigh), evidences.every
 
 
 def _evidences_of(left_out_nodes: Mapping[str, Mapping[str, Nodes]]) -> list[Evidence]:
-    """Return the evidences of all models with each test left out in turn."""
+    """Return the evidences of all models with each test left out in turn, as one list.
+
+    ``left_out_nodes`` holds the posteriors by name of the model and of the test left out.
+    """
     evidences: list[Evidence] = []
     for nodes_by_test in left_out_nodes.values():
         evidences.extend(nodes.evidence for nodes in nodes_by_test.values())
@@ -671,7 +714,10 @@ def _evidences_of(left_out_nodes: Mapping[str, Mapping[str, Nodes]]) -> list[Evi
 
 
 def _log_bayes_factors(nodes_by_model: Mapping[str, Nodes]) -> dict[str, tuple[float, float]]:
-    """Return the log Bayes factor of each model over the first, with its error [nat]."""
+    """Return the log Bayes factor of each later model over the first, and its error [nat].
+
+    Keys are such as "linear/constant", the later model's name before the first's.
+    """
     first, *other_names = nodes_by_model
     factors = {}
     for name in other_names:
@@ -682,7 +728,10 @@ def _log_bayes_factors(nodes_by_model: Mapping[str, Nodes]) -> dict[str, tuple[f
 
 
 def _scaled_slopes(scales: Sequence[float], assumed: Sequence[Assumed]) -> tuple[ScaledSlopes, ...]:
-    """Return the log Bayes factor under each scale of the slopes' prior."""
+    """Return the log Bayes factor of two models under each scale of the slopes' prior.
+
+    ``assumed`` are the comparisons of the two models, in the order of ``scales``.
+    """
     scaled = []
     for scale, result in zip(scales, assumed, strict=True):
         scaled.append(ScaledSlopes(scale, result.log_bayes_factor, result.log_bayes_factor_error))
@@ -690,15 +739,19 @@ def _scaled_slopes(scales: Sequence[float], assumed: Sequence[Assumed]) -> tuple
 
 
 def _crossings(scales: Sequence[float], assumed: Sequence[Assumed]) -> tuple[float, ...]:
-    """Return the scales of the slopes' prior at which the log Bayes factor changes sign."""
+    """Return the scales of the slopes' prior at which the log Bayes factor changes sign.
+
+    ``assumed`` are the comparisons of two models, in the order of ``scales``.
+    """
     log_bayes_factor = np.array([result.log_bayes_factor for result in assumed])
     return interpolate_crossings(np.array(scales), log_bayes_factor)
 
 
 def interpolate_crossings(scale: Array, log_bayes_factor: Array) -> tuple[float, ...]:
-    """Return the scales at which the log Bayes factor changes sign, interpolated in ln(scale).
+    """Return the scales of the slopes' prior at which the log Bayes factor changes sign.
 
-    ``scale`` and ``log_bayes_factor`` have the same shape (n,).
+    The log Bayes factor, shape (n,), is known at n values of the scale, shape (n,). Between them it
+    is interpolated linearly in ln(scale).
     """
     x = np.log(scale)
     y = log_bayes_factor
@@ -713,7 +766,8 @@ def _left_out_log_densities(
     """Return the log density of every test r given the other tests, shape (tests,), by model.
 
     ln p(y_r | y_−r) = ln Z(y) − ln Z(y_−r), where Z(y) is the evidence for the readings of all
-    tests and Z(y_−r) that for all tests but r. Arrays are empty where no test is left out.
+    tests and Z(y_−r) that for all tests but r. ``nodes_by_model`` holds Z(y) by model, and
+    ``left_out_nodes`` Z(y_−r) by model and test r. Arrays are empty if no test is left out.
     """
     log_densities = {}
     for name, nodes in nodes_by_model.items():
@@ -726,7 +780,9 @@ def _left_out_log_densities(
 def _elpd_differences(log_densities: Mapping[str, Array]) -> dict[str, Difference]:
     """Return the expected log predictive density of every model minus that of the first model.
 
-    Keys are "model/first". The dictionary is empty where no test is left out.
+    ``log_densities`` holds, by model, the log density of every test given the other tests [nat].
+    Keys of the result are such as "linear/constant", the first model's name last. The result is
+    empty if no test is left out.
     """
     first, *other_names = log_densities
     differences = {}
@@ -740,7 +796,8 @@ def _elpd_differences(log_densities: Mapping[str, Array]) -> dict[str, Differenc
 def _sum_over_tests(values: Array) -> Difference:
     """Return the sum of values over the tests, and its standard error from their scatter.
 
-    The sum is not a number without tests; the standard error is not a number for fewer than two.
+    ``values`` has one value for each test. The sum is not a number if there are no values; the
+    standard error is not a number for fewer than two.
     """
     n = len(values)
     total = np.nan
@@ -758,7 +815,11 @@ def _compare_models(
     seed: int,
     prob: float,
 ) -> dict[str, ComparedModel]:
-    """Return evidence, fit and parameter estimates of every model."""
+    """Return evidence, fit and parameter estimates of every model, by name.
+
+    ``log_densities`` holds, by model, the log density of every test given the other tests [nat].
+    ``prob`` is the probability of the bands of compliance against force.
+    """
     log_evidence = [nodes.evidence.log_value for nodes in nodes_by_model.values()]
     shares = probabilities(np.array(log_evidence))
     compared = {}
@@ -783,7 +844,11 @@ def _compare_models(
 
 
 def _least_squares_rmse_um(model: HybridModel, campaign: Campaign) -> float:
-    """Return the root-mean-square residual of the paper's fit [µm]; NaN with too few forces."""
+    """Return the root-mean-square residual of the paper's least-squares fit [µm].
+
+    The fit has the model's degree of compliance in force. Return NaN if the campaign has too few
+    forces for it.
+    """
     if campaign.force_levels < model.degree + 2:
         return np.nan
     fit = fit_least_squares(
@@ -793,7 +858,7 @@ def _least_squares_rmse_um(model: HybridModel, campaign: Campaign) -> float:
 
 
 def _parameter_estimates(nodes: Nodes) -> dict[str, ParameterEstimate]:
-    """Return the posterior mean and standard deviation of every parameter, by name."""
+    """Return the posterior mean and standard deviation of every parameter of a model, by name."""
     mean, sd = nodes.moments(spare=_NEGLIGIBLE_WEIGHT, points=_MOMENT_POINTS)
     estimates = {}
     for j, parameter in enumerate(nodes.bound.parameters):
@@ -808,7 +873,13 @@ def _compare_tests(
     seed: int,
     tolerance: float,
 ) -> dict[str, ComparedTest]:
-    """Return the comparison of every test with the others, by name; empty if none is left out."""
+    """Return the comparison of every test with its prediction from the other tests, by name.
+
+    The result is empty if no test is left out. ``nodes_by_model`` holds the posterior for all tests
+    by model, ``left_out_nodes`` that without a test by model and test, and ``log_densities`` the
+    log density of every test given the others [nat]. ``tolerance`` is the error allowed of a log
+    evidence [nat].
+    """
     if not left_out_nodes:
         return {}
     judged_tests = judge_tests(nodes_by_model, left_out_nodes, seed=seed, tolerance=tolerance)

@@ -35,8 +35,9 @@ from ldbb_bayes.units import is_direct
 
 __all__ = ["Conformity", "Decision", "assess_conformity", "draws_at", "normal_conformity"]
 
-# The probability beyond a limit is a share of posterior draws if at least this many draws lie on
-# each side of it. Otherwise it is the tail of a normal distribution.
+# The probability that a quantity lies beyond a tolerance limit is the share of posterior draws
+# beyond it, if at least this many draws lie on each side of the limit. Otherwise it is the tail of
+# a normal distribution.
 _FEWEST_DRAWS = 10
 # Number of posterior draws for which the machine's circular path is computed.
 _PATH_DRAWS = 2000
@@ -45,7 +46,7 @@ _LEAST_SD = 1e-300
 
 
 class Decision(StrEnum):
-    """Decision on a quantity with a tolerance, at the confidence asked for."""
+    """Decision by ISO 14253-1 on a quantity with a tolerance, at the confidence asked for."""
 
     CONFORMS = "conforms"
     DOES_NOT_CONFORM = "does not conform"
@@ -54,7 +55,7 @@ class Decision(StrEnum):
 
 @dataclass(frozen=True)
 class Conformity(Result):
-    """A quantity, its tolerance and the decision, in internal units (mm, N, rad).
+    """Decision whether a quantity conforms with its tolerance, in internal units (mm, N, rad).
 
     Examples
     --------
@@ -73,11 +74,13 @@ class Conformity(Result):
     upper: float | None  #: upper limit of the tolerance; None where there is none
     mean: float  #: estimate of the quantity: its posterior mean
     sd: float  #: standard uncertainty of the quantity: its posterior standard deviation
-    probability: float  #: probability of conformance
-    #: distance by which a normally distributed estimate must lie inside a limit to conform, or
-    #: outside it not to conform
+    probability: float  #: probability of conformance: that the quantity lies between its limits
+    #: least distance of the estimate from a limit for a decision, if the quantity is normally
+    #: distributed: inside the limit for conformance, outside it for non-conformance
     guard_band: float
-    confidence: float  #: probability that a decision requires
+    confidence: (
+        float  #: probability of conformance, or of non-conformance, that a decision requires
+    )
     decision: Decision  #: decision by ISO 14253-1
 
     @property
@@ -114,7 +117,8 @@ def assess_conformity(
         of the smallest force tested to 1.5 times the largest. Default: the model's reference force,
         at which the compliance C(F) is the parameter C.
     confidence : float
-        Probability that a decision asks for, between 0.5 and 1.
+        Probability of conformance, or of non-conformance, that a decision requires, between 0.5 and
+        1.
 
     Returns
     -------
@@ -157,9 +161,10 @@ def assess_conformity(
 
 
 def draws_at(posterior: xr.DataTree, force_N: float) -> dict[str, Array]:
-    """Return posterior draws of every parameter, by name, with compliances at a given force.
+    """Return posterior draws of every parameter, by name, in mm, N and rad.
 
-    Units are mm, N and rad.
+    Compliances are those at the force ``force_N`` of the bar; slopes and geometric errors do not
+    depend on it. Each array has the shape (draws,).
     """
     bound = bound_of(posterior)
     draws = dict(zip(bound.names, draws_of(posterior, bound)[0].T, strict=True))
@@ -172,7 +177,7 @@ def draws_at(posterior: xr.DataTree, force_N: float) -> dict[str, Array]:
 
 
 class _StatedDraws(NamedTuple):
-    """Posterior draws of a quantity, and the force at which it is stated."""
+    """Posterior draws of a quantity with a tolerance, and the force at which it is stated."""
 
     values: Array  #: posterior draws of the quantity, shape (draws,)
     force_N: float | None  #: force of ``values`` [N]; None for geometric errors and slopes
@@ -181,7 +186,11 @@ class _StatedDraws(NamedTuple):
 def _stated_draws(
     posterior: xr.DataTree, bound: BoundModel, names: Collection[str], force: float
 ) -> dict[str, _StatedDraws]:
-    """Return posterior draws of the named quantities at a force [N], by name."""
+    """Return posterior draws of the named quantities at a force, by name.
+
+    ``names`` are those of parameters, of stiffnesses such as ``stiffness_X``, and of the circular
+    path, such as ``G``. ``force`` is the force of the bar [N].
+    """
     parameters = dict(zip(bound.names, bound.parameters, strict=True))
     values = draws_at(posterior, force)
     compliances = {f"stiffness_{name[2]}": name for name in bound.names if is_direct(name)}
@@ -202,7 +211,11 @@ def _stated_draws(
 
 
 def _path_draws(posterior: xr.DataTree, bound: BoundModel, force: float) -> dict[str, Array]:
-    """Return posterior draws of G, F_max and F_min of the circular path [mm], by name."""
+    """Return posterior draws of G, F_max and F_min of the machine's circular path [mm], by name.
+
+    The names have the plane if there are several, such as ``G_YZ``. ``force`` is the force of the
+    bar [N].
+    """
     several_planes = len(bound.setting.planes) > 1
     draws = {}
     for path in path_draws(posterior, [force], _PATH_DRAWS):
@@ -219,8 +232,9 @@ def _decide_by_draws(
 ) -> Conformity:
     """Return the decision on conformity from the share of posterior draws between the limits.
 
-    Where too few draws lie on one side of a limit, the probability beyond it is that of a normal
-    distribution; see `_tail_probability`.
+    ``stated`` holds the draws of the quantity, in ``unit``. Where too few draws lie on one side of
+    a limit, the probability beyond the limit is that of a normal distribution; see
+    `_tail_probability`.
     """
     draws = stated.values
     mean = float(draws.mean())
@@ -235,10 +249,11 @@ def _decide_by_draws(
 def _tail_probability(outside: Array, score: float) -> float:
     """Return the probability that a quantity lies beyond a limit.
 
-    It is the share of posterior draws beyond the limit, which ``outside`` marks. Where fewer than
-    ``_FEWEST_DRAWS`` draws lie on one side of the limit, it is the tail of a normal distribution.
-    The tail then counts for at most ``_FEWEST_DRAWS`` draws on that side. ``score`` is the distance
-    from the limit to the mean in standard deviations, negative where the mean lies inside.
+    It is the share of posterior draws beyond the limit. ``outside``, shape (draws,), states of each
+    draw whether it lies there. If fewer than ``_FEWEST_DRAWS`` draws lie on one side of the limit,
+    the probability is instead the tail of a normal distribution, but on that side never more than
+    the share of ``_FEWEST_DRAWS`` draws. ``score`` is the distance from the limit to the mean in
+    standard deviations, negative if the mean lies inside the limit.
     """
     n = len(outside)
     count = int(outside.sum())
@@ -254,7 +269,11 @@ def _tail_probability(outside: Array, score: float) -> float:
 def normal_conformity(
     unit: str, mean: float, sd: float, tolerance: Tolerance, *, confidence: float = 0.95
 ) -> Conformity:
-    """Return the decision on the conformity of a quantity with a normal distribution."""
+    """Return the decision on the conformity of a quantity with a normal distribution.
+
+    ``mean``, ``sd`` and the limits of ``tolerance`` are in ``unit``. ``confidence`` is the
+    probability that a decision requires.
+    """
     low, high = tolerance.ends
     probability = float(ndtr((high - mean) / sd) - ndtr((low - mean) / sd))
     return _decide(unit, mean, sd, tolerance, probability, confidence, None)
@@ -271,8 +290,9 @@ def _decide(
 ) -> Conformity:
     """Return the decision that follows from the probability of conformance.
 
-    ``mean`` and ``sd`` are those of the posterior, ``force`` is the force at which the quantity is
-    stated [N].
+    ``probability`` is that of conformance; ``confidence`` is the probability that a decision
+    requires. ``mean`` and ``sd`` are those of the quantity's posterior, in ``unit``; ``force`` is
+    the force at which the quantity is stated [N].
     """
     decision = Decision.NOT_DECIDED
     if probability <= 1.0 - confidence:

@@ -21,25 +21,29 @@ __all__ = ["Cure", "cures"]
 
 # A test whose arc is below this angle is not a full circle [°].
 _FULL_CIRCLE_DEG = 355.0
-# A test with fewer different angles than this is not a full circle: its readings do not resolve all
-# Fourier orders.
+# A test with readings at fewer different angles than this does not count as a full circle, because
+# its readings do not resolve all Fourier orders.
 _FEWEST_ANGLES = 36
 # Angles of the full circles that are tried as further tests [°].
 _FULL_CIRCLE_ANGLES_DEG = np.arange(120) * 3.0
 # Angles of readings [°] that agree to this number of decimals count as one angle.
 _ANGLE_DECIMALS = 6
-# Angles by which a ball is turned in further tests [°], to separate its form error from the
-# machine's errors.
+# Angles by which a ball is turned in its socket in further tests [°], to separate the form error of
+# the ball from the machine's errors.
 _CLOCKINGS_DEG = (45.0, 90.0)
 # Forces of further tests, as shares of the lowest and of the highest force of the plan.
 _LOWER_FORCE_SHARE = 0.5
 _HIGHER_FORCE_SHARE = 1.5
-# The opposite of each direction of travel.
+# The opposite of each direction of travel: clockwise (CW) and counterclockwise (CCW).
 _OPPOSITE: dict[str, Direction] = {"CW": "CCW", "CCW": "CW"}
 
 
 class Cure(StrEnum):
-    """Remedy that would resolve a degeneracy: further tests, or a calibration."""
+    """Remedy that would resolve a degeneracy: further tests of a kind, or a calibration.
+
+    Further tests are at other forces, with a ball or both turned, at another radius, in the
+    opposite direction of travel, or on full circles.
+    """
 
     FORCES = "forces"
     WORK_BALL = "work ball"
@@ -52,10 +56,11 @@ class Cure(StrEnum):
 
 
 def cures(bound: BoundModel, aliases: Sequence[Degeneracy]) -> tuple[tuple[Cure, ...], ...]:
-    """Return the remedies that would resolve each degeneracy.
+    """Return the remedies that would resolve each degeneracy, in the order of ``aliases``.
 
-    To try further tests, they are added to the plan and its degeneracies are found again. A
-    degeneracy that involves a nuisance coefficient can always be resolved by a calibration.
+    To find out whether further tests help, they are added to the plan, and the degeneracies of the
+    longer plan are found. A degeneracy that involves a nuisance coefficient can always be resolved
+    by a calibration.
 
     Parameters
     ----------
@@ -94,8 +99,8 @@ def _is_among(degeneracy: Degeneracy, remaining: Sequence[Degeneracy]) -> bool:
 def _is_same(degeneracy: Degeneracy, candidate: Degeneracy) -> bool:
     """Return whether two degeneracies count as the same.
 
-    They must have the same kind of nuisance coefficient or, if they have no nuisance, two
-    parameters in common.
+    They do if their first nuisance coefficients are of the same kind. If they have no nuisance
+    coefficient, they do if they have two parameters in common.
     """
     if degeneracy.term != candidate.term:
         return False
@@ -106,12 +111,15 @@ def _is_same(degeneracy: Degeneracy, candidate: Degeneracy) -> bool:
 
 
 def _pattern(nuisance: str) -> str:
-    """Return the name of a nuisance coefficient without its ball, phase and radius."""
+    """Return the name of a nuisance coefficient without its ball, phase and radius.
+
+    The parts removed are ``work_`` or ``tool_``, ``_cos`` or ``_sin``, and a number at the end.
+    """
     return re.sub(r"^(work_|tool_)|_(cos|sin)|_[\d.]+$", "", nuisance)
 
 
 def _further_tests(plan: Campaign) -> dict[Cure, list[CircularTest]]:
-    """Return tests that can be added to a plan, by the remedy that they would be."""
+    """Return the tests that can be added to a plan, by the remedy that they make up."""
     further = {
         Cure.FORCES: _at_other_forces(plan),
         Cure.WORK_BALL: _clocked(plan, work_ball=True),
@@ -145,7 +153,11 @@ def _at_other_forces(plan: Campaign) -> list[CircularTest]:
 def _clocked(
     plan: Campaign, *, work_ball: bool = False, tool_ball: bool = False
 ) -> list[CircularTest]:
-    """Return copies of all tests of a plan with one ball or both balls turned further."""
+    """Return copies of all tests of a plan with one ball or both balls turned further.
+
+    Each test is copied once for each angle of ``_CLOCKINGS_DEG``. ``work_ball`` and ``tool_ball``
+    state which balls are turned.
+    """
     tests = []
     for test in plan.tests:
         for turn in _CLOCKINGS_DEG:
@@ -161,7 +173,10 @@ def _clocked(
 
 
 def _at_other_radius(plan: Campaign) -> list[CircularTest]:
-    """Return copies of all tests of a plan at two thirds of the radius."""
+    """Return copies of all tests of a plan at two thirds of the radius.
+
+    The radius is that of the test with the lowest force.
+    """
     first = plan.tests[int(plan.forces_N.argmin())]
     radius = float(first.radius_mm or plan.radius_mm)
     other_radius = round(radius * 2.0 / 3.0, 1)

@@ -34,13 +34,15 @@ _DRAWS = 20_000
 
 
 class _Differences(NamedTuple):
-    """Means, differences and their uncertainties for the parameters of two campaigns."""
+    """Means, differences and their uncertainties for n parameters of two campaigns."""
 
-    means: Array  #: posterior means in both campaigns, shape (2, names)
-    difference: Array  #: posterior mean of second minus first campaign, shape (names,)
-    sd: Array  #: standard uncertainty of ``difference``, shape (names,)
-    interval: Array  #: ends of the equal-tailed interval of the difference, shape (2, names)
-    increase: Array  #: probability that the second campaign's value is larger, shape (names,)
+    means: Array  #: posterior means of the parameters in both campaigns, shape (2, n)
+    difference: Array  #: posterior mean of second minus first campaign, shape (n,)
+    sd: Array  #: standard uncertainty of ``difference``, shape (n,)
+    interval: Array  #: ends of the equal-tailed interval of the difference, shape (2, n)
+    increase: Array  #: probability that the second campaign's value is larger, shape (n,)
+    #: coefficient of the common instrument about which the campaigns disagree most; None if the
+    #: instruments are different, or if the readings do not inform about such a coefficient
     conflict: Conflict | None = None
 
 
@@ -72,9 +74,10 @@ def compare_posteriors(
     Returns
     -------
     DataFrame
-        One row per parameter that both have, without offsets of the tool ball, in internal units
-        (mm, N, rad). Columns are unit, first, second (means at the reference force of the first),
-        difference, sd, ci_low, ci_high and probability_of_increase. With the same instrument,
+        One row per parameter that both posteriors have, without offsets of the tool ball, in
+        internal units (mm, N, rad). Columns are unit, first, second (posterior means, of both at
+        the reference force of the first), difference, sd (of the difference), ci_low, ci_high and
+        probability_of_increase. With the same instrument,
         ``attrs["conflict"]`` is the instrument's coefficient about which the campaigns disagree
         most, and the p-value of the disagreement (Bonferroni); otherwise it is None.
 
@@ -135,10 +138,11 @@ def compare_posteriors(
 def _compare_one_instrument(
     bounds: Sequence[BoundModel], phi: Sequence[Array], rows: Sequence[Array], levels: Array
 ) -> _Differences:
-    """Compare two campaigns run with one instrument, by normal distributions.
+    """Return the differences of two campaigns run with one instrument, as normal distributions.
 
-    ``phi`` are the mean hyper-parameters of each campaign, ``rows`` the matrices that map its
-    parameters to those compared, ``levels`` the levels of the interval's ends.
+    ``bounds`` are the models bound to the two campaigns and ``phi`` the mean hyper-parameters of
+    each, shape (h,). ``rows`` are the matrices, shape (n, p), that map the p parameters of each to
+    the n compared ones. ``levels`` are the probabilities below both ends of the interval.
     """
     joint = joint_difference(bounds, phi, rows)
     return _Differences(
@@ -152,9 +156,10 @@ def _compare_one_instrument(
 
 
 def _compare_independent(first: Array, second: Array, levels: Array) -> _Differences:
-    """Compare two independent posteriors by their draws, each of shape (draws, names).
+    """Return the differences of n parameters between two independent posteriors.
 
-    ``levels`` are the levels of the interval's ends.
+    ``first`` and ``second`` are their posterior draws, shape (draws, n). ``levels`` are the
+    probabilities below both ends of the interval.
     """
     means = np.array([first.mean(axis=0), second.mean(axis=0)])
     rng = np.random.default_rng(0)
@@ -201,8 +206,8 @@ def _check_comparable_machines(first: BoundModel, second: BoundModel, name: str)
 def _rows_at_force(bound: BoundModel, names: Sequence[str], reference_force_N: float) -> Array:
     """Return the matrix that maps a model's parameters to those at another reference force.
 
-    The matrix has the shape (names, p). It maps the p parameters at the model's own reference force
-    to the named parameters at ``reference_force_N``.
+    It maps the p parameters at the model's own reference force to the n parameters in ``names`` at
+    ``reference_force_N``, and has the shape (n, p).
     """
     rows = np.zeros((len(names), len(bound.names)))
     lever = reference_force_N - bound.setting.reference_force_N

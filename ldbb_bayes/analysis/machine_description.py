@@ -48,7 +48,7 @@ _FACTOR_DECIMALS = 9
 
 @dataclass(frozen=True)
 class VisibleParameter:
-    """A parameter that circular tests can determine."""
+    """A compliance or geometric error that circular tests can determine."""
 
     name: str
     unit: str
@@ -76,10 +76,10 @@ class DescribedMachine(Result):
     compliances: tuple[VisibleParameter, ...]
     geometric_errors: tuple[VisibleParameter, ...]
     null: tuple[str, ...]  #: names of the compliances that change no reading
-    #: names of the compliances left out, because their effect on the readings is a combination of
-    #: the effects of several of ``compliances``
+    #: names of the compliances that are not in ``compliances``, because their effect on the
+    #: readings is a combination of the effects of several that are
     dependent: tuple[str, ...]
-    #: rank of the matrix of derivatives of the readings by all compliances
+    #: rank of the matrix of derivatives of the readings by all compliances of the machine
     rank: int
     #: condition number of the matrix of derivatives of the readings by ``compliances``, unscaled
     #: (mm, N), for full circles with evenly spaced angles
@@ -151,7 +151,7 @@ def _check_circles(machine: Machine, circles: Sequence[Circle]) -> None:
 
 
 def _describe_joint(joint: Joint) -> str:
-    """Return a joint in words: its axis, branch and frame."""
+    """Return a joint in words: its axis, branch (workpiece or tool) and frame [mm]."""
     frame = ", ".join(f"{x:g}" for x in joint.frame_mm)
     return f"{joint.axis} in the {joint.branch} branch, frame at ({frame}) mm"
 
@@ -159,7 +159,10 @@ def _describe_joint(joint: Joint) -> str:
 def _describe_compliances(
     machine: Machine, circles: Sequence[Circle], visible: Kept
 ) -> tuple[VisibleParameter, ...]:
-    """Return a description of the compliances that circular tests can determine."""
+    """Return a description of each compliance that circular tests can determine.
+
+    ``visible`` states which compliances these are, and what each represents.
+    """
     jacobians = {}
     for plane, sampled in _sampled_circles(machine, circles).items():
         columns = [
@@ -188,7 +191,7 @@ def _describe_compliances(
 def _describe_geometric_errors(
     machine: Machine, circles: Sequence[Circle]
 ) -> tuple[VisibleParameter, ...]:
-    """Return a description of the geometric errors that circular tests can determine."""
+    """Return a description of each geometric error that circular tests can determine."""
     jacobians = {}
     for plane, sampled in _sampled_circles(machine, circles).items():
         columns = [geometric_jacobian(machine, circle, _ANGLES_RAD) for circle in sampled]
@@ -208,7 +211,10 @@ def _describe_geometric_errors(
 
 
 def _sampled_circles(machine: Machine, circles: Sequence[Circle]) -> dict[str, list[Circle]]:
-    """Return, by plane, copies of the plane's first circle at each radius of sampling."""
+    """Return, by plane, copies of the plane's first circle at the radii ``_RADII_MM``.
+
+    Planes without a circle are left out.
+    """
     first_circles = {circle.plane: circle for circle in reversed(circles)}
     sampled = {}
     for plane in machine.planes:
@@ -219,7 +225,10 @@ def _sampled_circles(machine: Machine, circles: Sequence[Circle]) -> dict[str, l
 
 
 class _Monomial(NamedTuple):
-    """One term of a formula: a factor, and a product of powers as text, such as ``R c²``."""
+    """One term of a formula: a factor, and a product of powers as text, such as ``R c²``.
+
+    R is the radius in mm and c = cos θ for the angle θ of the circle.
+    """
 
     factor: float
     product: str
@@ -228,9 +237,10 @@ class _Monomial(NamedTuple):
 def _formulas(jacobians: Mapping[str, Array], column: int, degree: int) -> dict[str, str]:
     """Return the formula of one parameter's effect on the readings, by plane.
 
-    Planes in which the parameter changes no reading are left out. ``jacobians`` have the shape
-    (radii, angles, parameters); ``column`` is the index of the parameter. ``degree`` is the degree
-    in (cos θ, sin θ) of the part of the formula that does not depend on the radius.
+    Planes in which the parameter changes no reading are left out. ``jacobians`` holds, by plane,
+    the change of the reading per unit of each parameter, shape (radii, angles, parameters).
+    ``column`` is the index of the parameter. ``degree`` is the degree in cos θ and sin θ of the
+    part of the formula that does not depend on the radius.
     """
     formulas = {}
     for plane, jacobian in jacobians.items():
@@ -273,7 +283,7 @@ def _write_power(letter: str, power: int) -> str:
 
 
 def _write_sum(monomials: Sequence[_Monomial]) -> str:
-    """Return a sum of monomials as text; factors of one are not written."""
+    """Return a sum of terms as text, such as ``2 R c² − s``; factors of one are not written."""
     text = ""
     for monomial in monomials:
         is_negative = monomial.factor < 0

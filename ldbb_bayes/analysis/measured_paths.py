@@ -39,12 +39,13 @@ def measure_circularity(posterior: xr.DataTree | Campaign) -> tuple[pd.DataFrame
     Returns
     -------
     tests : DataFrame
-        One row per test: force_N, direction, plane, radius_mm, arc_deg; G, G_minimum_zone, F_max,
-        F_min (about the least-squares centre) [µm]; squareness and scale_mismatch [µm/m], not a
-        number for less than a full circle.
+        One row per test. Columns are force_N, direction, plane, radius_mm and arc_deg; G, F_max and
+        F_min about the least-squares centre, and G_minimum_zone about that of the minimum zone
+        [µm]; squareness and scale_mismatch [µm/m], not a number for less than a full circle.
     pairs : DataFrame
-        One row per clockwise and counterclockwise test of the same circle: force_N, plane; G_b,
-        G_b_minimum_zone, D [µm].
+        One row per pair of a clockwise and a counterclockwise test of the same circle. Columns are
+        force_N and plane; the bidirectional deviation G_b about the least-squares centre,
+        G_b_minimum_zone about that of the minimum zone, and the mean radial deviation D [µm].
 
     Examples
     --------
@@ -88,9 +89,10 @@ class _Pair(NamedTuple):
 def _measure_pair(pair: _Pair) -> dict[str, Any]:
     """Return the table row of two tests run in opposite directions.
 
-    The bidirectional deviation G_b is the width of the zone that holds the traces of the two tests:
-    about the least-squares centre, and as the minimum zone. The mean deviation D is the mean radial
-    deviation of the two tests. All are in the unit of the readings.
+    The bidirectional deviation G_b is the width of the zone between concentric circles that holds
+    the traces of both tests. It is computed about the least-squares centre (``G_b``) and as the
+    narrowest such zone (``G_b_minimum_zone``). The mean deviation D is the mean radial deviation of
+    the two tests. All three are in µm.
     """
     clockwise_angle, clockwise_reading = _trace(pair.clockwise)
     counter_angle, counter_reading = _trace(pair.counterclockwise)
@@ -110,7 +112,11 @@ def _measure_pair(pair: _Pair) -> dict[str, Any]:
 
 
 def _measure_test(bound: BoundModel, test: CircularTest) -> dict[str, Any]:
-    """Return the table row of one test: G, F_max, F_min, squareness and scale mismatch."""
+    """Return the table row of one test, by name of the column.
+
+    It has the test's conditions and, from its readings, G, F_max, F_min, squareness and scale
+    mismatch.
+    """
     angle, reading = _trace(test)
     zone = least_squares_zone(angle, reading)
     squareness = np.nan

@@ -12,13 +12,13 @@ __all__ = ["holm"]
 def holm(p_value: Array) -> Array:
     """Return p-values adjusted by Holm's method (Scand. J. Statist. 6, 65-70, 1979), shape (n,).
 
-    If every adjusted p-value below α is called significant, the probability of any false alarm is
-    at most α, whatever the dependence of the tests.
+    If every adjusted p-value below α is called significant, the probability of any false alarm
+    among all n tests is at most α. This holds however the tests depend on one another.
 
     Parameters
     ----------
     p_value
-        p-values of the single tests, shape (n,).
+        p-values of the n single tests, shape (n,).
     """
     order = np.argsort(p_value, kind="stable")
     multiplied = p_value[order] * np.arange(len(p_value), 0, -1)

@@ -1,6 +1,6 @@
 """Local fits: constant compliance and geometry at every two neighbouring force levels.
 
-Compliance that changes with force shows as variation from pair to pair. Each pair of levels is
+If compliance changes with force, its estimates differ from pair to pair. Each pair of levels is
 fitted twice: by the paper's least squares (Tables 7 and 8), and by the posterior of the model. The
 model includes nuisances, effects that are not of interest. Pairs overlap, and share ball form, bar
 length and mount. The errors of their estimates are therefore correlated, and the points scatter
@@ -30,10 +30,10 @@ from ldbb_bayes.results import readable
 
 __all__ = ["local_fits"]
 
-# Settings that are precise enough for a figure, with standard deviations within 2 %. In turn: error
-# of the log evidence [nat], share of the quadrature nodes' weight that is left out, number of
-# points that account for the condition that compliances are not negative, and number of components
-# of the mixture from which quantiles are computed.
+# Settings of the quadrature that make standard deviations of local fits precise within 2 %, enough
+# for a figure. In turn: error of the log evidence [nat]; share of the weight that may be left out,
+# by skipping the nodes of the smallest weight; number of quasi-random points for the condition that
+# no compliance is negative; and number of components of the mixture for the quantiles.
 _TOLERANCE = 5e-2
 _SPARE = 1e-3
 _POINTS_INSIDE = 128
@@ -61,15 +61,16 @@ def local_fits(
     prob : float
         Probability of the equal-tailed credible intervals, between 0 and 1.
     seed : int
-        Seed of the quantiles.
+        Seed of the random numbers from which the quantiles are computed.
 
     Returns
     -------
     DataFrame
-        One row per pair and parameter: force_low_N, force_high_N, force_N (mean of the pair's
-        tests), tests, parameter, unit, least_squares, least_squares_u (white noise alone; not a
-        number where the pair does not determine it), mean, sd, ci_low, ci_high; in internal units
-        (mm, N, rad).
+        One row per pair of force levels and parameter, in internal units (mm, N, rad). Columns are
+        force_low_N, force_high_N, force_N (mean over the pair's tests), tests (their number),
+        parameter and unit; the least-squares estimate least_squares and its standard uncertainty
+        for white noise alone, least_squares_u, not a number where the pair does not determine it;
+        and the posterior's mean, sd, ci_low and ci_high.
 
     Raises
     ------
@@ -89,7 +90,8 @@ def local_fits(
     require_campaign(campaign)
     check_comparable(model, campaign)
     check_probability(prob)
-    # The scale of each circle's scatter is left out: two circles cannot show which scatters more.
+    # The model term that gives each circle its own scale of scatter is left out, because a pair of
+    # two circles cannot show which of them scatters more.
     constant = model.with_degree(0).without("circle-scale")
     all_tests = constant.bind(campaign)
     levels = np.array([0.5 - 0.5 * prob, 0.5 + 0.5 * prob])
@@ -127,7 +129,7 @@ def local_fits(
 
 
 def _pairs(campaign: Campaign) -> list[tuple[str, ...]]:
-    """Return the names of the tests at every two neighbouring force levels."""
+    """Return the names of the tests at every two neighbouring force levels, one tuple per pair."""
     if campaign.force_levels < 2:
         raise InputError(
             "local fits must have at least two force levels, got one: compliance and geometry"
