@@ -34,7 +34,7 @@ __all__ = ["Imported", "import_campaign"]
 
 # Largest number of tests in a campaign.
 LARGEST_TESTS = 1000
-# Number of characters of a list that an error message shows.
+# Largest number of characters of a list of tests or files that an error message shows.
 _LIST_SHOWN = 200
 
 
@@ -151,7 +151,11 @@ def import_campaign(
 def _select_tables(
     paths: Iterable[Path], matched: set[Path], layout: Layout, log: AssumptionLog
 ) -> SheetSelection:
-    """Return the sheets of all files with a table of readings, and the sheets without one."""
+    """Return the sheets of all files with a table of readings, and the sheets without one.
+
+    ``matched`` are the files that were found by a pattern with ``*`` or ``?``; they may have no
+    table.
+    """
     sheets = []
     for path in paths:
         sheets += read_sheets(
@@ -163,7 +167,10 @@ def _select_tables(
 def _split_into_tests(
     selection: SheetSelection, layout: Layout, campaign: Mapping[str, Any], log: AssumptionLog
 ) -> list[Recording]:
-    """Return the tests of all sheets, in the order of files, sheets and rows."""
+    """Return the tests of all sheets with a table, in the order of files, sheets and rows.
+
+    ``campaign`` are the fields of the campaign that options state.
+    """
     recordings: list[Recording] = []
     for sheet, heading in selection.tables:
         recordings += split_sheet(sheet, heading, layout, campaign, log, selection.left_out)
@@ -176,7 +183,11 @@ def _split_into_tests(
 
 
 def _stated_loads(recordings: Sequence[Recording], layout: Layout) -> dict[str, list[float]]:
-    """Return the forces and pressures that the layout lists, one number for each test, by field."""
+    """Return the forces and pressures of all tests that the layout lists, by field of a test.
+
+    The fields are ``force_N`` and ``pressure_bar``; each list has one number for each test. A field
+    that the layout does not list is left out.
+    """
     loads = {}
     for key, field_name in LOAD_LISTS.items():
         values = getattr(layout, field_name)
@@ -194,7 +205,7 @@ def _stated_loads(recordings: Sequence[Recording], layout: Layout) -> dict[str, 
 
 
 def _measured_arc(recording: Recording, loads: Mapping[str, float]) -> MeasuredArc:
-    """Return a test with its load, direction, angles and readings.
+    """Return the angles and readings of one test with its stated fields, such as its force.
 
     ``loads`` are the force and pressure that the layout lists for this test. They replace those
     that an entry [[test]] of the layout states.
@@ -219,9 +230,9 @@ def _measured_arc(recording: Recording, loads: Mapping[str, float]) -> MeasuredA
 
 
 def _name_tests(arcs: Iterable[MeasuredArc]) -> list[CircularTest]:
-    """Return the circular tests, with different names for tests of different sheets.
+    """Return the circular tests of the arcs, with different names for tests of different sheets.
 
-    If a name is already used, the name of the sheet is put in front of it.
+    If an earlier test has the same name, the name of the sheet is put in front of it.
     """
     tests: list[CircularTest] = []
     for arc in arcs:
@@ -252,7 +263,10 @@ def _check_names_differ(tests: Sequence[CircularTest], paths: Sequence[Path]) ->
 def _note_unused_entries(
     recordings: Iterable[Recording], layout: Layout, log: AssumptionLog
 ) -> None:
-    """Add to the log every entry [[test]] of the layout whose name is that of no test."""
+    """Add to the log every entry [[test]] of the layout that names no test of the files.
+
+    Such an entry states fields, such as a force, of the test that its key ``file`` names.
+    """
     names: set[str] = set()
     for recording in recordings:
         names.update(layout_names(recording.sheet, recording.label))
@@ -265,7 +279,8 @@ def _note_unused_entries(
 def _note_unused_loads(lines: Lines, log: AssumptionLog) -> None:
     """Add to the log loads that sheets without a table state outside a list of tests.
 
-    These forces and pressures are not used for any test.
+    ``lines`` are the lines of these sheets. The loads are forces and pressures; they are not used
+    for any test.
     """
     for key, statements in statements_in(lines).items():
         if key not in LOAD_ROLES:

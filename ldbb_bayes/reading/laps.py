@@ -1,4 +1,7 @@
-"""Angles of the readings in a recording: from times, over several turns, and their direction."""
+"""Angles of the readings of one test: from times, over several turns (laps), and their direction.
+
+A recording is the readings of one test as a file holds them; it may cover more than one turn.
+"""
 
 from __future__ import annotations
 
@@ -22,11 +25,12 @@ def angles_from_time(
     overshoot_deg: float,
     sense: int,
 ) -> Array:
-    """Return the angle of every reading of a recording over time; angles continue beyond 360°.
+    """Return the angle of every reading of a test that was recorded over time.
 
-    The machine moves at constant feed F along the circle of radius R. The angle at time t is
-    therefore θ(t) = start + sense · (F (t − t0) / R − overshoot), with t0 the time of the first
-    reading. The machine is assumed to accelerate within the overshoot (run-in and run-out) only.
+    The angles continue beyond 360°. The machine moves at constant feed F along the circle of radius
+    R. The angle at time t is therefore θ(t) = start + sense · (F (t − t0) / R − overshoot), with t0
+    the time of the first reading. The machine is assumed to accelerate only within the overshoot,
+    that is in the run-in before the circle and the run-out after it.
 
     Parameters
     ----------
@@ -64,10 +68,11 @@ def angles_from_time(
 
 
 def on_the_circle(angle_deg: Array, *, start_deg: float, sense: int) -> NDArray[np.bool_]:
-    """Return whether each reading of a recording is on the circle, not in run-in or run-out.
+    """Return whether each reading of a test is on the circle, not in the run-in or run-out.
 
-    The circle begins at its start angle and covers whole turns; the last reading of a turn may be
-    missing. If the recording ends before one turn is complete, all readings after the start are
+    The machine accelerates in the run-in before the circle, and decelerates in the run-out after
+    it. The circle begins at its start angle and covers whole turns; the last reading of a turn may
+    be missing. If the readings end before one turn is complete, all readings after the start are
     kept.
 
     Parameters
@@ -93,7 +98,9 @@ def on_the_circle(angle_deg: Array, *, start_deg: float, sense: int) -> NDArray[
 
 
 def average_laps(angle_deg: Array, reading_um: Array) -> tuple[Array, Array]:
-    """Return the readings averaged over all whole laps (turns), with the angles of the first lap.
+    """Return the readings of a test averaged over its whole laps, with the angles of the first lap.
+
+    A lap is one turn of the bar.
 
     Readings of later laps are interpolated at the angles of the first lap. Readings after the last
     whole lap are left out.
@@ -136,7 +143,9 @@ def average_laps(angle_deg: Array, reading_um: Array) -> tuple[Array, Array]:
 
 
 def direction_run(angle_deg: Array) -> str | None:
-    """Return the direction in which angles run, CW or CCW; None for half a turn or less.
+    """Return the direction of travel of a test, CW or CCW, from the order of its angles.
+
+    It is None if the angles cover half a turn or less.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
-"""Layout of foreign tables, as a user states it in a TOML file or by command-line options.
+"""Layout of foreign tables: separator, columns, units and other statements of the user.
 
-Options take precedence over the TOML file.
+A user states the layout in a TOML file or by command-line options; options take precedence.
 """
 
 from __future__ import annotations
@@ -37,7 +37,8 @@ class TestLayout(TestFields):
     that names tests.
     """
 
-    file: str
+    file: str  #: name of the test's file or sheet, or its label in the column that names tests
+    #: angle at which the circle begins, for a test that was recorded over time
     start_deg: Number | None = None
 
     def stated(self) -> dict[str, Any]:
@@ -56,7 +57,10 @@ def _check_encoding(name: str) -> str:
 
 
 def _separator_sign(separator: str) -> str:
-    """Return the character that separates cells, given by itself or by its name, such as tab."""
+    """Return the character that separates cells.
+
+    ``separator`` is the character itself or its name: comma, semicolon, tab, bar or space.
+    """
     if separator in _SEPARATORS.values():
         return separator
     if separator not in _SEPARATORS:
@@ -93,39 +97,44 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     schema_: Literal[1] = Field(default=1, alias="schema")  #: version of the layout's format, 1
     #: encoding of text files by its name in Python, such as utf-8 or cp1252
     encoding: Annotated[str, AfterValidator(_check_encoding)] | None = None
-    #: separator of columns: comma, semicolon, tab, bar, space, or the character itself
+    #: separator of cells in text files: comma, semicolon, tab, bar, space, or the character itself
     separator: Annotated[str, AfterValidator(_separator_sign)] | None = None
     decimal: Literal[".", ","] | None = None  #: decimal sign, point or comma
-    #: line number of the header; 0 for tables without header, whose columns have numbers from 1
+    #: line number of the header in the file; 0 for tables without a header, whose columns are
+    #: stated by their numbers from 1
     header_line: int | None = Field(default=None, ge=0)
-    #: names of the sheets of workbooks that are read; empty for all with a table of readings
+    #: names of the sheets to read from workbooks; empty for all sheets with a table of readings
     sheets: list[str] = Field(default_factory=list)
-    #: header or number of the column for each role, such as angle; each of several columns of
-    #: readings is a separate test
+    #: header, or number from 1, of the column that has each role, such as angle; a list of several
+    #: columns of readings makes each of them a separate test
     columns: dict[str, _Column] = Field(default_factory=dict)
     #: forces of all tests, in the order of files, sheets and rows; they replace forces that entries
     #: [[test]] state
     forces_N: list[Number] = Field(default_factory=list)
-    #: pressures of all tests, in the order of files, sheets and rows
+    #: pressures of all tests, in the order of files, sheets and rows; they replace pressures that
+    #: entries [[test]] state
     pressures_bar: list[Number] = Field(default_factory=list)
     reading_unit: str | None = None  #: unit of the readings, such as um or mm
     angle_unit: str | None = None  #: unit of the angles, such as deg or rad
     time_unit: str | None = None  #: unit of times, such as s or ms
     force_unit: str | None = None  #: unit of forces, such as N or kN
     pressure_unit: str | None = None  #: unit of pressures, such as bar
-    #: whether readings are deviations from the radius, or distances of the balls
+    #: whether readings are deviations from the nominal radius, or distances of the two balls
     zero: Literal["deviation", "distance"] | None = None
     sign: Literal[1, -1] = 1  #: sign of readings: −1 if a longer bar gives a smaller reading
     angle_sign: Literal[1, -1] = 1  #: sign of angles: −1 if the file counts angles clockwise
-    #: angle in the file at which the bar is along the plane's first axis; it is subtracted
+    #: angle in the file at which the bar is along the first axis of the plane; it is subtracted
+    #: from all angles
     angle_offset_deg: float = 0.0
-    start_deg: float | None = None  #: angle at which the circle begins, for recordings over time
-    #: angle of the run-in before the circle, for recordings over time
+    #: angle at which the circle begins, for tables with times instead of angles
+    start_deg: float | None = None
+    #: angle that the machine travels before the circle begins, for tables with times instead of
+    #: angles
     overshoot_deg: float | None = Field(default=None, ge=0.0)
-    #: feed along the circle, for recordings over time
+    #: feed of the machine along the circle, for tables with times instead of angles
     feed_mm_per_min: float | None = Field(default=None, gt=0.0)
     direction: Literal["CW", "CCW"] | None = None  #: direction of travel of all tests
-    #: whether several laps (turns) in one recording are kept or averaged
+    #: whether the laps (turns) of a test with several laps are kept or averaged
     laps: Literal["keep", "average"] | None = None
     #: fields of single tests that their tables do not state; each entry names its test by ``file``
     test: list[TestLayout] = Field(default_factory=list)
@@ -165,8 +174,9 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     def with_given(self, options: dict[str, Any]) -> Layout:
         """Return the layout with its fields replaced by the given command-line options.
 
-        Options that are None change nothing. A field that an option states for all tests is
-        removed from the entries [[test]].
+        ``options`` are values by name of the field; a value of None changes nothing. A field that
+        an option states for all tests, such as the direction, is removed from the entries [[test]],
+        each of which states fields of one test.
         """
         stated = {key: value for key, value in options.items() if value is not None}
         keys_of_tests = stated.keys() & TestLayout.__dataclass_fields__.keys()
@@ -183,7 +193,7 @@ def _without(fields: dict[str, Any], keys: set[str]) -> dict[str, Any]:
 
 
 def layout_to_toml(layout: Layout) -> str:
-    """Return a layout as TOML text, by which the same files can be read again."""
+    """Return a layout as the text of a TOML file, from which `read_layout` returns it again."""
     content = layout.model_dump(by_alias=True, exclude_none=True)
     tests = content.pop("test")
     content = {key: value for key, value in content.items() if value not in ([], {})}

@@ -1,4 +1,7 @@
-"""Statements in the lines above a foreign table: numbers, names, dates and directions."""
+"""Statements in the lines above a foreign table: numbers, names, dates and directions.
+
+An example is the line ``Radius: 150 mm``, which states the field ``radius_mm``.
+"""
 
 from __future__ import annotations
 
@@ -43,25 +46,27 @@ Lines = Sequence[tuple[int | str, str]]
 class LineStatement:
     """Value of a field of a test or campaign, as one line above a table states it."""
 
-    #: stated value, in the unit that the field's name states; NaN if it can be read in two ways,
-    #: such as 1,000
+    #: stated value, in the unit at the end of the field's name; NaN for a number that can be read
+    #: in two ways, such as 1,000
     value: Any
     unit: str  #: unit of the value as the line writes it; empty if the line states none
-    line: int | str  #: number of the line, or its place in words
+    line: int | str  #: number of the line in its file; for another sheet, number and sheet as text
 
 
 class _Quantity(NamedTuple):
     """Quantity, such as the radius, whose value a line above a table may state."""
 
-    words: str  #: text pattern of the words that name the quantity
+    words: str  #: regular expression for the words that name the quantity
     usual_unit: str  #: unit that is assumed if the line states none; empty if a unit is necessary
-    units: Mapping[str, float]  #: permitted units, each with its size in the unit of the field
+    #: permitted units, each with its size in the unit at the end of the field's name
+    units: Mapping[str, float]
 
 
 def _expand_parts() -> dict[str, str]:
-    """Return the parts from which text patterns are built, by name.
+    """Return the parts of regular expressions in ``words.toml``, by name.
 
-    A part may contain earlier parts, which are filled in.
+    Patterns of longer statements are built from these. A part that contains the name of an earlier
+    part is returned with that part filled in.
     """
     expanded: dict[str, str] = {}
     for name, pattern in WORDS["parts"].items():
@@ -90,11 +95,11 @@ _WHOLE_NUMBER = rf"(?P<number>{NUMBER_IN_TEXT})(?![\d:/]|[.,]\d|[\-−]\d|\s\d{{
 _UNIT_BEFORE = r"(?:in\s+(?P<inside>[^\s:=;,|]+)|[\[(](?P<brackets>[^\])]*)[\])])"
 # Pattern of the word that follows a number, in the same cell or in the next one.
 _FOLLOWING = r"\s*(?P<cell>[;|,\t]?)\s*(?P<following>[^\s;,|()\[\]]*)"
-# Patterns, by field, of the words that precede a name in a line, such as "Operator". The pattern
-# below them matches such words together with the name.
+# Patterns, by field, of the words that precede a name in a line above a table, such as "Operator".
+# ``_NAME_AFTER`` is the pattern of such words together with the name.
 _NAME_WORDS = {key: words % _PARTS for key, words in WORDS["names"].items()}
 _NAME_AFTER = rf"{_PARTS['cell']}(?:%s)\s*(?:[:=]\s*[;,|\t]?|[;|\t])\s*(\w(?:[^;,|\t]|,\s)*)"
-# Patterns, by field, of statements in words, such as the plane or a date.
+# Patterns of statements in words, such as "plane XY" or a date, by the field that they state.
 _IN_WORDS = {key: words % _PARTS for key, words in WORDS["in_words"].items()}
 _IN_WORDS |= {key: _NAME_AFTER % words for key, words in _NAME_WORDS.items()}
 # Pattern of a cell that holds a label, such as "Operator" or "Date", without its value.
@@ -104,15 +109,16 @@ _LABEL = re.compile(
 )
 # Fields of a campaign that are dates.
 _DATES = ("date", "ball_bar_calibrated")
-# Pattern of the words for a date of calibration, which may follow the name of a ball bar.
+# Pattern of the words "calibrated on" and the like, which may follow the name of a ball bar.
 _CALIBRATED_BEHIND = re.compile(rf",\s*{_PARTS['calibrated']}", re.IGNORECASE)
 _PRODUCT = re.compile(_PARTS["product"], re.IGNORECASE)
-# Pattern of the words by which a sentence is about the readings or the mount.
+# Pattern of words which show that a line is about the readings or about the ball's mount.
 _READINGS = re.compile(WORDS["mount"]["readings"], re.IGNORECASE)
-# Pattern of words that do not matter for whether readings are stated to be compensated.
+# Pattern of words, such as "the", that are ignored in a statement whether the readings are
+# compensated for the deflection of the ball's mount.
 _FILLING = re.compile(f"{_READINGS.pattern}|{WORDS['mount']['filling']}", re.IGNORECASE)
 _MOUNT_STATES = {state: WORDS["mount"][state] for state in ("raw", "compensated")}
-# First three letters of the names of the months, in English and German.
+# First three letters of the name of each month, in English and, if different, in German.
 _MONTHS = (
     "jan",
     "feb",
@@ -136,8 +142,8 @@ _SENSE = re.compile(
 )
 # Pattern of a word for "direction", with the text that follows it.
 _DIRECTION = re.compile(_DIRECTION_WORDS["after"], re.IGNORECASE)
-# Patterns, by field, of words that show that a line is about this field, even if its statement
-# cannot be understood.
+# Patterns of words which show that a line is about a field, even if its statement cannot be
+# understood; by field.
 _SUBJECTS = {
     "force_N": re.compile(rf"\b{_QUANTITIES['force_N'].words}\b", re.IGNORECASE),
     "pressure_bar": re.compile(rf"\b{_QUANTITIES['pressure_bar'].words}\b", re.IGNORECASE),
@@ -149,9 +155,9 @@ _SUBJECTS = {
 
 
 def statements_in(lines: Lines) -> dict[str, list[LineStatement]]:
-    """Return all statements in lines of text, by the field that they concern.
+    """Return all statements in lines of text, by the field of a test or campaign that they state.
 
-    Numbers without a known unit, and quantities of another kind (maximum, ambient, …), are ignored.
+    Numbers with an unknown unit, and quantities of another kind (maximum, ambient, …), are ignored.
     """
     statements: dict[str, list[LineStatement]] = {}
     for line, content in lines:
@@ -168,9 +174,10 @@ def statements_in(lines: Lines) -> dict[str, list[LineStatement]]:
 
 @cache
 def _pattern(words: str) -> re.Pattern[str]:
-    """Return the pattern of words for a quantity, followed by its number and unit.
+    """Return the compiled pattern of a statement such as ``Radius: 150 mm``.
 
-    The unit may precede or follow the number.
+    ``words`` is the pattern of the words that name the quantity. A number follows them; the unit
+    may precede or follow the number.
     """
     between = rf"{_PARTS['between']}{{0,4}}"
     return re.compile(
@@ -185,6 +192,17 @@ def _stated_number(
     """Return the number that a line states for a quantity, in the unit of its field.
 
     Return None if the number belongs to another quantity or has another unit.
+
+    Parameters
+    ----------
+    key
+        Field of the quantity, such as radius_mm.
+    quantity
+        The quantity with its permitted units.
+    match
+        Match of the pattern of the quantity, its number and its unit.
+    line
+        Number of the line in its file, or number and sheet as text.
     """
     if OTHER_QUANTITY.search(_words_before_number(match)):
         return None
@@ -205,14 +223,14 @@ def _stated_number(
 
 
 def _words_before_number(match: re.Match[str]) -> str:
-    """Return the text that precedes the number in the same cell."""
+    """Return the text that precedes the number of a matched statement in the same cell."""
     before_match = match.string[: match.start()]
     cell = re.split(r"[;,|\t]", before_match)[-1]
     return cell + match.string[match.start() : match.start("number")]
 
 
 def _unit_among(name: str, units: Mapping[str, float]) -> str | None:
-    """Return which of the permitted units a text names; None if it names none of these."""
+    """Return the one of the permitted ``units`` that a text names; None if it names none."""
     wanted = {name.casefold(), unit_named(name).casefold()}
     for unit in units:
         if unit.casefold() in wanted:
@@ -221,10 +239,10 @@ def _unit_among(name: str, units: Mapping[str, float]) -> str | None:
 
 
 def _stated_in_words(text: str) -> Iterator[tuple[str, str]]:
-    """Yield each field that a text states in words, with its value.
+    """Yield each field that a line above a table states in words, with its value.
 
-    The fields are the plane, dates (in ISO 8601), names, and whether readings are raw or
-    compensated for the mount.
+    The fields are the plane, dates (in ISO 8601), names of people, places and instruments, and
+    whether readings are raw or compensated for the deflection of the ball's mount.
     """
     for key, pattern in _IN_WORDS.items():
         for match in re.finditer(pattern, text, re.IGNORECASE):
@@ -238,7 +256,11 @@ def _stated_in_words(text: str) -> Iterator[tuple[str, str]]:
 
 
 def _value_in_words(key: str, value: str, matched: str) -> str:
-    """Return the value of a field from the words of a line; empty if the words are no value."""
+    """Return the value that the words of a line state for a field; empty if they are no value.
+
+    ``key`` is the name of the field, ``value`` the words that may be its value, and ``matched`` the
+    whole statement, with the label in front of the value.
+    """
     if key == "plane":
         return re.sub("[-/]", "", value.upper())
     if key in _DATES:
@@ -251,7 +273,11 @@ def _value_in_words(key: str, value: str, matched: str) -> str:
 
 
 def _is_header_beside(key: str, value: str, matched: str) -> bool:
-    """Return whether the words after a label are another label or a header, and no value."""
+    """Return whether the words after a label are another label or a header, and no value.
+
+    ``key`` is the field of the label, ``value`` the words after the label, and ``matched`` the
+    label with these words. In ``Operator;Date`` both are labels.
+    """
     if key == "ball_bar" and _PRODUCT.fullmatch(value):
         return False
     if _LABEL.fullmatch(value):
@@ -262,7 +288,8 @@ def _is_header_beside(key: str, value: str, matched: str) -> bool:
 def _mount_states(passage: str, is_whole_line: bool) -> Iterator[str]:
     """Yield "raw" or "compensated" if a passage states this about the readings or the mount.
 
-    Compensated readings are corrected for the deflection of the mount.
+    Compensated readings are corrected for the deflection of the mount of the work ball. A passage
+    is a line, or one cell of it. Only a whole line may state this without naming the readings.
     """
     remaining = " ".join(_FILLING.sub(" ", passage.casefold()).split())
     if not (_READINGS.search(passage) or (is_whole_line and "ompens" in remaining)):
@@ -309,15 +336,15 @@ def is_label(text: str) -> bool:
 
 
 def is_direction(text: str) -> bool:
-    """Return whether a text is a word for clockwise or counter-clockwise."""
+    """Return whether a text is a word for clockwise or counter-clockwise, such as CW."""
     return _SENSE.fullmatch(text) is not None
 
 
 def directions_stated(lines: Lines, names: Sequence[str] = ()) -> set[str]:
-    """Return the directions of travel, CW and CCW, that lines and names state.
+    """Return the directions of travel, CW and CCW, that lines above a table and names state.
 
-    A line states a direction after a word such as "direction". Of the names, only the first that
-    contains a direction counts.
+    ``names`` are the names of test, column, sheet and file; only the first that contains a
+    direction counts. A line states a direction after a word such as "direction".
     """
     directions: set[str] = set()
     for name in names:
@@ -353,8 +380,9 @@ def _senses(text: str) -> set[str]:
 
 
 def not_understood(lines: Lines) -> dict[str, str]:
-    """Return a note on each field that a line concerns without being understood, by field.
+    """Return a note for each field that a line is about without being understood, by field.
 
+    Such a line contains a word for the field, such as "force", but its statement cannot be read.
     The note names the first such line.
     """
     unclear: dict[str, str] = {}

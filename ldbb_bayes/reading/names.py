@@ -1,4 +1,7 @@
-"""Loads, radii and planes that names of files, sheets, columns or tests state, such as 238N."""
+"""Loads, radii and planes that the names of files, sheets, columns or tests state, such as 238N.
+
+Loads are forces and pressures.
+"""
 
 from __future__ import annotations
 
@@ -24,8 +27,9 @@ LOAD_IN_NAME = re.compile(
     r"(kN|daN|N|newton|bar|mbar|MPa|kPa|psi)(?![a-zA-Z])",
     re.IGNORECASE,
 )
-# Pattern of a load in a name that can be read in two ways. A sign may replace a decimal point
-# (3_5bar), or a blank may separate thousands (1 238 N). Forces above 5999 N do not occur.
+# Pattern of a load (force or pressure) in a name that can be read in two ways. A sign may replace a
+# decimal point (3_5bar), or a blank may separate thousands (1 238 N). Forces above 5999 N do not
+# occur.
 _AMBIGUOUS_LOAD = re.compile(
     r"\d[_p\-]\d+[ _]?(?:[a-z]*bar|kN|MPa|kPa|psi)"
     r"|(?<!\d)0[_p\-]\d+[ _]?N(?![a-z])"
@@ -63,7 +67,7 @@ class _WrittenLoad(NamedTuple):
 
 
 def load_in_name(names: Sequence[str], key: str = "") -> NamedLoad | None:
-    """Return the load that names state, such as ``238N``, ``2.5 bar`` or ``f238``.
+    """Return the force or pressure that names state, such as ``238N``, ``2.5 bar`` or ``f238``.
 
     The first name that contains exactly one load counts. Return None if there is no such name.
 
@@ -92,7 +96,7 @@ def load_in_name(names: Sequence[str], key: str = "") -> NamedLoad | None:
 def _written_loads(text: str) -> list[_WrittenLoad]:
     """Return all loads in a text, that is numbers with a unit of force or pressure.
 
-    Forces come first, then pressures.
+    The list holds the forces first, then the pressures.
     """
     forces = []
     pressures = []
@@ -106,15 +110,15 @@ def _written_loads(text: str) -> list[_WrittenLoad]:
 
 
 def load_is_ambiguous(names: Sequence[str]) -> bool:
-    """Return whether a load in a name can be read in two ways, such as ``1 238 N``.
+    """Return whether any of the names contains a force or pressure that can be read in two ways.
 
-    This may be 1238 N, or 238 N after another number.
+    An example is ``1 238 N``: it may be 1238 N, or 238 N after another number.
     """
     return any(_AMBIGUOUS_LOAD.search(name) for name in names)
 
 
 def radius_in_name(names: Sequence[str]) -> float | None:
-    """Return the radius [mm] that names state, such as ``R100``.
+    """Return the radius [mm] that names of test, column, sheet or file state, such as ``R100``.
 
     The first name that contains exactly one radius counts. Return None if there is no such name.
     """
@@ -126,7 +130,9 @@ def radius_in_name(names: Sequence[str]) -> float | None:
 
 
 def plane_in_name(names: Sequence[str]) -> str | None:
-    """Return the plane that names state, as XY, YZ or ZX; ``XZ`` is returned as ``ZX``.
+    """Return the plane (XY, YZ or ZX) that names of test, column, sheet or file state.
+
+    A plane in the other order, such as XZ, is returned as ZX.
 
     The first name that contains exactly one plane counts. Return None if there is no such name.
     """

@@ -66,7 +66,7 @@ _MISSING = (
     "null",
     "none",
 )
-# Mark that may separate thousands, for each decimal mark.
+# Mark that may separate thousands if the decimal mark is the point, or the comma.
 OTHER_MARK = {".": ",", ",": "."}
 # Largest value, by quantity, for which a mark before three digits may separate thousands: 1,000 N
 # may be 1000 N, but 150.000 mm is not 150 000 mm.
@@ -103,7 +103,9 @@ def could_be_thousands(cell: str) -> bool:
 def may_be_thousands(key: str, text: str) -> bool:
     """Return whether the comma or point in the value of a quantity may separate thousands.
 
-    ``key`` is the field of the quantity, such as force_N, and ``text`` the number as written.
+    ``key`` is the field of the quantity, such as force_N, and ``text`` the number as written. In
+    ``1,000`` N the comma may separate thousands, but not in ``150.000`` mm, because no circle has a
+    radius of 150 000 mm.
     """
     if not could_be_thousands(text):
         return False
@@ -112,9 +114,9 @@ def may_be_thousands(key: str, text: str) -> bool:
 
 
 def _is_grouped(text: str, mark: str) -> bool:
-    """Return whether a number has a mark before each group of three digits, such as 1,000,000.
+    """Return whether a whole number has a mark before each group of three digits, as 1,000,000.
 
-    ``mark`` is the pattern of this mark.
+    ``mark`` is the regular expression of this mark.
     """
     return re.fullmatch(rf"[+\-]?\d{{1,3}}(?:{mark}\d{{3}})+", text) is not None
 
@@ -145,7 +147,7 @@ def number(cell: str, decimal: str = ".") -> float:
 
 
 def number_in_text(text: str) -> float:
-    """Return the number in a text; a comma or a point is its decimal mark."""
+    """Return the number that a text consists of; a comma or a point is its decimal mark."""
     if "," in text:
         return number(text, ",")
     return number(text)
@@ -154,9 +156,25 @@ def number_in_text(text: str) -> float:
 def numbers_in(
     place: str, name: str, lines: Sequence[int], cells: Sequence[str], decimal: str | None
 ) -> Array:
-    """Return the n numbers of a column, shape (n,).
+    """Return the numbers in the n cells of a column, shape (n,).
 
-    If a cell is no finite number, raise an `InputError` that names its line.
+    Parameters
+    ----------
+    place
+        Name of the table in error messages.
+    name
+        Name of the column in error messages.
+    lines
+        Line number of each cell in the file.
+    cells
+        The cells as texts.
+    decimal
+        Decimal mark; None if no cell has one.
+
+    Raises
+    ------
+    InputError
+        For a cell that is no finite number; the message names its line.
     """
     values = np.full(len(cells), np.nan)
     for k, cell in enumerate(cells):
@@ -221,9 +239,11 @@ def _contradicting_marks(place: str, line: int, cell: str) -> InputError:
 
 
 def seconds_of(place: str, lines: Sequence[int], cells: Sequence[str]) -> Array:
-    """Return n times of day in seconds, which increase also past midnight, shape (n,) [s].
+    """Return the times of day in n cells as seconds, shape (n,) [s]; dates are ignored.
 
-    Times in minutes and seconds increase also past the full hour. Dates are ignored.
+    The seconds continue to increase past midnight, and for times in minutes and seconds past the
+    full hour. ``place`` names the table in error messages; ``lines`` are the line numbers of the
+    cells.
     """
     times = np.zeros(len(cells))
     period = _HOUR_S
@@ -255,9 +275,25 @@ def constant_value(
     cells: Sequence[str],
     decimal: str | None,
 ) -> str | float | None:
-    """Return the value of a column in the rows of a test; None if the cells are empty.
+    """Return the value that a column has in all rows of a test; None if the cells are empty.
 
-    Raise an `InputError` if the rows have different values.
+    Planes and directions are returned as texts, all other values as numbers.
+
+    Parameters
+    ----------
+    place, test, name
+        Names of the table, the test and the column in error messages.
+    lines
+        Line number of each row in the file.
+    cells
+        Cell of the column in each row.
+    decimal
+        Decimal mark; None if no number has one.
+
+    Raises
+    ------
+    InputError
+        If the rows have different values.
     """
     first = cells[0]
     for line, cell in zip(lines, cells, strict=True):

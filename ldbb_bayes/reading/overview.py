@@ -24,11 +24,12 @@ LONGEST_OVERVIEW = 1000
 
 @dataclass
 class OverviewLines:
-    """Place and text of lines in sheets that have no table of readings."""
+    """Lines of sheets without a table of readings: place (line and sheet) and text of each."""
 
-    #: place and text of lines that concern all tests
+    #: place (line number and sheet) and text of each line that concerns all tests
     of_all_tests: list[tuple[str, str]] = field(default_factory=list)
-    #: place and text of cells that concern one test, from its row in a list of tests
+    #: place (line number and sheet) and text of each cell in the rows of one test in a list of
+    #: tests; the text is "header: cell"
     of_this_test: list[tuple[str, str]] = field(default_factory=list)
 
 
@@ -59,9 +60,10 @@ def overview_lines(sheets: Iterable[Sheet], names: Collection[str]) -> OverviewL
 
 
 def _is_row_of_test(filled: Sequence[str], wanted: set[str]) -> bool:
-    """Return whether a row in a list of tests contains the name of the wanted test.
+    """Return whether a row in a list of tests contains the name of one wanted test.
 
-    A row in which the name is the value of a label, such as ``Operator:``, does not count.
+    ``filled`` are the cells of the row that are not empty, and ``wanted`` the names of the test. A
+    row in which the name is the value of a label, such as ``Operator:``, does not count.
     """
     named = wanted & {comparable(cell) for cell in filled}
     if not named:
@@ -72,7 +74,11 @@ def _is_row_of_test(filled: Sequence[str], wanted: set[str]) -> bool:
 def _labelled_cells(
     place: str, header: Sequence[str], cells: Sequence[str]
 ) -> list[tuple[str, str]]:
-    """Return place and text of the filled cells of a row; each text is ``header: cell``."""
+    """Return place and text of the filled cells of a row in a list of tests.
+
+    ``place`` states the line number and the sheet. Each text is ``header: cell``, with the header
+    of the cell's column; a word such as CW has the header "direction" instead.
+    """
     labelled = []
     for name, cell in zip(header, cells, strict=False):
         if name and cell:
@@ -91,7 +97,8 @@ def _has_label(cell: str) -> bool:
 def _heads_a_list(filled: Sequence[str]) -> bool:
     """Return whether a row is the header of a list of tests.
 
-    A row with a label and its value, such as ``Radius | 100 mm``, is no header.
+    ``filled`` are the cells of the row that are not empty. A row with a label and its value, such
+    as ``Radius | 100 mm``, is no header.
     """
     if not names_columns(filled):
         return False

@@ -16,11 +16,12 @@ from ldbb_bayes.results import Array
 
 __all__ = ["LOAD_LISTS", "LOAD_ROLES", "UNITS_SHOWN", "Recording", "option_for"]
 
-# Role of the column that holds a load, by the field of a test for this load.
+# Role of the column that holds the force or pressure of a test, by the name of the test's field.
 LOAD_ROLES = {"force_N": "force", "pressure_bar": "pressure"}
-# Field of the layout that lists the loads of all tests, by the field of a test for this load.
+# Field of the layout that lists the forces or pressures of all tests, by the name of the field of
+# one test.
 LOAD_LISTS = {"force_N": "forces_N", "pressure_bar": "pressures_bar"}
-# Units in which messages state quantities, by field.
+# Units in which messages state the values of a test's fields, by field.
 UNITS_SHOWN = {
     "force_N": "N",
     "pressure_bar": "bar",
@@ -35,7 +36,10 @@ _LONGEST_TEST_NAME = 100
 
 
 def option_for(key: str) -> str:
-    """Return the command-line option that states a field, such as --forces-N for force_N."""
+    """Return the command-line option that states the field ``key`` of a test or campaign.
+
+    For force_N it is --forces-N, and for radius_mm it is --radius-mm.
+    """
     name = LOAD_LISTS.get(key, key)
     return f"--{name}".replace("_", "-")
 
@@ -50,19 +54,22 @@ class Recording:
     #: the whole sheet is one test
     label: str
     lines: list[int]  #: line numbers of the test's rows in the file
-    #: numbers of each column by its role (angle, reading, …), in the units of the file, shape (n,)
+    #: numbers of the test's n rows in each column, by the role of the column (angle, reading, …),
+    #: in the units of the file, shape (n,)
     numbers: dict[str, Array]
-    #: words in the column of directions, each with the first line that has it
+    #: different words in the column of directions, each with the number of the first line that has
+    #: it
     direction_words: Mapping[str, int]
-    #: statements in lines above the table, by field
+    #: values that lines above the table state, by field of the test or campaign
     statements: Mapping[str, Sequence[LineStatement]]
-    layout: Layout
+    layout: Layout  #: layout that the user states for all tables
     stated: dict[str, Any]  #: fields that the entry [[test]] of the layout states for this test
     campaign: Mapping[str, Any]  #: fields of the campaign that options state
-    log: AssumptionLog
-    #: fields of the test from columns that have one value in all its rows
+    log: AssumptionLog  #: log to which assumptions about the test are added
+    #: fields of the test from columns, such as setup, that have one value in all rows of the test
     fields: dict[str, Any]
-    #: place and text of lines that concern all tests, from sheets without a table
+    #: place (line number and sheet) and text of each line that concerns all tests, from sheets
+    #: without a table
     lines_of_all_tests: Sequence[tuple[str, str]]
 
     @property
@@ -79,7 +86,10 @@ class Recording:
 
     @property
     def radius_mm(self) -> float:
-        """Radius of the test [mm], or else that of the campaign, or else the usual 150 mm."""
+        """Radius of the test's circle [mm].
+
+        It is the radius that the test's fields state, or else that of the campaign, or else 150 mm.
+        """
         radius = self.fields.get("radius_mm") or self.campaign.get("radius_mm")
         return float(radius or _USUAL_RADIUS_MM)
 
@@ -95,13 +105,18 @@ class Recording:
         return [name for name in names if name]
 
     def note(self, subject: str, value: str, reason: str, option: str) -> None:
-        """Add an assumption about this test to the log."""
+        """Add an assumption about this test to the log.
+
+        ``subject`` is what was assumed, such as "direction"; ``value`` and ``reason`` are the
+        assumed value and why; ``option`` is the command-line option that changes the value.
+        """
         self.log.add(self.place, subject, value, reason, option)
 
     def stated_value(self, key: str) -> Any:
-        """Return the value of a field that the user states; None if the user states none.
+        """Return the value that the user states for the field ``key``; None if there is none.
 
-        The entry [[test]] of the layout counts first, then the layout, then an option.
+        The entry [[test]] of the layout for this test counts first, then the layout, then an
+        option.
         """
         value = self.stated.get(key)
         if value is None:
@@ -111,9 +126,10 @@ class Recording:
         return value
 
     def name_of_file(self, title: str) -> str:
-        """Return a title as name of a test, with characters replaced that file names cannot have.
+        """Return a name for the test that can be the name of a file, made from ``title``.
 
-        If the title changes, this is noted as an assumption.
+        Characters that file names cannot have are replaced by underscores. If this changes the
+        title, it is noted as an assumption.
         """
         name = re.sub(r"^[^\w+\-]|[^\w+\-. ]", "_", title)[:_LONGEST_TEST_NAME]
         if name != title:

@@ -17,10 +17,10 @@ class Sheet:
 
     path: Path  #: path of the file
     name: str  #: name of the sheet; empty for a text file
-    rows: list[Row]  #: rows of cells, without empty lines
+    rows: list[Row]  #: rows of cells with their line numbers; empty lines are left out
     encoding: str = ""  #: encoding of a text file; empty for a workbook
     separator: str = ""  #: separator of cells in a text file; empty for a workbook
-    #: whether the file holds no other table; tests are then named after the file
+    #: whether this is the only table of readings in the file; tests are then named after the file
     is_only_table: bool = False
 
     @property

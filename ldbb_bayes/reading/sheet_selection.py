@@ -29,10 +29,10 @@ class HeadedSheet(NamedTuple):
 
 @dataclass
 class SheetSelection:
-    """Sheets with a table of readings (``tables``), and sheets without one (``left_out``)."""
+    """Sheets of foreign files, divided into those with a table of readings and those without."""
 
-    tables: list[HeadedSheet] = field(default_factory=list)
-    left_out: list[Sheet] = field(default_factory=list)
+    tables: list[HeadedSheet] = field(default_factory=list)  #: sheets with a table of readings
+    left_out: list[Sheet] = field(default_factory=list)  #: sheets without a table of readings
 
 
 def select_sheets(
@@ -103,9 +103,10 @@ def _workbooks_of_several_sheets(sheets: Sequence[Sheet]) -> set[Path]:
 
 
 def _has_no_readings(sheet: Sheet, error: InputError) -> bool:
-    """Return whether a sheet that raised an error holds no readings.
+    """Return whether a sheet whose header raised an error holds no readings.
 
-    It then has no table of numbers, or no row that names both an angle and a reading.
+    It holds none if it has no table of numbers, or no row that names a column of readings and one
+    of angles or times.
     """
     if isinstance(error, NoTableError):
         return True
@@ -126,7 +127,10 @@ def _is_complete(heading: Heading) -> bool:
 
 
 def _mark_only_tables(selection: SheetSelection, tables: Sequence[HeadedSheet]) -> SheetSelection:
-    """Return the selection, with a mark on each sheet that holds the only table of its file."""
+    """Return the selection of sheets with ``is_only_table`` set for the only table of a file.
+
+    ``tables`` are the sheets with a table; those that are left out of the selection do not change.
+    """
     paths = [table.sheet.path for table in tables]
     marked = []
     for sheet, heading in tables:

@@ -31,9 +31,10 @@ from ldbb_bayes.results import Array
 
 __all__ = ["FIELDS_OF_ALL_TESTS", "layout_names", "split_sheet"]
 
-# Roles of columns that are not converted to numbers once for all tests of a sheet.
+# Roles of columns that are not converted to numbers for all tests of a sheet together: columns of
+# tests and directions hold words, and each column of readings may be a separate test.
 _NOT_SHARED = ("test", "direction", "reading")
-# Fields that lines in a sheet without a table may state for all tests.
+# Fields of a test or campaign that lines in a sheet without a table may state for all tests.
 FIELDS_OF_ALL_TESTS = {
     "plane",
     "resolution_um",
@@ -57,22 +58,39 @@ class _SheetColumns:
     decimal: str | None  # decimal mark of the table; None if no number has one
 
     def numbers(self, role: str, column: int) -> Array:
-        """Return the n numbers in a column, shape (n,); ``role`` names it in error messages."""
+        """Return the numbers in a column as an array, one for each of the n rows, shape (n,).
+
+        ``column`` is the index of the column from 0; ``role`` names it in error messages.
+        """
         title = self.heading.column_title(role, column)
         place = self.sheet.place
         return numbers_in(place, title, self.lines, self.cells[column], self.decimal)
 
     def constant(self, test: str, key: str, column: int, rows: Sequence[int]) -> Any:
-        """Return the value of a column in the rows of one test.
+        """Return the value that a column has in all rows of one test.
 
         Raise an `InputError` if these rows have different values.
+
+        Parameters
+        ----------
+        test
+            Name of the test, for the message.
+        key
+            Field of the test that the column states.
+        column
+            Index of the column from 0.
+        rows
+            Indices of the rows of the test from 0.
         """
         lines = [self.lines[k] for k in rows]
         cells = [self.cells[column][k] for k in rows]
         return constant_value(self.sheet.place, test, key, lines, cells, self.decimal)
 
     def direction_words(self, rows: Sequence[int]) -> dict[str, int]:
-        """Return the words in the column of directions, each with the first line that has it."""
+        """Return the different words in the column of directions, each with its first line number.
+
+        ``rows`` are the indices of the rows (from 0) that are considered.
+        """
         words: dict[str, int] = {}
         if "direction" in self.heading.roles:
             column = self.heading.roles["direction"]
@@ -155,7 +173,10 @@ def split_sheet(
 
 
 def _statements_of_all_tests(lines: Lines) -> dict[str, list[LineStatement]]:
-    """Return the statements about all tests in lines of sheets without a table, by field."""
+    """Return the statements about all tests in lines of sheets without a table, by field.
+
+    Fields that differ from test to test, such as the force, are left out.
+    """
     statements = {}
     for key, statements_of_field in statements_in(lines).items():
         if key in FIELDS_OF_ALL_TESTS:
@@ -208,7 +229,8 @@ def _decimal_mark_of(
 ) -> str | None:
     """Return the decimal mark of a table, as the layout states it or as found in its cells.
 
-    If another mark is possible, the assumption is noted.
+    ``cells`` are the line number and the text of every cell with a number. None means that no cell
+    has a mark. If the other mark is possible too, the assumption is added to the log.
     """
     if layout.decimal is not None:
         _note_stated_mark(sheet, cells, layout.decimal, log)
@@ -229,7 +251,10 @@ def _decimal_mark_of(
 def _note_stated_mark(
     sheet: Sheet, cells: Sequence[tuple[int, str]], decimal: str, log: AssumptionLog
 ) -> None:
-    """Add to the log that cells have only another decimal mark than the stated one."""
+    """Add to the log if no cell has the decimal mark that the user states, but some the other one.
+
+    The other mark, comma or point, then separates thousands.
+    """
     if any(decimal in cell for _, cell in cells):
         return
     other = OTHER_MARK[decimal]
@@ -239,7 +264,10 @@ def _note_stated_mark(
 
 
 def _shared_numbers(columns: _SheetColumns, layout: Layout) -> dict[str, Array]:
-    """Return the numbers of all columns except readings, by role; times of day are in seconds."""
+    """Return the numbers of all columns except readings, by the role of the column.
+
+    Columns of words (test, direction) are left out. Times of day are converted to seconds.
+    """
     numbers = {}
     for role, column in columns.heading.roles.items():
         if role not in _NOT_SHARED and column != columns.clock_column:
@@ -256,7 +284,10 @@ def _shared_numbers(columns: _SheetColumns, layout: Layout) -> dict[str, Array]:
 
 
 def _labels_of(columns: _SheetColumns) -> list[str]:
-    """Return the name of the test for each row; empty names if there is no column of tests."""
+    """Return the name of the test to which each row of a table belongs.
+
+    The names are empty if the table has no column that names tests.
+    """
     if "test" not in columns.heading.roles:
         return [""] * len(columns.lines)
     labels = columns.cells[columns.heading.roles["test"]]
@@ -280,9 +311,21 @@ def layout_names(sheet: Sheet, label: str) -> list[str]:
 
 
 def _stated_fields(sheet: Sheet, label: str, layout: Layout, holds_several: bool) -> dict[str, Any]:
-    """Return the fields that the layout states for a test, under any name of the test.
+    """Return the fields that entries [[test]] of the layout state for one test.
 
-    If several entries [[test]] state a field, the one with the most specific name counts.
+    An entry may name the test by its label, or by the name of its sheet or file. If several entries
+    state a field, the one with the most specific name counts.
+
+    Parameters
+    ----------
+    sheet
+        Sheet of the test.
+    label
+        Name of the test in its sheet.
+    layout
+        Layout with the entries.
+    holds_several
+        Whether the file holds several tests; an entry for the file must then state no load.
     """
     entries = {entry.file: entry for entry in layout.test}
     fields: dict[str, Any] = {}
@@ -306,7 +349,8 @@ def _field_columns(
 ) -> dict[str, int]:
     """Return the indices of columns that state a field of each test, such as setup, by field.
 
-    Columns of times and temperatures that change within a test are left out, and this is noted.
+    ``labels`` are the name of the test for each row. Columns of times and temperatures that change
+    within a test are left out, and this is added to the log.
     """
     heading = columns.heading
     field_columns = {

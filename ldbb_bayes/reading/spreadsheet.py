@@ -33,8 +33,8 @@ _SHARE_OF_ZEROS = 0.2
 _SEPARATORS = (";", "\t", "|", ",", " ")
 # Number of lines by which possible separators of cells are compared.
 _SAMPLE_LINES = 200
-# The score of a separator of cells must exceed the scores of preferred separators by more than
-# this.
+# A possible separator of cells is chosen instead of one earlier in the order of preference only if
+# its score is larger by more than this.
 _SCORE_MARGIN = 0.02
 
 
@@ -126,10 +126,11 @@ def _find_separator(lines: Sequence[str]) -> str:
 
 
 def _separator_score(sample: Sequence[str], separator: str) -> float:
-    """Return a score that is large if a character is likely the separator of cells.
+    """Return a score between 0 and 2 that is large if a character is likely the separator of cells.
 
-    The score is the share of lines with the usual number of cells, times 1 plus the share of
-    numbers among the filled cells.
+    The score is p (1 + q), where p is the share of the lines in ``sample`` that have the most
+    frequent number of cells, and q the share of numbers among the filled cells. It is zero if the
+    most frequent number of cells is one.
     """
     widths = []
     n_filled = 0

@@ -26,11 +26,14 @@ from ldbb_bayes.reading.words import UNITS, WORDS
 
 __all__ = ["direction_of", "loads_of", "quantity_of", "unit_size"]
 
-# Relative rounding error that is permitted for a value in a line above a table.
+# A value in a line above a table agrees with another value of the same quantity if they differ by
+# at most this share, because it may be rounded.
 _ROUNDED_IN_LINE = 1e-3
-# Relative rounding error that is permitted for a value in the name of a file, sheet or test.
+# A value in the name of a file, sheet or test agrees with another value of the same quantity if
+# they differ by at most this share, because it may be rounded.
 _ROUNDED_IN_NAME = 0.02
-# Relative tolerance within which the loads in all rows of a test count as equal.
+# Relative tolerance within which the forces, or the pressures, in all rows of a test count as
+# equal.
 _CONSTANT = 1e-9
 # Number of characters of a text from a file that an error message shows.
 _TEXT_SHOWN = 60
@@ -42,8 +45,8 @@ class _Evidence(NamedTuple):
     """Value that a source states for a quantity of a test."""
 
     value: float  # stated value; NaN if the number can be read in two ways
-    source: str
-    tolerance: float  # relative rounding error that is permitted for the value
+    source: str  # source of the value in words, such as "line 3"
+    tolerance: float  # relative difference from another value that rounding may explain
 
 
 def quantity_of(recording: Recording, key: str, column_value: float | None = None) -> float | None:
@@ -98,9 +101,9 @@ def quantity_of(recording: Recording, key: str, column_value: float | None = Non
 
 
 def _agrees(evidence: _Evidence, value: float) -> bool:
-    """Return whether a stated value agrees with ``value`` up to rounding.
+    """Return whether the value that a source states agrees with ``value`` up to rounding.
 
-    A stated number that can be read in two ways counts as agreeing.
+    A number that can be read in two ways, such as 1,000, counts as agreeing.
     """
     if math.isnan(evidence.value):
         return True
@@ -112,8 +115,9 @@ def _certain_evidence(
 ) -> list[_Evidence]:
     """Return the values that the user and a column of the table state for a quantity.
 
-    The list has at most two entries. The entry that counts is first: the user's value, but for a
-    radius the column's value.
+    ``key`` is the field of the quantity, such as radius_mm; ``column_value`` is the value of its
+    column, or None. The list has at most two entries. The entry that counts is first: the user's
+    value, but for a radius the column's value.
     """
     user_evidence = _evidence_if_stated(recording.stated_value(key), "as given")
     column_evidence = _evidence_if_stated(column_value, "its column")
@@ -123,14 +127,21 @@ def _certain_evidence(
 
 
 def _evidence_if_stated(value: float | None, source: str) -> list[_Evidence]:
-    """Return a list with the stated value, or an empty list if the value is None."""
+    """Return a list with the value that a source states; an empty list if the value is None.
+
+    ``source`` describes the source in words, such as "its column".
+    """
     if value is None:
         return []
     return [_Evidence(float(value), source, _ROUNDED_IN_LINE)]
 
 
 def _uncertain_evidence(recording: Recording, key: str) -> list[_Evidence]:
-    """Return the values that lines above the table and names state for a quantity, lines first."""
+    """Return the values that lines above the table and names state for a quantity of a test.
+
+    ``key`` is the field of the quantity, such as force_N. Values in lines are first in the list,
+    then values in the names of test, column, sheet and file.
+    """
     evidence = []
     for statement in recording.statements.get(key, ()):
         source = f"line {statement.line}"
@@ -147,7 +158,7 @@ def _uncertain_evidence(recording: Recording, key: str) -> list[_Evidence]:
 
 
 def loads_of(recording: Recording) -> dict[str, float]:
-    """Return the stated loads of a test: force_N, pressure_bar or both.
+    """Return the loads of a test that are stated, by field: ``force_N``, ``pressure_bar`` or both.
 
     Raises
     ------
@@ -174,9 +185,10 @@ def loads_of(recording: Recording) -> dict[str, float]:
 
 
 def _constant_load(recording: Recording, key: str) -> float | None:
-    """Return the load of a test from its column; None without such a column.
+    """Return the force [N] or pressure [bar] of a test from its column; None without such a column.
 
-    Raise an `InputError` if the load differs between the rows of the test.
+    ``key`` is force_N or pressure_bar. Raise an `InputError` if the load differs between the rows
+    of the test.
     """
     role = LOAD_ROLES[key]
     unit = UNITS_SHOWN[key]
@@ -248,7 +260,10 @@ _SENSES_BY_WORD = _senses_by_word()
 
 
 def _sense_of(word: str) -> str:
-    """Return CW or CCW for a word with this meaning; any other word is returned in capitals."""
+    """Return CW or CCW for a word that means clockwise or counter-clockwise.
+
+    Any other word is returned in capitals.
+    """
     letters = re.sub(r"(?<=\w)[-_ ](?:DE[NM][-_ ])?", "", word.upper())
     return _SENSES_BY_WORD.get(letters, word.upper())
 

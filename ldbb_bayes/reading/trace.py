@@ -21,21 +21,25 @@ from ldbb_bayes.results import Array
 
 __all__ = ["Trace", "trace_of"]
 
-# Angles without a unit that cover more than this are taken as degrees.
+# Angles without a unit are taken as degrees if their range is larger than this number; otherwise
+# they are taken as radians.
 _LARGEST_SPAN_RAD = 7.0
-# If the median of the readings differs from the radius by less than this, they are distances of the
-# balls. A bar cannot measure larger deviations from the radius.
+# Readings are taken as distances of the balls if their median differs from the nominal radius by
+# less than this [mm]. A bar cannot measure larger deviations from the radius.
 _LARGEST_DEVIATION_MM = 1.5
 # Readings without a unit are taken as mm if their median differs from the radius in mm by less than
 # this share.
 _NEAR_RADIUS = 0.05
 # Readings without a unit are taken as mm if all are smaller than this number.
 _LARGEST_IN_MM = 0.5
-# Readings may be distances of the balls if their median is larger than this [mm].
+# Readings may be distances of the balls, and no deviations from the radius, if their median is
+# larger than this [mm].
 _SMALLEST_RADIUS_MM = 20.0
-# Readings may be distances of the balls if their scatter is below this share of their median.
+# Readings may be distances of the balls, and no deviations from the radius, if their scatter (the
+# median absolute deviation from the median) is below this share of their median.
 _SMALLEST_SCATTER = 0.01
-# A recording of more than this number of turns holds several laps, or run-in and run-out.
+# A test whose angles cover more than this number of turns holds several laps, or a run-in and
+# run-out beside its circle.
 _MORE_THAN_A_TURN = 1.02
 # Number of characters of a list of columns that an error message shows.
 _LIST_SHOWN = 200
@@ -51,11 +55,11 @@ class Trace(NamedTuple):
 
 
 class _Log(NamedTuple):
-    """Angles computed for a recording over time, and its direction of travel."""
+    """Angles of a test whose table has times instead of angles, and its direction of travel."""
 
     angle_deg: Array  # angles of the m readings on the circle, shape (m,)
     on_circle: NDArray[np.bool_]  # whether each of all n readings is on the circle, shape (n,)
-    direction: str
+    direction: str  # direction of travel, CW or CCW; CCW if nothing states it
 
 
 def trace_of(recording: Recording, direction: str | None) -> Trace:
@@ -117,9 +121,11 @@ def _angles_of_column(recording: Recording) -> Array:
 
 
 def _angles_of_log(recording: Recording, direction: str | None) -> _Log:
-    """Return the angles for a recording over time, computed from times, feed and radius.
+    """Return the angles of a test whose table has times instead of angles.
 
-    Only readings on the circle are kept, without run-in and run-out.
+    They are computed from times, feed and radius. Only readings on the circle are kept, without
+    run-in and run-out. ``direction`` is the stated direction of travel, CW or CCW; for None, CCW is
+    assumed.
     """
     feed = quantity_of(recording, "feed_mm_per_min")
     if feed is None or not feed > 0.0:
@@ -160,9 +166,10 @@ def _angles_of_log(recording: Recording, direction: str | None) -> _Log:
 
 
 def _angle_or_zero(recording: Recording, key: str) -> float:
-    """Return a stated angle, such as the start of the circle, for a recording over time [deg].
+    """Return the angle [deg] that is stated for the field ``key`` of a test.
 
-    If none is stated, return zero and note the assumption.
+    The field is ``start_deg`` or ``overshoot_deg``, which a test needs if its table has times
+    instead of angles. If nothing states the angle, return zero and note the assumption.
     """
     value = quantity_of(recording, key)
     if value is None:
@@ -193,9 +200,11 @@ def _deviations(recording: Recording, raw: Array) -> Array:
 
 
 def _zero_of(recording: Recording, reading_um: Array) -> str:
-    """Return whether readings are a "deviation" from the radius or a "distance" of the balls.
+    """Return "deviation" or "distance": what the readings of a test are.
 
-    Raise an `InputError` if readings fit neither.
+    They are deviations from the nominal radius or distances of the balls. The user states this, or
+    else it is found from the median of the readings. Raise an `InputError` if the readings do not
+    fit.
     """
     radius_mm = recording.radius_mm
     # Readings are also tested for distances of the balls on a circle with another radius. They must
@@ -231,9 +240,10 @@ def _zero_of(recording: Recording, reading_um: Array) -> str:
 
 
 def _handle_laps(recording: Recording, trace: Trace) -> Trace:
-    """Return angles and readings with several laps kept or averaged, as the layout states.
+    """Return angles and readings of a test, with several laps averaged if the layout states so.
 
-    If the stated direction contradicts the order of the angles, this is noted.
+    Otherwise all laps (turns) are kept, and this is noted unless the layout states it. If the
+    stated direction of travel contradicts the order of the angles, this is noted too.
     """
     angle = trace.angle_deg
     if len(angle) < 2:

@@ -44,25 +44,27 @@ def _role_words() -> dict[str, list[str]]:
     return role_words
 
 
-# Words by which headers name the role of a column, by role. Roles are tried in this order.
+# Words by which headers name the role of a column, such as angle, by role. If a header fits several
+# roles, the first in this order counts.
 ROLES: Mapping[str, Sequence[str]] = _role_words()
 # Pattern of words for quantities that are neither load nor radius of a test, such as a maximum or
-# an ambient pressure.…
+# an ambient pressure.
 OTHER_QUANTITY = re.compile(rf"\b(?:{WORDS['others']['words']})\b", re.IGNORECASE)
 
 
 def comparable(text: str) -> str:
     """Return a text in a form for comparison, in which spelling variants are equal.
 
-    There is one sign for micro, no capitals, and no blank, dot or colon at either end.
+    The form has one sign for micro, no capitals, and no blank, dot or colon at either end.
     """
     return unicodedata.normalize("NFKC", text).casefold().strip(" .:")
 
 
 def _unit_sizes() -> dict[str, dict[str, float]]:
-    """Return the size of every known unit in the unit of this package, by role and unit.
+    """Return the size of every known unit, by the role of a column and the name of the unit.
 
-    For readings, for example, the unit of this package is µm.
+    The size is stated in the unit that this package uses for the role. For readings this is µm, so
+    that mm has the size 1000.
     """
     sizes: dict[str, dict[str, float]] = {}
     for role, units in WORDS["units"].items():
@@ -80,7 +82,8 @@ def _units_by_word() -> dict[str, str]:
     return units_by_word
 
 
-# Size of every known unit in the unit of this package, by role and unit.
+# Size of every known unit in the unit that this package uses, by the role of a column (such as
+# reading) and the name of the unit. For readings the unit is µm, so that mm has the size 1000.
 UNITS: Mapping[str, Mapping[str, float]] = _unit_sizes()
 _UNITS_BY_WORD = _units_by_word()
 

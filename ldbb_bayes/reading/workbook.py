@@ -28,7 +28,8 @@ _MEGABYTE = 2**20
 _LARGEST_UNPACKED = 256 * _MEGABYTE
 # Largest ratio of unpacked to packed size of a workbook.
 _LARGEST_RATIO = 200.0
-# Unpacked size [bytes] that a small workbook may have in addition to the largest ratio.
+# A workbook may unpack to this many bytes more than the largest ratio permits, because small files
+# may be packed more tightly.
 _SMALL_ARCHIVE = _MEGABYTE
 # Pattern of a cell with a very high row or column number: a table that extends to this cell does
 # not fit into memory.
@@ -42,9 +43,24 @@ _LARGEST_WHOLE = 1e15
 
 
 def read_workbook(path: Path, raw: bytes, wanted: Sequence[str]) -> list[Sheet]:
-    """Return the sheets of a workbook that are wanted and not empty; without names, all of these.
+    """Return the sheets of a workbook that are not empty, with their cells as texts.
 
     For a cell with a formula, the value saved in the file is read.
+
+    Parameters
+    ----------
+    path
+        Path of the file.
+    raw
+        Content of the file.
+    wanted
+        Names of the sheets to return; without names, all are returned.
+
+    Raises
+    ------
+    InputError
+        For a workbook that is damaged, too large or has a password, and for a name that no sheet
+        has.
     """
     if raw.startswith(ARCHIVE_SIGNATURE):
         _check_archive(path, raw)
