@@ -184,6 +184,7 @@ def test_an_executor_that_gives_up_is_refused_after_what_is_done() -> None:
         list(done(os._exit, [0], pool))
 
 
+@pytest.mark.slow
 def test_processes(tmp_path: Path) -> None:
     """Two that last, none of them this one; killed ones cost nothing but their job, a job that
     always kills its worker a row."""

@@ -34,6 +34,7 @@ def test_the_rivals_of_slopes() -> None:
     assert LINEAR.rivals == ("joint load", "curved force law")
 
 
+@pytest.mark.slow
 def test_moments_are_those_of_every_model_by_its_probability(averaged: xr.DataTree) -> None:
     rivals = ((), ("joint load",), ("curved force law",), LINEAR.rivals)
     posteriors = []

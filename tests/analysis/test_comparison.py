@@ -99,6 +99,7 @@ def test_sensitivity_to_assumptions_is_the_same_comparison_again(comparison: Com
     assert assumed[WHITE_NOISE] == pytest.approx(log_bayes_factor(plain, CAMPAIGN), abs=0.02)
 
 
+@pytest.mark.slow
 def test_rejected_assumptions_are_weighed_roughly(recovered: lb.Campaign) -> None:
     """They have an error of their own, which is shown; others are as exact as was asked."""
     model = LINEAR.without("ball-form", "truncation")
@@ -340,6 +341,7 @@ def test_strength(value: float, words: str) -> None:
 # Other pairs of models, and what is refused
 
 
+@pytest.mark.slow
 def test_one_force_compares_nuisances_only() -> None:
     """Degree 0 at one force and one test: no slopes, nothing to leave out, and still an answer."""
     model = lb.HybridModel.first(0).without("truncation", "setup-shift")

@@ -48,6 +48,7 @@ def test_coverage_counts_intervals() -> None:
     assert coverage["u50"] == pytest.approx(0.05)
 
 
+@pytest.mark.slow
 def test_executors_change_nothing() -> None:
     """Processes are the business of `tests/fleet`."""
     model = CONSTANT.without("truncation")

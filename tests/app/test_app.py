@@ -228,6 +228,7 @@ def fitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_a_plan_expects_what_a_design_expects_of_the_same_circles(fitted: Path) -> None:
     equal_steps = [36, 177, 318, 460, 601, 742]
     forecast = worker.answer(planning.forecast, str(fitted), {"circles": 6, "levels": 6})
@@ -470,6 +471,7 @@ def test_what_no_longer_applies_is_forgotten(tab: Tab) -> None:
     assert 'value="A"' in page
 
 
+@pytest.mark.slow
 def test_a_question_that_hangs_takes_no_other_with_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -531,6 +533,7 @@ def test_no_text_becomes_code(tab: Tab) -> None:
     assert "script-src 'self'" in tab.headers["content-security-policy"]
 
 
+@pytest.mark.slow
 def test_two_hundred_at_once_are_answered(tab: Tab) -> None:
     tab.ask("POST", "example")
 
@@ -563,6 +566,7 @@ def test_sessions_do_not_meet_and_end_with_their_tabs(house: tuple[Tab, Path], t
     assert tab.ask("GET", "")[0] == 200
 
 
+@pytest.mark.slow
 def test_a_killed_worker_loses_nothing(house: tuple[Tab, Path], tab: Tab) -> None:
     tab.ask("POST", "example")
     assert "f742" in tab.ask("GET", "part/understood")[1]
@@ -615,6 +619,7 @@ def processes(word: str) -> list[int]:
 # ---- the command
 
 
+@pytest.mark.slow
 def test_the_command_prints_an_address_and_leaves_nothing(tmp_path: Path) -> None:
     """Even where an earlier one was ended by force."""
     started = [sys.executable, "-m", "ldbb_bayes", "app", "--no-browser"]

@@ -234,6 +234,7 @@ def test_simulate_from_truths(tmp_path: Path, invoke: Invoke) -> None:
     assert lb.read_campaign(tmp_path / "d").sha256 == campaign.sha256
 
 
+@pytest.mark.slow
 def test_certificates_are_options_too(
     folder: Path, planned: Path, tmp_path: Path, invoke: Invoke
 ) -> None:
@@ -278,6 +279,7 @@ def three(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return lb.write_campaign(campaign, tmp_path_factory.mktemp("campaign") / "c")
 
 
+@pytest.mark.slow
 def test_compare_with_another_model(three: Path, tmp_path: Path, invoke: Invoke) -> None:
     out = tmp_path / "out"
     other = tmp_path / "own.toml"
@@ -320,6 +322,7 @@ def test_what_looks_odd_is_said_whoever_reads_it(
     assert "stated CW, but the angles run CCW" in stdout
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("few_states")
 def test_design_is_a_plan_that_others_read(folder: Path, tmp_path: Path, invoke: Invoke) -> None:
     """Identify asks it, simulate runs it, design judges it; an existing one is kept."""
@@ -389,6 +392,7 @@ def test_design_of_a_table(folder: Path, tmp_path: Path, invoke: Invoke) -> None
     assert record["tests"][0]["radius_mm"] == 100.0
 
 
+@pytest.mark.slow
 def test_validate(planned: Path, tmp_path: Path, invoke: Invoke) -> None:
     """What it answers is held by its golden."""
     out = tmp_path / "v"

@@ -105,6 +105,7 @@ def test_counts_failures_and_where_it_is(finished: tuple[Path, Any]) -> None:
     ]
 
 
+@pytest.mark.slow
 def test_json_on_processes(rows: Path, tmp_path: Path, invoke: Invoke) -> None:
     folders = (
         rows.parent / "all" / "c0",
@@ -125,6 +126,7 @@ def test_json_on_processes(rows: Path, tmp_path: Path, invoke: Invoke) -> None:
     assert rows_here["C_XXX.mean"].tolist() == first["C_XXX.mean"].tolist()
 
 
+@pytest.mark.slow
 def test_a_missed_target_is_exit_code_1(
     rows: Path, tmp_path: Path, anew: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -295,6 +295,7 @@ def answering(monkeypatch: pytest.MonkeyPatch, *answers: str) -> list[str]:
     return asked
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("quick")
 def test_at_most_three_questions(
     files: list[Path], tmp_path: Path, invoke: Invoke, monkeypatch: pytest.MonkeyPatch
@@ -335,6 +336,7 @@ def test_at_most_three_questions(
     assert (asked, lb.read_campaign(tmp_path / "again" / "campaign").operator) == ([], "Ann")
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("quick")
 def test_without_a_terminal_what_is_assumed_is_said(
     files: list[Path], tmp_path: Path, invoke: Invoke

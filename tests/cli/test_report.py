@@ -183,6 +183,7 @@ def spoiled(result: Path, folder: Path, *, cut: bool) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_refused(
     result: Path, comparison: Path, tmp_path: Path, invoke: Invoke, monkeypatch: pytest.MonkeyPatch
 ) -> None:

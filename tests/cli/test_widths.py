@@ -138,6 +138,7 @@ BROKEN = (
 CUT = r"\w…(?!\w)"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("width", [80, 100, 120])
 def test_nothing_is_cut(printed: dict[str, list[Any]], width: int) -> None:
     """Every cell and every word of a head stands there whole; the rest is said of lines by what

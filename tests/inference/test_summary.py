@@ -64,6 +64,7 @@ def dense_moments(bound: BoundModel, campaign: lb.Campaign, phi: np.ndarray) -> 
     return Moments(mean[parameters:], np.diag(posterior)[parameters:])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "model",
     [DRIFTING, lb.HybridModel.default(0).without("truncation").with_term(lb.terms.Drift("time"))],

@@ -76,6 +76,7 @@ def look(browser: Any, page: Path) -> None:
         context.close()
 
 
+@pytest.mark.slow
 def test_the_published_experiment(
     browser: Any, published: tuple[Document, str], tmp_path: Path
 ) -> None:

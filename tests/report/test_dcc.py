@@ -113,6 +113,7 @@ def test_units_are_those_of_the_si() -> None:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["script", "degree 2", "paper", "long name"])
 def test_awkward_results(kind: str, tmp_path: Path) -> None:
     check_structure(lb.report.write_dcc(awkward(kind), tmp_path / "dcc.xml"))

@@ -65,7 +65,7 @@ def make(kind: str) -> xr.DataTree:
         pytest.param("linear", marks=pytest.mark.slow),
         "paper",
         "one test, few readings",
-        "eleven arcs, quadratic",
+        pytest.param("eleven arcs, quadratic", marks=pytest.mark.slow),
         "forty tests, both ways",
     ],
 )
@@ -117,6 +117,7 @@ def test_rings_are_labelled_with_their_distance_and_forces_in_their_order(
     assert max(grey) < 0.65
 
 
+@pytest.mark.slow
 def test_figures_say_the_numbers_of_the_tables(posterior: xr.DataTree) -> None:
     """Intervals and texts of the forest are those of the summary; peaks to peak above the
     contributions those of their table."""

@@ -237,6 +237,7 @@ def drawn_numbers(
     return [(quantity, number) for quantity, number in pairs if number]
 
 
+@pytest.mark.slow
 def test_a_unit_is_named_in_one_place(monkeypatch: pytest.MonkeyPatch) -> None:
     """A unit replaced there is replaced on the whole page, its figures and both languages."""
     for inside, (factor, label) in list(units.DISPLAY_UNITS.items()):
@@ -267,6 +268,7 @@ def test_catalogues_say_the_same() -> None:
     refuses("language", words_of, "xx")
 
 
+@pytest.mark.slow
 def test_paper(tmp_path: Path) -> None:
     """Two pages of A4 with the words of the sheets, in German with decimal commas, at whatever
     number of tests and names."""
@@ -306,6 +308,7 @@ def test_paper(tmp_path: Path) -> None:
         assert not re.search(r"\d\.\d", other_text)
 
 
+@pytest.mark.slow
 def test_numbers_of_an_average() -> None:
     campaign = simulated(plan())
     model = lb.HybridModel.first(1).without("discrepancy", "setup-shift")
@@ -342,6 +345,7 @@ def test_numbers_of_an_average() -> None:
         assert re.search(r"constant compliance .* %, linear compliance .* %", sentence)
 
 
+@pytest.mark.slow
 def test_what_certificates_state_is_on_sheet_1() -> None:
     balls = {
         "work": lb.Ball(sphericity_um=0.6),
@@ -386,6 +390,7 @@ def test_every_place_is_escaped() -> None:
     assert sum(SCRIPT in text for text in reader.texts) == 24
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "opening"),
     [
