@@ -55,46 +55,54 @@ __all__ = [
 
 # p-value below which a shift of the circles' centre in proportion to force is reported.
 SHIFTED = 0.01
-# Largest number of posterior draws from which predictive checks are computed.
+# Largest number of random draws from the posterior from which posterior predictive checks are
+# computed.
 _DRAWS = 500
-# p-value below which a predictive check fails, after allowing for the number of checks.
+# A posterior predictive check fails if its p-value times the number of all checks (Bonferroni) is
+# below this.
 _FAILS = 0.01
-# Smallest p-value of which a logarithm is taken when predictive checks are ranked.
+# Posterior predictive checks are ranked by the logarithms of their p-values. Smaller p-values are
+# first raised to this value, so that the logarithm is finite. It is also the least standard error
+# of a slope over force, so that nothing is divided by zero.
 _SMALLEST_P = 1e-300
-# Largest number of readings from which the autocorrelation of the noise is computed.
+# Largest number of readings of a test from which the autocorrelation of its noise is computed.
 _LONGEST_STRETCH = 100_000
-# A residual is a rounding error if its sum of squares is below this share of the readings' sum of
-# squares.
+# The residuals of a test's readings after a fit of the Fourier orders 0 to 12 count as rounding
+# errors if their sum of squares is below this share of the readings' sum of squares.
 _ROUNDING = 1e-24
-# Smallest number of tests in a plane for the check of whether the circles' centre shifts with
-# force.
+# Whether the circles' centre shifts with force is checked only in planes with at least this many
+# tests.
 _FEWEST_TESTS = 4
-# Smallest number of different forces in a plane for the check of whether the circles' centre shifts
-# with force.
+# Whether the circles' centre shifts with force is checked only in planes with tests at this many
+# different forces or more.
 _FEWEST_FORCES = 3
-# The tests count as run in order of rising or falling force if the p-value of no relation between
-# force and time is below this.
+# The tests of a plane count as run in order of rising or falling force if the p-value of the
+# hypothesis that their ranks of force and of time are unrelated is below this.
 _IN_ORDER = 0.05
-# Fourier orders 13 to 16, just above those of the model, from which the strength of the noise is
-# estimated.
+# Fourier orders 13 to 16, just above the orders 0 to 12 of the model. The readings at these orders
+# show how strong the noise is.
 _NEXT_ORDERS = np.arange(MAX_ORDER + 1, MAX_ORDER + 5)
 
 
 class CheckKind(StrEnum):
     """Property of a circle that a posterior predictive check examines."""
 
-    ORDER = "order"  #: Fourier coefficients of one order, 0 to 12
-    NOISE = "noise"  #: scatter of the readings that the orders 0 to 12 do not explain
-    AUTOCORRELATION = "autocorrelation"  #: correlation of successive residuals beyond order 12
+    ORDER = "order"  #: residual of the readings at one Fourier order, 0 to 12
+    NOISE = "noise"  #: scatter of the readings that Fourier orders 0 to 12 do not explain
+    #: correlation of successive residuals of the readings after a fit of the Fourier orders 0 to 12
+    AUTOCORRELATION = "autocorrelation"
 
 
 @dataclass(frozen=True)
 class Check:
-    """One posterior predictive check of one test."""
+    """One posterior predictive check of one test: whether its readings look as the model expects.
+
+    Small p-values mean that they do not.
+    """
 
     kind: CheckKind
     test: str  #: name of the test that is checked
-    p: float  #: p-value of the check
+    p: float  #: posterior predictive p-value of the check
     order: int | None = None  #: Fourier order that is checked; None except for `CheckKind.ORDER`
 
 
@@ -102,22 +110,26 @@ class Check:
 class TestChecks(Result):
     """Posterior predictive p-values of one test.
 
-    ``orders_p`` refers to the residual of each Fourier order after the effects of the machine and
-    of shared nuisances are subtracted. It is the probability that the residual of a new circle is
-    larger, averaged over the posterior. The other p-values are two-sided. They and the
-    autocorrelation are None if the test has too few readings.
+    ``orders_p`` refers to the residual of each Fourier order. The effects of the machine and of
+    shared nuisances (effects that are modelled but not of interest and that several tests have in
+    common, such as ball form) are subtracted first. The p-value is the probability that the
+    residual of a new circle is larger, averaged over the posterior. The other p-values are
+    two-sided. They and the autocorrelation are None if the test has no more than 25 readings.
     """
 
     __test__ = False
 
-    orders_p: dict[int, float]  #: p-value of each Fourier order, 0 to 12
-    #: p-value of the scatter of the readings beyond order 12, against the modelled white noise
+    #: p-value of the residual at each Fourier order, by order from 0 to 12
+    orders_p: dict[int, float]
+    #: p-value of the sum of squares of the residuals after a fit of the Fourier orders 0 to 12,
+    #: under the white noise of the model
     noise_p: float | None
-    autocorrelation: float | None  #: correlation of successive residuals beyond order 12
-    autocorrelation_p: float | None  #: p-value of ``autocorrelation`` against white noise
+    #: correlation of successive residuals of the readings after a fit of the Fourier orders 0 to 12
+    autocorrelation: float | None
+    autocorrelation_p: float | None  #: p-value of ``autocorrelation`` under white noise
 
     def of(self, test: str) -> list[Check]:
-        """Return all p-values as checks, labelled with the name of the test."""
+        """Return each p-value of this test as a `Check`; ``test`` is the name of the test."""
         checks = [Check(CheckKind.ORDER, test, p, order) for order, p in self.orders_p.items()]
         if self.noise_p is not None:
             checks.append(Check(CheckKind.NOISE, test, self.noise_p))
@@ -127,7 +139,10 @@ class TestChecks(Result):
 
 
 def all_checks(checks_by_test: Mapping[str, TestChecks]) -> list[Check]:
-    """Return all checks of all tests, the smallest p-value first."""
+    """Return the posterior predictive checks of all tests in one list, the smallest p-value first.
+
+    ``checks_by_test`` holds the p-values of each test, by the name of the test.
+    """
     checks: list[Check] = []
     for test, test_checks in checks_by_test.items():
         checks += test_checks.of(test)
@@ -139,7 +154,7 @@ def _surprise(check: Check) -> float:
 
 
 def failing_checks(checks: Sequence[Check]) -> tuple[Check, ...]:
-    """Return the checks that fail at 1 % after allowing for their number (Bonferroni)."""
+    """Return the checks that fail: p-value times number of checks (Bonferroni) is below 1 %."""
     return tuple(check for check in checks if check.p * len(checks) < _FAILS)
 
 
@@ -148,11 +163,13 @@ def effects_of_failures(
 ) -> tuple[dict[str, float], float]:
     """Return how much failing checks could change parameters and widen intervals.
 
-    The first result holds, for each test with a failing Fourier order, the largest change of a
-    parameter when the test is left out. The change is in units of the parameter's standard
-    deviation. The second result is the largest share by which an interval grows if tests with a
-    failing check of noise are noisier than modelled. Their noise is taken to be as strong as at the
-    orders 13 to 16. Both results are computed at the hyper-parameters φ, shape (h,).
+    The first result holds, for each test with a failing Fourier order, the largest change of any
+    parameter when the test is left out. The change is in units of the parameter's posterior
+    standard deviation. The second result is the largest share by which a parameter's interval grows
+    if tests with a failing check of noise or autocorrelation are noisier than modelled. Their noise
+    is taken to be as strong as the readings show at the Fourier orders 13 to 16. Both results are
+    computed at one value ``phi`` of the hyper-parameters (scales of the noise and of other
+    effects), shape (h,). ``checks`` holds the p-values of each test, by the name of the test.
     """
     failing = failing_checks(all_checks(checks))
     of_order = [check.test for check in failing if check.kind == CheckKind.ORDER]
@@ -162,10 +179,11 @@ def effects_of_failures(
 
 
 def _shift_without(bound: BoundModel, phi: Array, tests: Sequence[str]) -> dict[str, float]:
-    """Return, for each test, the largest change of a parameter when the test is left out.
+    """Return, for each of the named tests, the largest change of a parameter when it is left out.
 
-    The change is in units of the parameter's posterior standard deviation, at the hyper-parameters
-    φ, shape (h,).
+    The change is in units of the parameter's posterior standard deviation. It is computed at one
+    value ``phi`` of the hyper-parameters (scales of the noise and of other effects), shape (h,).
+    The result is empty if the campaign has one test only or the prior is flat.
     """
     if len(bound.test_names) < 2 or bound.model.prior.flat:
         return {}
@@ -179,10 +197,12 @@ def _shift_without(bound: BoundModel, phi: Array, tests: Sequence[str]) -> dict[
 
 
 def _widening_by_noise(bound: BoundModel, phi: Array, tests: Sequence[str]) -> float:
-    """Return the largest share by which an interval grows if the tests named are noisier.
+    """Return the largest share by which any interval grows if the named tests are noisier.
 
-    Their noise is taken to be as strong as at the Fourier orders 13 to 16, if that exceeds the
-    modelled noise. ``phi`` are the hyper-parameters, shape (h,).
+    Intervals are those of the parameters. The noise of the named tests is taken to be as strong as
+    their readings show at the Fourier orders 13 to 16, if that exceeds the noise of the model.
+    ``phi``, shape (h,), is one value of the hyper-parameters (scales of the noise and of other
+    effects).
     """
     sigma = bound.hyper_prior.names.index("sigma")
     fails = np.isin(bound.test_names, tests)
@@ -198,10 +218,11 @@ def _widening_by_noise(bound: BoundModel, phi: Array, tests: Sequence[str]) -> f
 
 
 def _power_beyond(bound: BoundModel) -> Array:
-    """Return, for each test, the variance of white noise that explains orders 13 to 16 [mm²].
+    """Return the variance of white noise that explains each test's readings at orders 13 to 16.
 
-    The mean over tests of the same plane, radius and direction of travel is subtracted first: a
-    pattern of the machine is no noise.
+    It is in mm², shape (tests,), and the orders are Fourier orders. The mean of the Fourier
+    coefficients over tests of the same plane, radius and direction of travel is subtracted first: a
+    pattern that the machine repeats is no noise.
     """
     setting = bound.setting
     waves = np.array([_waves_beyond(test) for test in tests_in_order(bound)])
@@ -221,7 +242,8 @@ def _power_beyond(bound: BoundModel) -> Array:
 def _waves_beyond(test: CircularTest) -> Array:
     """Return the Fourier coefficients of a test's readings at the orders 13 to 16 [mm].
 
-    They are fitted by least squares, together with those of the orders 0 to 12.
+    The eight coefficients, four cosines and then four sines, are fitted by least squares together
+    with those of the orders 0 to 12.
     """
     angle = test.angles_rad()
     turned = np.exp(1j * np.outer(angle, _NEXT_ORDERS))
@@ -232,10 +254,11 @@ def _waves_beyond(test: CircularTest) -> Array:
 def centre_shift(bound: BoundModel, beta: Array) -> dict[str, float]:
     """Return the machine axes along which the circles' centre shifts in proportion to force.
 
-    The shift that the p parameters ``beta``, shape (p,), explain is subtracted first. The result
-    maps each axis to the p-value of no shift: Student's t-test of the slope of order 1 over force.
-    It holds the axes that are significant at 1 % after allowing for their number. Only planes with
-    at least four tests at three forces are checked.
+    The shift that one value ``beta`` of the parameters, shape (p,), explains is subtracted first.
+    The result maps each such axis to a p-value, which is that of Student's t-test of the slope of
+    the centre (Fourier coefficients of order 1) over force. An axis is in the result if its p-value
+    times the number of axes tested (Bonferroni) is below 1 %. Only planes with at least four tests
+    at three different forces are checked.
     """
     residuals = reduced_residuals(bound, machine_coefficients(bound, beta[None])[0])
     harmonics = [harmonics_of(bound, r) @ residual for r, residual in enumerate(residuals)]
@@ -253,9 +276,9 @@ def centre_shift(bound: BoundModel, beta: Array) -> dict[str, float]:
 def in_order_of_force(bound: BoundModel) -> bool:
     """Return whether the tests of any plane ran in order of rising or falling force.
 
-    A steady drift would then look like a change with force. The ranks of force and time are
-    compared by Student's t-test at 5 %. Unless all tests have a time, they are taken to have run in
-    the order listed.
+    A steady drift would then look like a change of compliance with force. The ranks of force and of
+    time are compared by Student's t-test at 5 %. If some test has no recorded time, the tests are
+    taken to have run in the order in which the campaign lists them.
     """
     setting = bound.setting
     time = setting.time_h
@@ -275,7 +298,11 @@ def _ranks(values: Array) -> Array:
 
 
 def _p_value_of_no_slope(force: Array, values: Array) -> float:
-    """Return the two-sided p-value of the hypothesis that values have no slope over force."""
+    """Return the p-value of the hypothesis that n values have no slope over force.
+
+    The p-value is two-sided, from Student's t-test of the slope of a straight line fitted by least
+    squares. ``force`` and ``values`` have the shape (n,).
+    """
     lever = force - force.mean()
     freedom = max(len(force) - 2, 1)
     slope = lever @ values / (lever @ lever)
@@ -287,10 +314,12 @@ def _p_value_of_no_slope(force: Array, values: Array) -> float:
 def check_predictions(
     bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator
 ) -> dict[str, TestChecks]:
-    """Return the checks of every test against new circles under the posterior, by test.
+    """Return posterior predictive p-values of every test, by the name of the test.
 
-    Draws of the hyper-parameters φ [mm] have the shape (draws, h), those of the parameters β the
-    shape (draws, p).
+    They compare the readings of the test with those of a new circle that the posterior predicts.
+    ``phi``, shape (draws, h), are posterior draws of the hyper-parameters (scales of the noise and
+    of other effects) [mm]. ``beta``, shape (draws, p), are those of the parameters (compliances,
+    slopes, geometric errors).
     """
     draws = ModelDraws(bound, phi, beta).thinned(_DRAWS)
     shared = draw_shared_coefficients(bound, draws.phi, draws.beta, rng)
@@ -311,11 +340,11 @@ def check_predictions(
 
 
 def _p_values_of_orders(draws: ModelDraws, r: int, shared: Array, sigma: Array) -> dict[int, float]:
-    """Return the p-value of the residual of test r at every Fourier order.
+    """Return the posterior predictive p-value of test r at every Fourier order, by order 0 to 12.
 
-    The residual is the part of the readings that the machine and the shared nuisances do not
-    explain. It is compared with the scatter to expect from reading noise and from effects that act
-    on one test only.
+    The residual is the part of the readings that the machine and the shared nuisances (effects that
+    are modelled but not of interest, such as ball form) do not explain. It is compared with the
+    scatter to expect from reading noise and from effects that act on one test only.
 
     Parameters
     ----------
@@ -324,8 +353,8 @@ def _p_values_of_orders(draws: ModelDraws, r: int, shared: Array, sigma: Array) 
     r
         Index of the test.
     shared
-        Fourier coefficients that machine and shared nuisances predict in every draw, shape (draws,
-        25).
+        Fourier coefficients of the orders 0 to 12 that machine and shared nuisances predict for
+        test r in every draw [mm], shape (draws, 25).
     sigma
         Standard deviation σ of white noise in every draw, shape (draws,) [mm].
     """
@@ -348,16 +377,22 @@ def _p_values_of_orders(draws: ModelDraws, r: int, shared: Array, sigma: Array) 
 
 
 class _Scatter(NamedTuple):
-    """Covariance C S² Cᵀ of k residuals that v independent sources cause, for every draw."""
+    """Covariance C S² Cᵀ of k residuals that v independent sources of scatter cause.
 
-    columns: Array  #: effects C of the sources on the residuals, shape (k, v)
-    sd: Array  #: standard deviations of the sources, the diagonal of S, shape (draws, v)
+    It is given for every posterior draw of the standard deviations of the sources, the diagonal of
+    the matrix S. C, shape (k, v), holds the effects of the sources on the residuals.
+    """
+
+    columns: Array  #: effects of v sources of scatter on k residuals, shape (k, v)
+    #: standard deviations of v sources of scatter, for every posterior draw, shape (draws, v)
+    sd: Array
 
 
 def _mean_tail_probability(residual: Array, scatter: _Scatter) -> float:
-    """Return the mean over draws of P(χ² ≥ rᵀ V⁻¹ r), a p-value of residuals.
+    """Return the mean over posterior draws of P(χ² ≥ rᵀ V⁻¹ r), a p-value of k residuals.
 
-    r is the residual of a draw, of k elements, and V its covariance from ``scatter``.
+    r holds the residuals of a draw, a row of ``residual`` of shape (draws, k). V is the covariance
+    that ``scatter`` gives for this draw, and χ² has k degrees of freedom.
     """
     columns = scatter.columns
     covariance = np.einsum("iv,jv,wv->wij", columns, columns, scatter.sd**2)
@@ -369,7 +404,12 @@ def _mean_tail_probability(residual: Array, scatter: _Scatter) -> float:
 def average_checks(
     shares: Array, checks_by_model: Sequence[Mapping[str, TestChecks]]
 ) -> dict[str, TestChecks]:
-    """Return the checks of several models, averaged with the weights ``shares`` of the models."""
+    """Return posterior predictive p-values of every test, averaged over several models.
+
+    ``shares`` are the weights of the models, which sum to one. ``checks_by_model`` holds the
+    p-values under each model, by the name of the test. The autocorrelation and its p-value are the
+    same under all models.
+    """
     averaged = {}
     for name, first in checks_by_model[0].items():
         of_test = [checks[name] for checks in checks_by_model]
@@ -386,12 +426,14 @@ def average_checks(
 
 
 def autocorrelation(test: CircularTest) -> tuple[float, float]:
-    """Return the lag-one autocorrelation of the readings beyond order 12, and its p-value.
+    """Return the lag-one autocorrelation of a test's residuals, and its p-value.
 
-    The p-value is two-sided against white noise. For the n readings of white noise the
-    autocorrelation has the mean tr(M S) / tr(M) and a variance of about 1/n. The matrix M, shape
-    (n, n), removes the Fourier orders 0 to 12 from the readings; S, shape (n, n), shifts them to
-    the next reading. If there are very many readings, only the first ones in angle are used.
+    The residuals are those of the readings, in order of angle, after a fit of the Fourier orders 0
+    to 12. The p-value is two-sided, under the hypothesis of white noise. For n readings of white
+    noise the autocorrelation has the mean tr(M S) / tr(M) and a variance of about 1/n. The matrix
+    M, shape (n, n), removes the Fourier orders 0 to 12 from the readings; S, shape (n, n), shifts
+    them by one reading. If a test has more than 100 000 readings, only the first 100 000 in order
+    of angle are used.
     """
     order = np.argsort(test.angle_deg, kind="stable")[:_LONGEST_STRETCH]
     angle = test.angles_rad()[order]

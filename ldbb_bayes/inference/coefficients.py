@@ -6,7 +6,7 @@ of the noise and of other effects. y are the readings. Nuisances are effects tha
 not of interest: shared ones are common to several tests, private ones belong to a single circle.
 There are three kinds of prediction:
 
-- machine: H β, where the matrix H holds the effect of each parameter on each circle;
+- machine: H β, where the matrix H holds the effect of a unit of each parameter on each circle;
 - shared: the machine plus ball form, bar length, mount and force error. Root-mean-square residual
   and fitness (Eq. 34-35 of the paper) refer to this prediction;
 - new circle: the shared prediction plus set-up shift, discrepancy and white noise, drawn anew.
@@ -43,11 +43,15 @@ __all__ = [
 
 
 class ModelDraws(NamedTuple):
-    """Model bound to a campaign, and n random draws of its hyper-parameters and parameters."""
+    """Model applied to a campaign, and n posterior draws of its hyper-parameters and parameters."""
 
     bound: BoundModel
-    phi: Array  #: n random draws of h hyper-parameters [mm], shape (n, h)
-    beta: Array  #: n random draws of p parameters, shape (n, p)
+    #: n random draws of the h hyper-parameters (scales of the noise and of other effects) [mm],
+    #: shape (n, h)
+    phi: Array
+    #: n random draws of the p parameters (compliances, slopes, geometric errors) in mm, N and rad,
+    #: shape (n, p)
+    beta: Array
 
     def thinned(self, size: int) -> ModelDraws:
         """Return at most ``size`` of the random draws, evenly spaced."""
@@ -58,9 +62,12 @@ class ModelDraws(NamedTuple):
 class PrivateTerm(NamedTuple):
     """An effect on one circle only, with v coefficients that are drawn anew for every circle."""
 
-    #: Fourier coefficients of the circle per unit of each of v coefficients [mm], shape (25, v)
+    #: Fourier coefficients of the readings (orders 0 to 12) per unit of each of the effect's v
+    #: coefficients [mm], shape (25, v)
     columns: Array
-    sd: Array  #: standard deviations of the v coefficients, shape (draws, v)
+    #: standard deviations of the effect's v coefficients, for every random draw of the
+    #: hyper-parameters, shape (draws, v)
+    sd: Array
 
 
 def evenly_spaced(total: int, size: int) -> Array:
@@ -69,10 +76,12 @@ def evenly_spaced(total: int, size: int) -> Array:
 
 
 def pool_draws(beta: Array, phi: Array, size: int | None = None) -> tuple[Array, Array]:
-    """Return the draws of all chains in one array for β and one for φ, shape (draws, variables).
+    """Return the draws of all chains joined: those of the parameters, then of hyper-parameters.
 
-    β are parameters and φ hyper-parameters, given in the shape (chains, draws, variables). If
-    ``size`` is given, at most that many draws are returned, evenly spaced.
+    ``beta``, shape (chains, draws, p), are draws of the parameters; ``phi``, shape (chains, draws,
+    h), those of the hyper-parameters. The results have the shapes (draws of all chains, p) and
+    (draws of all chains, h). If ``size`` is given, at most that many draws are returned, evenly
+    spaced.
     """
     flat_beta = beta.reshape(-1, beta.shape[2])
     flat_phi = phi.reshape(-1, phi.shape[2])
@@ -85,8 +94,9 @@ def pool_draws(beta: Array, phi: Array, size: int | None = None) -> tuple[Array,
 def machine_coefficients(bound: BoundModel, beta: Array) -> Array:
     """Return what the machine's parameters predict for each circle [mm].
 
-    ``beta``, shape (draws, p), are draws of the parameters. The nominal deflection of the mount is
-    included. The result holds Fourier coefficients of the orders 0 to 12, shape (draws, tests, 25).
+    ``beta``, shape (draws, p), are draws of the parameters (compliances, slopes, geometric errors).
+    The nominal deflection of the mount is included, unless the readings are compensated for it. The
+    result holds Fourier coefficients of the orders 0 to 12, shape (draws, tests, 25).
     """
     return np.einsum("tkp,wp->wtk", bound.interest, beta) + bound.known_offset
 
@@ -94,17 +104,22 @@ def machine_coefficients(bound: BoundModel, beta: Array) -> Array:
 def shared_terms(
     columns: Iterable[Columns | BasisNoise], *, private: bool = False
 ) -> list[Columns]:
-    """Return the columns of nuisances that tests share or, if ``private``, of those of one test.
+    """Return the columns of shared nuisances or, if ``private``, of those of single tests.
 
-    A column holds the effect of one nuisance coefficient on every circle.
+    Nuisances are effects that are modelled but not of interest; shared ones are common to several
+    tests. A column holds the effect of one nuisance coefficient on the readings of every test.
+    ``columns`` are those of all nuisances of a model; noise of the Fourier coefficients themselves
+    (`BasisNoise`) is left out.
     """
     return [term for term in columns if isinstance(term, Columns) and term.private == private]
 
 
 def shared_columns(bound: BoundModel, *, private: bool = False) -> Array:
-    """Return the columns that `shared_terms` returns as one array [mm], shape (tests, 25, q).
+    """Return the effects of q nuisance coefficients on every test [mm], shape (tests, 25, q).
 
-    It holds the effects of q nuisance coefficients on the 25 Fourier coefficients of every test.
+    Nuisances are effects that are modelled but not of interest. Those that tests share are chosen
+    or, if ``private``, those of single tests. The array holds the change of the 25 Fourier
+    coefficients of each test per unit of each nuisance coefficient.
     """
     columns = [np.zeros((len(bound.test_names), SIZE, 0))]
     columns += [term.values for term in shared_terms(bound.nuisance_columns, private=private)]
@@ -114,8 +129,9 @@ def shared_columns(bound: BoundModel, *, private: bool = False) -> Array:
 def draw_shared(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator) -> Array:
     """Return random draws of the q nuisance coefficients that tests share, shape (draws, q).
 
-    One is drawn for each draw of the parameters β and hyper-parameters φ, given these and the
-    readings.
+    Nuisances are effects that are modelled but not of interest, such as ball form. All q of them
+    are drawn once for each draw of the parameters ``beta``, shape (draws, p), and hyper-parameters
+    ``phi``, shape (draws, h), conditional on these and on the readings.
     """
     draws = []
     for start in range(0, len(phi), CHUNK):
@@ -130,9 +146,11 @@ def compliance_curves(
 ) -> Array:
     """Return the compliances C(F) at n forces F, shape (draws, n, compliances).
 
-    C(F) follows from C and its slopes, for each draw of the parameters β and hyper-parameters φ.
-    C(F) of a machine axis is its deflection divided by the bar force along it. It includes what the
-    term `JointLoad` adds, which is drawn at random given β, φ and the readings.
+    C(F) follows from the compliance C at the reference force and its slopes, for each draw of the
+    parameters ``beta``, shape (draws, p), and hyper-parameters ``phi``, shape (draws, h). The
+    direct compliance of a machine axis is its deflection divided by the bar force along it. It
+    includes what the term `JointLoad` (joints that yield to their own load) adds. This part is
+    drawn at random given the parameters, the hyper-parameters and the readings.
     """
     at_forces = np.stack([bound.compliance_at(force) for force in force_N])
     curves = np.einsum("fcp,wp->wfc", at_forces, beta)
@@ -167,11 +185,12 @@ def _names_of_shared(bound: BoundModel) -> list[str]:
 
 
 def shared_coefficients(bound: BoundModel, phi: Array, beta: Array) -> Array:
-    """Return the prediction for each circle without scatter, from draws of the parameters [mm].
+    """Return the prediction for each measured circle without scatter, from posterior draws [mm].
 
-    It includes the machine, ball form, bar length, mount and force error. The nuisances are at
-    their means given the parameters β, the hyper-parameters φ and the readings. The result are
-    Fourier coefficients, shape (draws, tests, 25).
+    It includes the machine, ball form, bar length, mount and force error. Nuisances, that is,
+    effects that are modelled but not of interest, are at their means given the readings, the
+    parameters ``beta``, shape (draws, p), and the hyper-parameters ``phi``, shape (draws, h). The
+    result holds Fourier coefficients of the orders 0 to 12, shape (draws, tests, 25).
     """
     shifted = beta - bound.centre
     mean = bound.given_interest.conditional(phi, shifted)[1].mean
@@ -190,9 +209,11 @@ def new_circle_coefficients(
 ) -> Array:
     """Return random draws of a new circle under the conditions of every test [mm].
 
-    The result holds Fourier coefficients, shape (draws, tests, 25), without white noise. Nuisances
-    that tests share are drawn from their posterior given the parameters β and hyper-parameters φ.
-    Random force error, set-up shift and discrepancy are drawn anew.
+    The result holds Fourier coefficients of the orders 0 to 12, shape (draws, tests, 25), without
+    white noise. Nuisances (effects that are modelled but not of interest) that tests share are
+    drawn from their posterior given the parameters ``beta``, shape (draws, p), and hyper-parameters
+    ``phi``, shape (draws, h). Random force error, set-up shift and discrepancy, which act on one
+    circle only, are drawn anew.
     """
     shared = draw_shared_coefficients(bound, phi, beta, rng)
     circles = [draw_of_circle(bound, phi, r, rng) for r in range(len(bound.test_names))]
@@ -204,8 +225,10 @@ def draw_shared_coefficients(
 ) -> Array:
     """Return the machine's effects plus random draws of nuisances that tests share [mm].
 
-    The nuisances are drawn given the parameters β, the hyper-parameters φ and the readings. The
-    result are Fourier coefficients, shape (draws, tests, 25).
+    Nuisances are effects that are modelled but not of interest, such as ball form. They are drawn
+    given the readings, the parameters ``beta``, shape (draws, p), and the hyper-parameters ``phi``,
+    shape (draws, h). The result holds Fourier coefficients of the orders 0 to 12 of every test,
+    shape (draws, tests, 25).
     """
     nuisances = draw_shared(bound, phi, beta, rng)
     shared = np.einsum("tkq,wq->wtk", shared_columns(bound), nuisances)
@@ -213,10 +236,11 @@ def draw_shared_coefficients(
 
 
 def draw_of_circle(bound: BoundModel, phi: Array, r: int, rng: np.random.Generator) -> Array:
-    """Return random draws of the effects that act on test r only, shape (draws, 25) [mm].
+    """Return random draws of the effects that act on one test only, shape (draws, 25) [mm].
 
-    These are random force error, set-up shift and discrepancy, as Fourier coefficients. ``phi`` are
-    draws of the hyper-parameters.
+    These are random force error, set-up shift and discrepancy of the test with the index r, as
+    Fourier coefficients of the orders 0 to 12. ``phi``, shape (draws, h), are draws of the
+    hyper-parameters, which hold the scales of these effects.
     """
     coefficients = np.zeros((len(phi), SIZE))
     for term in private_terms(bound, phi, r):
@@ -226,9 +250,10 @@ def draw_of_circle(bound: BoundModel, phi: Array, r: int, rng: np.random.Generat
 
 
 def private_terms(bound: BoundModel, phi: Array, r: int) -> Iterator[PrivateTerm]:
-    """Yield the effects that act on test r only: force error, set-up shift, discrepancy.
+    """Yield the effects that act on one test only: force error, set-up shift, discrepancy.
 
-    ``phi`` are draws of the hyper-parameters, which hold the scales of these effects.
+    r is the index of the test. ``phi``, shape (draws, h), are draws of the hyper-parameters, which
+    hold the scales of these effects.
     """
     value = dict(zip(bound.hyper_prior.names, phi.T, strict=True))
     for term in bound.nuisance_columns:

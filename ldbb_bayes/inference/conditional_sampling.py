@@ -17,32 +17,35 @@ from ldbb_bayes.results import Array
 
 __all__ = ["conditional_draws", "draw_parameters_given"]
 
-# Largest number of times that random draws are repeated if a compliance is negative in them.
+# Largest number of times that a random draw of the parameters is repeated if a compliance is
+# negative in it.
 _REPEATS = 20
 
 
 def conditional_draws(
     bound: BoundModel, free: Array, rng: np.random.Generator
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Return one random draw of the p parameters given the hyper-parameters, at each of w points.
+    """Return one random draw of the p parameters for each of w values of the hyper-parameters.
 
-    The draws are conditional on the readings, too. No compliance is negative in them, if the model
-    requires it. The points are values of the hyper-parameters in unbounded coordinates, shape (w,
-    h).
+    The draws are from the exact density of the parameters (compliances, slopes, geometric errors)
+    given the readings and the hyper-parameters (scales of the noise and of other effects). If the
+    model requires it, no compliance is negative in them. ``free``, shape (w, h), holds the
+    hyper-parameters in unbounded coordinates, mostly ln(value − lower bound).
 
     Returns
     -------
     beta : ndarray, shape (w, p)
         Random draws of the parameters.
     exact : ndarray of bool, shape (w,)
-        False if the rejection sampler gave up, or if rounding made a compliance negative.
+        False for a draw for which the rejection sampler gave up, or in which rounding made a
+        compliance negative.
     """
     beta = np.zeros((len(free), len(bound.names)))
     exact = np.ones(len(free), dtype=bool)
     nodes, node_of_row = np.unique(free, axis=0, return_inverse=True)
     node_of_row = node_of_row.ravel()
-    # If many points are equal, the density of the parameters is computed only once for each
-    # different point.
+    # If many rows of ``free`` (values of the hyper-parameters) are equal, the density of the
+    # parameters is computed only once for each different row.
     conditional_of_nodes = None
     if 2 * len(nodes) <= len(free):
         conditional_of_nodes = bound.given(bound.hyper_prior.phi(nodes))[1]
@@ -60,16 +63,18 @@ def conditional_draws(
 
 
 def draw_parameters_given(bound: BoundModel, free: Array, rng: np.random.Generator) -> Array:
-    """Return one random draw of the p parameters at each of w points, shape (w, p).
+    """Return one random draw of the p parameters per value of the hyper-parameters, shape (w, p).
 
-    No compliance is negative in any draw, if the model requires it. The points are values of the
-    hyper-parameters in unbounded coordinates, shape (w, h).
+    The parameters are compliances, slopes and geometric errors. They are drawn given the readings
+    and each of w values of the hyper-parameters (scales of the noise and of other effects). If the
+    model requires it, no compliance is negative in any draw. ``free``, shape (w, h), holds the
+    hyper-parameters in unbounded coordinates, mostly ln(value − lower bound).
 
     Raises
     ------
     InputError
-        If repeated rejection finds no draw without negative compliances at some point: the readings
-        then contradict compliances that are not negative.
+        If repeated rejection finds no draw without negative compliances for some value of the
+        hyper-parameters. The readings then contradict compliances that are not negative.
     """
     beta = np.zeros((len(free), len(bound.names)))
     missing = np.arange(len(free))

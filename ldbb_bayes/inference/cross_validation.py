@@ -27,17 +27,21 @@ from ldbb_bayes.results import Array
 
 __all__ = ["log_likelihood_of_tests", "with_predictive"]
 
-# Logarithms of a circle's scale of scatter λ, over which it is summed; the steps are small beside
-# the width of its density.
+# Values of ln λ at which the integral over λ is computed as a sum. λ is the factor on the set-up
+# shift and discrepancy of one circle. The steps are small compared with the width of the density
+# of ln λ.
 _LOG_LAMBDA = np.arange(-1.5, 3.01, 0.25)
-# Tolerance of log evidences, and of log probabilities that no compliance is negative [nat].
+# Error allowed in each log evidence, and in each log probability that no compliance is negative
+# [nat].
 _TOLERANCE = 1e-2
-# Predictive densities are tempered, that is raised to a power below one, where the Pareto shape k̂
-# of their inverses is above this.
+# The densities of the readings of one test at all posterior draws are tempered, that is raised to a
+# power below one, if the Pareto shape k̂ of their inverses is above this.
 _LARGE_K = 0.4
-# Predictive densities are tempered with the power that is this value over the Pareto shape k̂.
+# The power to which the densities of a test's readings are raised (tempering) is this value divided
+# by the Pareto shape k̂ of the inverse densities.
 _TEMPERED_K = 0.2
-# Largest Pareto shape k̂ from which the power of a tempered density is computed.
+# Pareto shapes k̂ above this count as this value where the power of a tempered density is computed
+# from k̂.
 _LARGEST_K = 2.0
 
 
@@ -134,7 +138,7 @@ def with_predictive(posterior: xr.DataTree, *, draws: int = 1000, seed: int = 1)
 
 
 def _thin_chains(posterior: xr.DataTree, draws: int) -> xr.DataTree:
-    """Return a posterior with at most ``draws`` draws of each chain, evenly spaced."""
+    """Return a posterior with at most ``draws`` random draws of each chain, evenly spaced."""
     indices = evenly_spaced(int(posterior["posterior"].sizes["draw"]), draws)
     thinned = posterior.copy()
     for group in ("posterior", "sample_stats", "log_prior"):
@@ -148,7 +152,9 @@ def _draw_readings(
 ) -> list[Array]:
     """Return random readings of a new circle for every test [mm], each of shape (draws, n).
 
-    ``phi`` and ``beta`` are draws of the hyper-parameters and of the parameters.
+    A test has n readings; each posterior draw gives one circle. ``phi``, shape (draws, h), holds
+    the hyper-parameters (scales of the noise and of other effects), ``beta``, shape (draws, p), the
+    parameters (compliances, slopes, geometric errors).
     """
     coefficients = new_circle_coefficients(bound, phi, beta, rng)
     sigma = phi[:, bound.hyper_prior.names.index("sigma")]
@@ -161,7 +167,7 @@ def _draw_readings(
 def _ranges(readings_by_test: Sequence[Array]) -> Array:
     """Return the range (largest minus smallest) of the readings of each test, shape (…, tests).
 
-    The readings of a test have the shape (…, n).
+    ``readings_by_test`` holds the n readings of each test, or random draws of them, shape (…, n).
     """
     return np.stack([np.ptp(readings, axis=-1) for readings in readings_by_test], axis=-1)
 
@@ -169,9 +175,11 @@ def _ranges(readings_by_test: Sequence[Array]) -> Array:
 def _sampled_group(
     variables: dict[str, tuple[str, Array]], chains: int, coordinates: dict[str, Array]
 ) -> xr.DataTree:
-    """Return a group of a DataTree from arrays of draws, split into chains.
+    """Return a group of a DataTree from arrays of random draws, which are split into chains.
 
-    ``variables`` holds, by name, a dimension and an array of shape (chains × draws, dimension).
+    ``variables`` holds, by the name of each variable, the name of its second dimension and its
+    array, shape (chains × draws, length of that dimension). ``coordinates`` holds the labels along
+    each such dimension.
     """
     data = {}
     draws = 0
@@ -184,11 +192,12 @@ def _sampled_group(
 
 
 def log_likelihood_of_tests(bound: BoundModel, phi: Array) -> Array:
-    """Return the log density of each test given the others, at w points, shape (w, tests).
+    """Return the log density of each test's readings given the other tests, shape (w, tests).
 
-    The density is p(y_r | y_−r, φ), with the readings y_r of test r, y_−r of all other tests and
-    the hyper-parameters φ, shape (w, h). The scale of the scatter of test r is integrated out. See
-    `with_predictive`.
+    The density is p(y_r | y_−r, φ), with the readings y_r of test r and y_−r of all other tests. φ
+    are the hyper-parameters (scales of the noise and of other effects); ``phi``, shape (w, h),
+    holds w values of them. If the model has a factor on the set-up shift and discrepancy of test r
+    alone, this factor is integrated out. See `with_predictive`.
     """
     log_evidence = in_chunks(partial(_log_evidence, bound), phi)
     log_density = np.empty((len(phi), len(bound.test_names)))
@@ -207,9 +216,11 @@ def _without_test(bound: BoundModel, name: str) -> BoundModel:
 
 
 def _without_circle_scale(bound: BoundModel, phi: Array, circle_scale: str) -> Array:
-    """Return ln p(y | φ) with the scale of one circle's scatter integrated out, shape (w,).
+    """Return ln p(y | φ) with one hyper-parameter integrated out under its prior, shape (w,).
 
-    y are the readings and φ the hyper-parameters, shape (w, h).
+    This is the factor on the set-up shift and discrepancy of one circle; ``circle_scale`` is its
+    name. y are the readings and φ the other hyper-parameters (scales of the noise and of other
+    effects). ``phi``, shape (w, h), holds w values of all hyper-parameters.
     """
     grid = np.tile(phi[:, None], (1, len(_LOG_LAMBDA), 1))
     grid[:, :, bound.hyper_prior.names.index(circle_scale)] = np.exp(_LOG_LAMBDA)
@@ -224,10 +235,11 @@ def _without_circle_scale(bound: BoundModel, phi: Array, circle_scale: str) -> A
 def _with_moderate_tails(bound: BoundModel, log_density: Array) -> Array:
     """Return the log densities of the tests, tempered where importance weights would fail.
 
-    ``log_density``, shape (w, tests), is that of the readings of each test given all other tests,
-    at w draws of the hyper-parameters. It is tempered where the Pareto shape k̂ of the inverse
-    densities is large. The densities are then raised to a power below one, and scaled so that their
-    harmonic mean over the draws is the exact density.
+    ``log_density``, shape (w, tests), is the log density of the readings of each test given all
+    other tests, at w draws of the hyper-parameters (scales of the noise and of other effects). The
+    inverse densities are the importance weights of the draws if that test is left out. If their
+    Pareto shape k̂ is above 0.4, the densities of the test are tempered: they are raised to a power
+    below one, and scaled so that their harmonic mean over the draws is the exact density.
     """
     moderate = log_density.copy()
     for r, name in enumerate(bound.test_names):
@@ -242,7 +254,11 @@ def _with_moderate_tails(bound: BoundModel, log_density: Array) -> Array:
 
 
 def _exact_log_evidence(bound: BoundModel) -> float:
-    """Return the log evidence of the model, with all parameters integrated out."""
+    """Return the log evidence of a model: the log density of its campaign's readings.
+
+    All unknowns, the hyper-parameters (scales of the noise and of other effects) included, are
+    integrated out.
+    """
     posterior = HyperPosterior(bound, truncated=bound.truncation.active)
     return posterior.nodes(_TOLERANCE).evidence.log_value
 
@@ -250,8 +266,9 @@ def _exact_log_evidence(bound: BoundModel) -> float:
 def _log_evidence(bound: BoundModel, phi: Array) -> Array:
     """Return ln p(y | φ) of the readings y at w values of the hyper-parameters φ, shape (w,).
 
-    Where compliances must not be negative (truncation T), it is not divided by the prior
-    probability P(T).
+    φ are the scales of the noise and of other effects; ``phi`` has the shape (w, h). If the model
+    requires that no compliance is negative, the result is the log of the joint density of y and of
+    that condition given φ: it is not divided by the prior probability of the condition.
     """
     if not bound.truncation.active:
         return bound.log_evidence(phi)

@@ -28,13 +28,14 @@ from ldbb_bayes.results import Array, Shown
 
 __all__ = ["JointDensity", "LinearRedraw", "LogDensity", "log_density", "starting_points"]
 
-# Temperature at which starting points of a sampler are drawn; above one, they spread a little wider
-# than the posterior.
+# Starting points of a sampler are drawn from a density like the posterior, but wider: its standard
+# deviations are multiplied by the square root of this temperature.
 _START_TEMPERATURE = 1.5
-# Number of points drawn for each starting point needed, as points with a negative compliance are
-# dropped.
+# Number of random points drawn for each starting point that a sampler needs. More than one is
+# drawn, because points with a negative compliance are dropped.
 _DRAWS_PER_START = 2
-# Smallest distance of cumulative prior probabilities from 0 and 1, where quantiles are infinite.
+# Cumulative prior probabilities are kept at least this far from 0 and from 1, where the quantiles
+# of the prior are infinite.
 _SMALLEST_PROBABILITY = 1e-15
 
 
@@ -98,38 +99,44 @@ class LogDensity(Shown):
     [False, True, True]
     """
 
-    bound: BoundModel  #: the model bound to the campaign
+    bound: BoundModel  #: the model applied to the campaign with its readings
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Return the names of the d coordinates: parameters, then hyper-parameters."""
+        """Return the names of the d coordinates of a point: parameters, then hyper-parameters.
+
+        Parameters are compliances, slopes and geometric errors. Hyper-parameters are the scales of
+        the noise and of other effects.
+        """
         return (*self.bound.names, *self.bound.hyper_prior.names)
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Return the units of the parameters and hyper-parameters.
+        """Return the unit of each coordinate: of the parameters, then of the hyper-parameters.
 
-        They are made of mm, N and rad; a pure number has the unit "".
+        Units are made of mm, N and rad, such as "mm/N"; a pure number has the unit "".
         """
         of_parameters = [parameter.unit for parameter in self.bound.parameters]
         return (*of_parameters, *self.bound.hyper_prior.units)
 
     @cached_property
     def bounds(self) -> Array:
-        """Return the least and the greatest value of each coordinate, shape (d, 2).
+        """Return the least and the greatest value of each of the d coordinates, shape (d, 2).
 
-        Coordinates are the parameters and hyper-parameters. The truncation, by which no compliance
-        is negative at any force tested, also restricts combinations of them. `log_prior` accounts
-        for these restrictions as well.
+        The coordinates are the parameters, then the hyper-parameters. The condition that no
+        compliance is negative at any force tested (truncation) also restricts combinations of
+        parameters, such as a compliance and its slope. These bounds do not show that; `log_prior`
+        accounts for it.
         """
         return np.concatenate([self.bound.truncation.bounds, self.bound.hyper_prior.bounds])
 
     @property
     def scale(self) -> Array:
-        """Return the typical size of each coordinate under the prior, shape (d,).
+        """Return the typical size of each of the d coordinates under the prior, shape (d,).
 
-        Coordinates are the parameters and hyper-parameters. For a parameter it is the prior
-        standard deviation. Optimisers need sizes under the posterior instead: the spread of the
+        The coordinates are the parameters, then the hyper-parameters. The size of a parameter is
+        its prior standard deviation; that of a hyper-parameter is the scale of its prior if it is a
+        length, else one. Optimisers need sizes under the posterior instead: take the spread of the
         points that `initial` returns.
         """
         prior = self.bound.hyper_prior
@@ -142,35 +149,37 @@ class LogDensity(Shown):
         return f"LogDensity of {campaign!r}: {parameters} parameters, {scales} scales"
 
     def log_prob(self, x: Array) -> Array:
-        """Return the log density of the readings and of x; −inf where the prior density is zero.
+        """Return the joint log density ln p(y | x) + ln p(x) of the readings y and of x.
 
-        It is ln p(y | x) + ln p(x), for the readings y and the point x of parameters and
-        hyper-parameters. It is never NaN.
+        x holds the parameters, then the hyper-parameters, shape (d,) or (n, d). The result is −inf
+        where the prior density p(x) is zero. It is never NaN.
         """
         return self._evaluate(x, self._log_joint)
 
     def log_prior(self, x: Array) -> Array:
         """Return the log prior density ln p(x) at x.
 
-        x are parameters and hyper-parameters. The density is −inf where a compliance is negative,
-        if the model does not allow that. If the parameters have a flat prior, only the prior of the
-        hyper-parameters counts.
+        x holds the parameters, then the hyper-parameters, shape (d,) or (n, d). If the model does
+        not allow negative compliances, the result is −inf where one is negative. If the parameters
+        have a flat prior, only the prior of the hyper-parameters counts.
         """
         return self._evaluate(x, self._log_prior)
 
     def log_likelihood(self, x: Array) -> Array:
         """Return the log density ln p(y | x) of the readings y in mm, given x.
 
-        x are parameters and hyper-parameters. The result is −inf if a hyper-parameter is out of
-        bounds.
+        x holds the parameters, then the hyper-parameters, shape (d,) or (n, d). The result is −inf
+        if a hyper-parameter is outside its bounds.
         """
         return self._evaluate(x, self._log_likelihood)
 
     def prior_transform(self, u: Array) -> Array:
         """Return the points x at cumulative prior probabilities u, for nested samplers.
 
-        u has the shape of x. The probability of each coordinate is conditional on the coordinates
-        before it. The unit cube is therefore mapped to points at which no compliance is negative.
+        x holds the parameters, then the hyper-parameters, shape (d,) or (n, d). u holds a number
+        between 0 and 1 for each of them: the prior probability of a smaller value, given the
+        coordinates before it. If the model does not allow negative compliances, none is negative at
+        any x returned.
 
         Raises
         ------
@@ -196,9 +205,10 @@ class LogDensity(Shown):
         return np.concatenate([beta, phi], axis=1).reshape(np.shape(u))
 
     def split(self, x: Array) -> dict[str, dict[str, Any]]:
-        """Return the values at x by name, as ``{"parameters": {…}, "hyper": {…}}``.
+        """Return the coordinates of x by name, as ``{"parameters": {…}, "hyper": {…}}``.
 
-        For one point x the values are numbers; for n points they have shape (n,).
+        ``hyper`` holds the hyper-parameters. For one point x, shape (d,), the values are numbers;
+        for n points, shape (n, d), they have the shape (n,).
         """
         points = self._check_points(x)
         by_coordinate: Any = np.moveaxis(points, -1, 0)
@@ -213,7 +223,9 @@ class LogDensity(Shown):
     def initial(self, n: int, seed: int = 1) -> Array:
         """Return n starting points for a sampler, shape (n, d).
 
-        They spread a little wider than the posterior, and no compliance is negative in any of them.
+        A point holds the d coordinates: the parameters, then the hyper-parameters. The points
+        spread a little wider than the posterior. If the model does not allow negative compliances,
+        none is negative at any point.
         """
         joint = JointDensity(self.bound)
         random = np.random.RandomState(seed)
@@ -246,9 +258,11 @@ class LogDensity(Shown):
         return points
 
     def _evaluate(self, x: Array, density: Callable[[Array, Array], Array]) -> Array:
-        """Return a log density at x; −inf if a hyper-parameter is out of its bounds.
+        """Return a log density at the points x; −inf if a hyper-parameter is outside its bounds.
 
-        ``density`` is a function of the parameters and the hyper-parameters.
+        x holds the parameters, then the hyper-parameters, shape (d,) or (n, d). ``density`` is a
+        function that takes the parameters and the hyper-parameters of m points, shapes (m, p) and
+        (m, h), and returns their log densities, shape (m,).
         """
         values = self._check_points(x)
         points = values.reshape(-1, len(self.names))
@@ -259,7 +273,7 @@ class LogDensity(Shown):
         log_density = np.full(len(points), -np.inf)
         if inside.any():
             log_density[inside] = density(beta[inside], phi[inside])
-        # The empty index makes a number of an array without axes, which one point would give.
+        # For one point the array has no dimensions; the empty index converts it to a number.
         of_points: Array = log_density.reshape(values.shape[:-1])[()]
         return of_points
 
@@ -267,7 +281,8 @@ class LogDensity(Shown):
 def _log_joint(bound: BoundModel, beta: Array, phi: Array, log_hyper_prior: Array) -> Array:
     """Return ln p(y | β, φ) + ln p(β) + ``log_hyper_prior`` at n points, shape (n,).
 
-    y are the readings, β the parameters and φ the hyper-parameters.
+    y are the readings. ``beta``, shape (n, p), holds the parameters β, ``phi``, shape (n, h), the
+    hyper-parameters φ. ``log_hyper_prior``, shape (n,), is the log prior density of φ.
     """
     total = bound.log_prior(beta) + log_hyper_prior
     inside = np.isfinite(total)
@@ -280,44 +295,51 @@ def _log_joint(bound: BoundModel, beta: Array, phi: Array, log_hyper_prior: Arra
 class JointDensity:
     """Log posterior density in the coordinates in which the walkers of a sampler move.
 
-    The coordinates are (β − centre) / scale for the p parameters β, and the h hyper-parameters φ
-    transformed to be unbounded, mostly ln(φ − lower bound). The Jacobian of the transformation is
-    included except for a constant.
+    The first p coordinates are (β − centre) / scale for the p parameters β, with their
+    least-squares estimates ``centre`` and typical sizes ``scale``. The other h coordinates are the
+    hyper-parameters φ transformed to be unbounded, mostly ln(φ − lower bound). The density is not
+    divided by the evidence. The Jacobian of the transformation is included except for a constant.
     """
 
     bound: BoundModel
 
     def __call__(self, x: Array) -> Array:
-        """Return the log posterior density, shape (n,), at n points of shape (n, p + h)."""
+        """Return the log posterior density, shape (n,), at n points x of shape (n, p + h).
+
+        The first p coordinates of a point are scaled parameters, the other h are unbounded
+        coordinates of the hyper-parameters; see the class.
+        """
         beta, free = self.split(x)
         prior = self.bound.hyper_prior
         return _log_joint(self.bound, beta, prior.phi(free), prior.log_density_of_free(free))
 
     def split(self, x: Array) -> tuple[Array, Array]:
-        """Return parameters, shape (..., p), and free coordinates, shape (..., h), of points x.
+        """Return the parameters, shape (..., p), and free coordinates, shape (..., h), of points x.
 
-        x has the shape (..., p + h). Free coordinates are the hyper-parameters, transformed to be
-        unbounded.
+        x, shape (..., p + h), holds points in the coordinates of the sampler. Free coordinates are
+        the h hyper-parameters transformed to be unbounded, mostly ln(value − lower bound).
         """
         p = len(self.bound.names)
         return self.bound.centre + x[..., :p] * self.bound.scale, x[..., p:]
 
     def join(self, beta: Array, free: Array) -> Array:
-        """Return points x, shape (..., p + h), from parameters and free coordinates.
+        """Return points in the coordinates of the sampler, shape (..., p + h).
 
-        It is the inverse of `split`. Free coordinates are the hyper-parameters, transformed to be
-        unbounded.
+        ``beta``, shape (..., p), holds the parameters. ``free``, shape (..., h), holds the
+        hyper-parameters transformed to be unbounded, mostly ln(value − lower bound). `split` is the
+        inverse.
         """
         return np.concatenate([(beta - self.bound.centre) / self.bound.scale, free], axis=-1)
 
 
 @dataclass(frozen=True, eq=False)
 class LinearRedraw:
-    """Independent random draws of parameters β and hyper-parameters φ, as proposals of a sampler.
+    """Source of independent random draws of parameters β and hyper-parameters φ for a sampler.
 
-    φ is drawn from a proposal fitted to p(φ | y), given the readings y. β is drawn from its exact
-    Gaussian given φ. With truncation (no compliance is negative), β is drawn from a tilted density,
-    which is close to that Gaussian restricted to the truncation.
+    The sampler proposes them as next points of its walkers. φ is drawn from a density fitted to
+    p(φ | y), where y are the readings. β is drawn from its exact Gaussian density given φ and y. If
+    compliances must not be negative, β is drawn from a shifted (tilted) density instead, which is
+    close to that Gaussian restricted to compliances that are not negative.
     """
 
     density: JointDensity
@@ -326,9 +348,10 @@ class LinearRedraw:
     def draw(
         self, size: int, random: np.random.RandomState, *, temperature: float = 1.0
     ) -> WeightedPoints:
-        """Return random points, shape (size, p + h), with their log weights and log densities.
+        """Return ``size`` random points with their log importance weights and log target densities.
 
-        A point has p parameters and h hyper-parameters. The scales of the proposal are multiplied
+        A point holds p parameters and h hyper-parameters in the coordinates of `JointDensity`. The
+        standard deviations of the density from which the hyper-parameters are drawn are multiplied
         by the square root of ``temperature``.
         """
         bound = self.density.bound
@@ -351,10 +374,12 @@ class LinearRedraw:
         )
 
     def log_weight(self, points: Array) -> Array:
-        """Return log importance weights of n points, shape (n,).
+        """Return the log importance weights of n points, shape (n,).
 
-        The weight of a point is its posterior density over its proposal density. No compliance may
-        be negative at any of the points.
+        ``points``, shape (n, p + h), are in the coordinates of `JointDensity`. The weight of a
+        point is its posterior density divided by the density from which `draw` would draw it, up to
+        a constant. If the model does not allow negative compliances, none may be negative at any of
+        the points.
         """
         bound = self.density.bound
         beta, free = self.density.split(points)
@@ -371,8 +396,10 @@ class LinearRedraw:
 def starting_points(redraw: LinearRedraw, n: int, random: np.random.RandomState) -> Array:
     """Return n random starting points of a sampler, shape (n, p + h).
 
-    The h hyper-parameters are drawn a little wider than their posterior, the p parameters given
-    these from their exact Gaussian. No compliance is negative.
+    They are in the coordinates of `JointDensity`. The h hyper-parameters (scales of the noise and
+    of other effects) are drawn from a density a little wider than their posterior. The p parameters
+    (compliances, slopes, geometric errors) are drawn from their density given the hyper-parameters
+    and the readings. If the model does not allow negative compliances, none is negative.
 
     Raises
     ------

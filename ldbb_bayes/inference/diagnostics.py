@@ -25,8 +25,8 @@ __all__ = [
     "power_sensitivity",
 ]
 
-# Powers to which the prior or the likelihood is raised to find how sensitive the posterior is
-# (Kallioinen et al. 2023, ArviZ default).
+# The two powers, near one, to which the prior or the likelihood is raised to find how sensitive the
+# posterior is to it (Kallioinen et al. 2023; they are ArviZ's defaults).
 _LOWER_POWER = 0.99
 _UPPER_POWER = 1.01
 # Probabilities of the quantiles for which the tail's effective sample size is computed (Vehtari et
@@ -35,7 +35,7 @@ _TAILS = (0.05, 0.95)
 # Smallest number of importance weights whose tail can be judged: ArviZ fits a Pareto distribution
 # to a fifth of the weights and needs five.
 _FEWEST_WEIGHTS = 25
-# Logarithms of importance weights whose range is smaller than this count as equal.
+# Importance weights count as equal if the range of their logarithms is smaller than this.
 _EQUAL_LOG_RATIOS = float(np.sqrt(np.finfo(float).eps))
 # Importance weights cannot be judged if their effective sample size is not above this.
 _FEWEST_EFFECTIVE = 10.0
@@ -55,8 +55,9 @@ class Diagnostics(NamedTuple):
 def diagnose(chain: Array) -> Diagnostics:
     """Return effective sample sizes and rank-normalised split R-hat of d parameters.
 
-    The draws have the shape (chains, draws, d). See Vehtari et al. 2021. The effective sample size
-    of the tails is the smaller of those at the quantiles of 5 % and 95 %.
+    ``chain`` holds random draws, shape (chains, draws, d). The diagnostics are those of Vehtari et
+    al. 2021. The effective sample size for the tails is the smaller of those for the quantiles at
+    5 % and 95 %.
     """
     from arviz_stats.base import array_stats
 
@@ -72,13 +73,16 @@ def diagnose(chain: Array) -> Diagnostics:
 def power_sensitivity(
     draws: Mapping[str, Array], log_densities: Mapping[str, Array]
 ) -> dict[str, dict[str, float]]:
-    """Return how sensitive each parameter is to factors of the joint density, such as the prior.
+    """Return how sensitive the posterior of each parameter is to the prior and other factors.
 
-    Each factor is raised to a power near one (power-scaling, Kallioinen et al. 2023). The
-    sensitivity is the cumulative Jensen-Shannon distance that the posterior of the parameter moves,
-    scaled to a doubling of the power. A parameter counts as sensitive above 0.05. A constant factor
-    has sensitivity 0. Draws and log densities have the shape (chains, draws). The weights of the
-    draws are so even that they need no smoothing.
+    The factors of the posterior density are, for example, the prior and the likelihood. Each is
+    raised to a power near one (power-scaling, Kallioinen et al. 2023). The sensitivity is the
+    cumulative Jensen-Shannon distance by which the posterior of the parameter then moves, scaled to
+    a doubling of the power. A parameter counts as sensitive above 0.05. A constant factor has
+    sensitivity 0. ``draws`` holds the posterior draws of each parameter by name, ``log_densities``
+    the logarithm of each factor at these draws, by the name of the factor, each of shape (chains,
+    draws). Keys of the result are the parameter, then the factor. The weights by which draws are
+    converted to another power are so even that they need no smoothing.
     """
     from arviz_stats.base import array_stats
 
@@ -102,9 +106,11 @@ def power_sensitivity(
 
 
 def _scaling_weights(log_density: Array, power: float, parameters: int) -> Array:
-    """Return weights of the draws for a factor of the density raised to a power near one.
+    """Return the weights that posterior draws have if a factor of the density is raised to a power.
 
-    They have the shape (parameters, draws), with equal rows.
+    ``log_density`` is the logarithm of the factor, such as the prior, at the draws, shape (chains,
+    draws). The result has the shape (parameters, draws of all chains), with equal rows, as the
+    weights are the same for all parameters.
     """
     log_weight = (power - 1.0) * (log_density - log_density.mean())
     return np.broadcast_to(np.exp(log_weight).ravel(), (parameters, log_weight.size))
@@ -121,9 +127,10 @@ class SmoothedWeights(NamedTuple):
 def pareto_smooth(log_ratio: Array) -> SmoothedWeights:
     """Return Pareto-smoothed importance weights (Vehtari et al. 2024).
 
-    ``log_ratio`` is the logarithm of target density over proposal density at n independent draws,
-    up to a constant. The Pareto shape k̂ is infinite if very few draws carry all the weight or the
-    tail cannot be judged. It is −inf if all weights are equal.
+    ``log_ratio``, shape (n,), is the logarithm of the target density divided by the density drawn
+    from, at n independent draws, up to a constant. The shape k̂ of the Pareto distribution fitted to
+    the largest weights is infinite if very few draws carry all the weight, or if the tail of the
+    weights cannot be judged. It is −inf if all weights are equal.
     """
     good_k = min(_LARGEST_GOOD_K, 1.0 - 1.0 / float(np.log10(len(log_ratio))))
     if np.ptp(log_ratio) < _EQUAL_LOG_RATIOS:
@@ -147,9 +154,10 @@ def pareto_smooth(log_ratio: Array) -> SmoothedWeights:
 
 
 def pareto_k(log_weight: Array) -> float:
-    """Return the shape k̂ of the Pareto tail of n importance weights, from their logarithms.
+    """Return the shape k̂ of the Pareto distribution fitted to the largest of n importance weights.
 
-    It is −inf if the largest weights are equal, and infinite if there are too few weights to judge.
+    ``log_weight``, shape (n,), holds the logarithms of the weights. k̂ is −inf if the largest
+    weights are equal. It is infinite if there are too few weights to judge or the fit fails.
     """
     try:
         shape = _smooth_tail(log_weight)[1]
@@ -165,7 +173,8 @@ def pareto_k(log_weight: Array) -> float:
 def _smooth_tail(log_weight: Array) -> tuple[Array, float]:
     """Return log importance weights with the largest ones smoothed, and the Pareto shape k̂.
 
-    All are NaN if the fit of the Pareto distribution fails.
+    A Pareto distribution with the shape k̂ is fitted to the largest weights. ``log_weight`` and the
+    smoothed log weights have the shape (n,). If the fit fails, NaN is returned.
     """
     from arviz_stats.base import array_stats
 

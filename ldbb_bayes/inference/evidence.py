@@ -30,8 +30,8 @@ __all__ = [
     "warn_of_untrusted_weights",
 ]
 
-# The log probability that no compliance is negative is spoilt by rounding if it exceeds zero by
-# more than this plus its error [nat].
+# A computed log probability that no compliance is negative is refused as wrong by rounding if it
+# exceeds zero by more than this plus its error [nat].
 _LARGEST_LOG_PROBABILITY = 0.1
 
 
@@ -95,7 +95,9 @@ def log_evidence(model: HybridModel, campaign: Campaign, *, tolerance: float = 1
 def warn_of_untrusted_weights(nodes: Nodes) -> None:
     """Warn if the weights of the quadrature nodes cannot be trusted.
 
-    The warning names the sampler that needs no weights.
+    Nodes are weighted values of the hyper-parameters (scales of the noise and of other effects).
+    The weights cannot be trusted if their Pareto shape k̂ is above 0.6. The warning names the
+    sampler that needs no weights.
     """
     if not nodes.integral.trusted:
         warnings.warn(
@@ -125,7 +127,11 @@ def require_models(models: Mapping[str, HybridModel]) -> None:
 
 
 def check_comparable(model: HybridModel, campaign: Campaign) -> None:
-    """Raise an `InputError` for a flat prior, or for a plan: these give no evidence."""
+    """Raise an `InputError` if a model and a campaign give no evidence.
+
+    There is none if the prior of the model is flat, or if the campaign is a plan, that is, has no
+    readings.
+    """
     require(
         not model.prior.flat,
         "a model must have a proper prior to have an evidence, got a flat one. Use the default"
@@ -179,12 +185,13 @@ def log_bayes_factor(evidence: Evidence, other: Evidence) -> tuple[float, float]
 
 
 def log_prob_truncation(truncated: HyperPosterior, tolerance: float = 0.02) -> tuple[float, float]:
-    """Return the log probability that no compliance is negative, and its error [nat].
+    """Return the log posterior probability that no compliance is negative, and its error [nat].
 
-    The probability is P(T | y), where T is the truncation and y are the readings, under the
-    posterior without truncation. It is the ratio of the integrals over the posterior with and
-    without truncation. Both integrals use the same nodes, unless truncation moves the posterior too
-    far.
+    The posterior is the one that allows negative compliances. The probability is the integral of
+    its density over compliances that are not negative, divided by the integral over all values.
+    Both integrals use the same values of the hyper-parameters (nodes), unless the condition moves
+    the posterior too far. ``truncated`` is the posterior with the condition; ``tolerance`` is the
+    error asked for of each log integral [nat].
     """
     plain = truncated.plain.nodes(tolerance)
     inside = truncated.nodes(tolerance)
@@ -200,9 +207,10 @@ def log_prob_truncation(truncated: HyperPosterior, tolerance: float = 0.02) -> t
 
 
 def probabilities(log_evidence: Array) -> Array:
-    """Return posterior probabilities of n models from their log evidences, shape (n,).
+    """Return the posterior probabilities of n models, shape (n,).
 
-    The models have equal prior probabilities.
+    ``log_evidence``, shape (n,), holds the log evidences of the models. The models have equal prior
+    probabilities.
     """
     weight = np.exp(log_evidence - log_evidence.max())
     return np.asarray(weight / weight.sum())

@@ -25,7 +25,8 @@ from ldbb_bayes.results import Array, Shown
 
 __all__ = ["Evidences", "leave_one_out"]
 
-# Error of a log evidence that is small enough to reject a model [nat].
+# Models are first computed with this error of the log evidence [nat], which is small enough to
+# reject a model.
 _ROUGH_TOLERANCE = 0.1
 
 
@@ -80,7 +81,10 @@ class Evidences(Shown):
         self._modes: dict[tuple[Hyper, ...], Array] = {}
 
     def of_campaign(self, campaign: Campaign) -> Evidences:
-        """Return these evidences; raise an `InputError` if the campaign has other readings."""
+        """Return this object if it is of the given campaign.
+
+        Raise an `InputError` if the readings of the campaign differ from those of this object.
+        """
         require(
             campaign.sha256 == self.campaign.sha256,
             f"evidences must be of the campaign {campaign.name or ''}, got those of"
@@ -89,11 +93,13 @@ class Evidences(Shown):
         return self
 
     def of(self, *models: HybridModel) -> list[Nodes]:
-        """Return the quadrature nodes of each model, from which its evidence follows.
+        """Return the quadrature nodes of each model, in the order given.
 
-        Models share one calculation if they differ only in slopes, rival explanations of slopes,
-        and whether compliances may be negative. Their nodes follow from those of the largest model
-        among them.
+        The evidence of a model follows from its nodes, which are weighted values of its
+        hyper-parameters (scales of the noise and of other effects). Models share one calculation
+        if they differ only in slopes, in rival explanations of slopes (such as joints that yield to
+        their own load), and in whether compliances may be negative. Their nodes follow from those
+        of the largest model among them.
         """
         models_by_key = {model_to_toml(model): model for model in models}
         for key in sorted(models_by_key, key=lambda key: _largest_first(models_by_key[key])):
@@ -103,10 +109,13 @@ class Evidences(Shown):
         return [self._nodes[key] for key in models_by_key]
 
     def unless_rejected(self, below: float, *models: HybridModel) -> list[Nodes]:
-        """Return the quadrature nodes of each model, computed coarsely if all models are rejected.
+        """Return the quadrature nodes of each model; coarse ones if all the models are rejected.
 
-        Models are rejected if all their log evidences are below the bound ``below``. Evidences from
-        coarse nodes do not appear in `every`.
+        If nodes of all the models are known already, they are returned. Otherwise the nodes of all
+        the models are first computed coarsely. If then all log evidences, errors
+        added, are at most ``below``, the models are rejected and these coarse nodes are returned.
+        Otherwise the nodes of all the models are computed again to the tolerance of this object.
+        Evidences from coarse nodes do not appear in `every`.
         """
         if all(model_to_toml(model) in self._nodes for model in models):
             return self.of(*models)
@@ -118,20 +127,22 @@ class Evidences(Shown):
         return rough
 
     def apart(self, tolerance: float | None = None) -> Evidences:
-        """Return new evidences of the same readings, with no model computed yet.
+        """Return a new `Evidences` of the same readings, with no model computed yet.
 
-        The search for modes of the posterior starts from the modes found here. The tolerance [nat]
-        is the same by default.
+        In it, the search for the mode of a model's posterior starts from the mode that this object
+        has found for a model with the same hyper-parameters. ``tolerance`` is the error asked of
+        every log evidence [nat]; by default it is that of this object.
         """
         return self._with_modes(tolerance or self.tolerance, self._keep, self._modes)
 
     def without_test(
         self, test: str, tests: Sequence[str], modes: Mapping[tuple[Hyper, ...], Array]
     ) -> Evidences:
-        """Return evidences of all but one of the tests named.
+        """Return an `Evidences` of the readings without one test, with no model computed yet.
 
-        The search for modes of the posterior starts from ``modes``, which are given by the names of
-        a model's hyper-parameters.
+        ``test`` is the name of the test left out, ``tests`` are the names of all tests. The search
+        for the mode of a model's posterior starts from the entry of ``modes`` for the names of the
+        model's hyper-parameters (scales of the noise and of other effects).
         """
         remaining = [name for name in tests if name != test]
         return self._with_modes(self.tolerance, remaining, modes, self.progress)
@@ -174,17 +185,19 @@ class Evidences(Shown):
 def _largest_first(model: HybridModel) -> list[int]:
     """Return a key by which models sort from the largest to the smallest.
 
-    The largest model has the highest degree, then the fewest fixed parameters, then the most rival
-    explanations of slopes.
+    A model is larger if the degree of its compliances in force is higher. Among models of one
+    degree, that with fewer parameters fixed at zero is larger; if these are equal, that with more
+    rival explanations of slopes (effects that look like a change of compliance with force).
     """
     return [-model.degree, len(model.fixed), -len(model.rivals)]
 
 
 def _family(model: HybridModel) -> str:
-    """Return a model without slopes, their rival explanations and truncation, as TOML.
+    """Return the text, as TOML, of what related models have in common.
 
-    Truncation is the condition that compliances are not negative. Models for which this text is
-    equal can share the calculation of their quadrature nodes.
+    It describes the model without slopes, without their rival explanations (effects that look like
+    a change of compliance with force), and without the condition that compliances are not negative.
+    Models for which this text is equal can share the calculation of their quadrature nodes.
     """
     constant = model.without("truncation").with_slope_scale(1.0).with_degree(0)
     return model_to_toml(constant.with_rivals())
@@ -198,7 +211,8 @@ def leave_one_out(
 ) -> dict[str, dict[str, Nodes]]:
     """Return the quadrature nodes of every model with each test left out in turn.
 
-    The campaign must have at least two tests.
+    Nodes are weighted values of the hyper-parameters (scales of the noise and of other effects),
+    from which the evidence of the model follows. The campaign must have at least two tests.
 
     Parameters
     ----------

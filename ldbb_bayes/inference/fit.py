@@ -35,14 +35,15 @@ from ldbb_bayes.units import ranked
 
 __all__ = ["Concern", "ConcernKind", "Fit", "State", "assess_fit"]
 
-# A posterior counts as sensitive to the prior if its power-scaling sensitivity is above this
-# (Kallioinen et al. 2023).
+# The posterior of a parameter counts as sensitive to the prior if its power-scaling sensitivity is
+# above this: how much it moves if the prior density is raised to a power near one (Kallioinen et
+# al. 2023).
 _SENSITIVE = 0.05
-# A failing check of a Fourier order matters if leaving out the test changes a parameter by more
-# than this number of standard uncertainties.
+# A failing posterior predictive check of a Fourier order of a test matters if leaving out this test
+# changes some parameter by more than this number of the parameter's standard uncertainties.
 _LARGEST_SHIFT = 0.5
-# A failing check of noise matters if the noise found in the readings widens an interval by more
-# than this share.
+# A failing posterior predictive check of noise matters if the noise found in the readings widens
+# the interval of some parameter by more than this share of its width.
 _LARGEST_WIDENING = 0.1
 # Number of posterior draws from which the quality of the fit is computed.
 _QUALITY_DRAWS = 1000
@@ -51,14 +52,14 @@ _CHECKED_DRAWS = 500
 # The readings speak against non-negative compliances if the log of the posterior probability that
 # no compliance is negative is below this.
 _IMPROBABLE = float(np.log(1e-3))
-# A hyper-parameter (scale of the noise or of another effect) is expected to lie below the quantile
-# of its prior at this probability.
+# The posterior median of a hyper-parameter (scale of the noise or of another effect) is expected to
+# lie below the quantile of its prior at this probability.
 _EXPECTED_HYPER = 0.999
-# A parameter is a concern if its posterior mean is farther than this from its stated prior mean.
-# The unit is the standard deviation that the prior expects of this distance.
+# A fit warns of a parameter if its posterior mean is farther than this from the prior mean that
+# the user stated. The unit is the standard deviation of this distance if the prior is right.
 _LARGEST_PRIOR_DISTANCE = 3.0
-# Least variance of the distance between prior and posterior mean, as a share of the prior variance;
-# it avoids a division by zero.
+# Least variance expected of the distance between the prior mean and the posterior mean of a
+# parameter, as a share of the prior variance. It avoids a division by zero.
 _SMALLEST_VARIANCE_SHARE = 0.05
 
 
@@ -71,7 +72,10 @@ class State(StrEnum):
 
 
 class ConcernKind(StrEnum):
-    """Kind of a warning that a fit gives besides its results; see `Concern`."""
+    """Kind of a warning that a fit gives besides its results.
+
+    `Concern` states what each kind warns of.
+    """
 
     NOT_CONVERGED = "not-converged"
     TRUNCATION = "truncation"
@@ -83,19 +87,21 @@ class ConcernKind(StrEnum):
 
 @dataclass(frozen=True)
 class Concern(Result):
-    """Warning that a fit gives, with the numbers ``value`` and ``limit``.
+    """Warning that a fit gives, with two numbers, ``value`` and ``limit``, that state the reason.
 
-    What ``value`` and ``limit`` are depends on ``kind``:
+    For each ``kind``, ``value`` and then ``limit`` are:
 
-    - NOT_CONVERGED: number of steps of the sampler; effective sample size asked for.
+    - NOT_CONVERGED: number of steps after which the sampler gave up; effective sample size asked
+      for, which it did not reach.
     - TRUNCATION: log posterior probability that no compliance is negative; smallest value expected.
-    - FORCES: number of force levels; number that the degree of the model needs.
-    - HYPER: median of the hyper-parameter ``name`` [mm]; quantile of its prior at 99.9 %.
-    - CENTRE: p-value of no shift of the circle's centre along the machine axis ``name`` in
-      proportion to force; p-value below which such a shift is named.
-    - PRIOR: distance of the mean of the parameter ``name`` from its stated prior mean; the largest
-      distance expected. Both are in units of the standard deviation that the prior expects of this
-      distance.
+    - FORCES: number of different forces of the campaign; number that the degree of the compliances
+      in force needs.
+    - HYPER: posterior median of the hyper-parameter ``name`` [mm]; quantile of its prior at 99.9 %.
+    - CENTRE: p-value of the hypothesis that the circles' centre does not shift along the machine
+      axis ``name`` in proportion to force; p-value below which such a shift is reported.
+    - PRIOR: distance of the posterior mean of the parameter ``name`` from the prior mean that the
+      user stated; the largest distance expected. Both are in units of the standard deviation of
+      this distance if the prior is right.
     """
 
     kind: ConcernKind
@@ -112,26 +118,29 @@ class Fit(Result):
     #: fitness of each test [%] (Eq. 35 of the paper), by name of the test; NaN if the test's
     #: readings are all equal
     fitness_percent: dict[str, float]
-    #: log probability that no compliance is negative, under the posterior that does not require it
+    #: log probability that no compliance is negative, under the posterior that allows negative ones
     log_prob_truncation: float
     #: error of the log posterior probability that no compliance is negative [nat]
     log_prob_truncation_error: Finite
-    #: log probability that no compliance is negative, under the prior that does not require it
+    #: log probability that no compliance is negative, under the prior that allows negative ones;
+    #: zero if the model allows them
     log_prob_truncation_prior: float
-    #: largest difference of the linear model's readings from the exact geometry [µm]
+    #: largest difference between the readings that the linearised model predicts and those by the
+    #: exact geometry, at the posterior mean of the parameters [µm]
     linearisation_error_um: float
     concerns: tuple[Concern, ...]  #: warnings of the fit, each with a value and a limit
     predictive_checks: dict[str, TestChecks]  #: posterior predictive checks, by name of the test
-    #: sensitivity of each posterior to power-scaling: how much it moves if a density is raised to a
-    #: power near one. Keys are the name of the variable, then that of the density: ``prior``,
-    #: ``hyper_prior`` or ``likelihood``.
+    #: sensitivity of the posterior of each parameter and hyper-parameter to power-scaling: how much
+    #: it moves if a prior density or the likelihood is raised to a power near one. Keys are the
+    #: name of the parameter, then ``prior``, ``hyper_prior`` or ``likelihood``.
     sensitivity: dict[str, dict[str, float]]
-    #: largest change of a parameter when a test is left out, in units of the parameter's standard
-    #: uncertainty. Keys are the names of the tests with an unexpected Fourier order. Empty for flat
-    #: priors.
+    #: largest change of any parameter when a test is left out, in units of the parameter's standard
+    #: uncertainty. Keys are the names of the tests whose readings fail the posterior predictive
+    #: check of a Fourier order. Empty for flat priors.
     shift: dict[str, float]
-    #: largest share by which an interval grows if the noise is as strong as at the Fourier orders
-    #: 13 to 16; zero unless a check of noise or its autocorrelation fails
+    #: largest share by which a parameter's interval grows if the noise is as strong as the readings
+    #: show at the Fourier orders 13 to 16; zero unless a posterior predictive check of the noise or
+    #: of its autocorrelation fails
     widening: float
 
     @property
@@ -141,16 +150,20 @@ class Fit(Result):
 
     @property
     def unexpected(self) -> tuple[Check, ...]:
-        """Return the checks that fail at 1 % after allowing for their number, the worst first."""
+        """Return the posterior predictive checks that fail, the smallest p-value first.
+
+        A check fails if its p-value times the number of all checks (Bonferroni) is below 1 %.
+        """
         return failing_checks(self.checks)
 
     @property
     def misfits(self) -> tuple[Check, ...]:
-        """Return the failing checks that matter for the credible intervals.
+        """Return the failing posterior predictive checks that matter for the credible intervals.
 
-        A check of a Fourier order matters if a parameter changes by more than half its standard
-        uncertainty without the test. A check of noise matters if an interval would grow by more
-        than a tenth.
+        A failing check of a Fourier order matters if leaving out its test changes some parameter by
+        more than half the parameter's standard uncertainty. A failing check of noise or of its
+        autocorrelation matters if the noise that the readings show would widen some interval by
+        more than a tenth.
         """
         return tuple(check for check in self.unexpected if self._moves_intervals(check))
 
@@ -161,7 +174,10 @@ class Fit(Result):
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """Return the kinds of all concerns and of the checks in `misfits`, each kind once."""
+        """Return the kinds of all warnings (concerns) and of the checks in `misfits`, each once.
+
+        A kind is the text of a `ConcernKind` or `CheckKind`, such as "truncation" or "noise".
+        """
         concerns = [str(concern.kind) for concern in self.concerns]
         misfits = [str(check.kind) for check in self.misfits]
         return tuple(dict.fromkeys(concerns + misfits))
@@ -170,8 +186,9 @@ class Fit(Result):
     def state(self) -> State:
         """Return whether the results of the fit can be used.
 
-        They are unusable if the sampler did not converge. They are doubtful if the readings do not
-        fit the model, or if the readings speak against non-negative compliances.
+        They are unusable if the sampler did not converge. Otherwise they are doubtful if a failing
+        check of the readings matters (see `misfits`), or if the readings contradict the condition
+        that no compliance is negative. Otherwise they are usable.
         """
         kinds = {concern.kind for concern in self.concerns}
         if ConcernKind.NOT_CONVERGED in kinds:
@@ -182,9 +199,10 @@ class Fit(Result):
 
     @property
     def sensitive(self) -> tuple[str, ...]:
-        """Return the parameters whose posterior moves with the prior, the most sensitive first.
+        """Return the names of the parameters whose posterior is sensitive to the prior.
 
-        Their power-scaling sensitivity to the prior is above 0.05.
+        The most sensitive one is first. A parameter is listed if its power-scaling sensitivity (how
+        much its posterior moves if the prior is raised to a power near one) is above 0.05.
         """
         names = [name for name in self.parameters if self._prior_sensitivity(name) > _SENSITIVE]
         return tuple(ranked(names, self._prior_sensitivity))
@@ -194,7 +212,10 @@ class Fit(Result):
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Return the names of the parameters: those in ``sensitivity`` without hyper-parameters."""
+        """Return the names of the parameters: compliances, slopes (C_…), geometric errors (E_…).
+
+        They are those in ``sensitivity``, without the hyper-parameters.
+        """
         return tuple(name for name in self.sensitivity if name.startswith(("C_", "E_")))
 
 
@@ -212,21 +233,22 @@ def assess_fit(
     Parameters
     ----------
     bound : BoundModel
-        Model with the parameters of all models averaged.
+        Model, applied to the campaign, that has the parameters of all models averaged.
     draws_by_model : sequence of ModelDraws
-        The draws in ``groups``, separately for each model.
+        The posterior draws in ``groups``, separately for each model.
     groups : mapping
-        Groups ``posterior``, ``log_prior`` and ``sample_stats`` of the posterior tree.
+        Groups ``posterior``, ``log_prior`` and ``sample_stats`` of the posterior: arrays of shape
+        (chains, draws), by group and by name.
     truncation : pair
-        Log posterior probability that no compliance is negative, and its error.
+        Log posterior probability that no compliance is negative, and its error [nat].
     concerns : sequence of Concern
         Warnings from the sampler.
     rng : Generator
         Generator of the random draws of new circles.
     prior_level : float or array
-        Mean of the log prior density of the parameters under the prior, for the model of each draw.
-        It is subtracted before the prior is scaled, so that scaling does not count differences
-        between models.
+        Mean of the log prior density of the parameters over the prior, for the model of each draw,
+        shape (chains, draws), or one number. It is subtracted before the prior density is raised to
+        a power, so that differences of this level between models do not count.
 
     Returns
     -------
@@ -261,7 +283,11 @@ def assess_fit(
 
 
 def _quality(bound: BoundModel, draws_by_model: Sequence[ModelDraws], shares: Array) -> FitQuality:
-    """Return the quality of fit of the mean prediction, averaged over models."""
+    """Return root-mean-square residual and fitness of the mean prediction.
+
+    The prediction is averaged over the posterior draws of each model, then over the models with
+    their ``shares``, which sum to one.
+    """
     predictions = []
     for share, draws in zip(shares, draws_by_model, strict=True):
         thinned = draws.thinned(int(np.ceil(share * _QUALITY_DRAWS)))
@@ -274,7 +300,11 @@ def _quality(bound: BoundModel, draws_by_model: Sequence[ModelDraws], shares: Ar
 def _average_checks(
     draws_by_model: Sequence[ModelDraws], shares: Array, rng: np.random.Generator
 ) -> dict[str, TestChecks]:
-    """Return the posterior predictive checks of each test, averaged over models."""
+    """Return the posterior predictive p-values of each test, by the name of the test.
+
+    They are averaged over the models with their ``shares``, which sum to one. ``rng`` generates the
+    random draws of new circles.
+    """
     checks = []
     for share, draws in zip(shares, draws_by_model, strict=True):
         thinned = draws.thinned(int(np.ceil(share * _CHECKED_DRAWS)))
@@ -283,16 +313,22 @@ def _average_checks(
 
 
 def _stack(group: Mapping[str, Array], names: Sequence[str]) -> Array:
-    """Return the named variables in one array, shape (chains, draws, variables)."""
+    """Return posterior draws of the named variables in one array, (chains, draws, variables).
+
+    ``group`` holds the draws of each variable by its name, shape (chains, draws).
+    """
     return np.stack([group[str(name)] for name in names], axis=-1)
 
 
 def _log_densities(
     bound: BoundModel, groups: Mapping[str, Mapping[str, Array]], prior_level: Array | float
 ) -> dict[str, Array]:
-    """Return the log densities whose influence on the posterior is examined.
+    """Return the log densities of both priors and of the likelihood at every posterior draw.
 
-    They are those of the two priors and of the likelihood, each of shape (chains, draws).
+    The influence of each on the posterior is examined. ``prior`` is that of the parameters, less
+    ``prior_level``; ``hyper_prior`` is that of the hyper-parameters (scales of the noise and of
+    other effects). Each has the shape (chains, draws). ``groups`` holds the arrays of the
+    posterior, by group and by name.
     """
     phi = _stack(groups["posterior"], bound.hyper_prior.names)
     log_prior = groups["log_prior"]["parameters"]
@@ -312,10 +348,10 @@ def _check_posterior(
 ) -> Iterator[Concern]:
     """Check a posterior against the assumptions of its model; yield a warning for each misfit.
 
-    There are warnings if the readings contradict non-negative compliances, or if there are too few
-    levels of force for the degree of the model. There are also warnings if a hyper-parameter, the
-    posterior mean of a parameter or the shift of the circles' centre is larger than the priors lead
-    to expect.
+    There is a warning if the readings contradict non-negative compliances, and one if there are too
+    few different forces for the degree of the compliances in force. There is also a warning for
+    each of these that is larger than the priors lead to expect: a hyper-parameter, the distance of
+    a parameter from its stated prior mean, and the shift of the circles' centre with force.
 
     Parameters
     ----------
@@ -341,7 +377,11 @@ def _check_posterior(
 
 
 def _large_hyper_parameters(bound: BoundModel, phi: Array) -> Iterator[Concern]:
-    """Yield a warning for each hyper-parameter with a median above the 99.9 % prior quantile."""
+    """Yield a warning for each hyper-parameter with a median above the 99.9 % prior quantile.
+
+    Only hyper-parameters (scales of the noise and of other effects) that are lengths are examined.
+    ``phi``, shape (n, h), holds their posterior draws [mm].
+    """
     prior = bound.hyper_prior
     limits = prior.quantile(np.full(phi.shape[1], _EXPECTED_HYPER))
     medians = np.median(phi, axis=0)
@@ -353,12 +393,16 @@ def _large_hyper_parameters(bound: BoundModel, phi: Array) -> Iterator[Concern]:
 
 
 def _distant_means(bound: BoundModel, beta: Array) -> Iterator[Concern]:
-    """Yield a warning for each parameter whose mean is far from its stated prior mean."""
+    """Yield a warning for each parameter whose posterior mean is far from its stated prior mean.
+
+    Only parameters whose prior the user stated are examined. ``beta``, shape (n, p), holds
+    posterior draws of the parameters in internal units (mm, N, rad).
+    """
     stated = {*bound.model.prior.overrides, *bound.model.prior.means}
     prior_variance = bound.prior_sd**2
-    # If the prior is right, the distance of the posterior mean from the prior mean is a random draw
-    # from a normal distribution about zero. Its variance is that of the prior minus that of the
-    # posterior.
+    # If the prior of a parameter is right, the distance of its posterior mean from its prior mean
+    # is a random draw from a normal distribution about zero. The variance of this distribution is
+    # the prior variance minus the posterior variance.
     expected_variance = np.maximum(
         prior_variance - beta.var(axis=0), _SMALLEST_VARIANCE_SHARE * prior_variance
     )

@@ -26,28 +26,31 @@ from ldbb_bayes.results import Array
 
 __all__ = ["importance_sample"]
 
-# Distances from a mode at which the density is evaluated along every direction, in standard
-# deviations.
+# Distances from a mode of the density to integrate, on either side along every direction, at which
+# the density is evaluated. They are in standard deviations.
 _ALONG_AXIS = np.array([0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.5, 8.0, 10.0])
 # Number of independent randomisations (scrambles) of the Sobol sequence; the scatter between them
 # gives the error of an integral.
 _SCRAMBLES = 8
-# Smallest number of points of each randomised sequence in the first round: in total, and per
-# dimension.
+# The first round of sampling has at least this number of points of each randomised sequence: the
+# larger of ``_FEWEST_POINTS`` and ``_POINTS_PER_DIMENSION`` times the number of dimensions.
 _FEWEST_POINTS = 32.0
 _POINTS_PER_DIMENSION = 1.5
 # Factor by which each round of sampling has more points than the round before.
 _GROWTH = 4
 # Largest number of rounds of sampling.
 _ROUNDS = 5
-# A round of sampling is extended by more points if its effective sample size exceeds this share of
-# its points; otherwise the proposal is fitted anew.
+# A round of sampling is extended by more points if the effective sample size of its weights exceeds
+# this share of its number of points. Otherwise the proposal (the density drawn from) is fitted
+# anew.
 _EFFICIENT = 0.4
-# Before a proposal is fitted, weights are evened out by raising them to a power below one. Their
-# effective sample size must reach a third of the number of points, or this number per dimension.
+# Before a proposal (the density drawn from) is fitted to weighted points, the weights are evened out
+# by raising them to a power below one. Their effective sample size must then reach a third of the
+# number of points or, if that is smaller, this number times one plus the number of dimensions.
 _FITTED_PER_DIMENSION = 40.0
-# The power to which weights are raised is multiplied by ``_EVENING`` until their effective sample
-# size suffices or the power ``_LEAST_POWER`` is reached.
+# Uneven weights of points are raised to a power. The power is one at first and is multiplied by
+# ``_EVENING`` until the effective sample size of the weights suffices or the power is no longer
+# above ``_LEAST_POWER``.
 _EVENING = 0.8
 _LEAST_POWER = 0.02
 
@@ -63,24 +66,25 @@ def importance_sample(
 ) -> Integral:
     """Return the integral ∫ f of a density from quasi-random points, within a tolerance.
 
-    If no round of sampling reaches the tolerance with weights that can be trusted, the best round
-    is returned; its ``trusted`` states whether its weights can be trusted. The proposal of the
-    first round is fitted to f along directions through every mode, that of a later round to the
-    points of all rounds before. If the weights of a round are even enough, the round is extended by
-    as many points again. If no round has weights that can be trusted, another seed is tried, as a
-    round may miss a tail of f by chance.
+    Points are drawn in rounds from a proposal, a density much like f, and weighted by f divided by
+    the proposal. The proposal of the first round is fitted to f along directions through every
+    mode, that of a later round to the points of all rounds before. If the weights of a round are
+    even enough, the round is extended by as many points again. The first round that reaches the
+    tolerance with weights that can be trusted is returned. If there is none, the best round is
+    returned; its ``trusted`` states whether its weights can be trusted. If the weights of no round
+    can be trusted, another seed is tried, as a round may miss a tail of f by chance.
 
     Parameters
     ----------
     log_density : callable
         Function that returns ln f, shape (n,), at points of shape (n, h).
     modes : sequence of pairs
-        Modes, shape (h,), the highest first, each with a square root, shape (h, h), of the inverse
-        of minus the Hessian of ln f there.
+        Modes (maxima) of f, shape (h,), the highest first, each with a square root, shape (h, h),
+        of the inverse of minus the Hessian of ln f there.
     tolerance : float
         Error of ln ∫ f asked for [nat].
     seed : int
-        Seed of the randomised sequences.
+        Seed of the randomised quasi-random sequences.
     max_points : int
         Largest number of points of a round.
     tries : int
@@ -111,8 +115,9 @@ def _best_of_rounds(
 ) -> Integral:
     """Return the earliest round of sampling that reaches the tolerance, or else the best round.
 
-    The first round only serves to fit the proposal and is never returned. Parameters are those of
-    `importance_sample`.
+    The best round is the one with the smallest error, among those with weights that can be trusted
+    if there are any. The first round only serves to fit the proposal (the density drawn from) and
+    is never returned. The arguments are those of `importance_sample`.
     """
     rng = np.random.default_rng(seed)
     components = tuple(_fit_along_axes(log_density, mode, root) for mode, root in modes)
@@ -146,11 +151,12 @@ def _draw_round(
     tolerance: float = np.inf,
     max_points: int = 0,
 ) -> Integral:
-    """Return one round of sampling, doubled in size until the tolerance is reached.
+    """Return one round of importance sampling, doubled in size until the tolerance is reached.
 
-    It starts with ``size`` points for each of the randomised sequences (scrambles). Doubling stops
-    early if the weights are too uneven or cannot be trusted, or if the round would have more than
-    ``max_points`` points.
+    Points are drawn from ``proposal``, at first ``size`` points of each randomised quasi-random
+    sequence (scramble). ``log_density`` is the logarithm of the density f to integrate and
+    ``tolerance`` the error of ln ∫ f asked for [nat]. Doubling stops early if the weights are too
+    uneven or cannot be trusted, or if the round would have more than ``max_points`` points.
     """
     count = np.maximum(np.rint(size * proposal.share), 1.0).astype(int)
     proposal = replace(proposal, share=count / count.sum())
@@ -174,9 +180,12 @@ def _extend_sample(
     count: Index,
     earlier: Integral | None,
 ) -> Integral:
-    """Return an earlier sample, if any, with new points added to every randomised sequence.
+    """Return the ``earlier`` sample, or an empty one if it is None, with new weighted points added.
 
-    ``count`` is the number of points that each component of the proposal adds to each sequence.
+    The points are drawn from the components of ``proposal`` by quasi-random sequences. ``engines``
+    holds, for each component, its randomised sequences; ``count``, shape (components,), is the
+    number of points that each component adds to each of its sequences. ``log_density`` is the
+    logarithm of the density to integrate.
     """
     points = []
     for component, scrambles, size in zip(proposal.components, engines, count, strict=True):
@@ -195,9 +204,10 @@ def _extend_sample(
 
 
 def _draw_uniform(engine: qmc.Sobol, count: int) -> Array:
-    """Return the next points of a Sobol sequence, shape (count, h)."""
+    """Return the next ``count`` points of a Sobol sequence in h dimensions, shape (count, h)."""
     with warnings.catch_warnings():
-        # SciPy warns if a count is no power of two; counts from shares of a mixture rarely are.
+        # SciPy warns if the number of points drawn at once is no power of two. The numbers of
+        # points of the components of a mixture rarely are.
         warnings.filterwarnings("ignore", message="The balance properties", category=UserWarning)
         return np.asarray(engine.random(count))
 
@@ -205,10 +215,12 @@ def _draw_uniform(engine: qmc.Sobol, count: int) -> Array:
 def _fit_along_axes(log_density: LogDensity, mode: Array, root: Array) -> SplitT:
     """Return a split Student-t distribution fitted to a density along h directions through a mode.
 
-    ``root`` is a square root of the covariance at the mode, shape (h, h).
+    A split Student-t has different scales and degrees of freedom on its two sides. ``log_density``
+    is the logarithm of the density to fit. ``mode``, shape (h,), is one of its maxima; ``root``,
+    shape (h, h), is a square root of the inverse of minus its Hessian there.
     """
-    # Of all square roots, the symmetric one rotates the coordinates least: independent coordinates
-    # stay independent.
+    # Use the symmetric square root of the covariance. Of all square roots it rotates the
+    # coordinates least, so that independent coordinates stay independent.
     variance, vectors = np.linalg.eigh(root @ root.T)
     root = vectors * np.sqrt(variance) @ vectors.T
     z = np.concatenate([-_ALONG_AXIS[::-1], [0.0], _ALONG_AXIS])
@@ -223,8 +235,9 @@ def _fit_along_axes(log_density: LogDensity, mode: Array, root: Array) -> SplitT
 def _fit_to_rounds(rounds: Sequence[Integral]) -> Mixture:
     """Return the proposal of the last round, refitted to the weighted points of all rounds.
 
-    The weight of a point is the density to integrate, divided by the mixture of the proposals of
-    all rounds; each round counts by its number of points.
+    A proposal is the density from which the points of a round are drawn. The weight of a point is
+    the density to integrate, divided by the mean of the proposals of all rounds, in which each
+    round counts by its number of points.
     """
     points = np.concatenate([sample.free for sample in rounds])
     log_density = np.concatenate([sample.log_density for sample in rounds])
@@ -237,9 +250,11 @@ def _fit_to_rounds(rounds: Sequence[Integral]) -> Mixture:
 
 
 def _even_out(log_weight: Array, h: int) -> Array:
-    """Return normalised weights of points in h dimensions, evened out if too few points dominate.
+    """Return weights of n points in h dimensions, evened out if too few points dominate.
 
-    Weights are evened out by raising them to a power below one.
+    The weights sum to one; ``log_weight``, shape (n,), holds the logarithms of the original
+    weights. Weights are evened out by raising them to a power below one, until their effective
+    sample size suffices to fit a density to the points.
     """
     sufficient = min(len(log_weight) / 3.0, _FITTED_PER_DIMENSION * (h + 1.0))
     power = 1.0

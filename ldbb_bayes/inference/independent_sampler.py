@@ -21,52 +21,67 @@ from ldbb_bayes.results import Array
 
 __all__ = ["JointDraws", "TooRoughError", "draw_jointly"]
 
-# Largest number of blocks of proposals for each block of draws asked for; after that the sampler
-# gives up.
+# The rejection sampler gives up after this many blocks of proposals for each block (256) of draws
+# asked for.
 _MOST_ROUNDS = 50
 # Number of random draws of the parameters, for each value of the hyper-parameters, from which the
 # probability that no compliance is negative is estimated.
 _SHARE_TRIES = 64
-# If the probability that no compliance is negative is below this, rejection would lose too many
-# draws. The parameters are then drawn from a density tilted towards compliances that are not
-# negative.
+# If the posterior probability that no compliance is negative is below this, rejection of draws with
+# negative compliances would lose too many draws. The parameters are then drawn from a density that
+# is shifted (tilted) towards compliances that are not negative.
 _SMALLEST_SHARE_INSIDE = 0.02
-# Expected number of draws without a negative compliance for each value of the hyper-parameters.
+# For each value of the hyper-parameters (scales of the noise and of other effects), as many random
+# draws of the parameters are made as are expected to give this number of draws without a negative
+# compliance.
 _EXPECTED_INSIDE = 4.0
-# Rejection compares the density with an envelope: the proposal, scaled to the integral of the
-# density and multiplied by this.
+# Rejection sampling compares the posterior density with an envelope. The envelope is the proposal
+# (the density drawn from), scaled to the integral of the posterior density and multiplied by this.
 _ENVELOPE = 2.0
-# Estimate of the probability that no compliance is negative, used if every draw has a negative one.
+# Least estimate of the posterior probability that no compliance is negative. It is used if every
+# random draw has a negative compliance.
 _LEAST_SHARE = 1e-9
 
 
 class TooRoughError(Exception):
-    """Error raised if the proposal is too rough for rejection; use the joint sampler instead."""
+    """Error raised if the proposal fits the posterior too badly for rejection sampling.
+
+    A proposal is the density from which points are drawn. Use the joint sampler (emcee) instead.
+    """
 
 
 class JointDraws(NamedTuple):
     """Independent random draws from the posterior of hyper-parameters and parameters."""
 
-    #: random draws of the h hyper-parameters in unbounded coordinates, shape (size, h)
+    #: random draws of the h hyper-parameters (scales of the noise and of other effects) in
+    #: unbounded coordinates, mostly ln(value − lower bound), shape (size, h)
     free: Array
-    beta: Array  #: random draws of the p parameters, shape (size, p)
-    acceptance: float  #: number of random draws accepted, divided by the number proposed
+    #: random draws of the p parameters (compliances, slopes, geometric errors) in mm, N and rad,
+    #: shape (size, p)
+    beta: Array
+    #: number of random draws that rejection accepted, divided by the number proposed
+    acceptance: float
 
 
 def draw_jointly(posterior: HyperPosterior, size: int, rng: np.random.Generator) -> JointDraws:
     """Return independent random draws of hyper-parameters φ and parameters β, by rejection.
 
-    φ is drawn from a fitted proposal. With truncation (no compliance is negative), several β are
-    drawn for each φ without truncation, and φ is weighted by the share of these β without negative
-    compliances. This is exact, as the share is P(T | y, φ) on average, the probability of the
-    truncation T given the readings y. If the share is too small, φ is weighted by P(T | y, φ)
-    itself and β is drawn by tilting. A value of φ whose weight exceeds the envelope is used several
-    times, each time with another β.
+    φ are the scales of the noise and of other effects; β are compliances, slopes and geometric
+    errors. φ is drawn from a proposal, a density fitted to the posterior of φ, and β from its
+    Gaussian density given φ and the readings. φ is then accepted in proportion to its weight, the
+    posterior density divided by the proposal. If compliances must not be negative, several β are
+    drawn for each φ, and the weight is multiplied by the share of these β without negative
+    compliances. This is exact, as the share is on average the probability, given φ and the
+    readings, that no compliance is negative. If the share is too small, the weight is multiplied by
+    this probability itself, and β is drawn from a density shifted (tilted) towards compliances that
+    are not negative. A value of φ whose weight exceeds the envelope is used several times, each
+    time with another β.
 
     Raises
     ------
     TooRoughError
-        If the weights of the proposal cannot be trusted, or almost no draw is accepted.
+        If the weights of the points from which the proposal was fitted cannot be trusted, or if
+        almost no draw is accepted.
     """
     share_inside = 1.0
     if posterior.truncated:
@@ -103,8 +118,10 @@ def _propose_tilted(
 ) -> tuple[Array, Array]:
     """Return accepted draws of hyper-parameters φ and parameters β from one block of proposals.
 
-    φ is accepted by its density with truncation (no compliance is negative). β is drawn from a
-    density tilted towards compliances that are not negative.
+    φ is drawn from ``proposal`` and accepted in proportion to its weight, which is its posterior
+    density, under the condition that no compliance is negative, divided by the proposal. β is drawn
+    given φ from a density shifted (tilted) towards compliances that are not negative. The results
+    have the shapes (accepted, h), with φ in unbounded coordinates, and (accepted, p).
     """
     log_scale = proposal.log_integral + np.log(_ENVELOPE)
     free = proposal.draw(CHUNK, rng)
@@ -118,8 +135,11 @@ def _propose_untruncated(
 ) -> tuple[Array, Array]:
     """Return accepted draws of hyper-parameters φ and parameters β from one block of proposals.
 
-    Several β are drawn for each φ without truncation. With truncation, φ is accepted by the share
-    of these β without negative compliances.
+    φ is drawn from ``proposal``, and several β are drawn for each φ as if compliances might be
+    negative. φ is accepted in proportion to its weight, the posterior density divided by the
+    proposal. If compliances must not be negative, the weight is multiplied by the share of the β
+    without negative compliances; ``share_inside`` is an estimate of this share. The results have
+    the shapes (accepted, h), with φ in unbounded coordinates, and (accepted, p).
     """
     tries = 1
     if posterior.truncated:
@@ -142,9 +162,10 @@ def _propose_untruncated(
 
 
 def _accept(log_weight: Array, rng: np.random.Generator) -> Index:
-    """Return the indices of accepted proposals from their log weights.
+    """Return the indices of accepted proposals, given the log weight of each proposal, shape (n,).
 
-    Each index occurs as often, on average, as the weight of the proposal.
+    On average over the random numbers of ``rng``, an index occurs as many times as the weight of
+    the proposal, which may exceed one.
     """
     weight = np.exp(log_weight)
     rounded_up = rng.random(len(weight)) < weight % 1.0
@@ -158,11 +179,12 @@ def _draw_standard(
     *,
     truncated: bool = True,
 ) -> tuple[Array, Array]:
-    """Return standard coordinates of random draws of the parameters, and counts of usable draws.
+    """Return random draws of the parameters in standard coordinates, and counts of usable draws.
 
-    The p parameters are drawn at w values of the hyper-parameters, as if compliances might be
-    negative. The coordinates have the shape (w, tries, p). Draws without a negative compliance are
-    usable; they come first, and their counts have the shape (w,).
+    In standard coordinates the Gaussian density of the p parameters given the hyper-parameters is
+    N(0, I). For each of w values of the hyper-parameters there are ``tries`` draws, as if
+    compliances might be negative, shape (w, tries, p). If ``truncated``, only draws without a
+    negative compliance are usable; they come first. The counts have the shape (w,).
     """
     z = rng.standard_normal((len(conditional.mean), tries, conditional.mean.shape[1]))
     rows = conditional.physical.rows
@@ -178,7 +200,8 @@ def _draw_standard(
 def _estimate_share_inside(posterior: HyperPosterior, rng: np.random.Generator) -> float:
     """Return an estimate of the posterior probability that no compliance is negative.
 
-    It is the share of draws without truncation that have no negative compliance.
+    It is the share of random draws without a negative compliance, from the posterior that allows
+    negative ones.
     """
     nodes = posterior.plain.proposal.pick(CHUNK, rng)
     conditional = posterior.given(nodes)[1]
