@@ -26,8 +26,11 @@ __all__ = [
 
 # Highest order of the Fourier series fitted to the readings of a test.
 _ORDER = 12
-# A test that covers a smaller arc [deg] than this is reported as an arc.
+# A test that covers a smaller arc [deg] than this is reported, as an arc or a gap.
 _FULL_DEG = 359.0
+# A test that covers at most this arc [deg] is reported as an arc; of others the gap is reported. An
+# arc leaves out at least one period of the Fourier series' highest order.
+_LARGEST_ARC_DEG = 360.0 - 360.0 / _ORDER
 # A gap between angles is reported if it is wider than this number of usual steps.
 _GAP_STEPS = 10.0
 # A test is reported if its force differs from the force law by more than this share of the
@@ -204,7 +207,7 @@ class _Angles(NamedTuple):
 
     step_deg: float  # median step from one reading to the next
     largest_gap_deg: float  # widest distance between neighbouring angles on the circle
-    usual_step_deg: float  # median distance between neighbouring angles, at least step_deg
+    usual_step_deg: float  # half of the circle lies in gaps no wider than this; at least step_deg
     travel: str | None  # direction in which the angles run: CW, CCW, or None if it changes
 
 
@@ -219,7 +222,10 @@ def _describe_angles(test: CircularTest) -> _Angles:
         travel = "CCW"
     elif np.all(steps < 0):
         travel = "CW"
-    usual_step_deg = max(float(np.median(gaps)), step_deg)
+    # Readings that repeat an angle leave gaps of width zero, which say nothing about the step.
+    ordered_gaps = np.sort(gaps)
+    usual_gap = ordered_gaps[np.searchsorted(np.cumsum(ordered_gaps), 180.0)]
+    usual_step_deg = max(float(usual_gap), step_deg)
     return _Angles(step_deg, float(gaps.max()), usual_step_deg, travel)
 
 
@@ -268,16 +274,18 @@ def _preview_test(test: CircularTest, campaign: Campaign) -> TestPreview:
 def _remark_on_angles(
     test: CircularTest, campaign: Campaign, angles: _Angles, remarks: _Remarks
 ) -> None:
+    """Add remarks on a contradictory direction of travel, and on an arc or a gap of the angles."""
     contradicts = test.direction and angles.travel and test.direction != angles.travel
-    if contradicts and not campaign.is_plan and not _angles_are_sorted(campaign):
+    if contradicts and not campaign.is_plan and not _order_shows_no_travel(campaign):
         remarks.add(RemarkKind.TRAVEL, stated=test.direction, travel=angles.travel)
-    if test.arc_deg < _FULL_DEG:
+    is_wide_gap = angles.largest_gap_deg > _GAP_STEPS * angles.usual_step_deg
+    if test.arc_deg <= _LARGEST_ARC_DEG:
         remarks.add(RemarkKind.ARC, arc_deg=test.arc_deg)
-    elif angles.largest_gap_deg > _GAP_STEPS * angles.usual_step_deg:
+    elif test.arc_deg < _FULL_DEG or is_wide_gap:
         remarks.add(RemarkKind.GAP, gap_deg=angles.largest_gap_deg)
 
 
-def _angles_are_sorted(campaign: Campaign) -> bool:
+def _order_shows_no_travel(campaign: Campaign) -> bool:
     """Return whether the angles increase in all tests, although both directions are stated.
 
     The tables were then sorted by angle, and their order shows no direction of travel.

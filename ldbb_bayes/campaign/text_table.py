@@ -175,10 +175,13 @@ def strict_numbers(
 ) -> Array:
     """Return the numbers of a column, shape (n,).
 
-    Raise an `InputError` for a cell that is no finite number, or has marks between thousands.
+    Raise an `InputError` for a cell that is no finite number, or has marks between thousands. A
+    single such mark that is also the decimal mark, as in 1.000, cannot be noticed.
     """
     values = np.full(len(cells), np.nan)
     for k, cell in enumerate(cells):
+        if "_" in cell:  # Python would read 1_000 as 1000.
+            continue
         with suppress(ValueError):
             values[k] = float(cell.replace(decimal, "."))
     not_finite = np.flatnonzero(~np.isfinite(values))

@@ -105,10 +105,13 @@ def instrument_fields(*, balls: lb.Ball | None = None, **options: Any) -> dict[s
             from_files[ball] = lb.Ball(**lb.campaign.read_dcc(file).fields("ball"))
 
     for name in from_files:
+        is_ball = name in ("work", "tool")
+        flag = None
         if name in options:
-            flag = f"--{name.replace('_', '-')}"
-            if name in ("work", "tool"):
-                flag = f"--{name}-ball"
+            flag = f"--{name}-ball" if is_ball else f"--{name.replace('_', '-')}"
+        elif is_ball and balls is not None:
+            flag = "--balls"
+        if flag is not None:
             raise InputError(
                 f"what a DCC says must not be given by hand as well, got {flag} too. Keep one of"
                 " them."

@@ -81,7 +81,7 @@ class HyperPrior:
         return np.array([law == "decay" for law in self.laws])
 
     @cached_property
-    def _circle(self) -> NDArray[np.bool_]:
+    def _is_noise_factor(self) -> NDArray[np.bool_]:
         return np.array([law == "circle" for law in self.laws])
 
     @property
@@ -94,13 +94,13 @@ class HyperPrior:
     def log_density(self, phi: Array) -> Array:
         """Return the log prior density of hyper-parameters φ (..., h), shape (...).
 
-        It is −inf where one of them is outside its bounds.
+        It is −inf where one of them is outside its bounds, or a noise factor is not positive.
         """
         total = self._log_density_of_lengths(phi[..., self.in_mm])
         if self._decay.any():
             total = total + self._log_density_of_decay(phi[..., self._decay])
-        if self._circle.any():
-            total = total + self._log_density_of_circles(phi[..., self._circle])
+        if self._is_noise_factor.any():
+            total = total + self._log_density_of_noise_factors(phi[..., self._is_noise_factor])
         return np.asarray(total)
 
     def _log_density_of_lengths(self, length: Array) -> Array:
@@ -120,12 +120,16 @@ class HyperPrior:
         total: Array = np.where(inside, constant - 0.5 * white**2, -np.inf).sum(axis=-1)
         return total
 
-    def _log_density_of_circles(self, circle_scale: Array) -> Array:
+    def _log_density_of_noise_factors(self, noise_factor: Array) -> Array:
+        constant = np.log(2.0) + _SHAPE * np.log(_RATE) - gammaln(_SHAPE)
         with np.errstate(divide="ignore", over="ignore"):
-            precision = circle_scale**-2.0
-            constant = np.log(2.0) + _SHAPE * np.log(_RATE) - gammaln(_SHAPE)
+            precision = noise_factor**-2.0
+            # The density is zero where the precision overflows.
+            inside = (noise_factor > 0.0) & np.isfinite(precision)
+            precision = np.where(inside, precision, 1.0)
             power = (_SHAPE + 0.5) * np.log(precision)
-            total: Array = (constant + power - _RATE * precision).sum(axis=-1)
+        density = np.where(inside, constant + power - _RATE * precision, -np.inf)
+        total: Array = density.sum(axis=-1)
         return total
 
     def free(self, phi: Array) -> Array:
@@ -195,7 +199,8 @@ class HyperPrior:
         standard_normal = ndtri(low + (high - low) * level[..., self._decay])
         decay = self.scale[self._decay] + self.decay_sd * standard_normal
         phi[..., self._decay] = np.clip(decay, _LEAST_DECAY, _MOST_DECAY)
-        phi[..., self._circle] = np.sqrt(_RATE / gammainccinv(_SHAPE, level[..., self._circle]))
+        noise_level = level[..., self._is_noise_factor]
+        phi[..., self._is_noise_factor] = np.sqrt(_RATE / gammainccinv(_SHAPE, noise_level))
         return phi
 
     @property
@@ -209,8 +214,8 @@ class HyperPrior:
         moments = np.diff([density, np.where(density > 0.0, edges, 0.0) * density]) / mass
         variance = 1.0 - moments[1, :, 0] - moments[0, :, 0] ** 2
         mean = np.sqrt(_RATE) * np.exp(gammaln(_SHAPE - 0.5) - gammaln(_SHAPE))
-        circle_sd = np.sqrt(_RATE / (_SHAPE - 1.0) - mean**2)
-        return np.where(self._circle, circle_sd, spread * np.sqrt(variance))
+        noise_factor_sd = np.sqrt(_RATE / (_SHAPE - 1.0) - mean**2)
+        return np.where(self._is_noise_factor, noise_factor_sd, spread * np.sqrt(variance))
 
     def starts(self, level: Array) -> Array:
         """Return starting points for the search of the posterior's maximum, shape (..., h).

@@ -270,21 +270,24 @@ def _stated_columns(place: str, layout: Layout, headers: Sequence[str]) -> Colum
 
 
 def _columns_without_header(place: str, roles: ColumnRoles, width: int) -> ColumnRoles:
-    """Return the roles of the columns in a table without a header.
+    """Complete ``roles``, which the layout states, for a table without a header, and return them.
 
-    ``roles`` are those that the layout states, and ``width`` is the number of columns. If the
-    layout states none, there must be two columns: angle and reading.
+    ``width`` is the number of columns. If the layout states no role, there must be two columns:
+    angle and reading.
     """
     has_abscissa = "angle" in roles.columns or "time" in roles.columns
-    if "reading" not in roles.columns or not has_abscissa:
-        require(
-            not roles.columns and width == 2,
-            f"{place}: columns without a header must be named by number, got {width} of them. Give"
-            " --reading-column and --angle-column or --time-column.",
-        )
-        roles.columns = {"angle": 0, "reading": 1}
-    if not roles.readings:
-        roles.readings = [roles.columns["reading"]]
+    if "reading" in roles.columns and has_abscissa:
+        return roles
+    stated = f"{width} columns"
+    if roles.columns:
+        stated = "only " + " and ".join(roles.columns)
+    require(
+        not roles.columns and width == 2,
+        f"{place}: a table without a header must have its reading and its angle or time named by"
+        f" number, got {stated}. Give --reading-column and --angle-column or --time-column.",
+    )
+    roles.columns = {"angle": 0, "reading": 1}
+    roles.readings = [1]
     return roles
 
 
@@ -322,16 +325,16 @@ def _find_role(place: str, role: str, roles: ColumnRoles, headers: Sequence[str]
 def _candidates(role: str, columns: Sequence[int], headers: Sequence[str]) -> list[int]:
     """Return those of the indices ``columns`` whose headers name ``role``, such as time.
 
-    A column that is called exactly like a field of a test, such as ``time_s``, is returned only if
-    no other column names the role.
+    A column whose header is the name of a field that a test has once (`PER_TEST`), such as
+    ``radius_mm``, is returned only if no other column names the role.
     """
     candidates = []
     for column in columns:
         name = unit_of(headers[column]).name
         if has_role(name, role):
             candidates.append(column)
-    no_fields = [column for column in candidates if headers[column] not in PER_TEST]
-    return no_fields or candidates
+    other_columns = [column for column in candidates if headers[column] not in PER_TEST]
+    return other_columns or candidates
 
 
 def _column_index(place: str, role: str, reference: str | int, headers: Sequence[str]) -> int:

@@ -24,7 +24,7 @@ def mask_angles(test: CircularTest, arcs_deg: Sequence[Sequence[float]]) -> Circ
         The circular test; it is not changed.
     arcs_deg : sequence of tuple of float
         Start and end of each arc, counter-clockwise, modulo 360° [deg]. Readings at start and end
-        are removed too.
+        are removed too. A start and an end that differ by 360° or more cover the whole circle.
 
     Returns
     -------

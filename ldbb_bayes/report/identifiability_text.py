@@ -18,8 +18,9 @@ __all__ = ["parts_of"]
 def _passages_of_identifiability(result: Identifiability) -> tuple[Passage, ...]:
     """Return a table of how far the readings determine each parameter, followed by sentences.
 
-    Contraction is the share of the prior variance that the readings remove. Lists of the
-    combinations of parameters that no reading can resolve follow the sentences.
+    Contraction is the share of the prior variance that the readings remove. Two lists follow the
+    sentences: combinations of parameters that no reading can resolve, and parameters that look like
+    friction, drift, curvature in force or lobes of the balls.
     """
     rows = []
     for name, entry in result.parameters.items():
@@ -52,7 +53,8 @@ def _passages_of_identifiability(result: Identifiability) -> tuple[Passage, ...]
         passages += [wording.ALIKE, items]
     else:
         passages.append(wording.NONE_ALIKE)
-    passages.append(tuple(map(wording.standing_words, result.standing)))
+    if result.standing:
+        passages.append(tuple(map(wording.standing_words, result.standing)))
     return tuple(passages)
 
 

@@ -93,7 +93,8 @@ def limits(findings: Findings) -> Iterator[Part]:
     """Yield the section on degeneracies, with measures that would remove them.
 
     A degeneracy is a combination of parameters and other effects that no reading can resolve. The
-    verdicts on single parameters are in the section on results.
+    section also names parameters that look like friction, drift, curvature in force or lobes of the
+    balls. The verdicts on single parameters are in the section on results.
     """
     bound = bound_of(findings.posterior)
     alike = degeneracies(bound)
@@ -104,7 +105,8 @@ def limits(findings: Findings) -> Iterator[Part]:
         yield wording.NONE_ALIKE
     for standing in standing_degeneracies(bound, alike):
         items.append(wording.standing_words(standing))
-    yield tuple(items)
+    if items:
+        yield tuple(items)
 
 
 def degree(findings: Findings) -> Iterator[Part]:

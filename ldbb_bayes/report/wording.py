@@ -122,7 +122,7 @@ ALIKE = "The readings of this campaign cannot separate:"
 TO_SEPARATE = "To separate what looks exactly alike:"
 TO_NARROW = "What would narrow them:"
 MORE = "All of it: print(result.details()). For programs: lb.report.with_words(result)."
-NONE_ALIKE = "The readings determine every combination."
+NONE_ALIKE = "The readings determine every combination of what the model contains."
 
 # Limits at which the wording of sentences changes; no result depends on them.
 _EQUAL_RATIOS = 2e-3  # ratios of expected uncertainties that differ by less count as equal

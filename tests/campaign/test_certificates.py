@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 
 import ldbb_bayes as lb
 from ldbb_bayes.cli import app
+from ldbb_bayes.cli.arguments import instrument_fields
 
 from .test_folder import TOML, write
 
@@ -149,3 +150,9 @@ def test_what_a_certificate_does_not_say(
         return lb.campaign.read_dcc(path).fields(kind)
 
     refuses(f"schein.xml: .*{message}", fields_of_instrument)
+
+
+def test_a_ball_is_stated_once() -> None:
+    """A DCC of one ball contradicts an option that states both balls."""
+    with pytest.raises(lb.InputError, match="got --balls too"):
+        instrument_fields(balls=lb.Ball(grade="G20"), work_dcc=SCHEIN)

@@ -93,6 +93,8 @@ def odd(**changes: object) -> lb.Campaign:
         ({"direction": "CW"}, "stated CW, but the angles run CCW"),
         ({"angle_deg": np.linspace(0, 220, 360)}, "arc of 220° only"),
         ({"angle_deg": np.linspace(0, 300, 360)}, "arc of 300° only"),
+        ({"angle_deg": np.linspace(0, 356, 360)}, "gap of 4.0°"),
+        ({"angle_deg": np.linspace(0, 320, 360)}, "arc of 320° only"),
         ({"reading_um": np.linspace(0, 30, 360)}, "start and end differ by +30.0 µm"),
         ({"reading_um": np.zeros(360)}, "peak to peak is 0 µm: check the unit"),
         ({"pressure_bar": 6.0}, "force 300 N, but the force law gives 742 N at 6 bar"),
@@ -102,6 +104,13 @@ def test_preview_notices(changes: dict, remark: str) -> None:
     preview = lb.check_campaign(odd(**changes))
     assert any(remark in remark_words(noticed) for noticed in preview.tests[0].remarks)
     assert any("One force level" in remark_words(noticed) for noticed in preview.remarks)
+
+
+@pytest.mark.parametrize("offsets_deg", [(0.0, 0.0, 0.0), (0.0, 0.001, 0.002), (0.0, 0.1)])
+def test_several_readings_at_each_angle_leave_no_gaps(offsets_deg: tuple[float, ...]) -> None:
+    angle = np.add.outer(np.arange(0.0, 360.0), offsets_deg).ravel()
+    preview = lb.check_campaign(odd(angle_deg=angle, reading_um=0.1 * np.sin(37.0 * angle)))
+    assert not {RemarkKind.GAP, RemarkKind.ARC} & {r.kind for r in preview.tests[0].remarks}
 
 
 def test_preview_notices_spikes_copies_and_units() -> None:

@@ -67,6 +67,17 @@ def test_hyper_priors_are_normalised_half_normals_above_the_resolution() -> None
     assert mass == pytest.approx(1.0, abs=1e-6)
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_noise_factor_is_positive() -> None:
+    prior = lb.HybridModel.default().bind(plan()).hyper_prior
+    draw = prior.quantile(np.full(len(prior.names), 0.5))
+    assert np.isfinite(prior.log_density(draw))
+    factor = prior.laws.index("circle")
+    for impossible in (-1.0, 0.0, 1e-200):
+        draw[factor] = impossible
+        assert prior.log_density(draw) == -np.inf
+
+
 def test_hyper_draws_follow_their_density(rng: np.random.Generator) -> None:
     prior = lb.Prior.first().hyper(
         lb.HybridModel.first().without("setup-shift", "discrepancy").scales, 2.0
