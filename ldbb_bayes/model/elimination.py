@@ -1,10 +1,12 @@
 """Sparse Cholesky elimination for many values of the hyper-parameters φ at once.
 
-The observation equations are r = A x + N(0, D(φ)): r are the readings, x the coefficients, A
-(rows, columns) has one column for each coefficient, and D(φ) is the diagonal noise covariance. The
-module computes the lower triangular factor L and the whitened right-hand side of
+The observation equations are r = A x + N(0, D(φ)). r are the readings, x the coefficients of
+nuisances (effects modelled but not of interest), A (rows, columns) has one column for each
+coefficient, D(φ) is the diagonal noise covariance, and the hyper-parameters φ are the scales of
+noise and nuisances. The module computes the lower triangular factor L and the right-hand side
+L⁻¹ Aᵀ D⁻¹ r of
 
-    P = Aᵀ D⁻¹ A = L Lᵀ   and   L⁻¹ Aᵀ D⁻¹ r.
+    P = Aᵀ D⁻¹ A = L Lᵀ.
 
 Rows with the same variance are of one kind. There are few kinds, so P and Aᵀ D⁻¹ r are sums over
 the kinds of a matrix that does not depend on φ (its elements are called Gram entries), times 1/D.
@@ -31,42 +33,50 @@ from ldbb_bayes.results import Array
 
 __all__ = ["BLAS_MULTIPLE", "FEWEST_PHI", "DesignRows", "Elimination", "Front"]
 
-# Most values of the hyper-parameters for which matrices are factorised in one pass.
+# Largest number of values of the hyper-parameters for which matrices are factorised in one pass.
 _MOST_PHI = 512
-# Fewest values of the hyper-parameters per pass, even if the factors do not fit into the cache.
+# Smallest number of values of the hyper-parameters for which matrices are factorised in one pass,
+# even if the factors do not fit into the processor's cache.
 FEWEST_PHI = 128
-# Number of floating-point numbers that fit into the processor's cache.
+# Number of floating-point numbers that are assumed to fit into the processor's cache.
 _CACHE_SIZE = 1 << 19
-# Values of the hyper-parameters are processed in multiples of this number, which BLAS rounds
-# identically. Results then do not depend on how many values are processed together.
+# Values of the hyper-parameters are processed in multiples of this number. The library of matrix
+# products (BLAS) rounds such multiples identically, so that results do not depend on how many
+# values are processed together.
 BLAS_MULTIPLE = 8
-# Overhead of the function calls for one column, as the number of multiplications that take as long.
+# Time of the function calls that eliminate one column, as the number of multiplications that take
+# as long.
 _CALL_COST = 60.0
-# Number of columns that one matrix product computes. A smaller number wastes time in function
-# calls. A larger one computes entries below the diagonal that are not needed.
+# Number of columns of a matrix P = Aᵀ D⁻¹ A that one matrix product computes. A smaller number
+# wastes time in function calls; a larger one computes entries below the diagonal that are not
+# needed.
 _GRAM_COLUMNS = 4
 
 
 class Front(NamedTuple):
-    """Groups of columns that are eliminated together, each with the same number of columns.
+    """Groups of columns of the design matrix A that are eliminated together.
 
-    Each group has s columns. Its border is the m columns eliminated later that have rows in common
-    with it. Rows of one kind have the same noise variance.
+    Each group has the same number s of columns. The border of a group is the m columns eliminated
+    later that have rows in common with it: some row is non-zero in both. Rows of A of one kind have
+    the same noise variance.
     """
 
     #: Indices of the s columns of each group in the design matrix, shape (groups, s).
     columns: NDArray[np.intp]
-    #: Indices of the at most k kinds of rows in which each group is not zero, shape (groups, k).
+    #: Indices of the at most k kinds of rows in which each group's columns are not all zero, shape
+    #: (groups, k). Rows of one kind have the same noise variance.
     kinds: NDArray[np.intp]
-    #: Scalar products over the rows of each of k kinds, shape (groups, s, s + m + 1, k): the s
-    #: columns of a group with each other, with its m border columns and with the readings.
+    #: Scalar products of the s columns of each group with each other, with the m columns eliminated
+    #: later that have rows in common with the group, and with the readings. They are sums over the
+    #: rows of each of k kinds (rows with the same noise variance), shape (groups, s, s + m + 1, k).
     gram: Array
-    #: Signs ±1 of the Cholesky pivots, shape (groups, s); None if all pivots are positive.
+    #: Signs ±1 of the Cholesky pivots of the s columns of each group, shape (groups, s); None if
+    #: all pivots are positive.
     signs: Array | None
 
     @property
     def entries(self) -> int:
-        """Number of matrix entries that are computed for each value of the hyper-parameters."""
+        """Number of entries of P = Aᵀ D⁻¹ A that are computed for each value of φ in D(φ)."""
         return int(np.prod(self.gram.shape[:3]))
 
     def assemble(
@@ -75,24 +85,27 @@ class Front(NamedTuple):
         shift: Array | None,
         out: Array | None = None,
     ) -> Array:
-        """Return the groups' parts of the matrix P = Aᵀ D⁻¹ A and of the vector Aᵀ D⁻¹ r.
+        """Return the parts of P = Aᵀ D⁻¹ A and of Aᵀ D⁻¹ r that belong to the groups' columns.
 
-        A is the design matrix, D the diagonal noise covariance and r the readings, for w values of
-        the hyper-parameters. Only the upper triangle of P is computed, in blocks.
+        A is the design matrix with one column for each coefficient, D the diagonal noise covariance
+        and r the readings. The result is computed for w values of the hyper-parameters, on which D
+        depends. Only the upper triangle of P is computed, in blocks.
 
         Parameters
         ----------
         weight
-            Reciprocal variance 1/D of every kind of row, shape (kinds, w).
+            Reciprocal variance 1/D of every kind of row (rows with the same variance), shape
+            (kinds, w).
         shift
-            Array to add to Aᵀ D⁻¹ r, shape (columns, w).
+            Array to add to Aᵀ D⁻¹ r, shape (columns of A, w); None for zero.
         out
-            Array to write the result into.
+            Array to write the result into; by default a new array.
 
         Returns
         -------
-        Array of shape (groups, s, s + m + 1, w) for groups of s columns with m border columns;
-        Aᵀ D⁻¹ r is the last of the s + m + 1 entries.
+        Array of shape (groups, s, s + m + 1, w), for groups of s columns that have rows in common
+        with m columns eliminated later. The s + m + 1 entries are products with the s columns, with
+        the m columns and, last, Aᵀ D⁻¹ r.
         """
         _, columns, entries, _ = self.gram.shape
         group_weight = weight[self.kinds][:, None]
@@ -111,7 +124,8 @@ class Front(NamedTuple):
         """Compute the Cholesky factors L of the groups in place, from the output of `assemble`.
 
         They are factors of P = Aᵀ D⁻¹ A = L Lᵀ for w values of the hyper-parameters φ. A is the
-        design matrix, D the diagonal noise covariance and r are the readings.
+        design matrix, D the diagonal noise covariance and r are the readings. Each group has s
+        columns of A, and m columns eliminated later have rows in common with it.
 
         Parameters
         ----------
@@ -119,18 +133,19 @@ class Front(NamedTuple):
             Output of `assemble`, shape (groups, s, s + m + 1, w); overwritten by L and
             L⁻¹ Aᵀ D⁻¹ r.
         links, link_signs
-            Rows of the factors of columns eliminated earlier that concern these groups, and the
-            signs of their pivots; see `eliminate`. None if no such column has rows in common with
-            the groups.
+            Rows of the factors of columns eliminated earlier that have rows in common with these
+            groups, and the signs ±1 of their pivots; see `eliminate`. ``links`` is None if there
+            are no such columns, and ``link_signs`` is None if all signs are positive.
 
         Returns
         -------
-        Contribution ½ |L⁻¹ Aᵀ D⁻¹ r|² − Σ ln L_jj of every group to ln p(r | φ), shape (groups, w).
+        Contribution ½ |L⁻¹ Aᵀ D⁻¹ r|² − Σ ln L_jj of every group to the log density of the
+        readings, ln p(r | φ), shape (groups, w).
 
         Raises
         ------
         LinAlgError
-            If a coefficient is determined by neither readings nor priors.
+            If some coefficient is determined neither by readings nor by its prior.
         """
         eliminate(matrix, links, signs=self.signs, link_signs=link_signs)
         white_shift = matrix[:, :, -1]
@@ -148,8 +163,9 @@ class Front(NamedTuple):
 class Elimination(NamedTuple):
     """Groups of columns of the design matrix, in the order of their elimination.
 
-    Isolated groups have no row in common with other columns; leaves have rows in common with the
-    root only; the root is eliminated last.
+    Two columns have a row in common if both are non-zero in it. Isolated groups have no row in
+    common with other columns. Leaves have rows in common with one further group only, the root. The
+    root is eliminated last.
     """
 
     isolated: list[Front]
@@ -158,12 +174,18 @@ class Elimination(NamedTuple):
 
     @property
     def fronts(self) -> list[Front]:
-        """All groups of columns, in the order in which `factorize` returns their factors."""
+        """All groups of columns, in the order in which `factorize` returns their factors.
+
+        The isolated groups come first, then the leaves, then the root.
+        """
         return [*self.isolated, *self.leaves, self.root]
 
     @property
     def chunk_size(self) -> int:
-        """Number of values of the hyper-parameters per pass, so that factors fit into the cache."""
+        """Number of values of the hyper-parameters for which one pass computes the factors.
+
+        It is chosen so that the factors fit into the processor's cache, between 128 and 512.
+        """
         entries = max(sum(front.entries for front in self.fronts), 1)
         fitting = _CACHE_SIZE // entries // BLAS_MULTIPLE * BLAS_MULTIPLE
         return max(FEWEST_PHI, min(_MOST_PHI, fitting))
@@ -176,24 +198,27 @@ class Elimination(NamedTuple):
         """Compute the Cholesky factor L of P = Aᵀ D⁻¹ A = L Lᵀ for w values of φ.
 
         A is the design matrix, D the diagonal noise covariance, r are the readings and φ the
-        hyper-parameters. Isolated groups and leaves are factorised first. The products of the
-        leaves' factors that concern the root are then subtracted from the root, which is factorised
-        last.
+        hyper-parameters, on which D depends. Isolated groups of columns and leaves are factorised
+        first. The products of those rows of the leaves' factors that link them to the root are then
+        subtracted from the root's matrix, and the root is factorised last.
 
         Parameters
         ----------
         weight
-            Reciprocal variance 1/D of every kind of row, shape (kinds, w).
+            Reciprocal variance 1/D of every kind of row (rows with the same variance), shape
+            (kinds, w).
         shift
-            Array to add to Aᵀ D⁻¹ r, shape (columns, w); None for zero.
+            Array to add to Aᵀ D⁻¹ r, shape (columns of A, w); None for zero.
 
         Returns
         -------
         factors
-            L and L⁻¹ Aᵀ D⁻¹ r of every front, in the order of `fronts`; each of shape
-            (groups, s, s + m + 1, w) for s columns and m border columns.
+            L and L⁻¹ Aᵀ D⁻¹ r of the groups of every `Front`, in the order of `fronts`. Each has
+            the shape (groups, s, s + m + 1, w), for groups of s columns that have rows in common
+            with m columns eliminated later.
         gain
-            Contribution ½ |L⁻¹ Aᵀ D⁻¹ r|² − Σ ln L_jj of all fronts to ln p(r | φ), shape (w,).
+            Contribution ½ |L⁻¹ Aᵀ D⁻¹ r|² − Σ ln L_jj of all columns to the log density of the
+            readings, ln p(r | φ), shape (w,).
         """
         leaf_factors, links = self._assemble_leaves(weight, shift)
         factors = [front.assemble(weight, shift) for front in self.isolated]
@@ -210,9 +235,11 @@ class Elimination(NamedTuple):
     def _assemble_leaves(self, weight: Array, shift: Array | None) -> tuple[list[Array], Array]:
         """Return two views of one array: the leaves' matrices, and their part for the root.
 
-        In the array, the entries that concern columns of the root are aligned. Factorising the
-        leaves in place therefore fills the second view with the rows of their factors that link
-        them to the root. Its shape is (columns of leaves, columns of the root + 1, w).
+        Leaves are groups of columns that have rows in common with one further group only, the root.
+        The first view is the list of matrices that `Front.assemble` returns for the leaves, from
+        ``weight`` and ``shift``. The second view holds their entries for the columns of the root,
+        shape (columns of leaves, columns of the root + 1, w). When the leaves are factorised in
+        place, it therefore holds the rows of their factors that link them to the root.
         """
         widest = max((front.gram.shape[1] for front in self.leaves), default=0)
         leaf_columns = sum(front.columns.size for front in self.leaves)
@@ -230,7 +257,10 @@ class Elimination(NamedTuple):
         return assembled, rows[:, widest:]
 
     def _link_signs(self) -> Array | None:
-        """Return the signs ±1 of the leaves' Cholesky pivots; None if all are positive."""
+        """Return the signs ±1 of the Cholesky pivots of the leaves, shape (columns of leaves,).
+
+        Return None if all pivots are positive.
+        """
         if all(front.signs is None for front in self.leaves):
             return None
         signs = []
@@ -245,7 +275,9 @@ class Elimination(NamedTuple):
 class _Plan(NamedTuple):
     """Division of the columns of the design matrix into isolated groups, leaves and the root.
 
-    Isolated groups have no row in common with other columns; leaves only with the root.
+    Groups are arrays of column indices. Two columns have a row in common if both are non-zero in
+    it. Isolated groups have no row in common with other columns. Leaves have rows in common only
+    with the root.
     """
 
     isolated: list[NDArray[np.intp]]
@@ -254,7 +286,10 @@ class _Plan(NamedTuple):
 
     @property
     def cost(self) -> float:
-        """Cost of the elimination: multiplications for each value of the hyper-parameters."""
+        """Cost of this elimination: number of multiplications for one value of φ.
+
+        φ are the hyper-parameters. Function calls count as the multiplications that take as long.
+        """
         total = 0.0
         for groups in _group_by_size(self.isolated):
             total += _elimination_cost(groups, border=0)
@@ -266,22 +301,24 @@ class _Plan(NamedTuple):
 class DesignRows:
     """Observation equations r = A x + noise, and the elimination of their coefficients x.
 
-    r are readings, and A is the design matrix with one column for each coefficient.
+    r are readings, and A is the design matrix with one column for each coefficient. Coefficients
+    belong to nuisances, which are effects modelled but not of interest.
 
     Parameters
     ----------
     columns
-        Matrix A, shape (rows, columns).
+        Design matrix A, shape (rows, columns).
     values
         Readings r, shape (rows,); zero in rows that depend on the parameters of interest.
     kinds
         Index of each row's kind (rows of one kind have the same variance), shape (rows,).
     signs
-        Signs ±1 of the columns' Cholesky pivots, shape (columns,).
+        Sign of the prior variance of every coefficient, ±1, which is the sign of its Cholesky
+        pivot, shape (columns,).
     shared
-        Number of columns that all tests share; they come first.
+        Number of columns whose coefficients are the same in all tests; they are the first columns.
     private
-        For every test, the indices of the columns that only this test uses.
+        For every test, the indices of the columns whose coefficients belong to this test alone.
     """
 
     def __init__(
@@ -307,15 +344,15 @@ class DesignRows:
         groups: Sequence[NDArray[np.intp]],
         border: NDArray[np.intp] | None = None,
     ) -> Front:
-        """Return the data for eliminating groups that have equal numbers of columns together.
+        """Return the scalar products by which groups of s columns each are eliminated together.
 
         Parameters
         ----------
         groups
             Indices of the columns of every group, each of shape (s,).
         border
-            Indices of the columns eliminated later that have rows in common with these groups,
-            shape (m,).
+            Indices of the m columns eliminated later that have rows in common with these groups,
+            shape (m,); None if there are none.
         """
         grams = []
         group_kinds = []
@@ -330,7 +367,8 @@ class DesignRows:
             size = len(columns)
             grams.append(np.stack([block[:, :size].T @ block for block in blocks]))
             group_kinds.append(kinds)
-        # Groups with fewer kinds of rows are padded with scalar products of zero.
+        # Rows of one kind have the same variance. Groups of columns that have fewer kinds of rows
+        # than others get additional scalar products of zero.
         most_kinds = max(len(kinds) for kinds in group_kinds)
         gram = np.zeros((len(groups), *grams[0].shape[1:], most_kinds))
         padded_kinds = np.zeros((len(groups), most_kinds), dtype=np.intp)
@@ -344,13 +382,14 @@ class DesignRows:
         return Front(group_columns, padded_kinds, gram, None)
 
     def elimination(self, last: int | None) -> Elimination:
-        """Return the order of elimination that needs the fewest operations.
+        """Return the order of eliminating the columns that needs the fewest operations.
 
         Parameters
         ----------
         last
-            This many of the shared columns, counted from the end, must be eliminated last. None:
-            all shared columns keep their order and follow the columns of single tests.
+            Number of shared columns, counted from the end, that must be eliminated last. None if
+            all shared columns must keep their order and follow the columns of single tests. The
+            coefficients of shared columns are the same in all tests.
         """
         if last not in self._eliminations:
             plans = [self._private_first]
@@ -370,9 +409,10 @@ class DesignRows:
         self,
         columns: NDArray[np.intp],
     ) -> list[NDArray[np.intp]]:
-        """Return the columns in groups: columns that are non-zero in the same row belong together.
+        """Return columns of the design matrix in groups that have no row in common.
 
-        Each group holds the indices of its columns.
+        Columns that are non-zero in the same row are in one group. ``columns`` are the indices of
+        the columns to divide; each group is an array of such indices.
         """
         nonzero = (self._columns[:, columns] != 0.0).astype(float)
         count, label = connected_components(nonzero.T @ nonzero > 0.0, directed=False)
@@ -380,7 +420,11 @@ class DesignRows:
 
     @cached_property
     def _private_first(self) -> _Plan:
-        """Order of elimination in which the columns of single tests precede the shared columns."""
+        """Order of elimination in which the columns of single tests precede the shared columns.
+
+        The coefficients of shared columns are the same in all tests. Shared columns that have no
+        row in common with columns of single tests are eliminated apart.
+        """
         isolated = []
         root = [np.zeros(0, dtype=np.intp)]
         for group in self._connected_groups(np.arange(self._columns.shape[1])):
@@ -393,9 +437,10 @@ class DesignRows:
     def _plans_by_row_count(self, last: int) -> list[_Plan]:
         """Return plans that eliminate first the shared columns with few non-zero rows.
 
-        The other columns form the root, which is eliminated last: shared columns with more non-zero
-        rows than a limit, the ``last`` shared columns, and the columns of single tests. There is
-        one plan for every possible limit.
+        The coefficients of shared columns are the same in all tests. The other columns form the
+        root, which is eliminated last: shared columns with more non-zero rows than a limit, the
+        final ``last`` shared columns, and the columns of single tests. There is one plan for every
+        limit that changes the division.
         """
         nonzero = self._columns != 0.0
         first = self._shared - last
@@ -418,7 +463,10 @@ class DesignRows:
 
 
 def _group_by_size(groups: list[NDArray[np.intp]]) -> list[list[NDArray[np.intp]]]:
-    """Return the groups of columns, sorted into lists by their number of columns."""
+    """Return groups of column indices as lists of groups with equal numbers of columns.
+
+    The list of the smallest groups is first.
+    """
     by_size: dict[int, list[NDArray[np.intp]]] = {}
     for group in groups:
         by_size.setdefault(len(group), []).append(group)
@@ -430,9 +478,11 @@ def _elimination_cost(
     *,
     border: int,
 ) -> float:
-    """Return the number of multiplications that eliminate groups of equal numbers of columns.
+    """Return the number of multiplications that eliminate groups with equal numbers of columns.
 
-    ``border`` is the number of columns eliminated later that have rows in common with a group.
+    Function calls count as the multiplications that take as long. ``groups`` are arrays of column
+    indices. ``border`` is the number of columns eliminated later that have rows in common with a
+    group: both are non-zero in some row.
     """
     columns = len(groups[0])
     remaining = columns + border + 1 - np.arange(columns)

@@ -1,6 +1,7 @@
-"""Priors of the hyper-parameters φ, and the coordinates in which φ are sampled.
+"""Priors of the hyper-parameters φ, and the unbounded coordinates in which φ are sampled.
 
-The h hyper-parameters are the scales of the noise and of other effects on the readings.
+The h hyper-parameters are the scales (standard deviations) of the noise and of other effects on the
+readings, and the power by which the amplitude of form error falls with its order.
 """
 
 from __future__ import annotations
@@ -18,19 +19,23 @@ from ldbb_bayes.results import Array
 __all__ = ["HyperPrior"]
 
 
-# Lower bound of the decay, the power by which the amplitude of form error falls with its order.
+# Lower bound of the decay, the power by which the amplitude of form error falls with its order
+# (number of waves in a turn).
 _LEAST_DECAY = 0.5
 
 
-# Upper bound of the decay, the power by which the amplitude of form error falls with its order.
+# Upper bound of the decay, the power by which the amplitude of form error falls with its order
+# (number of waves in a turn).
 _MOST_DECAY = 3.5
 
 
-# Shape a of the prior InvGamma(a, b) of λ², where λ is the factor on the noise of one circle.
+# Shape a of the inverse gamma prior InvGamma(a, b) of λ², where λ is the factor by which the noise
+# of one circle differs from the usual.
 _SHAPE = 1.5
 
 
-# Rate b of the prior InvGamma(a, b) of λ², where λ is the factor on the noise of one circle.
+# Rate b of the inverse gamma prior InvGamma(a, b) of λ², where λ is the factor by which the noise
+# of one circle differs from the usual.
 _RATE = 1.5
 
 
@@ -38,41 +43,45 @@ _RATE = 1.5
 class HyperPrior:
     """Independent prior densities of the h hyper-parameters, each with one of three laws.
 
-    A length [mm] is half-normal with ``scale`` and not less than ``lower``. A decay, the power by
-    which the amplitude of form falls with its order, is Normal(``scale``, ``decay_sd``) restricted
-    to [0.5, 3.5]. The noise factor λ of a circle has λ² ~ InvGamma(3/2, 3/2). Decay and λ have no
-    unit.
+    The law of a length (such as the sd of the noise) is half-normal, with the scale ``scale`` [mm]
+    and values not less than ``lower`` [mm]. The law of a decay, the power by which the amplitude of
+    form error falls with its order, is Normal(``scale``, ``decay_sd``) restricted to [0.5, 3.5].
+    The noise factor λ of a circle has the law λ² ~ InvGamma(3/2, 3/2), an inverse gamma law. Decay
+    and λ have no unit.
     """
 
     names: tuple[Hyper, ...]
-    #: scale of each half-normal prior [mm], or prior mean of a decay, shape (h,)
+    #: scale of each half-normal prior [mm], or prior mean of a decay (no unit), for each of the h
+    #: hyper-parameters, shape (h,); not used for noise factors of circles
     scale: Array
-    lower: Array  #: lower bound of each of the h hyper-parameters [mm], shape (h,)
+    #: lower bound of each of the h hyper-parameters [mm for lengths], shape (h,)
+    lower: Array
     laws: tuple[Law, ...]
     decay_sd: float
 
     @cached_property
     def in_mm(self) -> NDArray[np.bool_]:
-        """Whether each of the h hyper-parameters is a length, shape (h,)."""
+        """Whether each of the h hyper-parameters is a length in mm, shape (h,)."""
         return np.array([law == "half-normal" for law in self.laws])
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Unit of each hyper-parameter: mm, or empty text for a number without unit."""
+        """Internal unit of each hyper-parameter: mm, or empty text for a number without unit."""
         return tuple("mm" if length else "" for length in self.in_mm)
 
     @property
     def shown(self) -> Array:
         """Factors from internal to displayed values of the h hyper-parameters, shape (h,).
 
-        Lengths are displayed in µm instead of mm.
+        The factor is 1000 for lengths, which are displayed in µm instead of mm, and 1 for numbers
+        without unit.
         """
         return np.where(self.in_mm, 1e3, 1.0)
 
     def named(self, phi: Array) -> dict[str, float]:
         """Return the values of the h hyper-parameters by name, with lengths in µm.
 
-        ``phi`` (h,) holds them in internal units, with lengths in mm.
+        ``phi``, shape (h,), holds the values with lengths in mm.
         """
         return dict(zip(self.names, (phi * self.shown).tolist(), strict=True))
 
@@ -86,15 +95,20 @@ class HyperPrior:
 
     @property
     def bounds(self) -> Array:
-        """Least and greatest value of each hyper-parameter, shape (h, 2)."""
+        """Least and greatest value of each of the h hyper-parameters, shape (h, 2).
+
+        Lengths are in mm; the greatest value is infinite for lengths and for noise factors.
+        """
         low = np.where(self._decay, _LEAST_DECAY, self.lower)
         high = np.where(self._decay, _MOST_DECAY, np.inf)
         return np.stack([low, high], axis=1)
 
     def log_density(self, phi: Array) -> Array:
-        """Return the log prior density of hyper-parameters φ (..., h), shape (...).
+        """Return the log of the joint prior density of hyper-parameters φ, shape (...).
 
-        It is −inf where one of them is outside its bounds, or a noise factor is not positive.
+        ``phi``, shape (..., h), holds the h hyper-parameters, with lengths in mm. The log density
+        is −inf where one of the hyper-parameters is outside its bounds, or a noise factor of a
+        circle is not positive.
         """
         total = self._log_density_of_lengths(phi[..., self.in_mm])
         if self._decay.any():
@@ -133,10 +147,11 @@ class HyperPrior:
         return total
 
     def free(self, phi: Array) -> Array:
-        """Return unbounded coordinates of hyper-parameters φ, shape (..., h).
+        """Return unbounded coordinates of the h hyper-parameters φ, shape (..., h).
 
-        The coordinate is ln(φ − lower), where ``lower`` is the lower bound. For a decay (a power
-        within bounds) it is the logit of its position between the bounds.
+        The coordinate of a hyper-parameter is ln(φ − lower), where ``lower`` is its lower bound.
+        For a decay, which is bounded on both sides, the coordinate is ln(s / (1 − s)), where s is
+        its position between the bounds, from 0 to 1.
         """
         with np.errstate(divide="ignore"):
             free = np.log(phi - self.lower)
@@ -145,7 +160,11 @@ class HyperPrior:
         return free
 
     def phi(self, free: Array) -> Array:
-        """Return the hyper-parameters for unbounded coordinates (see `free`), shape (..., h)."""
+        """Return the h hyper-parameters at given unbounded coordinates, shape (..., h).
+
+        ``free``, shape (..., h), holds the coordinates that the method `free` defines. Lengths in
+        the result are in mm.
+        """
         with np.errstate(over="ignore"):
             phi = self.lower + np.exp(free)
         share = expit(free[..., self._decay])
@@ -153,10 +172,11 @@ class HyperPrior:
         return phi
 
     def log_density_of_free(self, free: Array) -> Array:
-        """Return the log prior density with respect to unbounded coordinates, shape (...).
+        """Return the log of the prior density per unit of the unbounded coordinates, shape (...).
 
-        The coordinates (see `free`) have shape (..., h). The density includes the Jacobian of the
-        transformation from the hyper-parameters.
+        ``free``, shape (..., h), holds the coordinates of the h hyper-parameters that the method
+        `free` defines. The density includes the Jacobian of the transformation from coordinates to
+        hyper-parameters.
         """
         jacobian = free[..., ~self._decay].sum(axis=-1)
         logit = free[..., self._decay]
@@ -167,29 +187,37 @@ class HyperPrior:
 
     @cached_property
     def _mass(self) -> Array:
-        """Probability that each half-normal hyper-parameter, if unrestricted, exceeds its bound."""
+        """Probability that each length exceeds its lower bound, shape (lengths,).
+
+        The probability is that of the half-normal prior without the bound.
+        """
         return np.asarray(erfc(self.lower[self.in_mm] / self.scale[self.in_mm] / np.sqrt(2.0)))
 
     @cached_property
     def _decay_levels(self) -> Array:
-        """Probabilities of the decay's unrestricted normal prior below each of its two bounds.
+        """Probabilities of a decay below its lower and below its upper bound, shape (2, decays).
 
-        The decay is the power by which the amplitude of form falls with its order. Shape (2, 1).
+        The probabilities are those of the normal prior without the bounds. The decay is the power
+        by which the amplitude of form error falls with its order.
         """
         limits = np.array([[_LEAST_DECAY], [_MOST_DECAY]])
         return np.asarray(ndtr((limits - self.scale[self._decay]) / self.decay_sd))
 
     def draw(self, size: int, rng: np.random.Generator) -> Array:
-        """Return random draws of the h hyper-parameters from the prior, shape (size, h)."""
+        """Return ``size`` random draws of the h hyper-parameters from the prior, shape (size, h).
+
+        Lengths are in mm.
+        """
         return self.quantile(rng.random((size, len(self.names))))
 
     def quantile(self, level: Array) -> Array:
-        """Return the prior quantiles of every hyper-parameter, shape (..., h).
+        """Return the prior quantiles of the h hyper-parameters, shape (..., h), lengths in mm.
 
         Parameters
         ----------
         level
-            Probabilities in [0, 1], shape (..., h), or (..., 1) to use one for all.
+            Probabilities of the quantiles in [0, 1]: one for each hyper-parameter, shape (..., h),
+            or one for all hyper-parameters, shape (..., 1).
         """
         level = np.broadcast_to(level, (*level.shape[:-1], len(self.names)))
         phi = np.empty(level.shape)
@@ -205,7 +233,7 @@ class HyperPrior:
 
     @property
     def sd(self) -> Array:
-        """Prior standard deviations of the hyper-parameters, shape (h,)."""
+        """Prior standard deviations of the h hyper-parameters, shape (h,), for lengths in mm."""
         centre = np.where(self._decay, self.scale, 0.0)
         spread = np.where(self._decay, self.decay_sd, self.scale)
         edges = (self.bounds - centre[:, None]) / spread[:, None]
@@ -218,10 +246,11 @@ class HyperPrior:
         return np.where(self._is_noise_factor, noise_factor_sd, spread * np.sqrt(variance))
 
     def starts(self, level: Array) -> Array:
-        """Return starting points for the search of the posterior's maximum, shape (..., h).
+        """Return points from which the search for the posterior's maximum starts, shape (..., h).
 
-        They are in unbounded coordinates (see `free`). ``level`` in [0, 1] chooses a point: for
-        lengths, 0 gives large values and 1 small ones.
+        The points are in the unbounded coordinates of the h hyper-parameters that the method `free`
+        defines. ``level``, numbers in [0, 1] of shape (..., h), chooses the points: for lengths, 0
+        gives large and 1 small hyper-parameters; for the others, 0 gives small and 1 large ones.
         """
         reach = np.where(self.lower > 0.0, 12.0, 6.0)
         inside = self.free(self.quantile(0.1 + 0.8 * level))

@@ -1,13 +1,14 @@
 """Probabilities P(u ≥ 0) of Gaussian vectors u, and exact random draws of u given u ≥ 0.
 
-Each element u_j is one constraint, such as a compliance that must not be negative. The region u ≥ 0
-is called the orthant. Small probabilities and random draws are computed by minimax tilting, that is
-by sampling from a shifted density (`tilting`). Most probabilities P do not need it, because they
-lie between close bounds: with P₁₂ = P(u₁ ≥ 0, u₂ ≥ 0) of the two constraints most likely to fail,
+Each element u_j is one constraint u_j ≥ 0, such as a compliance that must not be negative. The
+region u ≥ 0 is called the orthant. Small probabilities and random draws are computed by minimax
+tilting, that is by sampling from a shifted density (`tilting`). Most probabilities P do not need
+it, because they lie between close bounds. Let u₁ and u₂ be the two constraints most likely to fail,
+and P₁₂ = P(u₁ ≥ 0, u₂ ≥ 0); then
 
     P₁₂ − Σ_{j>2} P(u_j < 0 ≤ u₁) ≤ P ≤ P₁₂.
 
-The tightest constraint is the one whose mean, divided by its sd, is smallest.
+The tightest constraint is the one most likely to fail: its mean, divided by its sd, is smallest.
 """
 
 from __future__ import annotations
@@ -30,76 +31,93 @@ from ldbb_bayes.results import Array
 
 __all__ = ["Orthant", "OrthantMoments"]
 
-# A constraint counts as a linear combination of others if the part of its row of coefficients that
-# the other rows cannot explain is shorter than this share of the row.
+# Constraints are rows of coefficients. A constraint counts as a linear combination of others if the
+# part of its row that is perpendicular to their rows is shorter than this share of the row.
 _DEPENDENT = 1e-7
 # A constraint u_j ≥ 0 counts as certain if the mean of u_j is this many sd above zero.
 _CERTAIN_SD = 12.0
-# No constraint counts as certain if the mean of another one, divided by its sd, is below this.
+# If the mean of some constraint u_j ≥ 0, divided by the sd of u_j, is below this, no constraint
+# counts as certain to hold.
 _PUSHED_SD = -3.0
-# A probability is first computed without the constraints u_j ≥ 0 whose mean is at least this many
-# sd above zero.
+# The probability P(u ≥ 0) is first computed without the constraints u_j ≥ 0 whose mean is at least
+# this many sd of u_j above zero.
 _NEAR_SD = 6.0
-# Largest error from leaving out unlikely constraints, as a share of the error tolerance.
+# Largest error of ln P(u ≥ 0) from leaving out constraints that hardly ever fail, as a share of the
+# error tolerance. If the error is larger, all constraints are used.
 _LEFT_OUT_SHARE = 0.1
-# Most proposals of the rejection sampler for one random draw.
+# Largest number of proposals that the rejection sampler tries for one random draw.
 _MOST_PROPOSALS = 12_800
-# Most proposals for one random draw that are computed in one call.
+# Largest number of the rejection sampler's proposals for one random draw that are computed at once.
 _MOST_TRIES = 64
-# Number of points of the Gauss-Legendre quadrature rule in one dimension.
+# Number of points of the Gauss-Legendre quadrature rule in one dimension, by which moments of
+# Gaussian vectors u given u ≥ 0 are computed.
 _RULE_POINTS = 24
-# Numbers of quasi-random points that are tried in turn until the error is small enough.
+# Numbers of quasi-random points in each scramble (random shift of the points), tried in turn until
+# the error of ln P(u ≥ 0) is small enough.
 _SIZES = (32, 128, 512, 2048, 8192)
-# Number of scrambles: independent random shifts of the quasi-random points. The scatter of their
-# results gives the error.
+# Number of scrambles, which are independent random shifts of the quasi-random points. The scatter
+# between the probabilities that they give is the error.
 _SCRAMBLES = 8
-# Factor on the standard error from the scatter of only eight scrambles (Student's t).
+# Factor (Student's t) on the standard error of a probability, because the error is estimated from
+# the scatter between only eight scrambles, which are random shifts of the quasi-random points.
 _STUDENT = 1.5
-# The stated error is at least this share of the error of plain random numbers, because the results
-# of a few scrambles may agree by chance.
+# The stated error of a probability is at least this share of the error that as many plain random
+# numbers would have, because the results of a few scrambles (random shifts of the quasi-random
+# points) may agree by chance.
 _LEAST_ERROR_SHARE = 0.1
-# Largest number of weights (points times problems) that are computed at once, to limit memory.
+# Largest number of importance weights (quasi-random points times problems) that are computed at
+# once, to limit the memory used.
 _CHUNK = 1 << 20
-# The bounds of a problem times this factor, modulo 1, are the shift of its quasi-random points.
-# Different problems thereby use different points.
+# The lower bounds of a problem's constraints times this factor, modulo 1, are the shift of its
+# quasi-random points. Different problems thereby use different points.
 _DIGITS = 1e5
 # Absolute error of Owen's T function as SciPy computes it.
 _OWEN_ERROR = 1e-15
-# The bound by pairs of constraints is too inaccurate if the probability of the pair is smaller.
+# The bound of P(u ≥ 0) from pairs of constraints is not used if the probability that the two
+# tightest constraints hold is smaller than this, because it is then too inaccurate.
 _LEAST_PAIR = 1e-9
-# The bound by pairs of constraints is too inaccurate if their correlation is this close to ±1.
+# The probability that two constraints hold counts as too inaccurate if the correlation of the two
+# is closer to ±1 than this.
 _LEAST_DIFFERENCE = 1e-6
-# If the bound by the tightest constraint alone has an error below this, no pair is considered.
+# If the bound of P(u ≥ 0) by the constraint most likely to fail has a relative error below this, no
+# pairs of constraints are considered.
 _NEGLIGIBLE_ERROR = 1e-9
-# Replacement for arguments of zero in Owen's formula, which divides by them.
+# Number that replaces zero limits h or k in Owen's formula for P(x < h, y < k), which divides by
+# them.
 _NEARLY_ZERO = 1e-300
-# Generating vector of a lattice of quasi-random points, one number for each dimension (F. Y. Kuo,
-# lattice-32001-1024-1048576). Random odd numbers serve for further dimensions.
+# Generating vector of a lattice of quasi-random points, one number for each of ten dimensions
+# (F. Y. Kuo, lattice-32001-1024-1048576). For further dimensions random odd numbers are used.
 _LATTICE = (1, 182667, 469891, 498753, 110745, 446979, 250185, 118627, 245333, 283199)
-# Random shifts of the lattice are generated for at least this many dimensions. The shifts of the
-# first dimensions then do not depend on how many dimensions there are.
+# Random shifts of the lattice of quasi-random points are generated for at least this many
+# dimensions, so that the shifts of the first dimensions do not depend on how many are used.
 _SHIFT_DIMENSIONS = 32
 
 
 class OrthantMoments(NamedTuple):
     """Mean and covariance of e ~ N(0, I) given u = mean + spread e ≥ 0, for w problems.
 
-    e has q elements. The moments are given along the d directions that the constraints depend on.
+    e has q elements and u, the vector of the constraints, has m. The moments are those of the d
+    coordinates of e along the orthonormal directions ``axes``, on which alone u depends.
     """
 
-    #: Mean of the coordinates of e along ``axes``, shape (w, d) for w problems.
+    #: Mean of the d coordinates of the standard normal vector e along ``axes``, given that all
+    #: constraints hold, shape (w, d) for w problems.
     mean: Array
-    #: Covariance of the coordinates of e along ``axes``, shape (w, d, d) for w problems.
+    #: Covariance of the d coordinates of the standard normal vector e along ``axes``, given that
+    #: all constraints hold, shape (w, d, d) for w problems.
     covariance: Array
-    #: The d orthonormal directions of the vector e that the constraints depend on, shape (w, d, q).
+    #: The d orthonormal directions of the standard normal vector e (q elements) that the
+    #: constraints depend on, shape (w, d, q) for w problems.
     axes: Array
 
 
 class _Solved(NamedTuple):
-    """Problems in triangular form, for sampling from a shifted (tilted) density.
+    """Problems with triangular matrices of constraints, for sampling from a shifted density.
 
-    ``axes`` (w, d, q) holds d orthonormal directions of the standard normal vector e (q,) for each
-    of the w problems. The constraints depend on e along these directions only.
+    Each of w problems concerns a standard normal vector e with q elements. ``axes`` (w, d, q) holds
+    the d orthonormal directions of e on which alone the constraints depend. ``tilted`` states the
+    constraints on the d coordinates of e along these directions, and the shifts (tilts) of the
+    density from which the coordinates are drawn at random.
     """
 
     tilted: Tilted
@@ -107,17 +125,18 @@ class _Solved(NamedTuple):
 
 
 class Orthant:
-    """Batch of w problems P(u ≥ 0), where u = mean + spread e with e ~ N(0, I).
+    """Batch of w problems: the probability of u ≥ 0, and random vectors u given u ≥ 0.
 
-    Methods raise `InputError` if double precision does not suffice to find the density from which
-    they sample.
+    In each problem u = mean + spread e has m elements, and e ~ N(0, I) has q elements. Each
+    u_j ≥ 0 is a constraint. Methods raise an `InputError` if double precision does not suffice to
+    find the shifted density from which they sample.
 
     Parameters
     ----------
     mean
-        Means of the m constraints u, shape (w, m).
+        Means of the m elements of u in each of w problems, shape (w, m).
     spread
-        Square root of the covariance of u, shape (w, m, q).
+        Square root of the covariance of u in each problem, shape (w, m, q).
     """
 
     def __init__(self, mean: Array, spread: Array) -> None:
@@ -132,19 +151,20 @@ class Orthant:
     ) -> tuple[Array, Array]:
         """Return ln P(u ≥ 0) and its numerical error [nat], each of shape (w,) for w problems.
 
-        ln P is computed analytically if its bounds differ by no more than the tolerance, else from
-        up to 65 536 quasi-random points. The error then follows from the scatter between eight
-        random shifts of the points, times Student's factor, so that ±3 errors hold 99 %. The result
-        of a problem does not depend on the others in the batch. All problems use the same points,
-        so their errors are correlated. If no point satisfies all constraints, ln P is its upper
-        bound and the error is infinite.
+        u is the Gaussian vector of the constraints of a problem. ln P is computed from analytical
+        bounds if these are closer than the tolerance; otherwise from up to 65 536 quasi-random
+        points. In the second case, the error is the standard error from the scatter between eight
+        random shifts of the points, times a factor from Student's t, so that ±3 errors hold 99 %.
+        The result of a problem does not depend on the others in the batch. All problems use the
+        same points, so that their errors are correlated. If no point satisfies all constraints,
+        ln P is replaced by its upper bound and the error is infinite.
 
         Parameters
         ----------
         tolerance
-            Error to reach [nat].
+            Largest error of ln P that is accepted [nat]. More points are used until it is reached.
         seed
-            Seed of the random shifts.
+            Seed of the random shifts of the quasi-random points.
         """
         with np.errstate(divide="ignore", invalid="ignore"):
             distance = self._mean / np.linalg.norm(self._spread, axis=2)
@@ -152,8 +172,9 @@ class Orthant:
         value, error = _bound_in_closed_form(distance, self._spread)
         open_members = np.flatnonzero(error > tolerance)
         for near in (_NEAR_SD, np.inf):
-            # The first pass leaves out constraints that are far from failing. Where their effect
-            # exceeds the tolerance, the second pass uses all constraints.
+            # The first pass leaves out constraints whose mean is at least six sd above zero. Where
+            # their effect on ln P exceeds a tenth of the tolerance, the second pass uses all
+            # constraints.
             near_rows = distance[open_members] < near
             unfinished = np.zeros(len(open_members), dtype=bool)
             for pattern in np.unique(near_rows, axis=0):
@@ -175,26 +196,27 @@ class Orthant:
     def log_bound(self) -> Array:
         """Upper bound of ln P(u ≥ 0) for each of w problems, shape (w,).
 
-        The bound is a smooth function of the mean, close where P is small, and exact for a single
-        constraint.
+        u is the Gaussian vector of a problem's constraints. The bound is a smooth function of the
+        mean of u, close to ln P where P is small, and exact for a single constraint.
         """
         return self._tilted.log_bound
 
     def moments(self, size: int = 512, *, seed: int = 0) -> OrthantMoments:
         """Return mean and covariance of the standard normal e, given u = mean + spread e ≥ 0.
 
-        The moments are given along the directions `axes`. Perpendicular to them e stays standard
-        normal. The quasi-random points of each problem are shifted by an amount computed from its
-        own bounds. Errors then average out over many problems, and a result does not depend on the
-        others in the batch.
+        e is a vector of q elements in each of w problems. The moments are those of its coordinates
+        along the directions `axes`; perpendicular to them e stays standard normal. The moments are
+        weighted means over quasi-random points. These are shifted by an amount computed from the
+        constraints of the problem alone. Errors then average out over many problems, and the result
+        of a problem does not depend on the others in the batch.
 
         Parameters
         ----------
         size
-            Number of quasi-random points; not used in one or two dimensions, where a quadrature
-            rule is used.
+            Number of quasi-random points. It has no effect if there are only one or two directions
+            `axes`, because a quadrature rule is then used instead.
         seed
-            Seed of the lattice beyond ten dimensions.
+            Seed of the quasi-random points; it has an effect only beyond ten directions.
         """
         d = len(self._tilted.bound)
         if d <= 2:
@@ -215,10 +237,11 @@ class Orthant:
 
     @property
     def axes(self) -> Array:
-        """Orthonormal directions of e that the uncertain constraints depend on, shape (w, d, q).
+        """Orthonormal directions of e that the constraints depend on, shape (w, d, q).
 
-        e is the standard normal vector (q,) of each of the w problems. Its d coordinates along
-        these directions are x = axes e.
+        e is the standard normal vector of q elements of each of w problems, and u = mean + spread e
+        are its constraints. Constraints that are certain to hold in all problems are left out. The
+        d coordinates of e along these directions are x = axes e.
         """
         return self._solved.axes
 
@@ -230,15 +253,23 @@ class Orthant:
     ) -> tuple[Array, NDArray[np.bool_]]:
         """Return an exact random draw of x = axes e given u ≥ 0 for each of w problems.
 
-        e is the standard normal vector of a problem and x its d coordinates along `axes`. A
-        rejection sampler proposes x from the shifted (tilted) density.
+        e is the standard normal vector of a problem, u = mean + spread e are its constraints, and x
+        are the d coordinates of e along the directions `axes`. A rejection sampler proposes x from
+        a shifted (tilted) normal density.
+
+        Parameters
+        ----------
+        rng
+            Random number generator.
+        max_proposals
+            About this number of proposals is tried for each draw.
 
         Returns
         -------
         x
-            Random draws, shape (w, d); a rejected proposal if none was accepted.
+            Random draws, shape (w, d); zeros or a rejected proposal where none was accepted.
         accepted
-            Whether one of about ``max_proposals`` proposals was accepted, shape (w,).
+            Whether one of the proposals was accepted, shape (w,).
         """
         d, w = self._tilted.bound.shape
         x = np.zeros((d, w))
@@ -264,12 +295,13 @@ class Orthant:
     ) -> tuple[Array, NDArray[np.bool_]]:
         """Return an exact random draw of e ~ N(0, I) given u = mean + spread e ≥ 0.
 
-        Each of the w problems gets one draw.
+        u are the constraints of a problem, and e is its standard normal vector of q elements. Each
+        of the w problems gets one draw, by a rejection sampler.
 
         Returns
         -------
         e
-            Random draws of the q elements, shape (w, q).
+            Random draws of e, shape (w, q). They are not exact where no proposal was accepted.
         accepted
             Whether the rejection sampler accepted a proposal, shape (w,).
         """
@@ -284,15 +316,18 @@ class Orthant:
     ) -> tuple[Array, Array]:
         """Return a random draw of e from the shifted density, and its log importance weight.
 
-        e is the standard normal vector in u = mean + spread e. The weight is
-        ln (exact density / shifted density), without the constant ln P(u ≥ 0).
+        Each of w problems has a standard normal vector e of q elements and m constraints
+        u = mean + spread e ≥ 0, which depend on e along d directions only (`axes`). The draw,
+        shape (w, q), satisfies the constraints. Its weight, shape (w,), is ln (density of e given
+        u ≥ 0 / shifted density), without the constant ln P(u ≥ 0).
 
         Parameters
         ----------
         uniform
-            Uniform numbers, shape (w, m); only the first ones are used, one for each of `axes`.
+            Uniform random numbers between 0 and 1, shape (w, m). The first d ≤ m of them give the
+            coordinates of e along `axes`; the others are not used.
         normal
-            Standard normal numbers, shape (w, q).
+            Standard normal random numbers, shape (w, q), which give e perpendicular to `axes`.
         """
         d = len(self._tilted.bound)
         log_weight, x = self._tilted.propose(uniform.T[:d, None])
@@ -301,20 +336,22 @@ class Orthant:
     def log_proposal_weight(self, e: Array) -> Array:
         """Return the log importance weight of one point e for each of w problems, shape (w,).
 
-        The weight is that of `propose_standard`.
+        The weight is ln (density of e given u ≥ 0 / shifted density), without the constant
+        ln P(u ≥ 0), as in `propose_standard`.
 
         Parameters
         ----------
         e
-            Points with u = mean + spread e ≥ 0, shape (w, q).
+            Values of the standard normal vectors e for which the constraints
+            u = mean + spread e ≥ 0 hold, shape (w, q).
         """
         x = np.einsum("wiq,wq->iw", self.axes, e)
         return self._tilted.log_weight(x[:, None])[0]
 
     def _complete(self, x: Array, normal: Array) -> Array:
-        """Return vectors e (w, q) from their coordinates x along `axes`.
+        """Return vectors e (w, q) from their coordinates x (w, d) along the directions `axes`.
 
-        Perpendicular to these directions, e is equal to ``normal``, shape (w, q).
+        Perpendicular to these directions, e is equal to the vectors ``normal``, shape (w, q).
         """
         normal_along_axes = np.einsum("wiq,wq->wi", self.axes, normal)
         return normal + np.einsum("wiq,wi->wq", self.axes, x - normal_along_axes)
@@ -324,16 +361,19 @@ class Orthant:
         tolerance: float,
         seed: int,
     ) -> tuple[Array, Array]:
-        """Return ln P(u ≥ 0) and its error from quasi-random points, each of shape (w,).
+        """Return ln P(u ≥ 0) and its error [nat] from quasi-random points, each of shape (w,).
 
-        The number of points is multiplied by four until the error is within the tolerance.
+        u are the constraints of each of w problems. The number of points is multiplied by four
+        until the error is within ``tolerance`` [nat]. ``seed`` is the seed of the random shifts of
+        the points.
         """
         tilted = self._tilted
         value = tilted.log_bound.copy()
         error = np.zeros(len(self._mean))
         if len(tilted.bound) + len(tilted.dependent) > 1:
             error[:] = np.inf
-        # Importance weights do not depend on the last coordinate, so it needs no points.
+        # The importance weights do not depend on the last coordinate of x, so no quasi-random
+        # numbers are drawn for it.
         dimensions = max(len(tilted.bound) - 1, 1)
         for size in _SIZES:
             points = _scrambled_points(dimensions, size, seed).reshape(-1, _SCRAMBLES * size, 1)
@@ -359,7 +399,10 @@ class Orthant:
 
     @cached_property
     def _solved(self) -> _Solved:
-        """Problems in triangular form, without constraints that are certain in the whole batch."""
+        """Problems with triangular matrices of constraints, for sampling from a shifted density.
+
+        Constraints that are certain to hold in all problems of the batch are left out.
+        """
         rows = _uncertain_rows(self._mean, self._spread)
         mean = self._mean[:, rows]
         spread = self._spread[:, rows]
@@ -374,8 +417,9 @@ class Orthant:
         bound = -core_mean / np.abs(diagonal)
         saddle = find_saddle_point(unit, bound)
         axes = solve_lower(lower, core_spread)
-        # The following constraints are linear combinations of others. Each is expressed as a unit
-        # vector in the coordinates x along the directions ``axes``.
+        # The rows outside ``core`` are constraints that are linear combinations of those in
+        # ``core``. Each is expressed as a row of length one that multiplies x, the coordinates of
+        # the standard normal vector along the directions ``axes``.
         outside_core = np.ones(mean.shape, dtype=bool)
         np.put_along_axis(outside_core, core, values=False, axis=1)
         other_rows = np.nonzero(outside_core)[1].reshape(len(core), -1)
@@ -400,10 +444,10 @@ class Orthant:
 
 
 def _scramble_error(weight: Array) -> Array:
-    """Return the standard error of the mean weight of each of w problems, shape (w,).
+    """Return the standard error of the mean importance weight of each of w problems, shape (w,).
 
-    ``weight`` has shape (scrambles, points, w); scrambles are independent random shifts of the
-    quasi-random points.
+    ``weight``, shape (scrambles, points, w), holds the weights of all quasi-random points;
+    scrambles are independent random shifts of the points.
     """
     scatter = weight.mean(axis=1).std(axis=0, ddof=1) / np.sqrt(_SCRAMBLES)
     points = weight.shape[0] * weight.shape[1]
@@ -417,17 +461,19 @@ def _bound_in_closed_form(
 ) -> tuple[Array, Array]:
     """Return ln P(u ≥ 0) from analytical bounds, and its largest error, each of shape (w,).
 
-    A row is one element u_j of u; the tightest has the smallest mean divided by sd. P is at most
-    the probability of u_j ≥ 0 for the tightest row alone. P is at least this probability minus the
-    probabilities that other rows are negative. Where the two bounds differ, closer ones are
-    computed from pairs of rows. The error is infinite if all bounds are too far apart.
+    u are the m constraints of each of w problems. P is at most the probability of u_j ≥ 0 for the
+    tightest constraint alone, whose mean divided by its sd is smallest. P is at least this
+    probability minus the probabilities that the other elements of u are negative. Where the two
+    bounds differ, closer ones are computed from pairs of constraints. ln P is returned with the
+    largest error that the better bounds permit, which may be infinite.
 
     Parameters
     ----------
     distance
-        Mean of each row divided by its sd, shape (w, m).
+        Mean of each u_j divided by its sd, shape (w, m).
     spread
-        Matrix of each problem, u = mean + spread e, shape (w, m, q).
+        Matrix in u = mean + spread e of each problem, with standard normal e of q elements, shape
+        (w, m, q).
     """
     w, m = distance.shape
     if m == 0:
@@ -460,7 +506,9 @@ def _bound_by_pairs(
 ) -> tuple[Array, Array]:
     """Return ln P(u ≥ 0) midway between bounds from pairs of constraints, and its error.
 
-    The results have shape (w,). The error is infinite if rounding makes the bounds unreliable.
+    u are the m constraints of each of w problems. Both results have shape (w,). The error is
+    infinite if rounding makes the bounds unreliable. With P₁₂ = P(u₁ ≥ 0, u₂ ≥ 0) the bounds are
+    P₁₂ − Σ_{j>2} P(u_j < 0 ≤ u₁ or u₂) and P₁₂, where the smaller of the two probabilities counts.
 
     Parameters
     ----------
@@ -469,7 +517,7 @@ def _bound_by_pairs(
     tail
         Probability that each constraint alone fails, shape (m, w).
     unit
-        Rows of coefficients of the constraints, of length one, shape (w, m, q).
+        Rows of coefficients of the constraints, scaled to length one, shape (w, m, q).
     """
     m = len(distance)
     correlation = np.einsum("wmq,wnq->mnw", unit, unit[:, :2])
@@ -494,8 +542,9 @@ def _loss_to_row(
 ) -> Array:
     """Return the probability P(u_j < 0 ≤ u_i) of two Gaussian variables u_i and u_j.
 
-    ``tight_distance`` and ``distance`` are the means of u_i and u_j divided by their sds. The
-    result is 1 if the correlation is too close to ±1 to compute the probability.
+    ``distance`` is the mean of u_j divided by its sd, ``tight_distance`` the mean of u_i divided by
+    its sd, and ``correlation`` the correlation of u_i and u_j; all are arrays of shape (w,). The
+    result is 1 where the correlation is too close to ±1 to compute the probability.
     """
     probability = _pair_probability(-distance, tight_distance, -correlation)
     return np.where(np.abs(correlation) < 1.0 - _LEAST_DIFFERENCE, probability, 1.0)
@@ -508,7 +557,8 @@ def _pair_probability(
 ) -> Array:
     """Return P(x < h, y < k) for standard normal x and y with correlation ρ.
 
-    It is computed by Owen's T function (Ann. Math. Stat. 27, 1075-1090, 1956).
+    The arguments are arrays; the probability is computed for each element, by Owen's T function
+    (Ann. Math. Stat. 27, 1075-1090, 1956).
     """
     h = np.where(h == 0.0, _NEARLY_ZERO, h)
     k = np.where(k == 0.0, _NEARLY_ZERO, k)
@@ -526,10 +576,10 @@ def _scrambled_points(
     size: int,
     seed: int,
 ) -> Array:
-    """Return quasi-random points, shape (dimensions, scrambles, size).
+    """Return quasi-random points in the unit cube, shape (dimensions, scrambles, size).
 
-    Each scramble is a copy of the same lattice, shifted by one random vector and then folded by
-    the baker's transformation (`_fold`).
+    Each of the eight scrambles is a copy of the same lattice of ``size`` points, shifted by one
+    random vector (from ``seed``) and then folded by the baker's transformation (`_fold`).
     """
     rng = np.random.default_rng([seed, size])
     shifts = rng.random((_SCRAMBLES, max(dimensions, _SHIFT_DIMENSIONS)))
@@ -538,9 +588,10 @@ def _scrambled_points(
 
 
 def _fold(points: Array) -> Array:
-    """Return numbers between 0 and 1 after the baker's transformation 1 − |2x − 1|.
+    """Return numbers x between 0 and 1 after the baker's transformation 1 − |2x − 1|.
 
-    It makes an integrand periodic, so that a lattice of points integrates it more exactly.
+    The transformation makes the function to integrate periodic in x, so that its mean over a
+    lattice of points is more exact.
     """
     return 1.0 - np.abs(2.0 * points - 1.0)
 
@@ -550,7 +601,11 @@ def _lattice(
     size: int,
     seed: int,
 ) -> Array:
-    """Return the points of a lattice before they are taken modulo 1, shape (dimensions, size)."""
+    """Return the points of a lattice before they are taken modulo 1, shape (dimensions, size).
+
+    Point number k has the coordinates k g / size, with an integer g for each dimension. ``seed``
+    has an effect only beyond ten dimensions, where the integers g are random.
+    """
     rng = np.random.default_rng([seed, 1])
     generators = list(_LATTICE)
     while len(generators) < dimensions:
@@ -560,7 +615,11 @@ def _lattice(
 
 
 class _Rule(NamedTuple):
-    """Quadrature rule of n points: points in the unit cube (dimensions, n), log weights (n,)."""
+    """Quadrature rule of n points in the unit cube.
+
+    ``points`` are their coordinates, shape (dimensions, n), and ``log_weight`` the logarithms of
+    their weights, shape (n,).
+    """
 
     points: Array
     log_weight: Array
@@ -570,8 +629,9 @@ class _Rule(NamedTuple):
 def _quadrature_rule(dimensions: int) -> _Rule:
     """Return a quadrature rule for the unit cube in one or two dimensions.
 
-    In each dimension, it is the Gauss-Legendre rule in s with the substitution
-    u = s³ (10 − 15 s + 6 s²). The points u are dense at both ends, where the integrand changes.
+    In each dimension, it is the Gauss-Legendre rule for a variable s in [0, 1], with the
+    substitution u = s³ (10 − 15 s + 6 s²). The points u are dense near 0 and 1, where the function
+    to integrate changes most.
     """
     nodes, legendre_weight = np.polynomial.legendre.leggauss(_RULE_POINTS)
     s = (nodes + 1.0) / 2.0
@@ -588,10 +648,12 @@ def _uncertain_rows(
     mean: Array,
     spread: Array,
 ) -> NDArray[np.intp]:
-    """Return the indices of the constraints that are not certain in every problem of the batch.
+    """Return the indices of the constraints that are not certain to hold in all problems.
 
-    Return all indices if an uncertain constraint has its mean more than three sd below zero.
-    Imposing it can then make constraints fail that look certain.
+    Each of w problems has m constraints u = mean + spread e ≥ 0, with standard normal e of q
+    elements; ``mean`` has shape (w, m) and ``spread`` (w, m, q). A constraint is certain if its
+    mean is more than 12 sd above zero. Return all indices if some uncertain constraint has its mean
+    more than three sd below zero, because imposing it can make constraints fail that look certain.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         distance = mean / np.linalg.norm(spread, axis=2)
@@ -607,7 +669,9 @@ def _core_rows(
 ) -> NDArray[np.intp]:
     """Return the indices of linearly independent constraints of w problems, shape (w, rank).
 
-    The tightest constraint, with the smallest mean divided by sd, is first.
+    Each problem has m constraints u = mean + spread e ≥ 0, with standard normal e of q elements;
+    ``mean`` has shape (w, m) and ``spread`` (w, m, q). The constraint whose mean divided by its sd
+    is smallest is first.
     """
     if not mean.shape[1]:
         return np.zeros(mean.shape, dtype=np.intp)
@@ -630,9 +694,19 @@ def _binding_rows(
 ) -> list[int]:
     """Return the indices of linearly independent constraints of one problem, the tightest first.
 
-    Constraints that hold with equality at the most probable permitted point are chosen first. Then
-    follow those with the largest part that is independent of the constraints chosen before. The
-    tightest constraint has the smallest ``distance``, its mean divided by its sd.
+    The problem has m constraints on a standard normal vector e of q elements. Constraints that hold
+    with equality at the most probable e that satisfies all of them are chosen first. Then follow
+    those whose rows have the longest part perpendicular to the rows chosen before, until there are
+    ``rank``. The result is in increasing order of ``distance``.
+
+    Parameters
+    ----------
+    distance
+        Mean of each constraint divided by its sd, shape (m,); it is smallest for the tightest.
+    unit
+        Rows of coefficients of the constraints, scaled to length one, shape (m, q).
+    rank
+        Number of linearly independent constraints.
     """
     force = np.zeros(len(unit))
     if (distance < 0.0).any():

@@ -1,7 +1,7 @@
 """Region of parameters where compliances are not negative, and quantiles of a Gaussian in it.
 
-The region is A β ≥ 0. β (p,) are the parameters; each row of A (m, p) gives one compliance that
-must not be negative.
+The region is A β ≥ 0. β (p,) are the parameters (compliances, their slopes with force and geometric
+errors); each row of A (m, p) gives one compliance at one force that must not be negative.
 """
 
 from __future__ import annotations
@@ -20,13 +20,17 @@ from ldbb_bayes.results import Array
 
 __all__ = ["Truncation"]
 
-# Number of grid points on which the distribution function of a coordinate is integrated.
+# Number of grid points on which the distribution function of one coordinate of a truncated Gaussian
+# vector is integrated.
 _GRID = 1025
-# Number of grid points for integrating over each of the further coordinates.
+# Number of grid points for integrating over each coordinate of a truncated Gaussian vector that
+# shares a constraint with the coordinate whose distribution is computed.
 _COARSE_GRID = 257
-# The integration grid ends this many sd from the centre of the untruncated Gaussian.
+# The grid for integrating a truncated Gaussian ends this many sd from its mean before truncation,
+# unless it must be wider to reach the permitted values.
 _REACH = 9.0
-# The integration grid is at least this many sd wide, also far from the centre.
+# The grid for integrating a truncated Gaussian is at least this many sd wide, also where all
+# permitted values are far from the mean before truncation.
 _LEAST_WIDTH = 2.0
 
 
@@ -37,32 +41,33 @@ class Truncation:
     Parameters
     ----------
     rows
-        Matrix A of the m constraints on p parameters, shape (m, p); without rows there is no
-        truncation.
+        Matrix A of m constraints on p parameters, shape (m, p). If m is zero, every value of the
+        parameters is permitted.
     """
 
     rows: Array
 
     @property
     def active(self) -> bool:
-        """Whether the region has any constraint."""
+        """Whether the region A β ≥ 0 has any constraint, that is whether A has rows."""
         return len(self.rows) > 0
 
     def holds(self, beta: Array) -> Array:
-        """Return whether parameters β (..., p) are inside the region, shape (...)."""
+        """Return whether no compliance is negative for the p parameters β (..., p), shape (...)."""
         return np.all(beta @ self.rows.T >= 0.0, axis=-1)
 
     def orthants(self, mean: Array, spread: Array) -> Orthant:
         """Return the problems P(A β ≥ 0) for w Gaussians β ~ N(mean, spread spreadᵀ).
 
-        A β ≥ 0 is the region of the p parameters β.
+        A β ≥ 0 is the region of the p parameters β in which no compliance is negative. The result
+        computes the probability of the region, and random draws in it.
 
         Parameters
         ----------
         mean
             Means of the Gaussians, shape (w, p).
         spread
-            Square roots of their covariances, shape (w, p, q).
+            Square roots of the covariances of the Gaussians, shape (w, p, q).
         """
         return Orthant(mean @ self.rows.T, self.rows @ spread)
 
@@ -82,9 +87,10 @@ class Truncation:
         mean: Array,
         sd: Array,
     ) -> Array:
-        """Return parameters β ~ N(mean, diag sd²), restricted to the region, for uniform levels.
+        """Return n vectors β ~ N(mean, diag sd²) with A β ≥ 0 from numbers uniform in [0, 1].
 
-        Each parameter is the quantile of its distribution given the parameters before it
+        A β ≥ 0 is the region of the p parameters β in which no compliance is negative. Each
+        parameter is the quantile, at its level, of its distribution given the parameters before it
         (Rosenblatt, Ann. Math. Stat. 23, 470-472, 1952). Quantiles are computed analytically,
         except for parameters that share a constraint with later ones: their distribution function
         is integrated on a grid, with an error of 2e-5 in probability.
@@ -92,9 +98,9 @@ class Truncation:
         Parameters
         ----------
         level
-            Levels between 0 and 1, shape (n, p).
+            Uniform numbers between 0 and 1, one for each parameter, shape (n, p).
         mean, sd
-            Mean and sd of β before truncation, shape (p,).
+            Mean and sd of the independent parameters before the restriction, shape (p,).
 
         Returns
         -------
@@ -119,10 +125,11 @@ def _quantile_inside(
     rows: Array,
     edge: Array,
 ) -> Array:
-    """Return standard normal vectors z with rows · z ≥ edge, for uniform levels (n, k).
+    """Return n standard normal vectors z with rows · z ≥ edge from numbers uniform in [0, 1].
 
-    Each element is the quantile of its distribution given the elements before it. z has shape
-    (n, k), ``rows`` (m, k) and ``edge`` (m,).
+    Each element of z is the quantile, at its number in ``level``, of its distribution given the
+    elements before it. ``level`` and the result have shape (n, k). The m constraints are given by
+    ``rows``, shape (m, k), and ``edge``, shape (m,).
     """
     n, k = level.shape
     z = np.empty((n, k))
@@ -147,10 +154,12 @@ def _distribution(
     rows: bytes,
     edge: bytes,
 ) -> tuple[Array, Array]:
-    """Return the distribution function of the first coordinate of z, and its grid of values.
+    """Return the distribution function of the first coordinate of z, and the grid of its values.
 
-    z is a standard normal vector with rows · z ≥ edge. The arguments are bytes of arrays, because
-    the cache needs keys that can be hashed.
+    z is a standard normal vector of k elements restricted to rows · z ≥ edge, with m constraints.
+    The arguments are the bytes of the arrays ``rows`` (m, k) and ``edge`` (m,), because the cache
+    needs keys that can be hashed. Both results have shape (1025,): the probability that the
+    coordinate is below each grid value, and the grid values.
     """
     edges = np.frombuffer(edge)
     coefficients = np.frombuffer(rows).reshape(len(edges), -1)
@@ -167,7 +176,8 @@ def _quantile_between(
 ) -> Array:
     """Return quantiles of a standard normal variable restricted to an interval, shape (n,).
 
-    Quantiles in the upper tail are computed by symmetry from the lower tail, to avoid rounding.
+    ``level`` (n,) are the probabilities of the quantiles, and ``low`` and ``high`` the ends of the
+    interval. If the interval is above zero, its mirror image below zero is used, to avoid rounding.
     """
     flip = low > 0.0
     lower_end = np.where(flip, -high, low)
@@ -184,8 +194,9 @@ def _first_density(
 ) -> tuple[Array, Array]:
     """Return a grid over the range of the first coordinate of z, and its density on the grid.
 
-    z is a standard normal vector with rows · z ≥ edge. The density is not normalised. Grid and
-    density have shape (..., size).
+    z is a standard normal vector of k elements restricted to rows · z ≥ edge; ``rows`` has shape
+    (m, k) and ``edge`` (..., m) for many problems. The density is not normalised. Grid and density
+    have shape (..., size).
     """
     low, high = _support(rows, edge)
     low = np.maximum(low, np.minimum(-_REACH, high - _LEAST_WIDTH))
@@ -196,9 +207,10 @@ def _first_density(
 
 
 def _probability_inside(rows: Array, edge: Array) -> Array:
-    """Return the probability of rows · z ≥ edge for a standard normal vector z.
+    """Return the probability of rows · z ≥ edge for a standard normal vector z, shape (...).
 
-    It is correct up to a constant factor. Edges have shape (..., m), the result (...).
+    The probability is correct up to a constant factor. z has k elements, ``rows`` the shape (m, k)
+    and ``edge`` (..., m) for many problems.
     """
     if rows.shape[1] > 1:
         grid, density = _first_density(rows, edge, _COARSE_GRID)
@@ -215,8 +227,9 @@ def _support(
 ) -> tuple[Array, Array]:
     """Return the least and the greatest first coordinate of points z with rows · z ≥ edge.
 
-    Edges have shape (..., m), the results (...). The other coordinates are eliminated, the last
-    first (Fourier-Motzkin elimination).
+    z has k elements, ``rows`` the shape (m, k) and ``edge`` (..., m) for many problems. Both
+    results have shape (...), and are infinite where there is no limit. The other coordinates of z
+    are eliminated from the inequalities, the last one first (Fourier-Motzkin elimination).
     """
     while rows.shape[1] > 1:
         rows, edge = _eliminate_last(rows, edge)
@@ -236,9 +249,10 @@ def _eliminate_last(
 ) -> tuple[Array, Array]:
     """Return the constraints that rows · z ≥ edge implies on all coordinates of z but the last.
 
-    They are the rows without the last coordinate, and sums of two rows, scaled so that the last
-    coordinate cancels. One row of a pair bounds the last coordinate from below, the other from
-    above.
+    ``rows`` has shape (m, k) and ``edge`` (..., m) for many problems. The new constraints are of
+    two kinds: the rows in which the last coordinate has no part, and sums of two rows, scaled so
+    that the last coordinate cancels. One row of such a pair bounds the last coordinate from below,
+    the other from above. New rows and new edges are returned.
     """
     last = rows[:, -1]
     free = np.flatnonzero(last == 0.0)
@@ -254,7 +268,10 @@ def _eliminate_last(
 
 
 def _opposite_pairs(last: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return every pair of a positive and a negative element, as two arrays of indices."""
+    """Return every pair of a positive and a negative element of ``last``.
+
+    The first array holds the indices of the positive, the second those of the negative elements.
+    """
     positive = np.flatnonzero(last > 0.0)
     negative = np.flatnonzero(last < 0.0)
     return np.repeat(positive, len(negative)), np.tile(negative, len(positive))
