@@ -129,6 +129,7 @@ def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
     """Return a sparse basis of the degeneracies that involve parameters of interest.
 
     A degeneracy is a combination of parameters and nuisance coefficients that no reading resolves.
+    Its pivot is the coefficient that its description lists first.
 
     Parameters
     ----------
@@ -138,7 +139,8 @@ def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
     Returns
     -------
     tuple of Degeneracy
-        Degeneracies with a nuisance coefficient come first, then those of parameters alone.
+        Degeneracies with a nuisance coefficient as pivot come first, then those with a parameter
+        as pivot, in the order of `NullSpace.sparse_basis`.
     """
     coefficients = _all_coefficients(bound)
     scaled = _effects(bound, coefficients.columns) * coefficients.prior_sd
@@ -147,14 +149,14 @@ def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
     combinations = []
     for pivot, vector in space.sparse_basis():
         if pivot < space.parameters:
-            vector = _without_nuisances(space, vector)
+            vector = _parameters_alone_if_unresolved(space, vector)
         degeneracy = _describe_degeneracy(bound, coefficients, space, pivot, vector)
         if degeneracy is not None:
             combinations.append(degeneracy)
     return tuple(combinations)
 
 
-def _without_nuisances(space: NullSpace, vector: Array) -> Array:
+def _parameters_alone_if_unresolved(space: NullSpace, vector: Array) -> Array:
     """Return a combination of coefficients, with its nuisance coefficients set to zero if allowed.
 
     They are set to zero if no reading resolves the parameters alone. If the parameters alone change

@@ -156,7 +156,8 @@ class Validation(Result):
         return readable(table, "Share of true values inside their intervals")
 
     @model_serializer
-    def _all_but_ranks(self) -> dict[str, Any]:
+    def _record_without_ranks(self) -> dict[str, Any]:
+        """Return the JSON record: all fields but the ranks, with coverage by quantity."""
         columns = [_percent(prob) for prob in _INTERVALS]
         coverage = self.coverage()[columns].to_dict(orient="index")
         quantities = {}

@@ -60,7 +60,7 @@ def machine_columns(bound: BoundModel, r: int, force_N: float) -> MachineColumns
     The effects are those at the force ``force_N`` of the bar, which need not be the test's own.
     """
     geometric = np.array([parameter.group == "geometric" for parameter in bound.parameters])
-    elastic = force_N * bound.setting.wrench[r] @ bound.compliance_at(force_N)
+    elastic = force_N * bound.setting.elastic[r] @ bound.compliance_at(force_N)
     return MachineColumns(elastic, np.where(geometric, bound.interest[r], 0.0))
 
 

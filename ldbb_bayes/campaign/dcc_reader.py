@@ -103,7 +103,8 @@ def _quantities_in(
 ) -> Iterator[CertifiedQuantity]:
     """Yield all certified quantities inside an XML element.
 
-    ``holders`` are the names of the elements that contain it; each quantity keeps them.
+    ``holders`` are the names and the refTypes of the elements that contain it; each quantity keeps
+    them.
     """
     for element in holder:
         name = _name_of(element)

@@ -439,10 +439,11 @@ def _least_absolute_deviations(columns: Array, reading: Array) -> tuple[Array, i
 def resolution_of(reading_um: Array) -> float | None:
     """Return the resolution of readings [µm], or None if they do not show one.
 
-    The resolution is the smallest difference between readings, if all differences are multiples of
-    it to within 5 %. If fewer than a tenth of the readings repeat another, the result is also None
-    in two cases: for a difference below 0.005 µm, which only shows how many digits were written,
-    and for fewer than 50 distinct readings.
+    The resolution is the median of the smallest differences between distinct readings (those below
+    1.5 times the least), if all differences are multiples of it to within 5 %. The result is None
+    for fewer than three distinct readings. If fewer than a tenth of the readings repeat another, it
+    is also None in two cases: for a resolution below 0.005 µm, which only shows how many digits
+    were written, and for fewer than 50 distinct readings.
 
     Parameters
     ----------

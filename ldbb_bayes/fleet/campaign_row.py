@@ -171,9 +171,10 @@ def _origin_columns(campaign: Campaign) -> dict[str, Any]:
 
 
 def _fit_columns(settings: Settings, campaign: Campaign) -> dict[str, Any]:
-    """Fit a campaign, and return the columns of the fit and of additional quantities.
+    """Fit a campaign, and return the columns of the fit and of further quantities.
 
-    If an additional quantity cannot be computed, a warning in the row names the quantity.
+    Further quantities are the Bayes factor, sufficient statistics and conformity. If one of them
+    cannot be computed, a warning in the row names it.
     """
     density = HyperPosterior(settings.model.bind(campaign), truncated=True, seed=settings.seed)
     rule = StoppingRule(ess=settings.ess)
@@ -182,7 +183,8 @@ def _fit_columns(settings: Settings, campaign: Campaign) -> dict[str, Any]:
     words = describe_fit(posterior)
     columns: dict[str, Any] = {}
     breakdowns = []
-    for name, compute_columns in _beside_the_fit(settings, campaign, density, posterior).items():
+    further = _functions_of_further_columns(settings, campaign, density, posterior)
+    for name, compute_columns in further.items():
         try:
             columns |= compute_columns()
         except (InputError, ArithmeticError, np.linalg.LinAlgError) as error:
@@ -201,12 +203,13 @@ def _fit_columns(settings: Settings, campaign: Campaign) -> dict[str, Any]:
     }
 
 
-def _beside_the_fit(
+def _functions_of_further_columns(
     settings: Settings, campaign: Campaign, density: HyperPosterior, posterior: xr.DataTree
 ) -> dict[str, Callable[[], dict[str, Any]]]:
-    """Return functions that compute additional columns of a campaign's row.
+    """Return functions that compute further columns of a campaign's row, by name of the quantity.
 
-    Each key is the name of the quantity in a warning if the computation fails.
+    A Bayes factor needs a model whose compliances depend on force and a campaign of several forces;
+    conformity needs tolerances. With flat priors there is only conformity.
     """
     model = settings.model
     steps: dict[str, Callable[[], dict[str, Any]]] = {}

@@ -241,13 +241,19 @@ def _with_moderate_tails(bound: BoundModel, log_density: Array) -> Array:
     Pareto shape k̂ is above 0.4, the densities of the test are tempered: they are raised to a power
     below one, and scaled so that their harmonic mean over the draws is the exact density.
     """
-    moderate = log_density.copy()
-    for r, name in enumerate(bound.test_names):
+    large_k_by_test = {}
+    for r in range(len(bound.test_names)):
         k = pareto_smooth(-log_density[:, r]).pareto_k
-        if k <= _LARGE_K:
-            continue
+        if k > _LARGE_K:
+            large_k_by_test[r] = k
+    moderate = log_density.copy()
+    if not large_k_by_test:
+        return moderate
+    log_evidence = _exact_log_evidence(bound)
+    for r, k in large_k_by_test.items():
         tempered = log_density[:, r] * _TEMPERED_K / min(k, _LARGEST_K)
-        exact = _exact_log_evidence(bound) - _exact_log_evidence(_without_test(bound, name))
+        other_tests = _without_test(bound, bound.test_names[r])
+        exact = log_evidence - _exact_log_evidence(other_tests)
         log_mean_inverse = np.logaddexp.reduce(-tempered) - np.log(len(tempered))
         moderate[:, r] = tempered + exact + log_mean_inverse
     return moderate

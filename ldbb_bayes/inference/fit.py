@@ -257,7 +257,7 @@ def assess_fit(
     """
     sizes = np.array([len(draws.phi) for draws in draws_by_model])
     shares = sizes / sizes.sum()
-    quality = _quality(bound, draws_by_model, shares)
+    quality = _average_quality(bound, draws_by_model, shares)
     checks = _average_checks(draws_by_model, shares, rng)
     posterior = groups["posterior"]
     beta, phi = pool_draws(
@@ -282,11 +282,14 @@ def assess_fit(
     )
 
 
-def _quality(bound: BoundModel, draws_by_model: Sequence[ModelDraws], shares: Array) -> FitQuality:
+def _average_quality(
+    bound: BoundModel, draws_by_model: Sequence[ModelDraws], shares: Array
+) -> FitQuality:
     """Return root-mean-square residual and fitness of the mean prediction.
 
-    The prediction is averaged over the posterior draws of each model, then over the models with
-    their ``shares``, which sum to one.
+    The prediction is averaged over the posterior draws of each model, then over the models.
+    ``shares`` are the models' shares of all draws, and ``bound`` is the model with the parameters
+    of all models.
     """
     predictions = []
     for share, draws in zip(shares, draws_by_model, strict=True):

@@ -167,7 +167,8 @@ def _grow_grid(
 
     A node is negligible where the log density is more than ``depth`` below its highest value.
     ``starts`` are the modes, counted in steps from ``centre``; ``offset`` moves the grid by a part
-    of a step.
+    of a step. The edge of the grid is its negligible nodes, and the nodes added last if growth
+    stopped at ``max_nodes``.
     """
     h = len(starts[0])
     neighbours = np.vstack([np.eye(h), -np.eye(h)])

@@ -650,7 +650,7 @@ class BoundModel(Shown):
         columns = []
         for degree in range(self.model.degree + 1):
             factor = setting.force_N * lever**degree
-            columns.append(factor[:, None, None] * setting.wrench)
+            columns.append(factor[:, None, None] * setting.elastic)
         every_column = np.concatenate([*columns, setting.geometric], axis=2)
         return every_column[:, :, self._free]
 

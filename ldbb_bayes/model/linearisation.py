@@ -50,7 +50,7 @@ def linearise(
     for name, value in zip(compliances, estimate.compliances, strict=True):
         if name.kind == "direct":
             axial[LINEAR.index(name.twist)] += value
-    elastic = setting.force_N[:, None] * (setting.wrench @ estimate.compliances)
+    elastic = setting.force_N[:, None] * (setting.elastic @ estimate.compliances)
     fitted = elastic + setting.geometric @ estimate.geometric_errors
     return replace(
         setting,
@@ -89,7 +89,7 @@ def estimate_machine(
     """
     planned = planned_compliances(interest.compliances, prior)
     proper = Prior.first() if prior.flat else prior
-    elastic = setting.force_N[:, None, None] * setting.wrench
+    elastic = setting.force_N[:, None, None] * setting.elastic
     columns = np.concatenate([elastic, setting.geometric], axis=2)
     scale = np.concatenate(
         [interest.compliance_sd(proper), proper.geometric_sd(interest.geometric_errors)]
@@ -101,7 +101,7 @@ def estimate_machine(
     count = len(interest.compliances)
     if reduced[0].projection is None:
         return MachineEstimate(planned, estimate[count:])
-    visible = np.abs(setting.wrench).max(axis=(0, 1)) > 0.0
+    visible = np.abs(setting.elastic).max(axis=(0, 1)) > 0.0
     return MachineEstimate(np.where(visible, estimate[:count], planned), estimate[count:])
 
 

@@ -24,7 +24,7 @@ from ldbb_bayes.model.tilting import (
     ROUNDING,
     Tilted,
     find_saddle_point,
-    least_distance_forces,
+    least_distance_multipliers,
 )
 from ldbb_bayes.model.triangular import solve_lower
 from ldbb_bayes.results import Array
@@ -708,17 +708,17 @@ def _binding_rows(
     rank
         Number of linearly independent constraints.
     """
-    force = np.zeros(len(unit))
+    multipliers = np.zeros(len(unit))
     if (distance < 0.0).any():
-        force = least_distance_forces(unit, -distance)
+        multipliers = least_distance_multipliers(unit, -distance)
     chosen: list[int] = []
     remainder = unit.copy()
     while len(chosen) < rank:
         size = np.linalg.norm(remainder, axis=1)
-        priority = np.where(force > 0.0, 2.0 + force, size)
+        priority = np.where(multipliers > 0.0, 2.0 + multipliers, size)
         row = int(np.argmax(np.where(size > _DEPENDENT, priority, -1.0)))
         chosen.append(row)
-        force[row] = 0.0
+        multipliers[row] = 0.0
         along = remainder @ remainder[row]
         remainder = remainder - np.outer(along, remainder[row]) / size[row] ** 2
         remainder[row] = 0.0

@@ -82,7 +82,7 @@ class Setting:
     direction: Array
     #: Fourier coefficients of the reading per unit force and unit of each compliance, shape
     #: (tests, 25, compliances)
-    wrench: Array
+    elastic: Array
     #: Fourier coefficients of the reading per unit of each geometric error, shape
     #: (tests, 25, geometric errors)
     geometric: Array
@@ -262,12 +262,12 @@ class Setting:
 class _MachineColumns(NamedTuple):
     """Fourier coefficients of a circle's functions of angle, each of shape (..., 25, columns).
 
-    ``direction`` is the bar's direction, ``wrench`` the reading per unit force and compliance, and
+    ``direction`` is the bar's direction, ``elastic`` the reading per unit force and compliance, and
     ``geometric`` the reading per unit geometric error.
     """
 
     direction: Array
-    wrench: Array
+    elastic: Array
     geometric: Array
 
 
@@ -329,7 +329,7 @@ def setting_of(
         time_h=_relative_to_mean("time_s", campaign, pilot) / _SECONDS_PER_HOUR,
         temperature_K=_relative_to_mean("temperature_C", campaign, pilot),
         direction=columns.direction,
-        wrench=columns.wrench,
+        elastic=columns.elastic,
         geometric=_by_setup(campaign, columns.geometric),
         reference_force_N=float(reference_force_N),
         force_range_N=float(forces.max() - forces.min()),
@@ -366,7 +366,7 @@ def _machine_columns(campaign: Campaign, compliances: Sequence[ComplianceName]) 
     of_tests = [by_circle[test.circle] for test in campaign.tests]
     return _MachineColumns(
         np.stack([columns.direction for columns in of_tests]),
-        np.stack([columns.wrench for columns in of_tests]),
+        np.stack([columns.elastic for columns in of_tests]),
         np.stack([columns.geometric for columns in of_tests]),
     )
 

@@ -24,7 +24,7 @@ from scipy.special import erfcx, log_ndtr, ndtri_exp
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.results import Array
 
-__all__ = ["ROUNDING", "SaddlePoint", "Tilted", "find_saddle_point", "least_distance_forces"]
+__all__ = ["ROUNDING", "SaddlePoint", "Tilted", "find_saddle_point", "least_distance_multipliers"]
 
 # The search for a saddle point ends when the relative size of the gradient is below this.
 ROUNDING = 1e-10
@@ -360,7 +360,7 @@ def _edges_of_nearest_point(
 
     Newton's method for the saddle point starts from this point if it fails from the bounds.
     """
-    binding = np.flatnonzero(least_distance_forces(unit, bound))
+    binding = np.flatnonzero(least_distance_multipliers(unit, bound))
     block = coupling[np.ix_(binding, binding)] + np.eye(len(binding))
     mills = np.zeros(len(bound))
     mills[binding] = np.linalg.solve(block, bound[binding])
@@ -398,7 +398,7 @@ def _inverse_mills(edge: Array) -> Array:
         return np.asarray(np.sqrt(2.0 / np.pi) / erfcx(edge / np.sqrt(2.0)))
 
 
-def least_distance_forces(unit: Array, bound: Array) -> Array:
+def least_distance_multipliers(unit: Array, bound: Array) -> Array:
     """Return the Lagrange multipliers of the point x nearest to zero with unit · x ≥ bound.
 
     There is one multiplier for each of the d constraints, zero or positive, known up to a common
@@ -414,5 +414,5 @@ def least_distance_forces(unit: Array, bound: Array) -> Array:
     """
     largest_bound = max(1.0, float(np.abs(bound).max()))
     rows = np.vstack([unit.T, bound / largest_bound])
-    forces, _ = nnls(rows, np.append(np.zeros(unit.shape[1]), 1.0))
-    return np.asarray(forces)
+    multipliers, _ = nnls(rows, np.append(np.zeros(unit.shape[1]), 1.0))
+    return np.asarray(multipliers)

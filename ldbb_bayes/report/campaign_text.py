@@ -65,10 +65,11 @@ def _passages_of_campaign(campaign: Campaign) -> tuple[Passage, ...]:
 
 @parts_of.register
 def _passages_of_campaign_preview(preview: CampaignPreview) -> tuple[Passage, ...]:
-    """Return a table of a campaign's tests, then remarks and assumptions of its preview.
+    """Return a table of a campaign's tests, then sentences and a list of what a fit will assume.
 
     A preview states what the readings show before any fit. Plane, set-up, radius and centre are
-    columns of the table only if the tests differ in them.
+    columns of the table only if the tests differ in them. The column "balls" holds the clocking
+    angles of the work ball and the tool ball.
     """
     varied = []
     for field in _SETTINGS:

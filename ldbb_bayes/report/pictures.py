@@ -89,7 +89,7 @@ def picture(key: str, subject: Any, caption: str = "", **options: Any) -> Pictur
     Parameters
     ----------
     key
-        Name of the figure, a key of `PICTURES`.
+        Name of the figure and, without ending, of its file: a key of `PICTURES`.
     subject
         Posterior or result of an analysis that the figure shows.
     caption
@@ -101,5 +101,5 @@ def picture(key: str, subject: Any, caption: str = "", **options: Any) -> Pictur
     -------
     Picture
     """
-    drawn = PICTURES[key]
-    return Picture(key, caption or drawn.caption, drawn.draw(subject, **options))
+    entry = PICTURES[key]
+    return Picture(key, caption or entry.caption, entry.draw(subject, **options))

@@ -169,7 +169,7 @@ class ForceError(Term):
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """Return the columns of gain error, curvature and random error of the force."""
-        deflection = (setting.wrench @ setting.compliance_estimate)[:, :, None]
+        deflection = (setting.elastic @ setting.compliance_estimate)[:, :, None]
         sd = self._sd_by_name(setting.instrument)
         forces = {
             "force_gain": setting.force_N,
