@@ -1,7 +1,8 @@
 """Information that readings carry about all coefficients of a bound model.
 
-A bound model is the model of one campaign. Its hyper-parameters φ are the scales of the noise and
-of the nuisances, which are effects that are modelled but not of interest.
+A bound model is the model of one campaign. Its coefficients are the parameters of interest
+(compliances, their slopes and geometric errors) and those of the nuisances, which are effects that
+are modelled but not of interest. Its hyper-parameters φ are the scales of noise and nuisances.
 """
 
 from __future__ import annotations
@@ -23,16 +24,25 @@ __all__ = ["information_of", "informations_of"]
 
 @dataclass(frozen=True, eq=False)
 class _Noise:
-    """Effect of a nuisance term that differs between tests, treated as noise of each test."""
+    """Effect of a nuisance term that differs between tests, treated as noise of each test.
+
+    ``term`` is the class name of the term, and ``columns`` describe the effect.
+    """
 
     term: str
     columns: Columns | BasisNoise
 
     def covariance(self, factor: Array, hyper: Mapping[str, float], test: int) -> Array:
-        """Return the covariance of this noise in the reduced readings of one test [mm²].
+        """Return the covariance of this noise in the m reduced readings of one test, (m, m) [mm²].
 
-        ``factor`` is the matrix from Fourier coefficients to the test's reduced readings, and
-        ``hyper`` holds the values of the scales by name.
+        Parameters
+        ----------
+        factor
+            Matrix that turns 25 Fourier coefficients into the test's reduced readings, (m, 25).
+        hyper
+            Values of the hyper-parameters (scales of noise and nuisances) by name; lengths in mm.
+        test
+            Index of the test.
         """
         if isinstance(self.columns, BasisNoise):
             root = factor * self.columns.sd_at(hyper, test)
@@ -47,19 +57,22 @@ class _SortedColumns(NamedTuple):
     Nuisances are effects that are modelled but not of interest.
     """
 
-    #: columns with coefficients that all tests share
+    #: columns of nuisance terms whose coefficients are the same in all tests
     shared: list[Columns]
-    #: class name of the nuisance term that each shared coefficient belongs to
+    #: class name of the nuisance term to which each coefficient of ``shared`` belongs
     owners: list[str]
-    #: columns whose coefficients differ between tests; they are treated as noise
+    #: columns of nuisance terms whose coefficients differ between tests; they are treated as noise
+    #: of each test
     noises: list[_Noise]
 
 
 def information_of(bound: BoundModel, phi: Array) -> Information:
     """Return the information that readings carry about all coefficients of a campaign's model.
 
-    ``phi`` (h,) [mm] are the hyper-parameters, the scales of noise and nuisances. Effects whose
-    coefficients differ between tests are treated as noise of each test.
+    The coefficients are the parameters of interest and those of nuisances (effects modelled but not
+    of interest) that are the same in all tests. Nuisances whose coefficients differ between tests
+    are treated as noise of each test. ``bound`` is the model of the campaign. ``phi``, shape (h,),
+    are the hyper-parameters, which are the scales of noise and nuisances; lengths are in mm.
     """
     return next(informations_of(bound, phi[None]))
 
@@ -67,9 +80,10 @@ def information_of(bound: BoundModel, phi: Array) -> Information:
 def informations_of(bound: BoundModel, phi: Array) -> Iterator[Information]:
     """Yield the information about all coefficients for each of w values of the hyper-parameters.
 
-    ``phi`` (w, h) [mm] are the hyper-parameters, the scales of noise and nuisances. The design
-    matrix does not depend on them and is computed once. Tests with the same noise share one
-    covariance.
+    The coefficients are the parameters of interest and those of nuisances (effects modelled but not
+    of interest) that are the same in all tests. ``phi``, shape (w, h), are the hyper-parameters,
+    which are the scales of noise and nuisances; lengths are in mm. The design matrix does not
+    depend on them and is computed once. Tests with the same noise use one covariance in common.
     """
     shared, shared_owners, noises = _sort_columns(bound)
     names = list(bound.names)
@@ -93,7 +107,11 @@ def informations_of(bound: BoundModel, phi: Array) -> Iterator[Information]:
 
 
 def _sort_columns(bound: BoundModel) -> _SortedColumns:
-    """Return the nuisances' columns, sorted by whether all tests share their coefficients."""
+    """Return the columns of all nuisance terms of a campaign's model, sorted into two groups.
+
+    In one group the coefficients are the same in all tests, in the other they differ between tests.
+    Nuisances are effects that are modelled but not of interest.
+    """
     shared: list[Columns] = []
     owners: list[str] = []
     noises: list[_Noise] = []
@@ -111,7 +129,8 @@ def _first_tests_of_equal_noise(bound: BoundModel, noises: list[_Noise], phi: Ar
     """Return for each test the index of the first test that has the same noise covariance.
 
     Two tests have the same noise if their angles, the noise factors λ of their circles and their
-    columns of noise are equal.
+    columns of ``noises`` are equal. ``phi``, shape (w, h), are the hyper-parameters, among them the
+    factors λ.
     """
     scale_of = dict(zip(bound.hyper_prior.names, phi.T, strict=True))
     first_of_kind: dict[tuple[object, ...], int] = {}
@@ -129,7 +148,12 @@ def _first_tests_of_equal_noise(bound: BoundModel, noises: list[_Noise], phi: Ar
 def _noise_covariances(
     factor: Array, noises: list[_Noise], hyper: Mapping[str, float], test: int
 ) -> dict[str, Array]:
-    """Return the noise covariances of one test [mm²] by term, with that of the reading noise."""
+    """Return the covariance of each noise in the m reduced readings of one test, (m, m) [mm²].
+
+    The keys are the class names of the nuisance terms that act as noise, and the name of the
+    reading noise. ``factor`` (m, 25) turns Fourier coefficients into reduced readings, ``hyper``
+    holds the hyper-parameters by name [mm], and ``test`` is the index of the test.
+    """
     blocks = {NOISE: np.eye(len(factor)) * hyper["sigma"] ** 2}
     for noise in noises:
         covariance = noise.covariance(factor, hyper, test)

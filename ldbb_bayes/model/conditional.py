@@ -31,9 +31,9 @@ class ParameterConditional(Gaussian):
     physical: Truncation
 
     def select(self, index: NDArray[np.intp]) -> ParameterConditional:
-        """Return the Gaussians with these indices, which may repeat.
+        """Return the Gaussian densities with the indices ``index``, which may repeat.
 
-        Each Gaussian belongs to one value of the hyper-parameters.
+        Each of the w Gaussian densities belongs to one value of the hyper-parameters φ.
         """
         selected = ParameterConditional.factored(
             self.mean[index], self.root[index], self.scale[index]
@@ -43,7 +43,10 @@ class ParameterConditional(Gaussian):
 
     @cached_property
     def orthant(self) -> Orthant:
-        """Numerical problem that yields the probability that no compliance is negative."""
+        """Object that computes the probability that no compliance is negative, for w values of φ.
+
+        φ are the hyper-parameters. The object also draws random parameters under this condition.
+        """
         rows = self.physical.rows
         return Orthant(self.mean @ rows.T, self.spread(rows))
 
@@ -53,9 +56,9 @@ class ParameterConditional(Gaussian):
     ) -> tuple[Array, NDArray[np.bool_]]:
         """Return random parameters without negative compliances, and whether they are exact.
 
-        There is one draw of the p parameters for each of the w Gaussians. A draw is exact if the
-        rejection sampler accepted it and rounding made no compliance negative. Shapes are (w, p)
-        and (w,).
+        There is one draw of the p parameters for each of the w Gaussian densities; the draws have
+        the shape (w, p). A draw is exact if the rejection sampler accepted it and rounding made no
+        compliance negative; whether it is so has the shape (w,).
         """
         z, accepted = self.orthant.draw_standard(rng)
         beta = self.from_standard(z)

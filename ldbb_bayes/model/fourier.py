@@ -39,17 +39,22 @@ def basis(angle_rad: Array) -> Array:
 
 
 def harmonic_index(order: int) -> tuple[int, int]:
-    """Return the indices of cos nθ and sin nθ among the 25 basis functions, for an order n ≥ 1."""
+    """Return the indices of cos nθ and sin nθ among the 25 basis functions, for an order n ≥ 1.
+
+    The basis functions are 1, cos θ, sin θ, …, cos 12θ, sin 12θ.
+    """
     return 2 * order - 1, 2 * order
 
 
 def coefficients(columns: Callable[[Array], Array]) -> Array:
-    """Return Fourier coefficients of p trigonometric polynomials of order ≤ 12, shape (25, p).
+    """Return Fourier coefficients of p functions of the angle on the circle, shape (25, p).
+
+    The functions must be sums of cos nθ and sin nθ with n ≤ 12.
 
     Parameters
     ----------
     columns
-        Function that takes angles (n,) [rad] and returns the values of the polynomials (n, p).
+        Function that takes n angles (n,) [rad] and returns the values of the p functions (n, p).
     """
     n = 4 * MAX_ORDER
     angle = np.arange(n) * (2 * np.pi / n)
@@ -60,9 +65,10 @@ def coefficients(columns: Callable[[Array], Array]) -> Array:
 
 
 def derivative(values: Array) -> Array:
-    """Return Fourier coefficients of derivatives with respect to the angle, shape (..., 25).
+    """Return Fourier coefficients of the derivatives of functions of the angle, shape (..., 25).
 
-    ``values`` are the coefficients of the functions to differentiate, shape (..., 25).
+    ``values``, shape (..., 25), are the Fourier coefficients of the functions to differentiate.
+    Derivatives are with respect to the angle in rad.
     """
     slopes = np.zeros_like(values)
     orders = np.arange(1, MAX_ORDER + 1)

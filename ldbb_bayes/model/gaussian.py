@@ -1,9 +1,9 @@
 """Algebra of Gaussian functions of coefficients x: ln g(x) = constant + ηᵀ x − ½ xᵀ P x.
 
-P, shape (q, q), is the precision matrix (the inverse of the covariance), η = P · mean, shape (q,),
-and q is the number of coefficients. Leading array dimensions "..." hold many such functions.
-"Whitened" rows and readings are divided by the standard deviation of the noise. One class serves
-everything that is linear and Gaussian:
+x are q coefficients. P, shape (q, q), is the precision matrix (the inverse of the covariance), and
+η = P · mean, shape (q,). Leading array dimensions "..." hold many such functions. "Whitened" rows
+and readings are divided by the standard deviation of the noise. One class serves everything that is
+linear and Gaussian:
 
 | what | how |
 |---|---|
@@ -34,16 +34,17 @@ from ldbb_bayes.results import Array, Shown
 __all__ = ["Gaussian"]
 
 _LOG_2PI = float(np.log(2 * np.pi))
-# Columns count as linearly dependent if a diagonal entry of the R factor of their QR decomposition
-# is below this share of the largest entry. It then has at most three correct digits.
+# Columns of a design matrix count as linearly dependent if a diagonal entry of the R factor of
+# their QR decomposition is below this share of the largest diagonal entry. Such an entry has at
+# most three correct digits.
 _DEPENDENT = 1e-13
 
 
 class _Factors(NamedTuple):
-    """Mean and factors of the precision matrix P = S⁻¹ L Lᵀ S⁻¹ of q coefficients.
+    """Mean of q Gaussian coefficients, and factors of their precision matrix P = S⁻¹ L Lᵀ S⁻¹.
 
-    ``mean`` has shape (..., q). ``root`` is the lower triangular L, shape (..., q, q). ``scale`` is
-    the diagonal of S, shape (..., q).
+    ``mean`` has shape (..., q). ``root`` is the lower triangular matrix L, shape (..., q, q).
+    ``scale`` is the diagonal of the diagonal matrix S, shape (..., q).
     """
 
     mean: Array
@@ -59,8 +60,8 @@ class Gaussian(Shown):
     Parameters
     ----------
     precision
-        Precision matrix P, shape (..., q, q), symmetric; where it is singular, there are no
-        moments.
+        Symmetric precision matrix P, shape (..., q, q). If it is singular, mean and covariance
+        cannot be computed.
     shift
         Vector η = P · mean, shape (..., q).
     log_constant
@@ -89,18 +90,19 @@ class Gaussian(Shown):
         scale: Array,
         log_integral: Array | float = 0.0,
     ) -> Self:
-        """Return the Gaussian of q coefficients whose precision matrix is P = S⁻¹ L Lᵀ S⁻¹.
+        """Return the Gaussian function of q coefficients with precision P = S⁻¹ L Lᵀ S⁻¹.
 
         Parameters
         ----------
         mean
-            Mean, shape (..., q).
+            Mean of the coefficients, shape (..., q).
         root
             Lower triangular matrix L, shape (..., q, q).
         scale
-            Diagonal of the scaling matrix S, shape (..., q).
+            Diagonal of the diagonal matrix S, which scales the coefficients, shape (..., q).
         log_integral
-            Logarithm of the integral of the Gaussian, shape (...); 0 if it is normalised.
+            Logarithm of the integral of the function over all coefficients, shape (...); 0 if the
+            function is a normalised density.
         """
         gaussian = cls.__new__(cls)
         gaussian._factors = _Factors(mean, root, scale)
@@ -109,19 +111,20 @@ class Gaussian(Shown):
 
     @classmethod
     def of(cls, mean: Array, covariance: Array) -> Gaussian:
-        """Return the Gaussian density N(mean, covariance).
+        """Return the normalised Gaussian density N(mean, covariance) of q coefficients.
 
         Parameters
         ----------
         mean
-            Mean, shape (..., q).
+            Mean of the coefficients, shape (..., q).
         covariance
-            Covariances, shape (..., q, q), or independent variances, shape (..., q).
+            Covariance matrix, shape (..., q, q), or the variances of independent coefficients,
+            shape (..., q).
 
         Raises
         ------
         InputError
-            Where a covariance is not positive definite.
+            If a covariance matrix is not positive definite, or a variance is not positive.
         """
         q = mean.shape[-1]
         if covariance.shape == mean.shape:
@@ -147,22 +150,23 @@ class Gaussian(Shown):
 
     @classmethod
     def from_rows(cls, rows: Array, values: Array) -> Gaussian:
-        """Return the likelihood Π N(values; rows · x, 1) as a function of the coefficients x.
+        """Return the likelihood Π N(values; rows · x, 1) as a function of q coefficients x.
 
-        The mean of the result is the least-squares estimate of x. Its ``log_integral`` contains −½
-        times the residual sum of squares.
+        The product runs over n readings. The mean of the result is the least-squares estimate of x.
+        Its ``log_integral`` contains −½ times the residual sum of squares.
 
         Parameters
         ----------
         rows
-            Design matrix of n readings and q coefficients, in units of the noise, (..., n, q).
+            Design matrix of n readings and q coefficients, divided by the sd of the noise, shape
+            (..., n, q).
         values
-            Readings in units of the noise, shape (..., n).
+            Readings divided by the sd of the noise, shape (..., n).
 
         Raises
         ------
         InputError
-            Where the rows do not determine x.
+            If the readings do not determine every coefficient.
         """
         n, q = rows.shape[-2:]
         scale = _column_scales(rows)
@@ -181,17 +185,18 @@ class Gaussian(Shown):
         return cls._from_triangle(triangle, np.zeros(q), scale, log_norm)
 
     def observe(self, rows: Array, values: Array) -> Gaussian:
-        """Return the posterior of the coefficients x: this prior times a Gaussian likelihood.
+        """Return the posterior of q coefficients x: this prior of x times a Gaussian likelihood.
 
-        The likelihood is Π N(values; rows · x, 1). The ``log_integral`` of the posterior is that of
-        the prior plus the log evidence, ln p(values).
+        The likelihood is Π N(values; rows · x, 1), a product over n readings. The ``log_integral``
+        of the posterior is that of the prior plus the log evidence, ln p(values).
 
         Parameters
         ----------
         rows
-            Design matrix of n readings and q coefficients, in units of the noise, (..., n, q).
+            Design matrix of n readings and q coefficients, divided by the sd of the noise, shape
+            (..., n, q).
         values
-            Readings in units of the noise, shape (..., n).
+            Readings divided by the sd of the noise, shape (..., n).
         """
         mean, root, scale = self._factors
         residual = values - (rows @ mean[..., None])[..., 0]
@@ -216,12 +221,25 @@ class Gaussian(Shown):
         *,
         has_prior: bool = False,
     ) -> Gaussian:
-        """Return the Gaussian of coefficients from the R factor of a QR decomposition.
+        """Return the Gaussian function of q coefficients from the R factor of a QR decomposition.
 
-        The decomposed matrix is [rows · S, values − rows · origin], with S the diagonal matrix of
-        ``scale``; rows and values are in units of the noise. With a prior, the matrix has also the
-        rows [Lᵀ, 0], where S⁻¹ L Lᵀ S⁻¹ is the precision of the prior, and ``constant`` includes
-        the prior's log determinant.
+        The decomposed matrix is [rows · S, values − rows · origin], where rows are the design
+        matrix and values the readings, both divided by the sd of the noise.
+
+        Parameters
+        ----------
+        triangle
+            R factor of the matrix, shape (..., at least q, q + 1).
+        origin
+            Point about which the coefficients are computed, shape (..., q).
+        scale
+            Diagonal of the diagonal matrix S, shape (..., q).
+        constant
+            Part of the logarithm of the integral that does not follow from R and ``scale``; with a
+            prior it includes ln det L.
+        has_prior
+            Whether the decomposed matrix has also the rows [Lᵀ, 0] of a prior with the mean
+            ``origin`` and the precision matrix S⁻¹ L Lᵀ S⁻¹.
         """
         q = scale.shape[-1]
         upper = triangle[..., :q, :q]
@@ -251,7 +269,7 @@ class Gaussian(Shown):
 
     @cached_property
     def shift(self) -> Array:
-        """Precision matrix times mean, shape (..., q)."""
+        """Vector η = precision matrix times mean of the q coefficients, shape (..., q)."""
         return np.einsum("...ij,...j->...i", self.precision, self.mean)
 
     @cached_property
@@ -262,9 +280,10 @@ class Gaussian(Shown):
 
     @cached_property
     def log_integral(self) -> Array:
-        """Logarithm of the integral of the Gaussian function, shape (...).
+        """Logarithm of the integral of the Gaussian function over all coefficients, shape (...).
 
-        For the product of a normalised prior and a likelihood it is the log evidence.
+        If the function is the product of a normalised prior and a likelihood, this is the log
+        evidence.
         """
         mean, root, scale = self._factors
         q = mean.shape[-1]
@@ -279,26 +298,32 @@ class Gaussian(Shown):
 
     @property
     def root(self) -> Array:
-        """Lower triangular factor L of the precision matrix S⁻¹ L Lᵀ S⁻¹, shape (..., q, q)."""
+        """Lower triangular factor L of the precision matrix S⁻¹ L Lᵀ S⁻¹, shape (..., q, q).
+
+        S is the diagonal matrix of the scales of the q coefficients.
+        """
         return self._factors.root
 
     @property
     def scale(self) -> Array:
-        """Diagonal of the scaling matrix S in the precision S⁻¹ L Lᵀ S⁻¹, shape (..., q)."""
+        """Scales of the q coefficients, shape (..., q).
+
+        They are the diagonal of S in the precision matrix S⁻¹ L Lᵀ S⁻¹, with L lower triangular.
+        """
         return self._factors.scale
 
     def spread(self, combinations: Array | None = None) -> Array:
-        """Return a square root X of the covariance, with X Xᵀ = covariance.
+        """Return a square root X of the covariance of the q coefficients, X Xᵀ = covariance.
 
         Parameters
         ----------
         combinations
-            Matrix whose rows are linear combinations of the q coefficients, shape (m, q). The
-            covariance is then that of the m combinations.
+            Matrix A whose m rows are linear combinations of the q coefficients, shape (m, q). If it
+            is given, X is the square root of the covariance of the m combinations.
 
         Returns
         -------
-        Square root X, shape (..., q, q), or (..., m, q) for linear combinations.
+        Square root X, shape (..., q, q); shape (..., m, q) for m linear combinations.
         """
         rows = np.eye(self.scale.shape[-1]) if combinations is None else combinations
         scaled = np.swapaxes(rows * self.scale[..., None, :], -1, -2)
@@ -326,7 +351,8 @@ class Gaussian(Shown):
     def marginal(self, keep: Sequence[int]) -> Gaussian:
         """Return the marginal Gaussian of the coefficients with the indices ``keep``.
 
-        All other coefficients are integrated out, and the result has the order of ``keep``.
+        All other coefficients are integrated out. The coefficients of the result are in the order
+        of ``keep``.
         """
         mean, root, scale = self._factors
         q = mean.shape[-1]
@@ -342,19 +368,21 @@ class Gaussian(Shown):
     def from_standard(self, z: Array) -> Array:
         """Return coefficients mean + S L⁻ᵀ z, shape (..., q), from standard normal z (..., q).
 
-        The precision matrix of the coefficients is S⁻¹ L Lᵀ S⁻¹.
+        S⁻¹ L Lᵀ S⁻¹ is the precision matrix of the q coefficients, with S diagonal and L lower
+        triangular.
         """
         return self.mean + solve_upper(self.root, z) * self.scale
 
     def standardize(self, x: Array) -> Array:
         """Return standard normal coordinates Lᵀ S⁻¹ (x − mean) of coefficients x, (..., q).
 
-        The precision matrix of the coefficients is S⁻¹ L Lᵀ S⁻¹.
+        S⁻¹ L Lᵀ S⁻¹ is the precision matrix of the q coefficients, with S diagonal and L lower
+        triangular.
         """
         return np.einsum("...ij,...i->...j", self.root, (x - self.mean) / self.scale)
 
     def log_density(self, x: Array) -> Array:
-        """Return the normalised log density of coefficients x (..., q), shape (...)."""
+        """Return the log of the normalised density at q coefficients x (..., q), shape (...)."""
         z = self.standardize(x)
         log_root = log_diagonal(self.root) - np.log(self.scale).sum(axis=-1)
         return np.asarray(log_root - 0.5 * ((z**2).sum(axis=-1) + z.shape[-1] * _LOG_2PI))
@@ -364,23 +392,28 @@ class Gaussian(Shown):
         rng: np.random.Generator,
         size: tuple[int, ...] = (),
     ) -> Array:
-        """Return independent random draws of the q coefficients, shape ``(*size, ..., q)``."""
+        """Return independent random draws of the q coefficients, shape ``(*size, ..., q)``.
+
+        Each of the Gaussians that the dimensions "..." hold gets as many draws as ``size`` states.
+        """
         return self.from_standard(rng.standard_normal((*size, *self.mean.shape)))
 
 
 def _lower_with_positive_diagonal(upper: Array) -> Array:
-    """Return the transpose of upper triangular matrices, with a positive diagonal.
+    """Return the transpose of upper triangular matrices (..., q, q), with a positive diagonal.
 
-    Rows of the triangular matrices are multiplied by −1 where their diagonal entry is negative.
+    Rows of the upper triangular matrices are first multiplied by −1 where their diagonal entry is
+    negative.
     """
     sign = np.where(np.diagonal(upper, axis1=-2, axis2=-1) < 0, -1.0, 1.0)
     return np.swapaxes(upper * sign[..., :, None], -1, -2)
 
 
 def _column_scales(rows: Array) -> Array:
-    """Return factors for the columns, shape (..., q), that bring their lengths near one.
+    """Return factors for the columns of matrices (..., n, q) that bring their lengths near one.
 
-    The factors are powers of two, so that scaling does not round.
+    The factors have shape (..., q). They are powers of two, so that multiplying by them causes no
+    rounding errors.
     """
     norms = np.linalg.norm(rows, axis=-2)
     exponent = np.round(np.log2(np.where(norms > 0.0, norms, 1.0))).astype(int)

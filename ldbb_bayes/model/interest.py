@@ -22,8 +22,8 @@ from ldbb_bayes.results import Array
 __all__ = ["Group", "Parameter", "ParametersOfInterest", "compliance_rows", "physical_rows"]
 
 Group = Literal["compliance", "slope", "geometric"]
-# The prior sd of a slope is proportional to the estimate of its compliance. The estimate counts as
-# at least the prior sd of the compliance divided by this number.
+# The prior sd of a slope (change of a compliance with force) is proportional to the estimate of the
+# compliance. The estimate counts as at least the prior sd of the compliance divided by this number.
 _SD_PER_LEAST_SIZE = 20.0
 
 
@@ -33,20 +33,27 @@ class Parameter:
 
     name: str
     unit: str
-    prior_sd: float  #: standard deviation of the prior; infinite if the prior is flat
+    #: standard deviation of the parameter's prior, in internal units (mm, N, rad); infinite if the
+    #: prior is flat
+    prior_sd: float
     group: Group
-    #: power of F − F0 (force less reference force) that multiplies a slope; 0 for other parameters
+    #: power of F − F0 (force less reference force) that multiplies a slope; 0 for compliances and
+    #: geometric errors
     degree: int = 0
-    prior_mean: float = 0.0  #: mean of the prior; zero if the prior is flat
+    #: mean of the parameter's prior, in internal units (mm, N, rad); zero if the prior is flat
+    prior_mean: float = 0.0
 
     @property
     def compliance(self) -> str:
-        """Name of the compliance to which a slope belongs: C_XXX for C_XXX_1."""
+        """Name of the compliance to which a slope belongs, such as C_XXX for C_XXX_1.
+
+        For a compliance or a geometric error it is the parameter's own name.
+        """
         return self.name.removesuffix(f"_{self.degree}") if self.degree else self.name
 
 
 class _Row(NamedTuple):
-    """Parameter of interest whose prior is not yet known."""
+    """Name, unit, group and degree of a parameter of interest whose prior is not yet known."""
 
     name: str
     unit: str
@@ -58,7 +65,9 @@ class _Row(NamedTuple):
 class ParametersOfInterest:
     """Parameters of interest β = (C_0, C_1, …, E) of a campaign, fixed parameters included.
 
-    C_0 are the compliances, C_1 and C_2 their slopes and E the geometric errors.
+    C_0 are the compliances at the reference force, C_1 and C_2 their slopes (linear and quadratic
+    change with force) and E the geometric errors. ``degree`` is the degree of the compliance as a
+    polynomial in force: 0, 1 or 2.
     """
 
     degree: int
@@ -71,9 +80,10 @@ class ParametersOfInterest:
         return self.visible.names
 
     def with_prior(self, prior: Prior, setting: Setting) -> tuple[Parameter, ...]:
-        """Return all parameters with their prior means and sds.
+        """Return all parameters of interest with their prior means and sds.
 
-        Raise an `InputError` if the prior names a parameter that the campaign does not have.
+        ``setting`` are the conditions of the campaign's tests. Raise an `InputError` if the prior
+        names a parameter that the campaign does not have.
         """
         rows = self._rows()
         names = [row.name for row in rows]
@@ -99,10 +109,11 @@ class ParametersOfInterest:
         return rows
 
     def prior_sd(self, prior: Prior, setting: Setting) -> Array:
-        """Return the prior sd of all parameters, shape (parameters,).
+        """Return the prior sd of all parameters of interest, shape (parameters,).
 
-        The prior sd of a slope is proportional to the least-squares estimate of its compliance. In
-        the model of the first edition, it is proportional to the prior sd of its compliance.
+        The sds are in internal units (mm, N, rad). The prior sd of a slope is proportional to the
+        least-squares estimate of its compliance, which ``setting`` holds. In the model of the first
+        edition, it is proportional to the prior sd of its compliance instead.
         """
         size = self._with_dropped_sets(prior.compliance_size)
         if prior.slopes_of_estimate:
@@ -113,21 +124,22 @@ class ParametersOfInterest:
         return np.concatenate([*blocks, prior.geometric_sd(self.geometric_errors)])
 
     def compliance_sd(self, prior: Prior) -> Array:
-        """Return the prior sd of every compliance, shape (compliances,).
+        """Return the prior sd of every compliance, shape (compliances,), in mm, N and rad.
 
-        The circles cannot separate some further compliances from these. The prior sd of a
-        compliance includes the contribution of those that it represents, unless the user gave the
-        sd.
+        The circles cannot separate some compliances of the machine from each other; one of them
+        then represents the others in the model. Its prior sd includes the contribution of those
+        that it represents, unless the user gave the sd.
         """
         overridden = [name.label in prior.overrides for name in self.compliances]
         with_dropped_sets = self._with_dropped_sets(prior.compliance_sd)
         return np.where(overridden, prior.compliance_sd(self.compliances), with_dropped_sets)
 
     def _with_dropped_sets(self, size_of: Callable[[Sequence[ComplianceName]], Array]) -> Array:
-        """Return the size of every compliance, shape (compliances,), from a function of names.
+        """Return the size of every compliance, including those that it represents, (compliances,).
 
-        A compliance may represent others that the circles cannot separate from it. Their sizes are
-        added in quadrature.
+        A compliance may represent others that the circles cannot separate from it. Their sizes,
+        multiplied by the weights with which they act, are added in quadrature. ``size_of`` is the
+        function that returns the sizes of named compliances alone.
         """
         sizes = size_of(self.compliances)
         for k, absorbed in enumerate(self.visible.absorbed):
@@ -143,7 +155,8 @@ def compliance_rows(
 ) -> Array:
     """Return the matrix A with C(F) = A β at one force F, shape (compliances, p).
 
-    C(F) are the compliances at this force, and β the p parameters of interest.
+    C(F) are the compliances at this force, and β the p parameters of interest: compliances at the
+    reference force F0, their slopes with force, and geometric errors.
 
     Parameters
     ----------
@@ -152,7 +165,7 @@ def compliance_rows(
     parameters
         The parameters β, one for each column.
     lever_N
-        F − F0, force less reference force.
+        F − F0, the force less the reference force [N].
     """
     labels = [name.label for name in compliances]
     rows = np.zeros((len(labels), len(parameters)))
@@ -171,20 +184,20 @@ def physical_rows(
 ) -> Array:
     """Return the matrix A of the region A β ≥ 0 of physical parameters β, shape (rows, p).
 
-    The compliance C(F) at force F must not be negative if it is a deflection in the direction of
-    the load itself. Raise an `InputError` for a compliance that is fixed at zero while its free
-    slope would make it negative on one side of the reference force F0.
+    Each row gives a compliance C(F) at a force F that must not be negative, because it is a
+    deflection in the direction of the load itself. Raise an `InputError` for a compliance that is
+    fixed at zero while its free slope would make it negative on one side of the reference force F0.
 
     Parameters
     ----------
     interest
-        All parameters of interest.
+        All parameters of interest, with those that are fixed at zero.
     parameters
-        The parameters that are not fixed, one for each column.
+        The p parameters β that are not fixed, one for each column of A.
     levers_N
-        F − F0 at the forces where C(F) ≥ 0 is required.
+        F − F0 at every force F where C(F) ≥ 0 is required [N].
     reference_force_N
-        Reference force F0.
+        Reference force F0 [N], for the error message.
     """
     at_forces = [compliance_rows(interest.compliances, parameters, lever) for lever in levers_N]
     # A dictionary keeps the rows of the matrix in order and drops equal rows.
@@ -204,8 +217,9 @@ def _check_slope_has_compliance(
 ) -> None:
     """Raise an `InputError` if a compliance is fixed at zero but changes sign with force.
 
-    It changes sign if its linear slope is free and tested forces lie on both sides of the reference
-    force.
+    Such a compliance changes sign if its linear slope is free and tested forces lie on both sides
+    of the reference force. ``label`` is its name, ``parameters`` are those that are not fixed, and
+    ``rows`` (p,) give the compliance at each tested force.
     """
     belongs = [p.group != "geometric" and p.compliance == label for p in parameters]
     degrees = [p.degree for p, belonging in zip(parameters, belongs, strict=True) if belonging]

@@ -1,7 +1,8 @@
 """Least-squares estimates of a machine, about which the model of a campaign is linearised.
 
-Ĉ are the estimated compliances and Ê the estimated geometric errors. For a plan, which has no
-readings, Ĉ is assumed.
+Some effects, such as an error of the angle, depend on the readings that the machine's compliances
+and geometric errors cause. They are computed for the estimated compliances Ĉ and geometric errors
+Ê. For a plan, which has no readings, typical values of Ĉ are assumed.
 """
 
 from __future__ import annotations
@@ -36,7 +37,10 @@ _USUAL_DIRECT_COMPLIANCE = 5e-5
 
 
 class MachineEstimate(NamedTuple):
-    """Estimated compliances and geometric errors of a machine, one number for each."""
+    """Estimated compliances and geometric errors of a machine, one number for each.
+
+    The numbers are in internal units (mm, N, rad) and in the order of the model's names.
+    """
 
     compliances: Array
     geometric_errors: Array
@@ -45,7 +49,11 @@ class MachineEstimate(NamedTuple):
 def linearise(
     setting: Setting, compliances: Sequence[ComplianceName], estimate: MachineEstimate
 ) -> Setting:
-    """Return the conditions of the tests with an estimated machine and its predicted readings."""
+    """Return the conditions of the tests with an estimated machine and its predicted readings.
+
+    ``setting`` are the conditions. The compliances and geometric errors of ``estimate``, and the
+    readings that they cause, are filled in; ``compliances`` are the names of the former.
+    """
     axial = np.zeros(3)
     for name, value in zip(compliances, estimate.compliances, strict=True):
         if name.kind == "direct":
@@ -63,15 +71,20 @@ def linearise(
 def nominal_mount_offset(setting: Setting) -> Array:
     """Return the nominal mount deflection that the readings contain, as Fourier coefficients [mm].
 
-    It has shape (tests, 25) and is zero if the readings are compensated for the mount (Eq. 32 of
-    the paper).
+    The mount is that of the work ball; its nominal deflection is proportional to the pressure. The
+    result has shape (tests, 25), and is zero if the readings are compensated for the mount (Eq. 32
+    of the paper).
     """
     nominal = 0.0 if setting.compensated else setting.deflection_um_per_bar * 1e-3
     return setting.constant(setting.pressure_bar * nominal)[:, :, 0]
 
 
 def planned_compliances(compliances: Sequence[ComplianceName], prior: Prior) -> Array:
-    """Return the compliances assumed for a plan: the prior mean, or else a typical value."""
+    """Return the compliances assumed for a plan, which has no readings, shape (compliances,).
+
+    The value of each is its prior mean if the user gave one. Otherwise it is 5e-5 mm/N for direct
+    compliances and zero for the others.
+    """
     values = []
     for name in compliances:
         usual = _USUAL_DIRECT_COMPLIANCE if name.kind == "direct" else 0.0
@@ -84,8 +97,19 @@ def estimate_machine(
 ) -> MachineEstimate:
     """Return compliances and geometric errors estimated by least squares from the whole campaign.
 
-    Compliances are taken as constant in force. If the solution is not unique, it is the one nearest
-    to the prior mean, with distances in units of the prior sd.
+    Compliances are taken as constant in force. If the least-squares solution is not unique, it is
+    the one nearest to the prior mean, with distances in units of the prior sd.
+
+    Parameters
+    ----------
+    interest
+        Parameters of interest of the campaign.
+    prior
+        Prior of the parameters; if it is flat, the prior of the first edition is used.
+    setting
+        Conditions of all tests.
+    reduced
+        Readings of every test, reduced to at most 25 numbers.
     """
     planned = planned_compliances(interest.compliances, prior)
     proper = Prior.first() if prior.flat else prior
@@ -110,20 +134,23 @@ def fit_nearest(
 ) -> Array:
     """Return the least-squares estimate of p parameters that is nearest to a point, shape (p,).
 
-    For a plan, which has no readings, it is the point itself.
+    For a plan, which has no readings, return the point itself.
 
     Parameters
     ----------
     columns
-        Columns of the p parameters as Fourier coefficients, shape (tests, 25, p).
+        Reading per unit of each of the p parameters, as 25 Fourier coefficients, shape
+        (tests, 25, p).
     near
-        The point, shape (p,).
+        Point in the space of the parameters, shape (p,). It decides which estimate is returned if
+        several fit the readings equally well.
     scale
-        Unit of each parameter in the distance from the point, shape (p,).
+        Unit of each parameter when the distance from the point is computed, shape (p,).
     reduced
-        The reduced readings of every test.
+        Readings of every test, reduced to at most 25 numbers.
     offset
-        Known part of the readings that is subtracted first, shape (tests, 25) [mm].
+        Known part of the readings, as Fourier coefficients, shape (tests, 25) [mm]; it is
+        subtracted first.
     """
     rows = []
     values = []

@@ -10,11 +10,13 @@ from ldbb_bayes.results import Array
 
 __all__ = ["central_differences", "newton"]
 
-# Fractions of a Newton step that are tried together; the one with the largest density is taken.
+# Fractions of a Newton step that are tried together. The one that leads to the largest density is
+# taken.
 _FRACTIONS = (1.0, 0.5, 0.25, 0.1, 0.03)
-# Longest Newton step. If a coordinate is the logarithm of a scale, it is a factor of 4.5.
+# Longest Newton step, in the unit of the coordinates. If a coordinate is the logarithm of a scale,
+# such a step multiplies or divides the scale by 4.5.
 _LONGEST_STEP = 1.5
-# Maximum number of Newton steps; from a sensible start ten are enough.
+# Maximum number of Newton steps in the search for a mode. From a sensible start ten are enough.
 _STEPS = 60
 
 
@@ -26,22 +28,24 @@ def newton(
     least_curvature: float = 0.3,
     gain: float = 1e-6,
 ) -> Array:
-    """Return a mode of a log density, shape (h,), found by damped Newton steps.
+    """Return a mode (local maximum) of a log density of h coordinates, shape (h,).
 
-    A step uses the absolute values of the curvatures (the eigenvalues of the negative Hessian), and
-    at least ``least_curvature``, so that it always goes uphill. No step is longer than 1.5. Several
-    fractions of a step are tried, and the best is taken.
+    The mode is found by damped Newton steps. A step uses the absolute values of the curvatures (the
+    eigenvalues of the negative Hessian), and at least ``least_curvature``, so that it always goes
+    uphill. No step is longer than 1.5. Several fractions of a step are tried, and the one that
+    leads to the largest density is taken.
 
     Parameters
     ----------
     log_density
-        Function of points (n, h) that returns their log densities (n,).
+        Function that takes n points (n, h) and returns their log densities (n,).
     derivatives
-        Function of a point (h,) that returns its gradient (h,) and Hessian (h, h).
+        Function that takes a point (h,) and returns the gradient (h,) and the Hessian (h, h) of the
+        log density there.
     start
-        Where to start, shape (h,).
+        Point where the search starts, shape (h,).
     least_curvature
-        Smaller curvatures are replaced by this value.
+        Curvatures with a smaller absolute value are replaced by this number.
     gain
         The search ends when a step raises the log density by no more than this [nat].
     """
@@ -74,11 +78,12 @@ def central_differences(
     Parameters
     ----------
     function
-        Function of points (n, h) that returns values (n,); it is called once, with all points.
+        Function that takes n points (n, h) and returns its values there (n,). It is called once,
+        with all points that the differences need.
     point
-        Where to differentiate, shape (h,).
+        Point where the derivatives are computed, shape (h,).
     step
-        Step of the differences, the same for every coordinate.
+        Distance between neighbouring points of the differences, the same for every coordinate.
     """
     h = len(point)
     steps = np.eye(h) * step

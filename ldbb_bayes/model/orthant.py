@@ -507,8 +507,9 @@ def _bound_by_pairs(
     """Return ln P(u ≥ 0) midway between bounds from pairs of constraints, and its error.
 
     u are the m constraints of each of w problems. Both results have shape (w,). The error is
-    infinite if rounding makes the bounds unreliable. With P₁₂ = P(u₁ ≥ 0, u₂ ≥ 0) the bounds are
-    P₁₂ − Σ_{j>2} P(u_j < 0 ≤ u₁ or u₂) and P₁₂, where the smaller of the two probabilities counts.
+    infinite if rounding makes the bounds unreliable. The upper bound is P₁₂ = P(u₁ ≥ 0, u₂ ≥ 0) of
+    the first two constraints. The lower bound is P₁₂ − Σ_{j>2} p_j, where p_j is the smallest of
+    P(u_j < 0), P(u_j < 0 ≤ u₁) and P(u_j < 0 ≤ u₂).
 
     Parameters
     ----------
