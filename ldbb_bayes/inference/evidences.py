@@ -112,10 +112,10 @@ class Evidences(Shown):
         """Return the quadrature nodes of each model; coarse ones if all the models are rejected.
 
         If nodes of all the models are known already, they are returned. Otherwise the nodes of all
-        the models are first computed coarsely. If then all log evidences, errors
-        added, are at most ``below``, the models are rejected and these coarse nodes are returned.
-        Otherwise the nodes of all the models are computed again to the tolerance of this object.
-        Evidences from coarse nodes do not appear in `every`.
+        the models are first computed coarsely. If then all log evidences, errors added, are at most
+        ``below``, the models are rejected and these coarse nodes are returned. Otherwise the nodes
+        of all the models are computed again to the tolerance of this object. Evidences from coarse
+        nodes do not appear in `every`.
         """
         if all(model_to_toml(model) in self._nodes for model in models):
             return self.of(*models)

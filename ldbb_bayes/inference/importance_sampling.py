@@ -44,8 +44,8 @@ _ROUNDS = 5
 # this share of its number of points. Otherwise the proposal (the density drawn from) is fitted
 # anew.
 _EFFICIENT = 0.4
-# Before a proposal (the density drawn from) is fitted to weighted points, the weights are evened out
-# by raising them to a power below one. Their effective sample size must then reach a third of the
+# Before a proposal (the density drawn from) is fitted to weighted points, weights are evened out by
+# raising them to a power below one. Their effective sample size must then reach a third of the
 # number of points or, if that is smaller, this number times one plus the number of dimensions.
 _FITTED_PER_DIMENSION = 40.0
 # Uneven weights of points are raised to a power. The power is one at first and is multiplied by

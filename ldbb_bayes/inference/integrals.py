@@ -23,32 +23,36 @@ Index = NDArray[np.intp]
 LogDensity = Callable[[Array], Array]
 # Number of points at which a density is evaluated at once, so that arrays stay in the cache.
 CHUNK = 256
-# Largest Pareto shape k̂ of importance weights that can be trusted. Vehtari et al. (2024) allow
-# 0.7.
+# Importance weights can be trusted if the shape k̂ of the Pareto distribution fitted to the largest
+# of them is at most this. Vehtari et al. (2024) allow 0.7.
 LARGEST_PARETO_K = 0.6
-# The error of an integral from a sample is this multiple of the standard error, which is computed
-# from independently randomised quasi-random sequences.
+# The error of an integral from a random sample is this multiple of the standard error, which is
+# computed from the scatter between independently randomised quasi-random sequences.
 _STANDARD_ERRORS = 2.0
-# The error of an integral from a sample is at least this share of the standard error with plain
-# random numbers.
+# The error of an integral from a sample of quasi-random points is at least this share of the
+# standard error that plain random points would give.
 _OF_PLAIN_ERROR = 0.5
-# The error of an integral from a sample is enlarged where the Pareto shape k̂ of its weights
-# exceeds this.
+# The error of an integral from a random sample is enlarged if the Pareto shape k̂ of the sample's
+# weights exceeds this.
 _HEAVY_TAIL_K = 0.4
-# Step of the Pareto shape k̂ beyond ``_HEAVY_TAIL_K`` for which the error is enlarged by 100 %.
+# The error of an integral from a random sample is enlarged by 100 % for every step of this size by
+# which the Pareto shape k̂ of the sample's weights exceeds ``_HEAVY_TAIL_K``.
 _HEAVY_TAIL_STEP = 0.1
 # The integral beyond the edge of a lattice is taken to be at most this multiple of the integral
 # over the nodes at its edge.
 _BEYOND_EDGE = 3.0
-# The error of the mean of a lattice's two grids is taken to be this share of their difference.
+# The log integral from a lattice is that of the mean of the lattice's two grids. Its error is taken
+# to be this share of the difference between the log integrals from the two grids.
 _MEAN_OF_TWO = 0.25
-# Largest difference of a lattice's two grids [nat] of which a share counts as error. If the square
-# of the difference is larger than that share, the square counts.
+# The error of a log integral from a lattice is a share of d, the difference between the log
+# integrals from its two grids. Where d exceeds this value [nat], the share of this value is taken.
+# If d² is larger than the share, d² is the error.
 _LARGEST_LINEAR = 0.02
-# The difference of a lattice's two grids counts as at least this share of their difference at the
-# longer step before.
+# The difference between the log integrals from a lattice's two grids counts as at least this share
+# of the difference that the lattice had before its step was shortened.
 _DECLINE = 0.35
-# Least share of the integral in one grid of a lattice, so that its logarithm is finite.
+# The share of an integral that falls on one of a lattice's two grids counts as at least this, so
+# that its logarithm is finite.
 _TINY = 1e-300
 
 
@@ -67,10 +71,11 @@ class Integral:
     edge: NDArray[np.bool_]
     #: density from which the nodes of a sample were drawn; None for a lattice
     proposal: Mixture | None
-    #: largest share of the integral that nodes without an evaluated density may hold
+    #: largest share of the integral that may lie in nodes at which the density was not evaluated
+    #: because their weight is small
     left_out: float = 0.0
-    #: difference of ln ∫ f between the two grids of a lattice at the longer step before [nat]; zero
-    #: at the first step
+    #: difference between ln ∫ f from the two grids of the lattice, before its step was last
+    #: shortened [nat]; zero if it was not shortened, and for a sample
     coarser_difference: float = 0.0
 
     @cached_property
@@ -85,12 +90,12 @@ class Integral:
 
     @property
     def log_integral(self) -> float:
-        """Logarithm ln ∫ f of the integral of the density f."""
+        """Logarithm of the integral of the density f over all h dimensions, ln ∫ f."""
         return float(np.logaddexp.reduce(self._log_weight))
 
     @property
     def ess(self) -> float:
-        """Effective sample size of the weights of the nodes."""
+        """Effective sample size 1 / Σ w² of the nodes' weights w, which sum to one."""
         return float(1.0 / (self.weight**2).sum())
 
     @cached_property
@@ -106,7 +111,7 @@ class Integral:
 
     @cached_property
     def error(self) -> float:
-        """Error of the log integral ln ∫ f [nat]; infinite where the weights cannot be trusted."""
+        """Error of the log integral ln ∫ f [nat]; infinite if the weights cannot be trusted."""
         if not self.trusted:
             return np.inf
         if self.proposal is None:
@@ -116,10 +121,11 @@ class Integral:
     def _lattice_error(self) -> float:
         """Return the error of the log integral ln ∫ f from a lattice [nat].
 
-        It is a share of the difference of the two grids plus the share of the integral beyond the
-        edge. To first order the difference cancels in the mean of the grids. The difference may
-        pass through zero as the step shortens. It therefore counts as at least a share of the
-        difference at the longer step before.
+        It is a share of the difference between the log integrals from the lattice's two grids, plus
+        the share of the integral beyond the lattice's edge. Only a share of the difference counts,
+        because the errors of the two grids cancel to first order in their mean. The difference may
+        pass through zero as the step of the lattice is shortened. It therefore counts as at least
+        0.35 of the difference before the last shortening.
         """
         difference = max(self.grid_difference, _DECLINE * self.coarser_difference)
         of_mean = max(difference**2, _MEAN_OF_TWO * min(difference, _LARGEST_LINEAR))
@@ -128,9 +134,10 @@ class Integral:
     def _sample_error(self) -> float:
         """Return the error of the log integral ln ∫ f from a sample [nat].
 
-        It is twice the standard error from the scatter between independently randomised sequences.
-        It is at least half the standard error with plain random numbers, as a few sequences may
-        agree by luck. It is enlarged where the tail of the weights is heavy.
+        It is twice the standard error from the scatter between independently randomised
+        quasi-random sequences. It is at least half the standard error that plain random points
+        would give, as a few sequences may agree by luck. It is enlarged if the Pareto shape k̂ of
+        the weights is above 0.4.
         """
         share = np.bincount(self.estimate, self.weight)
         plain_error = np.sqrt(max(1.0 / self.ess - 1.0 / len(self.weight), 0.0))
@@ -150,27 +157,35 @@ class Integral:
 
     @property
     def trusted(self) -> bool:
-        """Whether the weights of the nodes can be trusted."""
+        """Whether the weights of the nodes can be trusted: their Pareto shape k̂ is at most 0.6.
+
+        Those of a lattice always can.
+        """
         return self.pareto_k <= LARGEST_PARETO_K
 
     def heaviest(self, spare: float) -> tuple[Array, Array]:
         """Return the nodes with the largest weights, shape (k, h), and these weights, shape (k,).
 
-        The nodes not returned hold the share ``spare`` of the integral. The weights sum to one.
+        As many nodes are left out as together hold less than the share ``spare`` of the integral.
+        The weights returned are scaled to sum to one.
         """
         heavy = self._heavy_nodes(spare)
         return self.free[heavy], self.weight[heavy] / self.weight[heavy].sum()
 
     def _heavy_nodes(self, spare: float) -> Index:
-        """Return indices of the heaviest nodes, but for the share ``spare`` of the integral."""
+        """Return the indices of the nodes with the largest weights, in ascending order.
+
+        As many nodes are left out as together hold less than the share ``spare`` of the integral.
+        """
         order = np.argsort(self.weight)
         return np.sort(order[np.cumsum(self.weight[order]) >= spare])
 
     def pick(self, size: int, rng: np.random.Generator) -> Array:
         """Return nodes resampled in proportion to their weights, shape (size, h).
 
-        Resampling is systematic: it takes equally spaced levels of the cumulative weight, with one
-        random start. The nodes returned are in random order.
+        Resampling is systematic: the nodes are picked at ``size`` equally spaced levels of the
+        cumulative weight, with a random start. A node may be picked several times. The nodes
+        returned are in random order.
         """
         order = np.lexsort(self.free.T)
         levels = (rng.random() + np.arange(size)) / size
@@ -180,12 +195,17 @@ class Integral:
     def draw(self, size: int, rng: Random, *, temperature: float = 1.0) -> Array:
         """Return independent random draws from the proposal of a sample, shape (size, h).
 
-        Scales of the proposal are multiplied by the square root of ``temperature``.
+        The proposal is the density from which the nodes of the sample were drawn. Its scales
+        (standard deviations) are multiplied by the square root of ``temperature``. A lattice has no
+        proposal.
         """
         return self._sample_proposal().draw(size, rng, temperature=temperature)
 
     def log_proposal(self, free: Array) -> Array:
-        """Return the log density of a sample's proposal, shape (n,), at points of shape (n, h)."""
+        """Return the log density of a sample's proposal, shape (n,), at points of shape (n, h).
+
+        The proposal is the density from which the nodes of the sample were drawn.
+        """
         return self._sample_proposal().log_density(free)
 
     def _sample_proposal(self) -> Mixture:
@@ -194,15 +214,17 @@ class Integral:
         return self.proposal
 
     def times(self, log_factor: Callable[[Index], Array], spare: float) -> Integral:
-        """Return the integral ∫ f g of two factors, with ln g evaluated only at the heaviest nodes.
+        """Return the integral ∫ f g, with ln g evaluated only at the nodes of largest weight.
+
+        f is the density of this integral, g a further factor. The nodes stay the same.
 
         Parameters
         ----------
         log_factor : callable
             Function that takes indices of nodes, shape (k,), and returns ln g there, shape (k,).
         spare : float
-            Share of ∫ f in the nodes that are left out. Their part of ∫ f g, with g at its largest
-            value, is added to the error.
+            Largest share of ∫ f in the nodes that are left out. Their part of ∫ f g, with g at its
+            largest value, is added to the error.
         """
         heavy = self._heavy_nodes(spare)
         values = np.full(len(self.free), -np.inf)
@@ -215,6 +237,10 @@ class Integral:
 
 
 def in_chunks(log_density: Callable[..., Array], points: Array, size: int = CHUNK) -> Array:
-    """Return a log density at any number of points, evaluated in blocks of about ``size``."""
+    """Return a log density at n points, evaluated in blocks of about ``size`` points.
+
+    The log density is a function of the rows of ``points``, an array of length n; the result has
+    the shape (n,).
+    """
     chunks = np.array_split(points, max(1, -(-len(points) // size)))
     return np.concatenate([log_density(chunk) for chunk in chunks])

@@ -24,19 +24,20 @@ __all__ = ["grow_lattice"]
 
 # A coarse lattice is used where the tolerance of the log integral is at least this [nat].
 _LOOSE_TOLERANCE = 1e-2
-# First step of a coarse lattice, in standard deviations at the highest mode.
+# First step of a coarse lattice, in standard deviations of the density at its highest mode.
 _LOOSE_STEP = 2.0
-# First step of a fine lattice as a multiple of the step that a Gaussian density would need.
+# First step of a fine lattice, as a multiple of the step with which the integral of a Gaussian
+# density would reach the tolerance.
 _STEP_MARGIN = 0.93
-# A coarse lattice grows until the log density is this much below its highest value [nat].
+# A coarse lattice grows until the log density at its edge is below the highest value by this [nat].
 _LOOSE_DEPTH = 9.0
-# A fine lattice grows until the log density is this much, minus the logarithm of the tolerance,
-# below its highest value [nat].
+# A fine lattice grows until the log density at its edge is below the highest value by this minus
+# the logarithm of the tolerance of the log integral [nat].
 _DEPTH = 5.5
-# If too much of the integral lies beyond the edge of a lattice, it grows to log densities that are
-# lower by this [nat].
+# If too much of the integral lies beyond the edge of a lattice, the lattice is computed again and
+# grows until the log density at its edge is lower by this [nat].
 _DEEPER = 3.0
-# Factor by which the step of a lattice that is not fine enough is multiplied.
+# If a lattice does not reach the tolerance, it is computed again with its step multiplied by this.
 _FINER = 0.85
 
 
@@ -50,22 +51,24 @@ def grow_lattice(
 ) -> Integral:
     """Return the integral ∫ f of a density from a lattice, within a tolerance.
 
-    The lattice grows from the modes until f is negligible at its edge, and its step is shortened as
-    needed. Growing and shortening stop at ``max_nodes``; the error of the result then exceeds the
-    tolerance.
+    The nodes of the lattice are the points of two regular grids, moved against each other by half a
+    step. The lattice grows from the modes until f is negligible at its edge, and its step is
+    shortened as needed. Growing and shortening stop at ``max_nodes``; the error of the result then
+    exceeds the tolerance.
 
     Parameters
     ----------
     log_density : callable
         Function that returns ln f, shape (n,), at points of shape (n, h).
     modes : sequence of pairs
-        Modes, shape (h,), the highest first, each with a square root, shape (h, h), of the inverse
-        of minus the Hessian of ln f there. The root at the highest mode sets the directions of the
-        lattice.
+        Modes (maxima) of f, shape (h,), the highest first, each with a square root, shape (h, h),
+        of the inverse of minus the Hessian of ln f there. The root at the highest mode sets the
+        directions of the lattice.
     tolerance : float
         Error of ln ∫ f asked for [nat].
     step : float, optional
-        The first step, in standard deviations at the highest mode.
+        The first step of each grid, in standard deviations of f at the highest mode. Default: the
+        step that a Gaussian density would need.
     max_nodes : int
         Number of nodes at which growing and shortening stop.
     """
@@ -94,10 +97,11 @@ def grow_lattice(
 
 
 def _first_step(h: int, tolerance: float) -> float:
-    """Return the first step of a lattice in h dimensions, in standard deviations.
+    """Return the first step of a lattice in h dimensions, in standard deviations of the density.
 
-    For a Gaussian density f the two grids differ by 4 h exp(−2 π²/step²) in ln ∫ f. The step is a
-    little shorter than the tolerance [nat] requires.
+    For a Gaussian density f, the log integrals ln ∫ f from the two grids of the lattice differ by
+    4 h exp(−2 π²/step²). The step is a little shorter than ``tolerance``, the error allowed in
+    ln ∫ f [nat], requires.
     """
     if tolerance >= _LOOSE_TOLERANCE:
         return _LOOSE_STEP
@@ -113,10 +117,11 @@ def _lattice(
     max_nodes: int,
     coarser_difference: float,
 ) -> Integral:
-    """Return the integral ∫ f of a density from the two grids of a lattice.
+    """Return the integral ∫ f of a density from the two grids of a lattice in h dimensions.
 
-    The columns of ``cell``, shape (h, h), are the steps of a grid in h dimensions. The other
-    parameters are those of `_grow_grid`.
+    The columns of ``cell``, shape (h, h), are the steps from a node of a grid to its next ones.
+    ``coarser_difference`` is the difference between ln ∫ f from the two grids before the step was
+    shortened [nat]. The other arguments are those of `_grow_grid`.
     """
     grids = [
         _grow_grid(log_density, centre, cell, starts, offset, depth, max_nodes)
@@ -141,7 +146,8 @@ def _lattice(
 def _points(centre: Array, cell: Array, places: Array) -> Array:
     """Return the coordinates of grid points, shape (n, h).
 
-    ``places``, shape (n, h), are counted in steps of the grid from ``centre``.
+    ``places``, shape (n, h), holds the positions of the n points relative to ``centre``, shape
+    (h,), in multiples of the grid's steps. The steps are the columns of ``cell``, shape (h, h).
     """
     return np.asarray(centre + places @ cell.T)
 
@@ -149,9 +155,13 @@ def _points(centre: Array, cell: Array, places: Array) -> Array:
 class _Grid(NamedTuple):
     """One of the two grids of a lattice."""
 
-    places: Array  #: places of the nodes, counted in steps, shape (n, h)
-    log_density: Array  #: logarithm of the density at the nodes, shape (n,)
-    edge: NDArray[np.bool_]  #: whether a node is at the edge of the grid, shape (n,)
+    #: positions of the grid's n nodes in h dimensions, relative to the centre of the lattice and in
+    #: multiples of the grid's steps, shape (n, h)
+    places: Array
+    log_density: Array  #: logarithm of the density to integrate at the n nodes, shape (n,)
+    #: whether each of the n nodes is at the edge of the grid, beyond which the density was not
+    #: evaluated, shape (n,)
+    edge: NDArray[np.bool_]
 
 
 def _grow_grid(
@@ -163,12 +173,14 @@ def _grow_grid(
     depth: float,
     max_nodes: int,
 ) -> _Grid:
-    """Grow one grid of a lattice: add the neighbours of nodes until all new ones are negligible.
+    """Return one grid of a lattice: add the neighbours of nodes until all new ones are negligible.
 
-    A node is negligible where the log density is more than ``depth`` below its highest value.
-    ``starts`` are the modes, counted in steps from ``centre``; ``offset`` moves the grid by a part
-    of a step. The edge of the grid is its negligible nodes, and the nodes added last if growth
-    stopped at ``max_nodes``.
+    A node is negligible if the log density there is below its highest value by ``depth`` [nat] or
+    more. Growing also stops at ``max_nodes`` nodes. The grid's steps are the columns of ``cell``,
+    shape (h, h). ``starts`` are the modes of the density, from which the grid grows, relative to
+    ``centre`` and in multiples of the steps. ``offset`` is the part of a step, 0 or 0.5, by which
+    the grid is moved in every direction. The edge of the grid is its negligible nodes, and the
+    nodes added last if growth stopped at ``max_nodes``.
     """
     h = len(starts[0])
     neighbours = np.vstack([np.eye(h), -np.eye(h)])
@@ -195,9 +207,11 @@ def _grow_grid(
 
 
 def _first_front(starts: Sequence[Array], offset: float) -> Array:
-    """Return the grid points around the starting points, from which a grid grows.
+    """Return the grid points next to the starting points, from which a grid grows, shape (n, h).
 
-    ``offset`` is the part of a step by which the grid is moved.
+    Starting points and grid points are in multiples of the grid's steps. ``offset`` is the part of
+    a step by which the grid is moved; it is not included in the grid points. If it is zero, the
+    nearest grid point of each starting point is returned, otherwise the 2^h points around it.
     """
     along_axis = [0.0]
     if offset:
@@ -209,7 +223,7 @@ def _first_front(starts: Sequence[Array], offset: float) -> Array:
 def _keys(index: Array) -> NDArray[np.int64]:
     """Return integers that identify n grid points in h dimensions, shape (n,).
 
-    ``index``, shape (n, h), holds the positions of the points in the grid.
+    ``index``, shape (n, h), holds the positions of the points in whole steps of the grid.
     """
     h = index.shape[1]
     reach = 1 << 62 // h - 1

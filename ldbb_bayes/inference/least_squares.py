@@ -22,8 +22,8 @@ from ldbb_bayes.results import Array, ByRow, Numbers, Result, readable
 
 __all__ = ["LeastSquares", "fit_least_squares"]
 
-# A matrix of derivatives counts as singular if its smallest singular value is below this share of
-# the largest one.
+# The matrix of derivatives of the readings with respect to the parameters counts as singular if its
+# smallest singular value is below this share of the largest one.
 _SINGULAR = 1e-10
 
 
@@ -110,8 +110,7 @@ def fit_least_squares(
     flat_prior = HybridModel.paper().prior
     model = HybridModel(degree, (), flat_prior, reference_force_N, "paper", fixed)
     bound = model.bind(campaign)
-    # Under a flat prior, the point about which a bound model is centred is the least-squares
-    # estimate.
+    # Under a flat prior, ``bound.centre`` is the least-squares estimate of the parameters.
     estimate = bound.centre
     coefficients = machine_coefficients(bound, estimate[None])[0]
     predicted_um = {
@@ -131,9 +130,10 @@ def fit_least_squares(
 def _uncertainty(bound: BoundModel, quality: FitQuality) -> Array:
     """Return the standard uncertainty of each of the p parameters, shape (p,).
 
-    It is the square root of the diagonal of s² (JᵀJ)⁻¹, where J is the Jacobian, shape (readings,
-    p), and s² the variance of the residuals. It is NaN if J is singular or if there are no more
-    readings than parameters.
+    It is in internal units (mm, N, rad). It is the square root of the diagonal of s² (JᵀJ)⁻¹. The
+    Jacobian J, shape (readings, p), holds the derivatives of the readings with respect to the
+    parameters; s² is the sum of squares of the residuals divided by the number of readings minus p.
+    The uncertainty is NaN if J is singular or if there are no more readings than parameters.
     """
     readings = sum(reduced.readings for reduced in bound.reduced)
     sum_of_squares = readings * (quality.rmse_um * 1e-3) ** 2

@@ -32,28 +32,31 @@ __all__ = [
     "run_ensembles",
 ]
 
-# Number of blocks of steps of equal length, after which blocks double in length.
+# The sampler runs in blocks of steps. After this number of blocks of one length, the next blocks are
+# twice as long.
 _BLOCKS_PER_LENGTH = 4
-# Largest number of times that the blocks of steps double in length.
+# Largest number of times that the sampler's blocks of steps double in length.
 _LARGEST_DOUBLING = 5
-# Number of doublings of a block's length after which the steps between stored draws double instead
-# of the number of stored draws.
+# At the first doublings of the length of the sampler's blocks of steps, up to this number of
+# doublings, a block stores twice as many draws. At later ones, the number of steps from one stored
+# draw to the next doubles instead.
 _DOUBLINGS_STORED = 2
-# Share of the differential-evolution moves of walkers that have the factor 1, with which walkers
-# jump between modes.
+# A walker moves by differential evolution: by a factor times the difference of two other walkers.
+# In this share of such moves the factor is one, by which walkers jump between modes.
 _JUMP_SHARE = 0.1
-# Share of the moves of walkers that propose independent points, if there is a source of such
-# points.
+# Share of the moves of walkers that propose independent points, drawn from a density near the
+# posterior, if there is a source of such points.
 _REDRAW_SHARE = 0.9
 # Largest number of draws kept of each ensemble of walkers, unless the effective sample size asked
 # for needs more.
 _MOST_DRAWS = 25_000
-# Number of independent points that are drawn at a time, for moves that propose such points.
+# Moves that propose independent points to walkers take them from a stock. This number of points is
+# drawn at a time to fill it.
 _STOCK = 512
 
 
 class BlockPlan(NamedTuple):
-    """Length of a block of steps of the sampler, and which of its steps are stored."""
+    """Length of a block of steps of the sampler, and which of its steps are stored as draws."""
 
     draws: int  #: number of draws stored of each walker
     thin: int  #: number of steps from one stored draw to the next
@@ -89,7 +92,10 @@ class StoppingRule(Shown):
     lengths: float = 6.0
 
     def next_block(self, steps: int) -> BlockPlan:
-        """Return the plan of the next block of steps after the given number of steps."""
+        """Return the plan of the next block of steps of the sampler.
+
+        ``steps`` is the number of steps that have been run before. Later blocks are longer.
+        """
         blocks = steps / (_BLOCKS_PER_LENGTH * self.block)
         doublings = min(int(np.log2(1.0 + blocks)), _LARGEST_DOUBLING)
         thin = 2 ** max(doublings - _DOUBLINGS_STORED, 0)
@@ -98,24 +104,29 @@ class StoppingRule(Shown):
 
 @dataclass(frozen=True)
 class Assessment:
-    """Smallest effective sample sizes and largest R-hat of all parameters."""
+    """Smallest effective sample sizes and largest R-hat of all parameters and hyper-parameters."""
 
-    ess_bulk_min: float  #: smallest effective sample size for the mean
-    ess_tail_min: float  #: smallest effective sample size for the tails
-    rhat_max: float  #: largest R-hat of all parameters
-    worst: int = 0  #: index of the parameter with the smallest effective sample size
+    #: smallest effective sample size for the mean, of all parameters and hyper-parameters
+    ess_bulk_min: float
+    #: smallest effective sample size for the tails, of all parameters and hyper-parameters
+    ess_tail_min: float
+    rhat_max: float  #: largest R-hat of all parameters and hyper-parameters
+    #: index of the parameter or hyper-parameter with the smallest effective sample size
+    worst: int = 0
 
     def meets(self, rule: StoppingRule, *, walkers: int) -> bool:
-        """Return whether the draws meet a stopping rule; False if a diagnostic is NaN.
+        """Return whether the draws assessed meet a stopping rule; False if a diagnostic is NaN.
 
-        ``walkers`` is the number of walkers of all ensembles, or 0 for independent draws.
+        ``walkers`` is the number of walkers of all ensembles together, or 0 for independent draws.
         """
         return self.share(rule, walkers=walkers) >= 1.0 and self.rhat_max <= rule.rhat
 
     def share(self, rule: StoppingRule, *, walkers: int) -> float:
-        """Return the smallest ratio of a sample size reached to the sample size asked for.
+        """Return the smallest ratio of an effective sample size reached to that asked for.
 
-        ``walkers`` is the number of walkers of all ensembles, or 0 for independent draws.
+        It is one or more if the draws suffice. For walkers, the rule also asks for a number of
+        autocorrelation times that the draws must span. ``walkers`` is the number of walkers of all
+        ensembles together, or 0 for independent draws.
         """
         shares = [self.ess_bulk_min / rule.ess, self.ess_tail_min / rule.ess]
         if walkers > 0:
@@ -138,35 +149,51 @@ class Progress:
 class EnsembleRun:
     """Random draws of a run of the sampler, and how well the run converged."""
 
-    #: random draws, shape (ensembles, draws, d), in which the draws of one walker follow each other
+    #: random draws of d coordinates, shape (ensembles, draws, d), in which the draws of one walker
+    #: follow each other
     chain: Array
     assessment: Assessment
     converged: bool  #: whether the draws meet the stopping rule
-    steps: int  #: number of steps of each ensemble
-    walkers: int  #: number of walkers of each ensemble
-    acceptance: float  #: mean share of the proposed moves of walkers that were accepted
+    steps: int  #: number of steps that each ensemble of walkers made
+    walkers: int  #: number of walkers of each ensemble; 1 if the draws are independent
+    acceptance: float  #: share of the proposed moves, or of proposed draws, that were accepted
 
 
 class WeightedPoints(NamedTuple):
-    """Independent points with their importance weights."""
+    """Independent random points in d dimensions with their importance weights.
 
-    points: Array  #: coordinates of the points, shape (size, d)
-    log_weight: Array  #: logarithm of target density over proposal density, shape (size,)
-    log_target: Array  #: logarithm of the target density, shape (size,)
+    They are drawn from a proposal density near the target density, which is the one to sample.
+    """
+
+    points: Array  #: coordinates of the random points, shape (size, d)
+    #: logarithm of the density to sample divided by the density drawn from, up to a constant, at
+    #: each point, shape (size,)
+    log_weight: Array
+    log_target: Array  #: logarithm of the density to sample at each point, shape (size,)
 
 
 class Redraw(Protocol):
-    """Source of independent random points from a proposal density near the target density."""
+    """Source of independent random points, drawn from a density near the one to sample."""
 
     def draw(self, size: int, random: np.random.RandomState) -> WeightedPoints:
-        """Return ``size`` independent random points with their weights."""
+        """Return ``size`` independent random points with their importance weights.
+
+        The weight of a point is the density to sample divided by the density drawn from.
+        """
 
     def log_weight(self, points: Array) -> Array:
-        """Return the log ratio of target and proposal density at n points, shape (n,)."""
+        """Return the log importance weights of n points, shape (n,).
+
+        The weight of a point is the density to sample divided by the density from which `draw`
+        draws. ``points`` has the shape (n, d).
+        """
 
 
 def assess(chain: Array) -> Assessment:
-    """Return the worst diagnostics of the d coordinates of a chain, shape (chains, draws, d)."""
+    """Return the smallest effective sample sizes and the largest R-hat of d coordinates.
+
+    ``chain`` holds random draws of the coordinates, shape (chains, draws, d).
+    """
     bulk, tail, rhat = diagnose(chain)
     worst = int(np.argmin(np.minimum(bulk, tail)))
     return Assessment(float(bulk.min()), float(tail.min()), float(rhat.max()), worst)
@@ -183,7 +210,9 @@ def run_ensembles(
 ) -> EnsembleRun:
     """Return the run of several ensembles of walkers until the stopping rule is met.
 
-    Walkers move by differential evolution, mixed with independent draws from ``redraw``.
+    A walker is a point that moves at random through d coordinates; the points that it visits are
+    the draws. Walkers move by differential evolution, or jump to independent points from
+    ``redraw``.
 
     Parameters
     ----------
@@ -193,14 +222,14 @@ def run_ensembles(
     starts : array, shape (ensembles, walkers, d)
         Starting points of the walkers.
     rule : StoppingRule
-        Rule that decides when to stop. Most assessments consider only the coordinate that was worst
-        before; all are considered before the run ends.
+        Rule that decides when to stop. Most assessments consider only the coordinate that had the
+        smallest effective sample size before; all coordinates are considered before the run ends.
     seed : SeedSequence
         Seed of the random numbers.
     progress : callable, optional
         Called with a `Progress` at every assessment.
     redraw : Redraw, optional
-        Source of independent points.
+        Source of independent points. Default: walkers move by differential evolution alone.
 
     Returns
     -------
@@ -246,7 +275,11 @@ def run_ensembles(
 def _seconds_left(
     assessment: Assessment, rule: StoppingRule, steps: int, walkers: int, elapsed: float
 ) -> float | None:
-    """Return the estimated time until the run stops [s], or None if it cannot be estimated."""
+    """Return the estimated time until a run stops [s], or None if it cannot be estimated.
+
+    The run has made ``steps`` steps in ``elapsed`` seconds. ``walkers`` is the number of walkers of
+    all ensembles together.
+    """
     share = assessment.share(rule, walkers=walkers)
     if not share > 0.0:
         return None
@@ -268,15 +301,18 @@ class _Ensemble:
         self._sampler = emcee.EnsembleSampler(
             walkers, dimensions, log_density, vectorize=True, moves=_moves(redraw)
         )
-        # Restore the log density: emcee wraps it in a function that prints all walkers when a run
-        # is interrupted.
+        # Restore the log density, because emcee has wrapped it in a function that prints the
+        # coordinates of all walkers when a run is interrupted.
         self._sampler.log_prob_fn = log_density
         twister: Any = np.random.RandomState(seed.generate_state(8)).get_state()
         self._state = emcee.State(start, random_state=twister)
         self.acceptance = 0.0  #: share of proposals accepted in the last block of steps
 
     def run(self, plan: BlockPlan) -> Array:
-        """Return the stored draws of the next block of steps, shape (draws, walkers, d)."""
+        """Run the next block of steps, and return its stored draws, shape (draws, walkers, d).
+
+        The draws are the d coordinates of all walkers at every stored step.
+        """
         self._sampler.reset()
         self._state = self._sampler.run_mcmc(
             self._state, plan.draws, thin_by=plan.thin, skip_initial_state_check=True
@@ -288,7 +324,10 @@ class _Ensemble:
 
 
 def _moves(redraw: Redraw | None) -> list[tuple[Any, float]]:
-    """Return the kinds of moves of an ensemble, each with its share of all moves."""
+    """Return the kinds of moves of emcee's walkers, each with its share of all moves.
+
+    Moves to independent points are among them if there is a source ``redraw`` of such points.
+    """
     moves = [
         (emcee.moves.DEMove(), 1.0 - _JUMP_SHARE),
         (emcee.moves.DEMove(gamma0=1.0), _JUMP_SHARE),
@@ -309,9 +348,10 @@ class _StoredBlock(NamedTuple):
 def _draws_after_burn_in(blocks: list[_StoredBlock], rule: StoppingRule) -> Array:
     """Return the draws of a run after burn-in, evenly thinned, shape (ensembles, draws, d).
 
-    ``blocks`` are the stored draws of the run, in order of time; later blocks store fewer of their
-    steps. In the result, the draws of one walker follow each other. The number of steps between
-    them is that of the last block, or larger if there are very many draws.
+    ``blocks`` hold the stored draws of d coordinates, in order of time; later blocks store fewer of
+    their steps. The first quarter, or the share ``discard`` of ``rule``, is discarded as burn-in.
+    In the result, the draws of one walker follow each other. The number of steps from one draw to
+    the next is that of the last block, or larger if there are very many draws.
     """
     steps_between_draws = blocks[-1].thin
     evenly_spaced = []
@@ -323,7 +363,7 @@ def _draws_after_burn_in(blocks: list[_StoredBlock], rule: StoppingRule) -> Arra
     ensembles, steps, walkers, dimensions = after_burn_in.shape
     most_draws = max(_MOST_DRAWS, int(2.0 * rule.ess / ensembles))
     stride = -(-steps * walkers // most_draws)
-    # The last step is always among the draws.
+    # Thin the draws so that the last step of the walkers is always among them.
     thinned = after_burn_in[:, (steps - 1) % stride :: stride]
     return np.swapaxes(thinned, 1, 2).reshape(ensembles, -1, dimensions)
 
@@ -331,8 +371,9 @@ def _draws_after_burn_in(blocks: list[_StoredBlock], rule: StoppingRule) -> Arra
 class RedrawMove:
     """Move of emcee that proposes an independent point to every walker (Tierney 1994).
 
-    The weight of a point is its target density over its proposal density. A proposal is accepted
-    with probability min(1, weight of the proposed point / weight of the present point).
+    The weight of a point is the density to sample divided by the density from which independent
+    points are drawn. A proposed point is accepted with the probability min(1, weight of the
+    proposed point / weight of the walker's present point).
     """
 
     def __init__(self, redraw: Redraw) -> None:
@@ -343,7 +384,11 @@ class RedrawMove:
         self._last_log_weight = np.zeros(0)
 
     def propose(self, model: Any, state: Any) -> tuple[Any, NDArray[np.bool_]]:
-        """Return the next state of the ensemble, and which walkers accepted their proposals."""
+        """Return the next state of an ensemble, and which of its walkers accepted their proposals.
+
+        ``model`` and ``state`` are those that emcee passes to a move: the random numbers, and the
+        coordinates and log densities of all walkers. The second result has the shape (walkers,).
+        """
         walkers = len(state.coords)
         log_weight = self._log_weight_of(state.coords)
         proposed = self._next_independent_points(walkers, model.random)
@@ -356,9 +401,10 @@ class RedrawMove:
         return state, accepted
 
     def _log_weight_of(self, coordinates: Array) -> Array:
-        """Return the log weights of all walkers at their coordinates.
+        """Return the log importance weights of all walkers, shape (walkers,).
 
-        They are computed anew only for walkers that another kind of move has displaced.
+        ``coordinates`` has the shape (walkers, d). The weights are those of the last move of this
+        kind; they are computed anew only for walkers that another kind of move has displaced since.
         """
         displaced = np.ones(len(coordinates), dtype=bool)
         if self._last_coordinates.size:
@@ -369,9 +415,9 @@ class RedrawMove:
         return log_weight
 
     def _next_independent_points(self, size: int, random: np.random.RandomState) -> WeightedPoints:
-        """Remove ``size`` points from the stock of independent points, and return them.
+        """Remove ``size`` weighted points from the stock of independent points, and return them.
 
-        More points are drawn if the stock has too few.
+        If the stock has too few, more points are drawn by means of ``random``.
         """
         stock = self._stock
         while stock is None or len(stock.points) < size:

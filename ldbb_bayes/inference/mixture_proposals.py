@@ -17,38 +17,45 @@ from ldbb_bayes.results import Array
 
 __all__ = ["Mixture", "Random", "SplitT", "fit_split_t", "refit_mixture"]
 
-# Types of generators of random numbers; emcee passes a RandomState to its moves.
+# Types of random number generators of NumPy that are accepted. The sampler emcee gives a RandomState
+# to its moves; everything else uses a Generator.
 Random = np.random.Generator | np.random.RandomState
 
-# Degrees of freedom of Student-t distributions that are tried, the heaviest tails first.
+# Degrees of freedom that are tried when a Student-t distribution is fitted to points. Those with the
+# heaviest tails come first.
 _FREEDOMS = np.array([3.0, 5.0, 9.0, 20.0])
-# Student-t distributions with light tails are fitted only in more dimensions than this. In few
-# dimensions they gain little, and too few points would be drawn at the edges of the density.
+# Student-t distributions with light tails (many degrees of freedom) are fitted only in more
+# dimensions than this. In few dimensions they gain little, and too few points would be drawn at the
+# edges of the density to integrate.
 _FEW_DIMENSIONS = 5
-# Number of degrees of freedom, the heaviest tails first, that are tried in few dimensions.
+# In few dimensions, only this number of the candidates in ``_FREEDOMS`` (degrees of freedom of a
+# Student-t distribution) are tried: the first ones, which have the heaviest tails.
 _HEAVY_TAILS = 2
 # Degrees of freedom from which the fit of a Student-t distribution starts.
 _FIRST_FREEDOM = 9.0
-# Places at which the two sides of a split Student-t distribution may meet, in the coordinate z of
-# `SplitT`.
+# Values of the coordinate z at which the two sides of a split Student-t distribution may meet. It
+# has different scales and degrees of freedom on its sides; for z see `SplitT`.
 _OFFSETS = np.linspace(-0.4, 0.4, 9)
-# A split Student-t distribution is fitted by alternately fitting scales and degrees of freedom.
-# Number of alternations, and of expectation-maximisation steps for the scales in each of them.
+# A split Student-t distribution is fitted by alternately fitting its scales and its degrees of
+# freedom. ``_ALTERNATIONS`` is the number of alternations; in each, the scales are fitted by
+# ``_EM_STEPS`` expectation-maximisation steps.
 _ALTERNATIONS = 2
 _EM_STEPS = 3
-# Smallest and largest scale of a split Student-t distribution, in the coordinate z of `SplitT`.
+# Smallest and largest scale (width) of a split Student-t distribution that is fitted, in units of
+# the coordinate z of `SplitT`.
 _SMALLEST_SCALE = 0.05
 _LARGEST_SCALE = 20.0
-# Factor by which a proposal is made wider than its fit, because too narrow is worse than too wide.
+# Factor by which a proposal (the density drawn from) is made wider than its fit to the points: for
+# importance sampling, too narrow is worse than too wide.
 _WIDER = 1.05
-# Largest number of points to which the tails of a proposal are fitted; more points are resampled to
-# this number.
+# Largest number of weighted points to which the tails of a proposal (the density drawn from) are
+# fitted. If there are more, this number of them is resampled by their weights.
 _FITTED_POINTS = 4096
-# Smallest probability of a component in a mixture; a component that receives a smaller share of the
-# weight is not refitted.
+# Smallest share of a component in a mixture. A component that receives a smaller share of the
+# weighted points is not fitted to them again.
 _SMALLEST_SHARE = 0.02
-# Correlations of a fitted proposal are shrunk towards zero, as if by this many additional
-# uncorrelated points per dimension.
+# The correlations of a proposal (the density drawn from) that is fitted to weighted points are
+# shrunk towards zero, as if there were this many additional uncorrelated points per dimension.
 _SHRINKAGE = 4.0
 
 
@@ -57,13 +64,20 @@ class SplitT:
     """Distribution of x = centre + root z, where the h elements of z are independent split t.
 
     A split t is a Student-t distribution with different scales and degrees of freedom on its two
-    sides. The density is continuous, as the two sides have the same height at z = 0.
+    sides. The density is continuous, as the two sides have the same height at z = 0. The columns of
+    the matrix ``root`` are the directions of the elements of z in the space of x.
     """
 
-    centre: Array  #: point at which the two sides meet in every direction, shape (h,)
-    root: Array  #: matrix whose columns are the directions of the split t, shape (h, h)
-    scale: Array  #: scales along each direction, below and above the centre, shape (2, h)
-    #: degrees of freedom along each direction, below and above the centre, shape (2, h)
+    #: point x at which the two sides of the distribution meet in every direction, shape (h,)
+    centre: Array
+    #: matrix of x = centre + root z, whose columns are the directions of the h independent split t,
+    #: shape (h, h)
+    root: Array
+    #: scales (widths) of the distribution along each of h directions, in its coordinate z; first
+    #: below the centre, then above it, shape (2, h)
+    scale: Array
+    #: degrees of freedom of the distribution along each of h directions; first below the centre,
+    #: then above it, shape (2, h)
     freedom: Array
 
     def log_density(self, points: Array) -> Array:
@@ -77,9 +91,10 @@ class SplitT:
         return np.asarray(-log_mass - np.linalg.slogdet(self.root)[1] - tails)
 
     def transform(self, uniform: Array) -> Array:
-        """Return random points of the distribution from uniform random numbers.
+        """Return n random points x of the distribution, shape (n, h), from uniform random numbers.
 
-        The uniform numbers, between 0 and 1, and the points have the shape (n, h).
+        ``uniform``, shape (n, h), holds independent random numbers between 0 and 1, one for each
+        direction of each point.
         """
         masses = _side_masses(self.scale, self.freedom)
         side_probability = masses / masses.sum(axis=0)
@@ -98,35 +113,41 @@ class SplitT:
 def _side_masses(scale: Array, freedom: Array) -> Array:
     """Return the integral of each side of a split Student-t density that is 1 at its centre.
 
-    It is ∫ (1 + z²/(freedom scale²))^(−(freedom + 1)/2) dz over one side of z = 0.
+    It is ∫ (1 + z²/(freedom scale²))^(−(freedom + 1)/2) dz over the values of z on one side of 0.
+    ``scale``, ``freedom`` (degrees of freedom) and the result have the same shape, usually (2, h):
+    both sides, along each of h directions.
     """
     log_height = gammaln(freedom / 2.0) - gammaln((freedom + 1.0) / 2.0)
     return np.asarray(0.5 * scale * np.sqrt(freedom * np.pi) * np.exp(log_height))
 
 
 def _log_tail(square: Array, scale: Array, freedom: Array | float) -> Array:
-    """Return minus the log of a Student-t density that is scaled to 1 at z = 0.
+    """Return minus the logarithm of a Student-t density that is scaled to be 1 at z = 0.
 
-    ``square`` is z².
+    ``square``, shape (n, h), holds z² for n points along h directions, ``scale``, shape (h,), the
+    scales of the density. ``freedom`` are its degrees of freedom, shape (h,), or one number.
     """
     return np.asarray(0.5 * (freedom + 1.0) * np.log1p(square / (freedom * scale**2)))
 
 
 @dataclass(frozen=True, eq=False)
 class Mixture:
-    """Mixture of k components, each a product of split Student-t distributions (`SplitT`)."""
+    """Mixture of k components, each a product of split Student-t distributions (`SplitT`).
+
+    A split Student-t has different scales and degrees of freedom on its two sides.
+    """
 
     components: tuple[SplitT, ...]  #: the k components of the mixture
-    share: Array  #: probabilities of the k components, shape (k,)
+    share: Array  #: probabilities of the k components of the mixture, shape (k,)
 
     def log_density(self, points: Array) -> Array:
-        """Return the log density, shape (n,), at points of shape (n, h)."""
+        """Return the log density of the mixture, shape (n,), at points of shape (n, h)."""
         return np.asarray(np.logaddexp.reduce(self.by_component(points), axis=0))
 
     def by_component(self, points: Array) -> Array:
-        """Return the log of share times density of each component, shape (k, n).
+        """Return ln (share · density) of each of k components at n points, shape (k, n).
 
-        The points have the shape (n, h).
+        ``points`` has the shape (n, h). The share of a component is its probability.
         """
         rows = []
         for share, component in zip(self.share, self.components, strict=True):
@@ -149,11 +170,11 @@ class Mixture:
 
 
 def refit_mixture(proposal: Mixture, points: Array, weight: Array) -> Mixture:
-    """Return a mixture with each component refitted to weighted points.
+    """Return a mixture with each component of ``proposal`` refitted to weighted points.
 
-    Points have the shape (n, h); their weights, shape (n,), sum to one. Each point is shared among
-    the components in proportion to their densities there. Components that receive next to no
-    weight stay as they are.
+    ``points`` has the shape (n, h); the weights, shape (n,), sum to one. The weight of each point
+    is shared among the components in proportion to share times density of the components there.
+    Components that receive less than 2 % of the weight stay as they are.
     """
     by_component = proposal.by_component(points)
     weights = weight * np.exp(by_component - np.logaddexp.reduce(by_component, axis=0))
@@ -168,9 +189,11 @@ def refit_mixture(proposal: Mixture, points: Array, weight: Array) -> Mixture:
 
 
 def _refit_component(component: SplitT, points: Array, weight: Array) -> SplitT:
-    """Return a component fitted to the mean, covariance and tails of weighted points.
+    """Return a component of a mixture, refitted to mean, covariance and tails of weighted points.
 
-    Correlations are shrunk towards zero, the more so the fewer points carry the weight.
+    ``component`` gives the coordinates in which the fit is made. ``points`` has the shape (n, h);
+    the weights, shape (n,), sum to one. Correlations are shrunk towards zero, the more so the fewer
+    points carry the weight.
     """
     z = np.linalg.solve(component.root, (points - component.centre).T).T
     ess = 1.0 / (weight**2).sum()
@@ -198,28 +221,40 @@ def _refit_component(component: SplitT, points: Array, weight: Array) -> SplitT:
 
 
 class _AxisFit(NamedTuple):
-    """Split Student-t distributions fitted along each of h directions."""
+    """Split Student-t distributions fitted to points along each of h directions.
 
-    #: place along each direction where the two sides of the distribution meet, shape (h,)
+    A split Student-t has different scales and degrees of freedom on its two sides.
+    """
+
+    #: coordinate along each of h directions at which the two sides of the distribution meet, shape
+    #: (h,)
     offset: Array
-    #: scales of the distribution below and above the offset, shape (2, h)
+    #: scales (widths) of the distribution along each of h directions; first below the offset, then
+    #: above it, shape (2, h)
     scale: Array
-    freedom: Array  #: degrees of freedom below and above the offset, shape (2, h)
-    log_likelihood: Array  #: weighted mean of the log density at the points, shape (h,)
+    #: degrees of freedom of the distribution along each of h directions; first below the offset,
+    #: then above it, shape (2, h)
+    freedom: Array
+    #: weighted mean of the log density at the points to which the distribution was fitted, for each
+    #: of h directions, shape (h,)
+    log_likelihood: Array
 
 
 def fit_split_t(centre: Array, root: Array, z: Array, weight: Array) -> SplitT:
     """Return the split Student-t distribution of greatest likelihood along every direction.
 
-    Scales are found by expectation-maximisation (EM) steps. Degrees of freedom, and the place where
-    the two sides meet, are picked from a few candidates.
+    A split Student-t has different scales and degrees of freedom on its two sides. Scales are found
+    by expectation-maximisation (EM) steps. Degrees of freedom, and the coordinate at which the two
+    sides meet, are picked from a few candidates. The result is a little wider than the fit.
 
     Parameters
     ----------
     centre, root : ndarray, shapes (h,) and (h, h)
-        The transformation x = centre + root z to the coordinates x of the density.
+        The transformation x = centre + root z from the coordinates z along h directions to the
+        coordinates x in which the density is given.
     z, weight : ndarray, shape (n, h)
-        Places of n points along the h directions, and weights that sum to one along each direction.
+        Coordinates of n points along each of the h directions, and their weights, which sum to one
+        along each direction.
     """
     h = z.shape[1]
     freedoms = _FREEDOMS
@@ -239,7 +274,11 @@ def fit_split_t(centre: Array, root: Array, z: Array, weight: Array) -> SplitT:
 
 
 def _fit_about(offset: float, z: Array, weight: Array, freedoms: Array) -> _AxisFit:
-    """Return split Student-t distributions along h directions, with sides meeting at ``offset``."""
+    """Return split Student-t distributions along h directions, with sides meeting at ``offset``.
+
+    They are fitted to n points: ``z``, shape (n, h), holds the coordinates along each direction,
+    ``weight``, shape (n, h), the weights. ``freedoms`` are the degrees of freedom to try.
+    """
     h = z.shape[1]
     square = (z - offset) ** 2
     above = z > offset
@@ -261,8 +300,11 @@ def _fit_about(offset: float, z: Array, weight: Array, freedoms: Array) -> _Axis
 def _fit_scale(square: Array, side_weights: Array, scale: Array, freedom: Array) -> Array:
     """Return scales of split Student-t distributions, shape (2, h), improved by a few steps.
 
-    The steps are those of expectation-maximisation. ``square`` are the squared distances of the
-    points from the place where the two sides meet.
+    A split Student-t has different scales and degrees of freedom on its two sides. The steps are
+    those of expectation-maximisation, from the present ``scale`` and degrees of ``freedom``, each
+    of shape (2, h). ``square``, shape (n, h), holds the squared distances of n points from the
+    coordinate at which the two sides meet. ``side_weights``, shape (2, n, h), holds the weights of
+    the points on the lower and on the upper side, zero for points on the other side.
     """
     for _ in range(_EM_STEPS):
         pull = (freedom[:, None] + 1.0) / (freedom[:, None] + square / scale[:, None] ** 2)
@@ -278,8 +320,11 @@ def _best_freedom(
 ) -> Array:
     """Return the likeliest degrees of freedom of one side along each direction, shape (h,).
 
-    ``side`` is 0 below and 1 above the place where the two sides of a split Student-t distribution
-    meet; ``freedoms`` holds the candidates.
+    The side is that of a split Student-t distribution, which has different scales and degrees of
+    freedom below (``side`` 0) and above (``side`` 1) a coordinate at which the sides meet.
+    ``freedoms`` holds the candidates; ``scale`` and ``freedom`` are the present values, each of
+    shape (2, h). ``square``, shape (n, h), holds the squared distances of n points from that
+    coordinate, ``side_weights``, shape (2, n, h), the weights of the points on each side.
     """
     other_mass = _side_masses(scale, freedom)[1 - side]
     costs = []
