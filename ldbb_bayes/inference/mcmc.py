@@ -32,8 +32,8 @@ __all__ = [
     "run_ensembles",
 ]
 
-# The sampler runs in blocks of steps. After this number of blocks of one length, the next blocks are
-# twice as long.
+# The sampler runs in blocks of steps. After this number of blocks of one length, the next blocks
+# are twice as long.
 _BLOCKS_PER_LENGTH = 4
 # Largest number of times that the sampler's blocks of steps double in length.
 _LARGEST_DOUBLING = 5

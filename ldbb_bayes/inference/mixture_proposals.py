@@ -17,12 +17,12 @@ from ldbb_bayes.results import Array
 
 __all__ = ["Mixture", "Random", "SplitT", "fit_split_t", "refit_mixture"]
 
-# Types of random number generators of NumPy that are accepted. The sampler emcee gives a RandomState
-# to its moves; everything else uses a Generator.
+# Types of random number generators of NumPy that are accepted. The sampler emcee gives a
+# RandomState to its moves; everything else uses a Generator.
 Random = np.random.Generator | np.random.RandomState
 
-# Degrees of freedom that are tried when a Student-t distribution is fitted to points. Those with the
-# heaviest tails come first.
+# Degrees of freedom that are tried when a Student-t distribution is fitted to points. Those with
+# the heaviest tails come first.
 _FREEDOMS = np.array([3.0, 5.0, 9.0, 20.0])
 # Student-t distributions with light tails (many degrees of freedom) are fitted only in more
 # dimensions than this. In few dimensions they gain little, and too few points would be drawn at the
