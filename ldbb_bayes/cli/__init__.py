@@ -32,7 +32,11 @@ class _Commands(TyperGroup):
     """Group of all commands; for wrong usage it prints one message and exits with code 2."""
 
     def main(self, args: Sequence[str] | None = None, *positional: Any, **keywords: Any) -> Any:
-        """Run the named command, or show the help if no command is named."""
+        """Run the command that the arguments name, or show the help if they name none.
+
+        ``args`` are the arguments typed after ``ldbb-bayes``; None stands for those of this
+        process. Other arguments are passed on to Typer, the library that reads the command line.
+        """
         arguments = list(sys.argv[1:] if args is None else args)
         keywords["standalone_mode"] = False
         try:
@@ -82,10 +86,10 @@ def app_(
     ],
     no_browser: Annotated[bool, option(bool, "Print the address, and open no browser.", False)],
 ) -> None:
-    """Serve a page in the browser: drop files, read the sheets, plan the next circles.
+    """Serve a browser page on which to add files, read the report and plan the next tests.
 
-    It is served to this machine alone. Prints its address, and answers until it is interrupted
-    (Ctrl-C). Needs the extra app.
+    The page can be opened on this computer only. The command prints the address of the page and
+    runs until Ctrl-C. It needs libraries that the extra "app" of this package installs.
     """
     try:
         from ldbb_bayes.app.server import serve  # its libraries are optional
@@ -120,7 +124,7 @@ def _warning_line(message: Warning | str, *_: Any, **__: Any) -> str:
 
 
 def main() -> None:
-    """Run the command that the user typed.
+    """Run the command of ``ldbb-bayes`` that the user typed.
 
     Characters that the terminal cannot show are replaced. A warning is printed as one line.
     """

@@ -40,7 +40,7 @@ def identify(
 ) -> None:
     """Say which parameters the readings can separate, which are confounded, and what would help.
 
-    A plan (a campaign without readings) will do: ask before the experiment.
+    The campaign may be a plan (without readings), so that this can be found before the experiment.
     """
     # Import only this module of words, and only here: it imports the analysis, which takes long.
     from ldbb_bayes.report import identifiability_text
@@ -79,7 +79,10 @@ def identify(
 
 
 def _with_remarks(passages: tuple[Passage, ...], campaign: lb.Campaign) -> tuple[Passage, ...]:
-    """Return tables and sentences on a result, followed by remarks on odd readings."""
+    """Return the passages (tables and sentences) of a result, followed by remarks on readings.
+
+    The remarks are about readings of the campaign that look odd, such as a wrong unit.
+    """
     preview = lb.check_campaign(campaign)
     remarks = [
         f"Note: {wording.remark_words(remark)}"
@@ -103,10 +106,12 @@ def compare(
     output: arguments.OutputOptions,
     settings: Annotated[dict[str, Any], _COMPARE_OPTIONS],
 ) -> None:
-    """Compare constant with linear compliance: evidence, its sensitivity, leave-one-force-out.
+    """Compare constant compliance with compliance linear in force, by evidence and prediction.
 
-    Says also which slopes the readings want and which tests do not fit in. With --degree 2 also
-    quadratic compliance. Exit code 1: an evidence is less exact than asked.
+    The evidence is computed under several priors and assumptions, and each test is predicted from
+    the others. Also says which compliances change with force and which tests do not fit in. With
+    --degree 2, quadratic compliance is compared too. Exit code 1: the numerical error of an
+    evidence exceeds --tolerance.
     """
     require(
         model.degree > 0,
@@ -138,14 +143,16 @@ def compare(
 
 # Largest number of values in a range LO:HI:STEP; more are probably due to a mistyped step.
 _MOST_VALUES = 5000
-# Relative rounding error that is allowed when the steps of a range LO:HI:STEP are counted.
+# Relative rounding error of the number of steps in a range LO:HI:STEP that is allowed, so that the
+# range 0:0.3:0.1 has three steps.
 _ROUNDING = 1e-12
 
 
 def _read_range(entry: str, flag: str) -> tuple[float, ...]:
-    """Return the numbers that an option's text states.
+    """Return the numbers that the typed text of an option states.
 
-    The text is a range LO:HI:STEP, whose ends are included, or a comma-separated list.
+    The text ``entry`` is a range LO:HI:STEP, whose ends are included, or a comma-separated list;
+    ``flag`` names the option in error messages.
     """
     if ":" not in entry:
         return numbers_in(entry, flag)
@@ -167,7 +174,7 @@ def _read_range(entry: str, flag: str) -> tuple[float, ...]:
 
 
 def _numbers_or_none(entries: Sequence[str]) -> tuple[float, ...]:
-    """Return the finite numbers that texts state; no numbers if any text is not one."""
+    """Return the numbers that texts state; an empty tuple if any text is not a finite number."""
     try:
         numbers = tuple(map(float, entries))
     except ValueError:
@@ -176,10 +183,10 @@ def _numbers_or_none(entries: Sequence[str]) -> tuple[float, ...]:
 
 
 def _read_clockings(entry: str, flag: str) -> tuple[tuple[float, float], ...]:
-    """Return pairs of angles [deg], of the work ball and the tool ball about their stems.
+    """Return pairs of angles [deg] by which work ball and tool ball are turned about their stems.
 
-    The option's text states angles of the work ball alone, as a list or range, or lists pairs
-    WORK/TOOL.
+    The typed text ``entry`` states angles of the work ball alone, as a list or range, or lists
+    pairs WORK/TOOL; ``flag`` names the option in error messages.
     """
     if "/" not in entry:
         return tuple((angle, 0.0) for angle in _read_range(entry, flag))
@@ -219,9 +226,9 @@ def design(
 ) -> None:
     """Find the best tests to run next, and say how good they are and what they will show.
 
-    A plan will do as pilot. --out DIR becomes a plan (campaign.toml) that identify and simulate
-    read, in the order in which to run it, with the model for its analysis. Exit code 1: not proven
-    best.
+    The given campaign, on which the choice is based, may be a plan (without readings). The tests
+    are written into --out DIR as a plan, in the order in which to run them, with the model for
+    their analysis. Exit code 1: the tests are not proven to be the best.
     """
     from ldbb_bayes.model.specification import model_to_toml  # slow, since it loads SciPy
 
@@ -255,7 +262,11 @@ def design(
 
 
 def _running_order(plan: lb.Campaign) -> str:
-    """Return the tests of a plan as text, each with the settings that differ between tests."""
+    """Return the names of a plan's tests, in the order in which to run them, as one text.
+
+    Each name is followed by those of direction, radius and angles of the balls that differ between
+    the tests.
+    """
     settings_by_test = []
     for test in plan.tests:
         settings_by_test.append(
@@ -289,10 +300,11 @@ def validate(
     settings: Annotated[dict[str, Any], group(**options_of("validate"))],
     pool: arguments.PoolOptions,
 ) -> None:
-    """Check by simulation that intervals cover what they promise, on a plan or that of a campaign.
+    """Check by simulation that credible intervals cover true values as often as they promise.
 
-    Truths are drawn from the priors, readings simulated, and the truths' ranks among the draws of
-    each posterior compared with a uniform distribution. Exit code 1 when ranks are not uniform.
+    The tests are those of a plan or a campaign. True values are drawn at random from the priors,
+    and readings are simulated from them. The ranks of the true values among the random draws of
+    each posterior must be uniformly distributed. Exit code 1: they are not, or a simulation failed.
     """
     if "data_model" in settings:
         settings["generator"] = lb.read_model(settings.pop("data_model"), degree=model.degree)

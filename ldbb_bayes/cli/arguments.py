@@ -161,7 +161,10 @@ def campaign_fields(
 
 
 def _column_in(text: str) -> str | int:
-    """Return the column of a table that a text names, by its number from 1 or by its header."""
+    """Return the column of a table that a text names: its number from 1, or its header.
+
+    A text of digits alone is a number.
+    """
     return int(text) if text.isdecimal() else text
 
 
@@ -178,7 +181,11 @@ def _read_sheets(text: str, flag: str) -> list[str]:
 
 
 def _layout(layout: Path | None = None, **options: Any) -> lb.reading.Layout:
-    """Return the layout of tables from a layout file and options, which take precedence."""
+    """Return how tables are to be read, as a layout file and options state it.
+
+    ``layout`` is the path of the file, or None; ``options`` are fields of `Layout` by name, which
+    take precedence over the file.
+    """
     from_file = lb.reading.Layout() if layout is None else lb.reading.read_layout(layout)
     columns = dict(from_file.columns)
     for role in _COLUMN_ROLES:
@@ -201,9 +208,10 @@ def model_from(
     degree
         Degree of the polynomial of compliance in force. Default: that of the model file, or else 1.
     preset
-        Name of a preset. Default: ``default``.
+        Name of a set of terms and priors: ``default``, ``first`` or ``paper``. Default:
+        ``default``.
     without
-        Terms to leave out.
+        Names of terms of the model to leave out, such as ``drift``.
     model
         Path of a model file (TOML), instead of a preset.
     drift
@@ -241,8 +249,8 @@ def _tolerances(tolerances: dict[str, str] | None = None) -> dict[str, str]:
 
 _TABLE_OPTIONS = options_of("table", "labels")
 _CERTIFICATE_OPTIONS = options_of("certificates")
-# Keywords of instrument_fields on certificates. The last two have no option: they can be stated
-# only in files.
+# Arguments of ``instrument_fields`` that calibration certificates state. The last two have no
+# command-line option: only files can state them.
 _CERTIFICATE_KEYWORDS = [
     *(option.to or name for name, option in _CERTIFICATE_OPTIONS.items()),
     "bar_certificate",

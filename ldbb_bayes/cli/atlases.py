@@ -1,4 +1,7 @@
-"""Command ``ldbb-bayes machine``: parameters that circular tests show, and their patterns."""
+"""Command ``ldbb-bayes machine``: parameters that circular tests show, and their patterns.
+
+The pattern of a parameter is the reading per unit of the parameter around the circle.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +29,8 @@ ATLAS_FILES = figure_files(
 def write_atlases(machine: lb.Machine, circles: Sequence[lb.machine.Circle], folder: Path) -> None:
     """Write figures of the patterns of compliances and geometric errors, for every plane.
 
-    The patterns are those on the first circle of a plane.
+    The pattern of a parameter is the reading per unit of the parameter around a circle; here it is
+    the first circle of the plane.
 
     Parameters
     ----------
@@ -72,8 +76,10 @@ def machine(
 ) -> None:
     """Show which compliances and geometric errors circular tests see, and the pattern of each.
 
-    Names follow ISO 230-1 and the paper; a name stands for the set of parameters that no circle
-    can separate. c = cos θ, s = sin θ; lengths in mm.
+    Names follow ISO 230-1 and the paper; one name stands for all parameters that no circle can
+    separate. A pattern is the change of the reading per unit of the parameter. It is written with
+    c = cos θ and s = sin θ, where θ is the angle of the bar from the first axis of the plane, and
+    with lengths in mm.
     """
     # Import only this module of words, and only here: it imports the analysis, which takes long.
     from ldbb_bayes.report import machine_text

@@ -42,7 +42,8 @@ def import_(
 ) -> None:
     """Read tables as instruments and spreadsheets write them, and write them as a campaign.
 
-    Says what it assumed. Every assumption can be given as an option, or in --layout.
+    Prints what it assumed about the tables. An option, or the file of --layout, can state every
+    assumed value instead.
     """
     from ldbb_bayes.reading.layout import layout_to_toml  # only this command needs it
 
@@ -92,9 +93,10 @@ def simulate(
     seed: Annotated[int, arguments.SEED],
     as_json: Annotated[bool, arguments.JSON],
 ) -> None:
-    """Write a campaign with simulated readings, and truth.json beside it.
+    """Write a campaign with simulated readings, and truth.json with the true values beside it.
 
-    What the truths leave out is drawn from the priors.
+    True values of parameters and noise are drawn at random from the priors unless a TOML file
+    states them.
     """
     from ldbb_bayes.model.specification import Truths, is_truths, read_truths  # slow: SciPy
 

@@ -48,7 +48,7 @@ class WrittenReport(NamedTuple):
     document: Document
     #: Tables and sentences to print at the terminal.
     parts: tuple[Any, ...]
-    #: Whether the fit reached its sampling target.
+    #: Whether the random draws of the fit reached the wanted effective number.
     converged: bool
 
 
@@ -56,12 +56,14 @@ class WrittenReport(NamedTuple):
 class _Analyses:
     """Results that a report shows in addition to the fit.
 
-    If a result is not available, a text states the reason in its place.
+    If a comparison or design cannot be computed, a text states the reason in its place.
     """
 
+    #: Comparison of constant with linear compliance.
     comparison: lb.analysis.Comparison | str
+    #: Posterior averaged over constant and linear compliance; None if it cannot be computed.
     averaged: xr.DataTree | None
-    #: Function that returns the tests to run next; the first call waits for the computation.
+    #: Function that returns the best tests to run next; the first call waits for the computation.
     design: Callable[[], lb.analysis.Design | str]
 
 
@@ -74,16 +76,16 @@ def report_files(
     *,
     ask: bool = False,
 ) -> WrittenReport:
-    """Write the report of files into a folder.
+    """Read files of readings, fit them, and write the report into a folder.
 
     Parameters
     ----------
     source
-        The files.
+        The files, and options that describe their tables and the instrument.
     output
         Output of the report. Its folder is by default beside the first file.
     settings
-        Options of the report.
+        Options of the report by name.
     model
         Model with compliance linear in force.
     steps
@@ -136,7 +138,10 @@ def report_files(
 
 
 def _check_settings(settings: dict[str, Any], source: ReportSource) -> None:
-    """Refuse options that are valid only for reports of fits."""
+    """Raise an `InputError` for options that are valid only for reports made from stored fits.
+
+    ``settings`` are the options by name; ``source`` are the files of readings.
+    """
     for name in ("comparison", "design"):
         require(
             name not in settings,
@@ -154,11 +159,12 @@ def page_settings(settings: dict[str, Any]) -> dict[str, Any]:
     Parameters
     ----------
     settings
-        Options of the report.
+        Options of the report by name.
 
     Returns
     -------
     dict
+        Those of probability, language, annex and force that are stated, by name of the argument.
     """
     names = ("prob", "language", "annex", "force_N")
     return {name: settings[name] for name in names if name in settings}
@@ -175,6 +181,19 @@ def _analyse(
 
     The analyses are a comparison of linear with constant compliance, an average over these two
     models, and the choice of the next tests.
+
+    Parameters
+    ----------
+    campaign
+        Campaign with readings.
+    model
+        Model with compliance linear in force.
+    begin
+        Function that begins a step of the progress bar.
+    settings
+        Options of the report by name.
+    executor
+        Executor with a second process, which computes a part of the analyses; None without one.
     """
     seed = settings["seed"]
     models = {"constant": model.with_degree(0), "linear": model}
@@ -209,7 +228,10 @@ def _analyse(
 
 
 def _result_or_reason(work: Callable[[], Any]) -> Any:
-    """Return the result of an analysis, or the reason why it cannot be computed, as text."""
+    """Return the result of an analysis, or the reason why it cannot be computed, as text.
+
+    ``work`` is the function without arguments that computes the analysis.
+    """
     try:
         return work()
     except InputError as error:
@@ -223,7 +245,21 @@ def _write_beside_page(
     imported: lb.reading.Imported | None,
     analyses: _Analyses,
 ) -> None:
-    """Write the files beside the report's page: fit, campaign as read, comparison, design."""
+    """Write the files beside the report's page: fit, campaign as read, comparison, design.
+
+    Parameters
+    ----------
+    folder
+        Existing folder of the report.
+    fit
+        Posterior of the fit with linear compliance.
+    result
+        Summary of the fit.
+    imported
+        Import of the tables, whose layout is written; None if the files were a campaign.
+    analyses
+        Further results; those that could not be computed are not written.
+    """
     write_result(fit, result, folder)
     if analyses.averaged is not None:
         lb.save(analyses.averaged, folder / AVERAGED_NAME)
@@ -244,7 +280,12 @@ def _write_beside_page(
 def _printed_parts(
     source: SourceCampaign, fit: xr.DataTree, result: dict[str, Any], analyses: _Analyses
 ) -> tuple[Any, ...]:
-    """Return what to print at the terminal: assumptions, remarks, results, next tests."""
+    """Return what to print at the terminal: assumptions, remarks, results, next tests.
+
+    ``source`` is the campaign with its import, ``fit`` the posterior with linear compliance, and
+    ``result`` the summary of the stated posterior, which is averaged over constant and linear
+    compliance if possible.
+    """
     campaign = campaign_of(fit)
     constant_names = model_of(fit).with_degree(0).bind(campaign).names
     parameters = {
@@ -278,7 +319,11 @@ def _printed_parts(
 
 
 def _assumed_parts(campaign: lb.Campaign, imported: lb.reading.Imported | None) -> tuple[Any, ...]:
-    """Return what to print on the assumptions about files and balls."""
+    """Return what to print on the assumptions about files and balls.
+
+    ``imported`` is the import of the tables with its assumptions; None if the campaign was not
+    imported.
+    """
     assumptions: tuple[Assumption, ...] = ()
     if imported is not None:
         assumptions = imported.assumptions

@@ -31,7 +31,9 @@ RESULT_FILES = (
 def with_tolerances(
     campaign: lb.Campaign, model: lb.HybridModel, tolerances: Mapping[str, str]
 ) -> lb.Campaign:
-    """Return a campaign with further tolerances, which replace those of the same quantities.
+    """Return a campaign with further tolerances for quantities such as compliances.
+
+    A tolerance of the campaign for the same quantity is replaced.
 
     Parameters
     ----------
@@ -40,7 +42,7 @@ def with_tolerances(
     model
         Model with which the campaign will be fitted.
     tolerances
-        Limits by quantity, for example ``{"C_XXX": "60 nm/N"}``.
+        Limits as texts, by name of the quantity, for example ``{"C_XXX": "60 nm/N"}``.
 
     Returns
     -------

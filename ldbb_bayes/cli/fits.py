@@ -35,9 +35,9 @@ def fit(
     tolerances: arguments.Tolerances,
     prior_from: Annotated[Path | None, arguments.PRIOR_FROM],
 ) -> None:
-    """Compute credible intervals of compliances, force slopes and geometric errors.
+    """Compute credible intervals of compliances, their slopes with force and geometric errors.
 
-    Exit code 1 when the sampler missed its target.
+    Exit code 1: the random draws from the posterior did not reach the effective number of --ess.
     """
     from ldbb_bayes.cli.fit_results import RESULT_FILES, with_tolerances, write_result
     from ldbb_bayes.inference.summary import check_probability
@@ -87,7 +87,7 @@ def summarize(
     as_json: Annotated[bool, arguments.JSON],
     ci: Annotated[float, arguments.CI],
 ) -> None:
-    """Print table or JSON of a stored posterior, with intervals of any probability."""
+    """Print the results of a stored fit as a table or JSON, with intervals of any probability."""
     from ldbb_bayes.report.fit_tables import full_result, parts_of_fit
 
     numbers = full_result(lb.load(result), ci)
@@ -107,8 +107,8 @@ def demo(
 ) -> None:
     """Fit constant and linear compliance to the published experiment, and say what it means.
 
-    The readings are recovered from the printed tables of the paper; what in them is not data is
-    said in the folder's README.
+    The readings are recovered from the tables printed in the paper; the README in the written
+    folder "campaign" states which part of them was not measured.
     """
     from ldbb_bayes.cli.fit_results import write_result
     from ldbb_bayes.report.fit_tables import full_result, results_table

@@ -58,10 +58,11 @@ def batch(
 ) -> None:
     """Fit many campaigns, each by itself, into one table with a row per campaign (Parquet).
 
-    lb.fleet.read_batch reads the table. A campaign that cannot be fitted is a row that says why.
-    Whatever stops a batch, the same command with --resume goes on to the very same table. Exit code
-    0 also when campaigns failed, 1 when one missed its sampling target. The options for tidy CSVs
-    apply to those among the campaigns.
+    The Python function lb.fleet.read_batch reads the table. If a campaign cannot be fitted, its row
+    states the reason. If the command is stopped, the same command with --resume continues it and
+    gives the same table. Options for tidy CSVs apply to the campaigns that are such files. Exit
+    code 1: the random draws of a fit did not reach the effective number of --ess; campaigns that
+    cannot be fitted do not change the exit code.
     """
     if settings["resume"] and not (out / JOURNAL).exists():
         typer.echo(f"{out} holds no unfinished batch: this one begins anew.", err=True)
@@ -94,7 +95,11 @@ def batch(
 
 
 def _batch_parts(result: lb.fleet.Batch) -> tuple[Table | str, ...]:
-    """Return what to print of a batch: counts, failures, doubts, file path of the table."""
+    """Return what to print of a batch of fits.
+
+    It is a table of the numbers of campaigns, the first failed and doubtful campaigns with their
+    reasons, the time and the path of the file with the results.
+    """
     counts = (
         ("fitted", result.done),
         ("… not converged: do not use their numbers", result.not_converged),
@@ -130,8 +135,8 @@ def trend(
 ) -> None:
     """Follow one machine over time: control chart, and the probability that a parameter changed.
 
-    Says which parameter changed, when and by how much. One lasting step of one parameter is looked
-    for. Exit code 0 whatever is found.
+    Says which parameter changed, when and by how much. The change that is looked for is one lasting
+    step of one parameter. The exit code is 0 whether or not a change is found.
     """
     output.check("trend.json", "trend.csv", figures=["control_chart"])
     rows = read_batch(batches, FLEET_COLUMNS)
@@ -151,10 +156,11 @@ def population(
     output: arguments.OutputOptions,
     settings: Annotated[dict[str, Any], group(**options_of("rows", "population"))],
 ) -> None:
-    """Estimate the population of machines that a batch comes from: mean, spread, the next machine.
+    """Estimate mean and spread of a population of machines, and predict the next machine.
 
-    Names machines that do not belong. Campaigns of one machine (machine_id in campaign.toml) are
-    taken together; each machine is compared with the others.
+    The machines are those of the campaigns in one or more batches. Campaigns of the same machine
+    (machine_id in campaign.toml) are taken together. Each machine is compared with the others, and
+    machines that do not belong to the population are named.
     """
     output.check("population.json", "machines.csv")
     rows = read_batch(batches, FLEET_COLUMNS)

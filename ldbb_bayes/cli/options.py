@@ -41,7 +41,7 @@ __all__ = [
 ]
 
 EXIT_MISSED = 1  # exit code if a target (of sampling, accuracy or optimality) was not reached
-EXIT_BAD_INPUT = 2
+EXIT_BAD_INPUT = 2  # exit code if options or files cannot be used
 EXIT_INTERRUPTED = 130  # exit code of shells for Ctrl-C: 128 + SIGINT
 REQUIRED = inspect.Parameter.empty
 # Placeholder of an option's value in the help, by type. The placeholders are short, so that the
@@ -59,31 +59,39 @@ class Kind(NamedTuple):
     typed: Any
     #: Function that returns the converted value, given the typed value and the option's flag.
     read: Callable[[Any, str], Any]
+    #: Placeholder of the value in the help, such as X,Y,Z; None for the usual one of the type.
     metavar: str | None = None
 
 
 @dataclass(frozen=True)
 class Option:
-    """One option of a command.
+    """One option of a command, such as ``--radius-mm``.
 
-    Its value becomes the keyword argument ``to`` of the function that the command calls. An option
-    without value is not passed on, so that the function uses its own default. ``settings`` are
-    arguments of `typer.Option`. They may include ``name``, the flag of the option if it differs
-    from the name of the parameter.
+    An option that the user does not type and that has no default is not passed on, so that the
+    function that the command calls uses its own default.
     """
 
-    kind: Any
-    help: str
-    default: Any
-    to: str
+    kind: Any  #: type that Typer (the library that reads the command line) reads, or a `Kind`
+    help: str  #: help text of the option
+    default: Any  #: value if the user does not type the option; None if it is then not passed on
+    to: str  #: keyword argument that gets the value; empty if it has the name of the option
+    #: further arguments of `typer.Option`, and ``name``, the flag if it differs from the option's
+    #: name
     settings: Mapping[str, Any]
 
     def flag(self, name: str) -> str:
-        """Return the option's flag as typed on the command line, for example ``--radius-mm``."""
+        """Return the flag that a user types for the option with this name.
+
+        For ``radius_mm`` it is ``--radius-mm``, unless the option states another.
+        """
         return str(self.settings.get("name", "--" + name.replace("_", "-")))
 
     def parameter(self, name: str) -> inspect.Parameter:
-        """Return the function parameter by which Typer knows the option."""
+        """Return the function parameter from which Typer makes the option with this name.
+
+        Typer, the library that reads the command line, makes options from the parameters of
+        functions.
+        """
         settings = {key: value for key, value in self.settings.items() if key != "name"}
         typed = self.kind
         if isinstance(typed, Kind):
@@ -101,7 +109,11 @@ class Option:
         )
 
     def read(self, typed: Any, name: str) -> Any:
-        """Return the converted value of the option; None if the option was not typed."""
+        """Return the converted value of the option; None if the user did not type the option.
+
+        ``typed`` is the value as Typer (the library that reads the command line) returns it, and
+        ``name`` the name of the option.
+        """
         if typed is None:
             return None
         if isinstance(self.kind, Kind):
@@ -113,25 +125,30 @@ class Option:
 
 @dataclass(frozen=True)
 class Group:
-    """Options whose values together make one argument of a command.
+    """Options whose values together make one argument of a command, such as the model."""
 
-    ``make`` is the function that makes the argument. ``positional`` is a parameter of the command
-    that is not an option, or None; its value is the first argument of ``make``.
-    """
-
-    options: Mapping[str, Option]
-    make: Callable[..., Any]
+    options: Mapping[str, Option]  #: options of the group by name
+    make: Callable[..., Any]  #: function that makes the argument from the values of the options
+    #: parameter of the command that is not an option, or None; its value is the first argument of
+    #: ``make``
     positional: inspect.Parameter | None
 
     def parameters(self) -> list[inspect.Parameter]:
-        """Return the function parameters by which Typer knows the options of the group."""
+        """Return the function parameters from which Typer makes the options of the group.
+
+        Typer is the library that reads the command line.
+        """
         parameters = [option.parameter(name) for name, option in self.options.items()]
         if self.positional is None:
             return parameters
         return [self.positional, *parameters]
 
     def take_from(self, typed: dict[str, Any]) -> Any:
-        """Return the group's argument, and remove the values of its options from ``typed``."""
+        """Return the argument that the options of the group make together.
+
+        ``typed`` are the values of all options of the command by name; those of this group are
+        removed.
+        """
         positional = []
         if self.positional is not None:
             positional.append(typed.pop(self.positional.name))
@@ -197,7 +214,8 @@ def options_of(*groups: str, **kinds: Any) -> dict[str, Option]:
     Parameters
     ----------
     *groups
-        Names of groups. A table within a group is a panel of the help, with its options.
+        Names of groups, which are tables of the file. A table within such a table is a panel of the
+        help, with its options.
     **kinds
         Kinds of option values, by name, in addition to the kinds that all commands know.
 
@@ -222,7 +240,11 @@ class _CatalogueEntry(NamedTuple):
 
 
 def _catalogue_entries(entries: Mapping[str, Any]) -> Iterator[_CatalogueEntry]:
-    """Yield the options of one group; each option of a help panel gets the panel's heading."""
+    """Yield the options of one group of the file ``options.toml``.
+
+    ``entries`` is the content of the group. An option in a panel of the help gets the heading of
+    the panel.
+    """
     for name, entry in entries.items():
         if isinstance(entry, str):
             yield _CatalogueEntry(name, CATALOGUE["shared"][entry])

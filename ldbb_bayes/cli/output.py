@@ -43,7 +43,7 @@ def show(*parts: Any) -> None:
 
 
 def figure_files(names: Iterable[str], formats: Sequence[str] = ("png", "svg")) -> tuple[str, ...]:
-    """Return the names of the files of figures.
+    """Return the names of the files in which figures are saved.
 
     Parameters
     ----------
@@ -55,6 +55,7 @@ def figure_files(names: Iterable[str], formats: Sequence[str] = ("png", "svg")) 
     Returns
     -------
     tuple of str
+        Names such as ``rank_ecdf.png``.
     """
     files: list[str] = []
     for name in names:
@@ -89,14 +90,14 @@ def write_files(
     contents: Mapping[str, Any],
     figures: Mapping[str, Callable[[], Figure]] | None = None,
 ) -> None:
-    """Write records, tables, texts and figures into a folder.
+    """Write JSON files, tables, texts and figures into a folder.
 
     Parameters
     ----------
     folder
         Existing folder.
     contents
-        Contents by file name: a record (.json), a table (.csv) or text.
+        Contents by file name: a dictionary (.json), a table (.csv) or text.
     figures
         Functions that draw the figures, by the names of the figures.
     """
@@ -128,9 +129,10 @@ class Output:
     as_json
         Whether to print only the record, as JSON.
     quiet
-        Whether to omit the message about the written folder.
+        Whether to omit the message that names the written folder.
     files
-        Names of the files of a result of this command.
+        Names of the files that this command writes. An existing folder is replaced only if it holds
+        no others.
     """
 
     out: Path | None = None
@@ -140,7 +142,7 @@ class Output:
     files: tuple[str, ...] = ()
 
     def check(self, *files: str, figures: Collection[str] = ()) -> None:
-        """Refuse, before any computation, an output folder whose files must not be replaced.
+        """Raise an `InputError` if the output folder must not be written; call it before computing.
 
         Parameters
         ----------
@@ -168,20 +170,21 @@ class Output:
         write_more: Callable[[Path], object] | None = None,
         note: str = "",
     ) -> None:
-        """Write the files, then print the record or the result.
+        """Write the files of a result, then print the result as JSON or as tables and sentences.
 
         Parameters
         ----------
         record
-            Record that is printed with ``--json``.
+            Dictionary with the result that is printed as JSON with ``--json``.
         result
             Result to print without ``--json``, or a tuple of tables and sentences.
         contents, figures
-            Files to write, see `write_files`.
+            Contents of the files by name, and functions that draw the figures by name; see
+            `write_files`.
         write_more
             Function that writes further files into the folder.
         note
-            Text to print after the name of the folder.
+            Text to print after the name of the written folder.
 
         Raises
         ------

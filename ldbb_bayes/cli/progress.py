@@ -32,9 +32,11 @@ class _BarState(NamedTuple):
 def _progress_bar(
     state_of: Callable[..., _BarState], quiet: bool, title: str
 ) -> Iterator[Tell | None]:
-    """Show a progress bar, and yield the function that updates the bar; None without a bar.
+    """Show a progress bar on stderr, and yield the function that updates the bar.
 
-    ``state_of`` converts the arguments of an update to the completed share and a text.
+    Yield None if no bar is shown, because ``quiet`` is true or stderr is not a terminal.
+    ``state_of`` converts the arguments of an update to the completed share and a text; ``title`` is
+    shown in front of the bar.
     """
     if quiet or not sys.stderr.isatty():
         yield None
@@ -79,7 +81,7 @@ def _step_state(share: float, step: str, done: int, total: int) -> _BarState:
 
 
 def counting_progress(quiet: bool, title: str) -> AbstractContextManager[Tell | None]:
-    """Return a progress bar for things that are counted: done, in total, and failed.
+    """Return a progress bar that shows how many things, such as campaigns, are done and failed.
 
     Parameters
     ----------
@@ -98,6 +100,8 @@ def counting_progress(quiet: bool, title: str) -> AbstractContextManager[Tell | 
 
 def sampling_progress(quiet: bool, title: str) -> AbstractContextManager[Tell | None]:
     """Return a progress bar for the random sampling of a posterior.
+
+    The bar shows the effective number of draws (ESS) as a share of the wanted number.
 
     Parameters
     ----------

@@ -1,4 +1,7 @@
-"""Questions of ``ldbb-bayes report`` at a terminal, about machine, mount and balls."""
+"""Questions that ``ldbb-bayes report`` asks at a terminal, about machine, mount and balls.
+
+The mount is that of the work ball, which the bar's force deflects.
+"""
 
 from __future__ import annotations
 
@@ -18,13 +21,13 @@ __all__ = ["MACHINES", "MachineType", "can_ask", "complete_campaign"]
 
 
 class MachineType(NamedTuple):
-    """A type of machine: its name, its topology, and the axes that move workpiece and tool."""
+    """A type of machine tool: its name, its topology, and the axes that move workpiece and tool."""
 
-    #: Name of the type of machine in words.
+    #: Name of the type of machine tool in words.
     name: str
-    #: Topology of the type of machine: the chain of joints from workpiece to tool.
+    #: Topology of the machine: its axes from workpiece to tool, such as wCAFYXZSt.
     topology: str
-    #: Description of which joints move the workpiece and which move the tool.
+    #: Description in words of which axes move the workpiece and which move the tool.
     looks: str
 
 
@@ -43,7 +46,7 @@ def complete_campaign(campaign: lb.Campaign, unstated: Collection[str]) -> lb.Ca
     Parameters
     ----------
     campaign
-        The campaign.
+        The campaign as read from files.
     unstated
         Those of ``topology``, ``mount`` and ``balls`` that neither files nor options state. Only
         these are asked for.
@@ -51,6 +54,7 @@ def complete_campaign(campaign: lb.Campaign, unstated: Collection[str]) -> lb.Ca
     Returns
     -------
     Campaign
+        The campaign with the topology, the mount and the balls that the user stated.
     """
     if "topology" in unstated:
         topology = _ask_topology(campaign.machine().plane)
@@ -82,7 +86,11 @@ def _ask_topology(plane: str) -> str:
 
 
 def _ask(question: str, default: str, read: Callable[[str], Any]) -> Any:
-    """Ask the user a question until the answer is valid, and return it as ``read`` converts it."""
+    """Ask the user a question until the answer is valid, and return the converted answer.
+
+    ``default`` is the answer if the user only presses Enter. ``read`` is the function that converts
+    the typed answer and raises an `InputError` if it is not valid.
+    """
     while True:
         answer = typer.prompt(question, default=default, err=True, show_default=bool(default))
         try:

@@ -55,7 +55,7 @@ def make_report(
     output
         Output of the command.
     settings
-        Options of the report.
+        Options of the report by name.
     model
         Model with compliance linear in force.
     figures
@@ -68,7 +68,7 @@ def make_report(
     InputError
         If files or options cannot be used; nothing is written.
     typer.Exit
-        With exit code 1, if a fit missed its sampling target.
+        With exit code 1, if the random draws of a fit did not reach the wanted effective number.
     """
     check_probability(settings["prob"])
     require(
@@ -96,7 +96,7 @@ def make_report(
 
 
 def report_figure_files() -> tuple[str, ...]:
-    """Return the names of a report's figure files, which a new report may replace."""
+    """Return the names of the files of a report's figures, which a new report may replace."""
     return figure_files(PICTURES, _FIGURE_FORMATS)
 
 
@@ -118,7 +118,11 @@ def _print_report(output: Output, written: WrittenReport, figures: Path | None) 
 
 
 def _report_fits(source: ReportSource, output: Output, settings: dict[str, Any]) -> WrittenReport:
-    """Write the report of stored fits into the chosen folder, or else into the first fit's."""
+    """Write a report from stored fits, and return it.
+
+    It is written into the folder that the user chose, or else into the folder of the first fit.
+    ``settings`` are the options of the report by name.
+    """
     source.refuse_table_options()
     paths = source.paths
     fit_folder = paths[0] if paths[0].is_dir() else paths[0].parent
@@ -164,7 +168,10 @@ def _report_fits(source: ReportSource, output: Output, settings: dict[str, Any])
 
 
 def _check_report_folder(folder: Path, *, force: bool) -> None:
-    """Refuse a folder that contains a report already, or that cannot be written to."""
+    """Raise an `InputError` for a folder that holds a report already, or that cannot be written.
+
+    With ``force``, an existing report is accepted.
+    """
     for name in REPORT_FILES:
         if (folder / name).exists() and not force:
             raise InputError(
@@ -175,15 +182,18 @@ def _check_report_folder(folder: Path, *, force: bool) -> None:
 
 
 def _stored_result(folder: Path, name: str) -> Path | None:
-    """Return the folder of a fit if it also holds the named result as JSON, else None."""
+    """Return the folder of a fit if it also holds a result with this name, else None.
+
+    The result, such as "comparison", is then in the file ``comparison.json``.
+    """
     return folder if (folder / f"{name}.json").exists() else None
 
 
 def _design_file(fit_folder: Path, settings: dict[str, Any]) -> Path | None:
-    """Return the file path of the design that a report shows.
+    """Return the path of the stored design (choice of the next tests) that a report shows.
 
-    Return None if no design is stored, or if the number of tests is given, so that a design must be
-    computed.
+    Return None if none is stored, or if the options ``settings`` state the number of tests, so that
+    a design must be computed.
     """
     if "tests" not in settings:
         return settings.get("design", _stored_result(fit_folder, "design"))
@@ -197,7 +207,8 @@ def _posteriors_by_name(
 ) -> dict[str, xr.DataTree]:
     """Return all posteriors except the first, by the names of their campaigns.
 
-    If campaigns have the same name, the file path of its fit is added to each name.
+    If any two campaigns have the same name, the path of the fit is added to every name. ``paths``
+    are the paths of the fits, in the order of the posteriors.
     """
     names = [str(record_of(posterior)["campaign"]["name"]) for posterior in posteriors]
     ambiguous = len(set(names)) < len(names)

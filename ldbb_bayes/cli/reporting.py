@@ -43,12 +43,13 @@ def report(
     table: arguments.TableFields,
     certificates: arguments.Certificates,
 ) -> None:
-    """Make a page and a PDF for signing from files, in one go: read, check, fit, compare, design.
+    """Make a page and a PDF for signing from files of readings, or from fits.
 
-    Asks at most three questions where a terminal can answer them. Writes report.html, report.pdf,
-    report.json, dcc.xml, tables, the campaign as it was understood, and the fit into FILE_report
-    beside the first. Of a fit, the page goes into its own folder. Exit code 1 when a fit missed its
-    target; the page then says so at its top.
+    Files are read, checked and fitted, models are compared, and the next tests are chosen. At most
+    three questions are asked, and only at a terminal. The page, the PDF, JSON, DCC, tables,
+    campaign and fit are written into the folder FILE_report beside the first file. The report of a
+    fit is written into the folder of the fit. Exit code 1: the random draws of a fit did not reach
+    the wanted effective number; the page then says so at its top.
     """
     from ldbb_bayes.cli.report_making import make_report  # slow: Matplotlib, fpdf2
     from ldbb_bayes.cli.sources import ReportSource

@@ -29,7 +29,7 @@ class SourceCampaign(NamedTuple):
 
 
 def has_unstated_balls(campaign: lb.Campaign) -> bool:
-    """Return whether a campaign states nothing about the work ball and the tool ball.
+    """Return whether a campaign states no grade or form deviation of work ball and tool ball.
 
     Parameters
     ----------
@@ -80,7 +80,9 @@ class ReportSource:
         return first.suffix.lower() == ".toml" or (first / TOML_NAME).is_file()
 
     def refuse_table_options(self) -> None:
-        """Refuse options on tables, machine and instrument, which a stored fit cannot use.
+        """Raise an `InputError` for options that describe tables, machine or instrument.
+
+        A stored fit cannot use such options.
 
         Raises
         ------
@@ -95,7 +97,10 @@ class ReportSource:
         )
 
     def report_folder(self) -> Path:
-        """Return the default folder of the report, which is beside the first input file."""
+        """Return the default folder of the report, which is beside the first input file.
+
+        For ``readings.xlsx`` it is ``readings_report``.
+        """
         first = self.paths[0]
         if first.name == TOML_NAME:
             first = first.parent

@@ -37,9 +37,9 @@ def pairs_in(entries: Iterable[str], flag: str, form: str) -> dict[str, str]:
     entries
         Typed texts, for example ``["G=20 µm"]``.
     flag
-        Flag of the option, for messages.
+        Flag of the option, such as ``--tolerance``, for messages.
     form
-        Correct form of an entry, for messages.
+        Correct form of an entry, such as ``NAME=VALUE``, for messages.
 
     Returns
     -------
