@@ -14,14 +14,17 @@ from ldbb_bayes.parallel import WorkerDiedError, process_executor
 
 __all__ = ["Desk"]
 
-MOST_WAITING = 100
-ANSWER_S = 120.0
+MOST_WAITING = 100  # largest number of requests that wait for an answer; further ones are refused
+ANSWER_S = 120.0  # largest time in which the process may compute one answer [s]
 _ATTEMPTS = 2  # largest number of attempts to answer a request; the second is in a new process
 _LONGEST_MESSAGE = 300
 
 
 class Desk:
-    """One process that answers one request at a time; it is replaced if it dies or hangs."""
+    """One process that answers the requests of all browser pages, one request at a time.
+
+    If the process dies, or takes longer than two minutes for an answer, a new one replaces it.
+    """
 
     def __init__(self) -> None:
         self._waiting = 0
@@ -38,14 +41,15 @@ class Desk:
     ) -> dict[str, Any]:
         """Return the result of a function that runs in the process, or the reason of a refusal.
 
-        The time limit does not include the time in which the function waits for its start.
+        The function must return within two minutes. The time in which it waits for its start, while
+        other requests are answered, does not count.
 
         Parameters
         ----------
         work
             Function that is called with the folder of the session and the other arguments.
         session
-            Session whose page sent the request.
+            Session (one browser tab) whose page sent the request.
         *arguments
             Further arguments of the function.
 
@@ -83,6 +87,6 @@ class Desk:
         return {"refused": session.word("died")}
 
     def stop(self) -> None:
-        """End the process that answers requests, even while it computes."""
+        """End the process that answers requests, even while it computes an answer."""
         interruption = KeyboardInterrupt()
         self._stack.__exit__(type(interruption), interruption, None)

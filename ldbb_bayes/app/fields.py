@@ -45,12 +45,14 @@ _DCC_SUFFIX = ".xml"
 class Field(NamedTuple):
     """One entry field of the browser page: an option of ``ldbb-bayes report``."""
 
-    name: str
+    name: str  #: Name of the option, such as ``radius_mm``.
+    #: Group of the option: name, table, certificates, labels, layout or report.
     group: str
     #: Flag of the option at a terminal, such as ``--radius-mm``.
     flag: str
-    help: str
-    #: Kind of the entry field: text, number, lines, choice, or file (name of an added file).
+    help: str  #: Help text of the option.
+    #: Kind of the entry field: text, number, lines (several texts), choice, or file (the name of a
+    #: file that the user added).
     kind: str
     #: Values that the user can choose, each with its description; empty for free text.
     choices: tuple[tuple[str, str], ...] = ()
@@ -89,7 +91,7 @@ _KINDS_OF_ENTRY: Mapping[Any, str] = {
 
 
 def _type_read(field_option: Option) -> Any:
-    """Return the Python type in which the command line reads an option's typed value."""
+    """Return the Python type as which the command line reads the typed value of an option."""
     kind = field_option.kind
     return kind.typed if isinstance(kind, Kind) else kind
 
@@ -126,7 +128,8 @@ FIELDS: Mapping[str, Field] = _all_fields()
 def _value(field_option: Option, name: str, text: str, folder: Path) -> Any:
     """Return the value of an option from the text typed on the page.
 
-    It is the value that Typer, the library that reads the command line, would return.
+    It is the value that Typer, the library that reads the command line, would return. ``name`` is
+    the name of the option, and ``folder`` the folder of the session with the added files.
     """
     typed = _type_read(field_option)
     flag = field_option.flag(name)
@@ -192,7 +195,19 @@ def _number(field_option: Option, flag: str, text: str) -> float:
 def _argument(
     group_name: str, make: Callable[..., Any], choices: Mapping[str, str], folder: Path
 ) -> Any:
-    """Return the argument that ``ldbb-bayes report`` would make from a group of options."""
+    """Return the argument that ``ldbb-bayes report`` would make from a group of options.
+
+    Parameters
+    ----------
+    group_name
+        Name of the group, such as table.
+    make
+        Function that makes the argument from the values of the options.
+    choices
+        Texts typed on the page, by the name of the entry field.
+    folder
+        Folder of the session with the added files.
+    """
     options = _GROUPS[group_name]
     typed = {}
     for name, field_option in options.items():
@@ -209,13 +224,14 @@ def report_settings(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
     Parameters
     ----------
     folder
-        Folder of the session.
+        Folder of the session (one browser tab).
     choices
-        Texts typed on the page, by the name of the entry.
+        Texts typed on the page, by the name of the entry field.
 
     Returns
     -------
     dict
+        Values of the options by name.
 
     Raises
     ------
@@ -232,13 +248,14 @@ def source_from(folder: Path, choices: Mapping[str, str]) -> ReportSource:
     Parameters
     ----------
     folder
-        Folder of the session.
+        Folder of the session (one browser tab).
     choices
-        Texts typed on the page, by the name of the entry.
+        Texts typed on the page, by the name of the entry field.
 
     Returns
     -------
     ReportSource
+        Paths of the files, with the layout of their tables and fields of campaign and instrument.
 
     Raises
     ------
@@ -279,9 +296,9 @@ def read_files(folder: Path, choices: Mapping[str, str]) -> SourceCampaign:
     Parameters
     ----------
     folder
-        Folder of the session.
+        Folder of the session (one browser tab).
     choices
-        Texts typed on the page, by the name of the entry.
+        Texts typed on the page, by the name of the entry field.
 
     Returns
     -------

@@ -1,4 +1,7 @@
-"""Access control: only requests from the server's own page with the secret token are answered."""
+"""Access control: only requests from the server's own page with the secret token are answered.
+
+ASGI is Python's interface between web servers and applications.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +39,8 @@ class _Refusal(NamedTuple):
 class Guard:
     """ASGI application that refuses requests that the server's own page did not send.
 
-    A request must be sent to the server's own address and contain the token.
+    ASGI is Python's interface between web servers and applications. A request must be sent to the
+    server's own address and contain the token.
 
     Parameters
     ----------
@@ -54,7 +58,11 @@ class Guard:
         self._hosts = {f"{name}:{port}" for name in (LOOPBACK, "localhost")}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer an HTTP request, or refuse a request that did not come from the server's page."""
+        """Answer an HTTP request, or refuse a request that did not come from the server's page.
+
+        The arguments are those of ASGI, Python's interface between web servers and applications:
+        description of the request, and functions that receive its body and send the response.
+        """
         if scope["type"] == "lifespan":
             await self._app(scope, receive, send)
             return

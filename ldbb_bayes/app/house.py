@@ -1,4 +1,4 @@
-"""All sessions (browser tabs) of the server: their start, their end, the order of their fits."""
+"""All sessions (browser tabs) of the server: their start, their end, and their fits in turn."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from ldbb_bayes.parallel import ONE_THREAD
 
 __all__ = ["House"]
 
-MOST_SESSIONS = 32
+MOST_SESSIONS = 32  # largest number of sessions (browser tabs) at the same time
 LOOK_S = 1.0  # time between checks whether sessions (browser tabs) have ended [s]
 # Time without a request from the browser page after which a fit is stopped if another waits [s].
 ABANDONED_S = 150.0
@@ -33,15 +33,18 @@ _FIT = "from ldbb_bayes.app.worker import main; main()"
 class House:
     """All sessions (browser tabs), the ``Desk`` that answers their requests, and their folder."""
 
-    folder: Path
-    desk: Desk
-    templates: Templates = field(default_factory=Templates)
-    sessions: dict[str, Session] = field(default_factory=dict)
+    folder: Path  #: Folder that holds one folder for each session.
+    desk: Desk  #: Process that answers the requests of all sessions.
+    templates: Templates = field(default_factory=Templates)  #: Templates of the browser page.
+    sessions: dict[str, Session] = field(default_factory=dict)  #: Sessions by their keys.
     #: Lock that lets only one fit run at a time; the fit uses all cores.
     turn: asyncio.Semaphore = field(default_factory=lambda: asyncio.Semaphore(1))
 
     def begin(self, language: str) -> Session | None:
-        """Return a new session for a browser tab; None if there are too many sessions."""
+        """Return a new session for a browser tab; None if there are already 32 sessions.
+
+        ``language`` is the language of the page: en or de.
+        """
         if len(self.sessions) >= MOST_SESSIONS:
             return None
         key = secrets.token_urlsafe(12)
@@ -57,7 +60,10 @@ class House:
         shutil.rmtree(session.folder, ignore_errors=True)
 
     async def look_after(self) -> None:
-        """End sessions whose browser tabs are closed, and delete their files, until cancelled."""
+        """End sessions whose browser tabs are closed, and delete their files.
+
+        This is repeated every second until the task is cancelled.
+        """
         while True:
             await asyncio.sleep(LOOK_S)
             for session in list(self.sessions.values()):
@@ -81,7 +87,11 @@ class House:
                 session.outcome = {"refused": session.word("gave_way")}
 
     async def fit(self, session: Session) -> None:
-        """Write the report of a session in a separate process, from a copy of the files."""
+        """Write the report of a session in a separate process, from a copy of its files.
+
+        The report replaces an earlier one only when it is complete. A refusal is stored as the
+        outcome of the session.
+        """
         job = session.folder / JOB
         try:
             async with self.turn:

@@ -31,7 +31,7 @@ _DIRECTIONS: Mapping[str, tuple[Direction, ...]] = {
     "CW": ("CW",),
     "CCW": ("CCW",),
 }
-_MOST_CIRCLES = 60
+_MOST_CIRCLES = 60  # largest number of tests in a plan
 _MOST_CANDIDATES = 720  # largest number of candidate tests from which the best tests are chosen
 # Largest number of circles for which the best tests are searched by exchanging single tests. For
 # more circles, the best share of each candidate test is rounded to a number of circles.
@@ -39,11 +39,12 @@ _MOST_EXCHANGED_CIRCLES = 12
 # Largest number of combinations of ball angles, radius and direction for which the best tests are
 # searched by exchanging single tests.
 _MOST_EXCHANGED_KINDS = 4
-# Number of possible states of the machine and noise that a forecast averages over while a slider
-# moves; fewer states than for the final forecast, so that it is fast.
+# Number of possible states of the machine and noise over which a forecast is averaged while the
+# user moves a slider. It is smaller than for the final forecast, so that the forecast is fast.
 _QUICK_STATES = 32
 
 
+# Slider of the browser page: its default, lowest and highest value.
 class _Slider(NamedTuple):
     default: float
     lowest: float
@@ -104,13 +105,14 @@ def _test_sliders(settings: Mapping[str, Any], pilot: lb.Campaign) -> dict[str, 
 class _Report(NamedTuple):
     """Identity of a session's report, used as the key of cached computations."""
 
-    folder: Path
+    folder: Path  #: Folder of the session (one browser tab).
     #: Time at which the report was written [ns].
     time_ns: int
 
 
+# Campaign on which a plan of the next tests is based, with the uncertainties of its fit.
 class _Pilot(NamedTuple):
-    campaign: lb.Campaign
+    campaign: lb.Campaign  #: Campaign of the session's report.
     #: Standard uncertainty of every parameter from the fit with compliance linear in force.
     sd: Mapping[str, float]
 
@@ -130,7 +132,10 @@ def _report_of(folder: Path) -> _Report:
 
 
 def _test_settings(settings: Mapping[str, Any]) -> str:
-    """Return the values of the sliders that describe the tests as JSON, the key of a cache."""
+    """Return those values of the page's sliders that describe the tests, as JSON text.
+
+    The text is the key of cached computations. Sliders for time and cost are left out.
+    """
     not_of_tests = ("fine", *_COSTS)
     stated = {name: value for name, value in sorted(settings.items()) if name not in not_of_tests}
     return json.dumps(stated)
@@ -146,7 +151,18 @@ def _space_of(
 ) -> Space:
     """Return the space of possible tests with given ball angles, radii and directions of travel.
 
-    ``clockings_deg`` are angles of the work ball and the tool ball about their stems [deg].
+    Parameters
+    ----------
+    report
+        Report of the fit on which the plan is based.
+    clockings_deg
+        Pairs of angles of the work ball and the tool ball about their stems [deg].
+    radii_mm
+        Radii of the circles [mm].
+    directions
+        Directions of travel, CW and CCW; empty for that of the earlier tests.
+    augment
+        Whether the new tests are evaluated together with the readings of the earlier tests.
     """
     pilot = _pilot_of(report).campaign
     forces_N = sorted({float(force) for force in pilot.forces_N})
@@ -158,11 +174,12 @@ def _space_of(
 # ---- the tests that the sliders of the page describe
 
 
+# Tests that the sliders of the browser page describe.
 class _PlannedTests(NamedTuple):
-    space: Space
+    space: Space  #: Space of possible tests from which the tests are taken.
     #: Planned tests in the order in which to run them.
     tests: tuple[lb.CircularTest, ...]
-    sliders: Mapping[str, float]
+    sliders: Mapping[str, float]  #: Values of the sliders by name.
 
 
 @lru_cache(maxsize=32)
@@ -193,7 +210,11 @@ def _planned_tests(report: _Report, settings_json: str) -> _PlannedTests:
 def _equally_spaced_tests(
     space: Space, sliders: Mapping[str, float]
 ) -> tuple[lb.CircularTest, ...]:
-    """Return tests at equally spaced forces, with ball angles, radii and directions in turn."""
+    """Return tests at equally spaced forces, with ball angles, radii and directions in turn.
+
+    ``sliders`` are the values of the page's sliders by name: number of circles, number of forces
+    (levels), lowest and highest force.
+    """
     number = int(sliders["circles"])
     kinds = _kinds_of_test(space, sliders["low"])
     forces_N = _force_levels(sliders["low"], sliders["high"], int(min(sliders["levels"], number)))
@@ -223,7 +244,10 @@ def _space_from(
 
 
 def _kinds_of_test(space: Space, force_N: float) -> list[lb.CircularTest]:
-    """Return one test for every combination of ball angles, radius and direction of travel."""
+    """Return one test for every combination of ball angles, radius and direction of travel.
+
+    All these tests have the force ``force_N``.
+    """
     settings = grid_of_tests(space.templates, [force_N], [(0.0, 0.0)], space.radii_mm)
     number = len(settings) * len(space.clockings_deg)
     kinds = []
@@ -235,7 +259,12 @@ def _kinds_of_test(space: Space, force_N: float) -> list[lb.CircularTest]:
 def _best_tests(
     space: Space, kinds: Sequence[lb.CircularTest], sliders: Mapping[str, float]
 ) -> tuple[lb.CircularTest, ...]:
-    """Return the tests with the most expected information among those at equally spaced forces."""
+    """Return the tests with the most expected information among those at equally spaced forces.
+
+    ``kinds`` are tests with every combination of ball angles, radius and direction of travel, and
+    ``sliders`` the values of the page's sliders by name: number of circles, lowest and highest
+    force.
+    """
     low = sliders["low"]
     high = sliders["high"]
     # If ball angles, radius and direction are fixed, try forces in steps of about 1 N, as a report
@@ -276,9 +305,10 @@ def _pairs_in_turn(first: Sequence[Any], second: Sequence[Any], number: int) -> 
 
 
 def _force_levels(low: float, high: float, number: int) -> list[float]:
-    """Return equally spaced forces [N], in whole newtons if the rounded forces differ.
+    """Return ``number`` equally spaced forces from ``low`` to ``high`` [N].
 
-    If only one force is wanted, it is the highest force, which gives the most information.
+    They are rounded to whole newtons if the rounded forces differ, else to tenths. If only one
+    force is wanted, it is the highest force, which gives the most information.
     """
     if number == 1:
         levels = [high]
@@ -299,15 +329,16 @@ def forecast(folder: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
     Parameters
     ----------
     folder
-        Folder of the session.
+        Folder of the session (one browser tab).
     settings
-        Values of the sliders, by name.
+        Values of the page's sliders, by name.
 
     Returns
     -------
     dict
-        U (k = 2) of every parameter, today and expected, the probabilities that the evidence
-        decides for constant or linear compliance, time and cost, and the tests in order.
+        Expanded uncertainty U (k = 2) of every parameter, today and expected, the probabilities
+        that the evidence decides for constant or linear compliance, time and cost, and the tests in
+        the order in which to run them.
 
     Raises
     ------
@@ -354,10 +385,19 @@ def forecast(folder: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
 def _expected_uncertainties(report: _Report, settings_json: str, *, fine: bool) -> dict[str, Any]:
     """Return the uncertainties and decisions that the planned tests are expected to give.
 
-    Entry ``rows`` has U (k = 2) of every parameter except slopes, today and expected. Entry
-    ``settle`` has the probabilities that the evidence will decide for linear or for constant
-    compliance; it is None if the model has no slopes. Without ``fine``, the results are averages
-    over fewer possible states of the machine, which is faster.
+    Entry ``rows`` of the result has the expanded uncertainty U (k = 2) of every parameter except
+    slopes, today and expected. Entry ``settle`` has the probabilities that the evidence will decide
+    for linear or for constant compliance; it is None if they cannot be forecast.
+
+    Parameters
+    ----------
+    report
+        Report of the fit on which the plan is based.
+    settings_json
+        Values of the page's sliders by name, as JSON.
+    fine
+        Whether to average over all possible states of the machine that a final forecast uses;
+        otherwise fewer are used, which is faster.
     """
     space, tests, _ = _planned_tests(report, settings_json)
     sd_today = _pilot_of(report).sd
@@ -419,14 +459,14 @@ def _pilot_row(pilot: lb.Campaign) -> dict[str, Any]:
 
 
 def plan(folder: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Write the tests that the sliders describe as a plan, a campaign folder without readings.
+    """Write the tests that the page's sliders describe as a plan: a campaign without readings.
 
     Parameters
     ----------
     folder
-        Folder of the session; the plan is written into its subfolder ``plan``.
+        Folder of the session (one browser tab); the plan is written into its subfolder ``plan``.
     settings
-        Values of the sliders, by name.
+        Values of the page's sliders, by name.
 
     Returns
     -------

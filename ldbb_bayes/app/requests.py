@@ -1,4 +1,7 @@
-"""Answers to the HTTP requests of a browser page that has a session."""
+"""Answers to the HTTP requests of a browser page that has a session.
+
+A session is one browser tab with its files, its typed entries and its fit.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +34,8 @@ LARGEST_SESSION = 4 * 2**26  # largest total size of the files of a session [byt
 LARGEST_FORM = 2**17  # largest total size of the entries of a form on the page [bytes]
 _LONGEST_ENTRY = 20_000  # largest length of one entry that a user types on the page [characters]
 _LONGEST_NAME = 120  # largest length of the name of a stored file [bytes]
-# Content security policy of the report's page: only its own style is permitted, and no script.
+# Content security policy (an HTTP header) for the page of a report: the page may use only its own
+# style, and no script.
 _REPORT_POLICY = (
     "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action"
     " 'none'; frame-ancestors 'self'"
@@ -44,8 +48,8 @@ _SAVED_FILES = {
     "posterior.nc": "posterior.nc",
     "parameters.csv": "tables/averaged.csv",
 }
-# Table that is downloaded as parameters.csv if models could not be averaged. The certificate's
-# sheets then state the results of the fit itself.
+# Table that is downloaded as parameters.csv if constant and linear compliance could not be
+# averaged. The certificate's sheets then state the results of the fit itself.
 _FIT_TABLE = "tables/results.csv"
 _ZIPPED_FOLDERS = {"tables.zip": "tables", "campaign.zip": "campaign", "report.zip": ""}
 
@@ -53,18 +57,19 @@ Answer = Callable[[House, Session, Request], Awaitable[Response]]
 
 
 def refused(message: str, status: int) -> Response:
-    """Return an HTTP response with a refusal, which the page shows to the user.
+    """Return an HTTP response with the reason of a refusal, which the page shows to the user.
 
     Parameters
     ----------
     message
         Reason of the refusal.
     status
-        HTTP status code.
+        HTTP status code, such as 404.
 
     Returns
     -------
     Response
+        Response with the JSON object ``{"refused": message}``.
     """
     return JSONResponse({"refused": message}, status)
 
@@ -183,7 +188,10 @@ async def _add_file(house: House, session: Session, request: Request) -> Respons
 
 
 async def _receive(request: Request, path: Path, most_bytes: int) -> bool:
-    """Write the body of a request into a file, and return whether its size is permitted."""
+    """Write the body of a request into the file ``path``, and return whether its size is permitted.
+
+    A body of more than ``most_bytes`` bytes is not permitted; it is not read to its end.
+    """
     size = 0
     with path.open("wb") as file:
         async for chunk in request.stream():
@@ -215,7 +223,10 @@ async def _take_example(house: House, session: Session, request: Request) -> Res
 
 
 async def _take_choices(house: House, session: Session, request: Request) -> Response:
-    """Store the entries that the user typed on the page, or the language that was chosen."""
+    """Store the texts that the user typed on the page, or the language that the user chose.
+
+    The request contains them as a JSON object of texts by the name of the entry field.
+    """
     sent = await _read_json(request)
     if sent is None or not all(_is_entry(text) for text in sent.values()):
         return refused(session.word("form"), 422)
@@ -254,7 +265,10 @@ async def _cancel_fit(house: House, session: Session, request: Request) -> Respo
 
 
 async def _show_forecast(house: House, session: Session, request: Request) -> Response:
-    """Return the HTML section with the expected results of the tests that sliders describe."""
+    """Return a section of the page with the results expected of the next tests.
+
+    The request contains the values of the page's sliders, which describe these tests.
+    """
     sent = await _read_json(request)
     if sent is None:
         return refused(session.word("form"), 422)
@@ -269,7 +283,10 @@ async def _show_forecast(house: House, session: Session, request: Request) -> Re
 
 
 async def _send_result(house: House, session: Session, request: Request) -> Response:
-    """Return a file of the session's report or of its plan, or several files as a ZIP."""
+    """Return the response with a file of the session's report or plan, or with files as a ZIP.
+
+    The last part of the URL path is the name of the file.
+    """
     name = request.path_params["name"]
     folder = session.folder / RESULT
     if name in ("plan.html", "plan.zip"):
@@ -318,7 +335,7 @@ def _zip_folder(folder: Path) -> bytes:
     return buffer.getvalue()
 
 
-#: HTTP method, URL path and answering function of every request to a session.
+#: HTTP method, URL path within a session, and answering function of every request.
 ROUTES: tuple[tuple[str, str, Answer], ...] = (
     ("GET", "/", _show_page),
     ("GET", "/part/{name}", _show_section),

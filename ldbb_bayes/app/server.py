@@ -82,7 +82,7 @@ async def _say_unexpected(request: Request, error: Exception) -> Response:
 
 
 def application(token: str, port: int) -> ASGIApp:
-    """Return the ASGI application that serves the page.
+    """Return the application that answers all requests to the server of the browser page.
 
     Parameters
     ----------
@@ -94,6 +94,7 @@ def application(token: str, port: int) -> ASGIApp:
     Returns
     -------
     ASGI application
+        ASGI is Python's interface between web servers and applications.
     """
 
     def endpoint(answer: Answer) -> Callable[[Request], Awaitable[Response]]:
@@ -126,7 +127,10 @@ def application(token: str, port: int) -> ASGIApp:
 
 @asynccontextmanager
 async def _lifespan(app: Starlette) -> AsyncIterator[None]:
-    """Create the ``House`` of all sessions; when the server ends, stop it and delete its files."""
+    """Create the ``House`` of all sessions (browser tabs) while the server runs.
+
+    When the server ends, the processes of the sessions are stopped and their files are deleted.
+    """
     _delete_folders_of_dead_servers()
     folder = Path(tempfile.mkdtemp(prefix=f"{_FOLDER_PREFIX}{os.getpid()}-"))
     house = House(folder, Desk())
@@ -164,7 +168,7 @@ def _is_running(process: int) -> bool:
 
 @contextmanager
 def listening(port: int) -> Iterator[socket.socket]:
-    """Listen on a port of the loopback address.
+    """Listen on a port of the loopback address, which only this computer can reach.
 
     Parameters
     ----------
@@ -174,6 +178,7 @@ def listening(port: int) -> Iterator[socket.socket]:
     Yields
     ------
     socket
+        Socket on which a server can accept connections; it is closed after the ``with`` block.
 
     Raises
     ------
@@ -195,7 +200,7 @@ def listening(port: int) -> Iterator[socket.socket]:
 
 
 def serve(port: int, *, show: bool, say: Callable[[str], object] = print) -> None:
-    """Serve the page until interrupted.
+    """Serve the browser page until the user ends the program with Ctrl-C.
 
     Parameters
     ----------
@@ -241,7 +246,11 @@ def serve(port: int, *, show: bool, say: Callable[[str], object] = print) -> Non
 async def _serve_and_show(
     server: uvicorn.Server, listener: socket.socket, address: str | None
 ) -> None:
-    """Run the server, and open its address in a browser once the server answers."""
+    """Run the server, and open the page in a browser once the server answers.
+
+    ``listener`` is the socket on which the server listens, and ``address`` the URL of the page;
+    None: no browser is opened.
+    """
     serving = asyncio.create_task(server.serve(sockets=[listener]))
     if address is not None:
         while not (server.started or serving.done()):

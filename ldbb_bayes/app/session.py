@@ -32,12 +32,12 @@ SILENT_S = 3600.0
 class Session:
     """One session: a browser tab with its folder of files, its typed entries and its fit."""
 
-    key: str
-    folder: Path
-    language: str
+    key: str  #: Random text that identifies the session in URL paths.
+    folder: Path  #: Folder of the session's files.
+    language: str  #: Language of the page, en or de.
     #: Texts that the user typed on the page, by the name of the entry field.
     choices: dict[str, str] = field(default_factory=dict)
-    #: Names of the entry fields whose texts were refused.
+    #: Names of the entry fields whose texts could not be used when the files were last read.
     wrong: list[str] = field(default_factory=list)
     #: Number of changes that the user made to files and entries so far.
     edition: int = 0
@@ -47,7 +47,9 @@ class Session:
     asked: dict[str, Any] = field(default_factory=dict)
     #: Outcome of the session's last fit: state and alerts of the report, or a refusal.
     outcome: dict[str, Any] = field(default_factory=dict)
+    #: Task that makes the session's report, or waits for its turn; None before the first fit.
     task: asyncio.Task[None] | None = None
+    #: Process that makes the session's report; None while no fit is running.
     process: asyncio.subprocess.Process | None = None
     #: Time of the last request from the session's page, on the monotonic clock [s].
     last_request_s: float = field(default_factory=time.monotonic)
@@ -116,7 +118,11 @@ class Session:
         self.edition += 1
 
     def state(self) -> dict[str, Any]:
-        """Return the state of the session as a record, which the page requests repeatedly."""
+        """Return the state of the session as a dictionary, which the page requests repeatedly.
+
+        It has the number of files, the numbers ``edition`` and ``fitted``, whether a fit is running,
+        its progress and its outcome.
+        """
         return {
             "files": len(self.held),
             "edition": self.edition,
@@ -137,7 +143,10 @@ class Session:
         return {"share": 0.0, "step": "start", "of": 0}
 
     def word(self, key: str, **values: object) -> str:
-        """Return the text of a refusal, in the language of the session, with values filled in."""
+        """Return the text of a refusal in the language of the session.
+
+        ``key`` names the text, and ``values`` are filled in.
+        """
         return str(words_of_page(self.language)["errors"][key]).format(**values)
 
     def said(self) -> dict[str, str]:

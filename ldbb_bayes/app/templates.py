@@ -34,20 +34,26 @@ def words_of_page(language: str) -> Mapping[str, Any]:
     Returns
     -------
     dict
-        Texts by their place on the page.
+        Texts by the section of the page and a short name.
     """
     return tomllib.loads((PAGES / f"words_{language}.toml").read_text(encoding="utf-8"))
 
 
 @jinja2.pass_context
 def _with_decimal_mark(context: jinja2.runtime.Context, value: object) -> str:
-    """Return a number as text with the decimal mark of the page's language."""
+    """Return a number as text with the decimal mark of the page's language.
+
+    ``context`` holds the values with which the template is filled.
+    """
     return re.sub(r"(?<=\d)\.(?=\d)", str(context["w"]["decimal"]), str(value))
 
 
 @jinja2.pass_context
 def _translate_phrases(context: jinja2.runtime.Context, text: str) -> str:
-    """Return a message on imported files, with its known phrases in the page's language."""
+    """Return a message on imported files, with its known phrases in the page's language.
+
+    ``context`` holds the values with which the template is filled.
+    """
     for pattern, translation in context["w"]["phrases"].items():
         text = re.sub(pattern, translation, text)
     return text
@@ -80,6 +86,7 @@ class Templates:
         Returns
         -------
         str
+            The HTML.
         """
         template = self._environment.get_template(name)
         return template.render(

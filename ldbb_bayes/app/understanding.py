@@ -20,11 +20,13 @@ from ldbb_bayes.units import two_digits
 __all__ = ["refusal", "understand"]
 
 _MOST_POINTS = 360  # approximate largest number of points of a drawn trace; more cannot be seen
-_INNER_RADIUS = 22.0  # radius at which the lowest reading is drawn, in units of the SVG drawing
-# Radius at which the highest reading is drawn, which is 100, minus that of the lowest reading, in
-# units of the SVG drawing.
+# Radius at which the lowest reading is drawn in a polar plot [units of the SVG drawing].
+_INNER_RADIUS = 22.0
+# Difference of the radii at which the highest and the lowest reading are drawn in a polar plot
+# [units of the SVG drawing]; the highest reading is thus drawn at the radius 100.
 _WIDTH = 78.0
 _RINGS = 4  # approximate number of rings with labels between the lowest and the highest reading
+# Smallest range of readings that a polar plot shows, so that equal readings can be drawn [µm].
 _SMALLEST_RANGE_UM = 1e-3
 
 
@@ -34,9 +36,9 @@ def refusal(error: Exception, folder: Path) -> str:
     Parameters
     ----------
     error
-        The exception that was raised.
+        The exception that was raised while the request was answered.
     folder
-        Folder of the session.
+        Folder of the session (one browser tab).
 
     Returns
     -------
@@ -66,15 +68,15 @@ def understand(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
     Parameters
     ----------
     folder
-        Folder of the session.
+        Folder of the session (one browser tab).
     choices
-        Texts typed on the page, by the name of the entry.
+        Texts typed on the page, by the name of the entry field.
 
     Returns
     -------
     dict
-        Tests, traces, assumptions and remarks about odd readings; or the refusal, and the names of
-        the wrong entries.
+        Tests, traces (polar plots of the readings), assumptions and remarks about odd readings. If
+        the files cannot be read, the reason, and the names of the entry fields that cause it.
     """
     try:
         campaign, imported = read_files(folder, choices)
@@ -103,10 +105,19 @@ def understand(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
 
 
 def _wrong_entries(folder: Path, choices: Mapping[str, str], error: InputError) -> list[str]:
-    """Return the names of the typed entries that cause a refusal.
+    """Return the names of the entry fields whose texts cause an error when files are read.
 
     These are the entries without which the files could be read. If there are no such entries, they
-    are those without which the error message would be different.
+    are those without which the message of the error would be different.
+
+    Parameters
+    ----------
+    folder
+        Folder of the session.
+    choices
+        Texts typed on the page, by the name of the entry field.
+    error
+        The error that was raised.
     """
     to_blame = []
     involved = []
@@ -165,9 +176,10 @@ def _assumption_row(assumption: Assumption, folder: Path) -> dict[str, Any]:
 
 
 def _instrument(campaign: lb.Campaign) -> dict[str, list[dict[str, Any]]]:
-    """Return the assumed uncertainties of each part of the instrument, such as bar or balls.
+    """Return the uncertainties that a fit assumes for each part of the instrument.
 
-    An uncertainty is marked as stated if a certificate states it.
+    The result has a list of entries for each part, such as bar or balls. An entry is marked as
+    stated if a calibration certificate states the uncertainty.
     """
     entries_by_piece: dict[str, list[dict[str, Any]]] = {}
     for assumed in lb.terms.uncertainties(campaign).assumed:
@@ -221,9 +233,10 @@ def _instrument_entry(campaign: lb.Campaign, assumed: Any, piece: str) -> dict[s
 
 
 def _trace(campaign: lb.Campaign, plane: str) -> dict[str, Any]:
-    """Return the polar traces of a plane as paths of an SVG drawing, with rings in µm.
+    """Return a polar plot of the readings of all tests in a plane, for an SVG drawing.
 
-    The highest reading is drawn at a radius of 100 units of the drawing.
+    It has one closed or open line for each test, and rings labelled in µm. The highest reading is
+    drawn at a radius of 100 units of the drawing.
     """
     forces = campaign.forces_N
     force_shares = (forces - forces.min()) / max(float(np.ptp(forces)), 1e-9)
@@ -258,7 +271,11 @@ def _trace(campaign: lb.Campaign, plane: str) -> dict[str, Any]:
 
 
 def _ring_readings(low: float, high: float, spread: float) -> list[float]:
-    """Return the multiples of a round step that lie between two readings [µm]."""
+    """Return the readings [µm] at which a polar plot has rings: about four multiples of a step.
+
+    They lie between the lowest and the highest reading, ``low`` and ``high``. The step is 1, 2 or 5
+    times a power of ten. ``spread`` is the range of readings, or the smallest range that is shown.
+    """
     power = 10.0 ** np.floor(np.log10(spread / _RINGS))
     wanted = (high - low) / _RINGS
     steps = [multiple * power for multiple in (1.0, 2.0, 5.0, 10.0)]

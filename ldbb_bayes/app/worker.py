@@ -23,10 +23,10 @@ from ldbb_bayes.files import write_whole
 __all__ = ["CHOICES_NAME", "OUTCOME_NAME", "PROGRESS_NAME", "answer", "main", "warm"]
 
 CHOICES_NAME = "said.json"  # name of the file with the texts that the user typed on the page
-PROGRESS_NAME = "progress.json"
-OUTCOME_NAME = "outcome.json"
+PROGRESS_NAME = "progress.json"  # name of the file with the progress of a fit
+OUTCOME_NAME = "outcome.json"  # name of the file with the outcome of a fit: its state or a refusal
 _LONGEST_MESSAGE = 300
-_LOOK_AT_PARENT_S = 1.0
+_LOOK_AT_PARENT_S = 1.0  # time between checks whether the process of the server still runs [s]
 
 
 def warm() -> None:
@@ -34,14 +34,14 @@ def warm() -> None:
 
 
 def answer(work: Callable[..., dict[str, Any]], folder: str, *arguments: Any) -> dict[str, Any]:
-    """Return the result of a function of a session's folder, or the reason of a refusal.
+    """Call a function with the folder of a session, and return its result or a refusal.
 
     Parameters
     ----------
     work
         Function that is called with the folder and the other arguments.
     folder
-        Folder of the session.
+        Path of the folder of the session (one browser tab).
     *arguments
         Further arguments of the function.
 
@@ -57,10 +57,11 @@ def answer(work: Callable[..., dict[str, Any]], folder: str, *arguments: Any) ->
 
 
 def main() -> None:
-    """Write the report of a session.
+    """Write the report of a session; a process that the server starts runs this function.
 
-    The two arguments of the command line are the folder for the report and the id of the parent
-    process. The progress is written to progress.json, the outcome to outcome.json.
+    The two arguments of the process are the folder with the copied files of the session, into which
+    the report is written too, and the id of the server's process. The progress is written to
+    ``progress.json``, and the outcome to ``outcome.json``.
     """
     job = Path(sys.argv[1])
     parent = int(sys.argv[2])
@@ -75,7 +76,10 @@ def main() -> None:
 
 
 def _end_with(parent: int) -> None:
-    """End this process, and the processes that it started, once the parent process has ended."""
+    """End this process, and the processes that it started, once its parent process has ended.
+
+    ``parent`` is the id of the parent process, which is that of the server.
+    """
     while os.getppid() == parent:
         time.sleep(_LOOK_AT_PARENT_S)
     if hasattr(os, "killpg"):
@@ -98,7 +102,10 @@ def _report(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
 
 @contextmanager
 def _steps_in_file(folder: Path) -> Iterator[Begin]:
-    """Yield a function that begins a step of a report and writes its progress to progress.json."""
+    """Yield a function that begins a step of a report, such as its fit.
+
+    The progress of the step is written to the file ``progress.json`` in ``folder``.
+    """
 
     def update(share: float, step: str, done: int, total: int) -> None:
         progress = {"share": share, "step": step, "done": done, "of": total}

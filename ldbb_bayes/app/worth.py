@@ -29,21 +29,21 @@ _PIECES = {
 
 
 def worth(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
-    """Return the uncertainty U of every parameter, as stated now and with each new certificate.
+    """Return the uncertainty U of every parameter, without and with each new certificate.
 
-    U is the expanded uncertainty (k = 2).
+    U is the expanded uncertainty (k = 2) that is expected from a fit with linear compliance.
 
     Parameters
     ----------
     folder
-        Folder of the session.
+        Folder of the session (one browser tab).
     choices
-        Texts typed on the page, by the name of the entry.
+        Texts typed on the page, by the name of the entry field.
 
     Returns
     -------
     dict
-        ``today``: expected U of the linear model with the certificates stated now; ``effects``: the
+        ``today``: U of every parameter with the certificates that are stated now. ``effects``: the
         largest reductions of U, by the part of the instrument that a new certificate would cover.
 
     Raises
@@ -77,21 +77,24 @@ def worth(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
 
 
 def uncertainty_change(name: str, sd_before: float, sd_after: float, unit: str) -> dict[str, Any]:
-    """Return U (k = 2) of a parameter before and after a change, in a readable unit.
+    """Return the expanded uncertainty U (k = 2) of a parameter before and after a change.
+
+    The change is a new calibration certificate, or further tests.
 
     Parameters
     ----------
     name
         Name of the parameter.
     sd_before, sd_after
-        Standard uncertainties before and after, in the internal unit (mm, N, rad).
+        Standard uncertainties before and after the change, in the internal unit (mm, N, rad).
     unit
         Internal unit of the parameter.
 
     Returns
     -------
     dict
-        Name, readable unit, U before and after to two digits, and ratio U after / U before.
+        Name, display unit such as nm/N, U before and after with two digits, and the ratio of U
+        after to U before.
     """
     factor, label = display_unit(unit)
     share = 1.0
