@@ -14,17 +14,17 @@ from ldbb_bayes.results import Array
 
 __all__ = ["EXACT_SHARE", "NullSpace"]
 
-# A combination of coefficients is unresolved only if it changes no reading much. The limit is this
-# share of the change that its pivot, the coefficient with the value one, causes alone.
+# A combination of coefficients counts as unresolved only if it changes every reading by less than
+# this share of the change that its pivot, the coefficient with the value one, causes alone.
 EXACT_SHARE = 0.05
-# Coefficients are dropped from a combination if their effect on the readings is below a share of
-# the largest effect; these shares are tried in turn.
+# Coefficients are dropped from an unresolved combination if their effect on the readings is below a
+# share of the largest effect of any of its coefficients. These shares are tried in turn.
 _SPARSITY_CUTS = (0.02, 1e-3, 1e-5, 1e-8)
-# A combination from which coefficients are dropped may change a reading by at most this share of
-# the change that is too small to be seen.
+# A combination from which coefficients of small effect are dropped may change a reading by at most
+# this share of the change that is too small to be seen.
 _SPARSE_LIMIT_SHARE = 0.5
-# A preferred coefficient becomes a pivot only if its row of the null space's basis is longer than
-# this. The directions of pivots chosen before are first projected out of the row.
+# A preferred coefficient becomes a pivot only if its row of an orthonormal basis of the null space
+# is longer than this. The directions of pivots chosen before are first projected out of the row.
 _LEAST_PIVOT_LENGTH = 0.05
 # Singular values of a least-squares problem below this share of the largest count as zero.
 _RANK_TOLERANCE = 1e-12
@@ -97,7 +97,10 @@ class NullSpace:
         return basis
 
     def _orthonormal_basis(self, columns: NDArray[np.intp]) -> Array:
-        """Return k directions, shape (columns, k), that change no reading beyond the limit."""
+        """Return k orthonormal combinations that change no reading beyond the limit, shape (c, k).
+
+        They are combinations of the c coefficients with the indices ``columns``.
+        """
         _, singular, right = np.linalg.svd(self._triangle[:, columns])
         singular = np.append(singular, np.zeros(len(columns) - len(singular)))
         basis = right[singular <= self.limit * np.sqrt(len(self.scaled))].T
@@ -108,9 +111,10 @@ class NullSpace:
     def _imitation(self, target: int, imitators: NDArray[np.intp]) -> Array | None:
         """Return a combination of a target coefficient and its imitators that changes no reading.
 
-        The target has the value one. Imitators with the smallest effects are left out where the
-        other imitators suffice. Return None if the imitators cannot cancel the effect of the
-        target.
+        ``target`` and ``imitators`` are indices of coefficients. The target has the value one; the
+        imitators have values that cancel its effect on the readings. Imitators with the smallest
+        effects are left out if the others suffice. Return None if the imitators cannot cancel the
+        effect of the target.
         """
         solved = np.zeros(self.scaled.shape[1])
         solution = np.linalg.lstsq(
@@ -132,9 +136,10 @@ class NullSpace:
 
 
 def _choose_pivots(basis: Array, preferred: NDArray[np.bool_]) -> list[int]:
-    """Return indices of well-conditioned rows of a basis, as many as it has vectors.
+    """Return indices of k well-conditioned rows of a basis of k vectors.
 
-    ``basis`` has the shape (columns, vectors). Preferred rows are chosen before other rows.
+    ``basis`` has the shape (c, k), with one row for each of c coefficients. ``preferred``, shape
+    (c,), states which rows are chosen before other rows.
     """
     pivots: list[int] = []
     remainder = basis.copy()

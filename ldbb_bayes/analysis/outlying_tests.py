@@ -46,7 +46,7 @@ _REPLICATES = 20_000
 _REPLICATES_PER_TEST = 400
 # Number of replicates (simulated circles) from each posterior draw when a test is first judged.
 _CIRCLES_PER_DRAW = 5
-# A test with a p-value below this is judged again with more replicates.
+# A test whose p-value is at most this is judged again with more replicates (simulated circles).
 _SMALL_P_VALUE = 0.05
 # Factor by which the number of replicates (simulated circles) grows when a test is judged again.
 _MORE_REPLICATES = 2
@@ -83,11 +83,11 @@ def find_outlying_tests(
     tolerance: float = 1e-2,
     replicates: int | None = None,
 ) -> pd.DataFrame:
-    """Find the tests that do not belong with the others, under one or several models.
+    """Find the tests that do not agree with the others, under one or several models.
 
     Each test is compared with circles simulated from what the other tests predict. Its p-value is
-    the probability that a circle of the same machine lies as far out in any Fourier order. A test
-    has a flag where its family-wise p-value (Holm) is below 2 %.
+    the probability that a circle of the same machine deviates as much from the prediction in any
+    Fourier order. A test is flagged if its family-wise p-value (Holm) is below 2 %.
 
     Parameters
     ----------
@@ -175,7 +175,8 @@ def judge_tests(
         Quadrature nodes of the posterior given all tests but one, by model and by the test left
         out, as returned by `leave_one_out`.
     seed, tolerance, replicates
-        As in `find_outlying_tests`.
+        Seed of the simulated circles, error allowed in every log evidence [nat], and number of
+        circles simulated for each test, as in `find_outlying_tests`.
     """
     rng = np.random.default_rng(seed)
     names = _any_nodes(nodes_by_model).bound.test_names
@@ -202,14 +203,17 @@ def judge_tests(
 
 
 def _any_nodes(nodes_by_model: Mapping[str, Nodes]) -> Nodes:
-    """Return the nodes of the first model, for properties that are the same in all models."""
+    """Return the quadrature nodes of the first model.
+
+    They serve for properties of the campaign that are the same in all models.
+    """
     return next(iter(nodes_by_model.values()))
 
 
 def _most_outlying(judged: Mapping[str, JudgedTest]) -> str:
     """Return the name of the test with the smallest p-value.
 
-    Among tests with equal p-values it is that with the largest distance.
+    Among tests with equal p-values it is the one with the largest ``distance`` (of `JudgedTest`).
     """
     return min(judged, key=lambda name: (judged[name].p_value, -judged[name].distance))
 
@@ -217,7 +221,8 @@ def _most_outlying(judged: Mapping[str, JudgedTest]) -> str:
 def _adjust_p_values(judged: Mapping[str, JudgedTest], lowest: float) -> dict[str, JudgedTest]:
     """Return the judged tests with family-wise p-values by Holm's method.
 
-    No family-wise p-value is below ``lowest``, the largest of the tests flagged before.
+    No family-wise p-value is below ``lowest``, the largest family-wise p-value of the tests flagged
+    before.
     """
     p_values = np.array([judged_test.p_value for judged_test in judged.values()])
     family_wise = np.maximum(holm(p_values), lowest)
@@ -234,10 +239,11 @@ def _judge_left_out(
     size: int,
     rng: np.random.Generator,
 ) -> JudgedTest:
-    """Return one test compared with circles that the other tests predict in its place.
+    """Return the test ``name`` compared with simulated circles that the other tests predict.
 
-    Where few simulated circles deviate as much, the test is judged again with more circles.
-    ``size`` is the number of circles at first.
+    ``size`` is the number of circles at first. If few of them deviate as much as the test, it is
+    judged again with more circles. ``nodes_by_model`` holds the posterior given all tests, by
+    model; ``left_out_nodes`` that without one test, by model and test.
     """
     bound = _any_nodes(nodes_by_model).bound
     r = bound.test_names.index(name)
@@ -264,10 +270,11 @@ def _replicates(
     circles_per_draw: int,
     rng: np.random.Generator,
 ) -> Array:
-    """Return Fourier coefficients of simulated replicates of a test, shape (about size, 25) [mm].
+    """Return simulated replicates of a test, as Fourier coefficients, shape (n, 25) [mm].
 
-    The number of replicates from each model is in proportion to the posterior probability of the
-    model given the other tests.
+    The number n of replicates is about ``size``, with ``circles_per_draw`` from each posterior
+    draw. The number from each model is in proportion to the posterior probability of the model
+    given the other tests.
     """
     log_evidence = [by_test[name].evidence.log_value for by_test in left_out_nodes.values()]
     counts = np.round(probabilities(np.array(log_evidence)) * size).astype(int)
@@ -292,7 +299,7 @@ def judge_circle(observed: Array, replicates: Array) -> JudgedTest:
     Parameters
     ----------
     observed
-        Fourier coefficients of the circle, shape (25,).
+        Fourier coefficients of the circle's radial deviation, shape (25,).
     replicates
         Fourier coefficients of the n replicates, shape (n, 25).
     """
@@ -314,8 +321,8 @@ def judge_circle(observed: Array, replicates: Array) -> JudgedTest:
         nearer_counts.append(int(np.sum(distances < distance)))
         replicate_distances.append(distances)
         tails.append(_minus_log_tail(float(distance), components))
-    # In its worst order, the circle deviates more than ``most_nearer`` replicates. Count the
-    # replicates that deviate more than as many other replicates in any order.
+    # In its worst order, the circle deviates more than ``most_nearer`` replicates do. Count the
+    # replicates that, in any order, deviate more than that many other replicates do.
     most_nearer = max(nearer_counts)
     edge = np.full((MAX_ORDER + 1, 1), -np.inf)
     if most_nearer:
@@ -334,14 +341,17 @@ def judge_circle(observed: Array, replicates: Array) -> JudgedTest:
 def _squared_distance(harmonics: Array, root: Array) -> Array:
     """Return squared Mahalanobis distances of n circles from their mean, shape (n,).
 
-    ``harmonics`` are k Fourier coefficients of each circle, shape (n, k); ``root`` is the Cholesky
-    factor of their covariance, shape (k, k).
+    ``harmonics`` are k Fourier coefficients of each circle, less their means, shape (n, k).
+    ``root`` is the Cholesky factor of their covariance, shape (k, k).
     """
     return np.asarray((np.linalg.solve(root, harmonics.T) ** 2).sum(axis=0))
 
 
 def _minus_log_tail(squared_distance: float, components: int) -> float:
-    """Return −ln of the upper tail of χ² with one or two degrees of freedom."""
+    """Return −ln of the probability that χ² exceeds ``squared_distance``.
+
+    The degrees of freedom, one or two, are ``components``: the number of Fourier coefficients.
+    """
     if components == 2:
         return 0.5 * squared_distance
     return -float(special.log_ndtr(-np.sqrt(squared_distance)) + np.log(2.0))

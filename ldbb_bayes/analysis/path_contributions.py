@@ -1,4 +1,4 @@
-"""Contributions of compliances and geometric errors to the reading of one circle."""
+"""Contributions of compliances and geometric errors to the readings of one circle."""
 
 from __future__ import annotations
 
@@ -34,14 +34,15 @@ __all__ = [
     "decompose_deviation",
 ]
 
-# Number of posterior draws from which contributions to the readings are computed.
+# Number of posterior draws from which contributions to the readings of a circle are computed.
 DRAWS = 2000
-# Names of the sources of contributions that are sums of other sources.
+# Names of the sources of contributions to the readings that are sums of other sources: all effects
+# of the machine, all compliances, and all geometric errors.
 TOGETHER = "compliance and geometry"
 COMPLIANCE = "compliance"
 GEOMETRY = "geometry"
-# Columns of the table of contributions: those that state the place and the source, then those with
-# values in µm.
+# Columns of the table of contributions to the readings. The first list states the circle, the force
+# and the source of the contribution; the second names the columns of values in µm.
 _PLACE_COLUMNS = ["plane", "radius_mm", "force_N", "source"]
 _VALUE_COLUMNS = ["maximum", "minimum", "peak_to_peak", "sd", "ci_low", "ci_high"]
 
@@ -51,9 +52,10 @@ _VALUE_COLUMNS = ["maximum", "minimum", "peak_to_peak", "sd", "ci_low", "ci_high
 def decompose_deviation(
     posterior: xr.DataTree, force_N: float | None = None, *, prob: float = 0.95
 ) -> pd.DataFrame:
-    """Return largest, smallest and peak-to-peak contributions to the reading of one circle [µm].
+    """Return the contributions of the machine's effects to the readings of one circle [µm].
 
-    The circle is the first of each plane.
+    For each effect (source) they are the largest and the smallest contribution along the circle,
+    and their difference, the peak-to-peak. The circle is the first of each plane.
 
     Parameters
     ----------
@@ -70,9 +72,9 @@ def decompose_deviation(
         One row per plane and source. Sources are all effects together, all compliances, all
         geometric errors, every compliance (its slope included) and every geometric error. Columns
         are plane, radius_mm, force_N and source; maximum, minimum and peak_to_peak; and sd, ci_low
-        and ci_high of the peak-to-peak. maximum and minimum are those of the mean contribution;
-        peak_to_peak is the posterior median. For a source that is hardly known, it exceeds maximum
-        less minimum, which may be zero.
+        and ci_high of the peak-to-peak. The values maximum and minimum are those of the posterior
+        mean contribution; peak_to_peak is the posterior median. For a source that the readings
+        hardly determine, peak_to_peak exceeds maximum minus minimum, which may be zero.
 
     Raises
     ------
@@ -115,11 +117,12 @@ def decompose_deviation(
 def contribution_paths(
     bound: BoundModel, r: int, force_N: float, beta: Array, only: Collection[str] = ()
 ) -> Mapping[str, Array]:
-    """Return contributions to the reading on the circle of test r, by source.
+    """Return contributions to the readings on one circle, by source, such as ``C_XXX``.
 
-    Each has the shape (draws, 360) [µm], for the angles 0°, 1° … 359°. ``beta``, shape (draws, p),
-    are posterior draws of the parameters. Sources are those of `decompose_deviation`, or ``only``
-    some of them.
+    The circle is that of the test with index ``r``, at the force ``force_N``. Each contribution has
+    the shape (draws, 360) [µm], for the angles 0°, 1° … 359°. ``beta``, shape (draws, p), are
+    posterior draws of the p parameters. Sources are those of `decompose_deviation`; if ``only`` is
+    not empty, the sources in it. Sources without any effect are left out.
     """
     turn = basis(ANGLE_RAD).T * 1e3
     paths = {}
@@ -133,9 +136,10 @@ def contribution_paths(
 
 
 def _columns_by_source(bound: BoundModel, columns: MachineColumns) -> dict[str, Array]:
-    """Return the effect of each parameter on a circle, shape (25, p), by source of contributions.
+    """Return the effects of the p parameters on a circle by source of contributions, shape (25, p).
 
-    In the columns of a source, parameters that do not belong to it are zero.
+    An effect is the change of the circle's 25 Fourier coefficients per unit of the parameter. The
+    columns of parameters that do not belong to the source are zero.
     """
     geometry = np.where(offsets(bound), 0.0, columns.geometric)
     by_source = {

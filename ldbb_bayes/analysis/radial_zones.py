@@ -33,7 +33,8 @@ class Zone:
 def least_squares_zone(angle_rad: Array, deviation: Array) -> Zone:
     """Return the zone of radial deviations about the centre of the least-squares circle.
 
-    Angles and radial deviations have the shape (n,); the deviations may have any unit.
+    ``deviation``, shape (n,), are the radial deviations at the angles ``angle_rad``, shape (n,).
+    They may have any unit; the zone has the same.
     """
     columns = _circle_columns(angle_rad, deviation)
     mean, *centre = np.linalg.lstsq(columns, deviation, rcond=None)[0].tolist()
@@ -44,8 +45,10 @@ def least_squares_zone(angle_rad: Array, deviation: Array) -> Zone:
 def minimum_zone_width(angle_rad: Array, deviation: Array) -> float:
     """Return the width of the minimum zone: the zone about the centre that makes it narrowest.
 
-    It is the solution of a linear programme. For radial deviations ρ at the angles θ, upper − lower
-    is made smallest subject to lower ≤ ρ − a cos θ − b sin θ ≤ upper, where (a, b) is the centre.
+    ``deviation``, shape (n,), are the radial deviations ρ at the angles θ, ``angle_rad``, shape
+    (n,). A linear programme finds the centre (a, b) and the limits ``lower`` and ``upper`` that
+    make upper − lower smallest subject to lower ≤ ρ − a cos θ − b sin θ ≤ upper. The width has the
+    unit of the deviations.
     """
     columns = _circle_columns(angle_rad, deviation)
     scale = max(float(np.abs(deviation).max()), np.finfo(float).tiny)
@@ -72,7 +75,11 @@ def minimum_zone_width(angle_rad: Array, deviation: Array) -> float:
 
 
 def _circle_columns(angle_rad: Array, deviation: Array) -> Array:
-    """Return the design matrix of radius and centre at n angles, shape (n, 3)."""
+    """Return the design matrix of a circle's radius and centre (1, cos θ, sin θ), shape (n, 3).
+
+    Its rows are for the n angles θ, ``angle_rad``. Refuse too few angles, or another number of
+    deviations.
+    """
     require(
         len(deviation) >= _FEWEST_ANGLES and len(angle_rad) == len(deviation),
         f"a zone must have at least {_FEWEST_ANGLES} angles with a deviation each, got"

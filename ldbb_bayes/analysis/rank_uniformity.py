@@ -24,9 +24,10 @@ _BISECTIONS = 40
 
 
 def ecdf(ranks: Array, draws: int) -> Array:
-    """Return the empirical distribution of ranks in 0 … draws, shape (draws,).
+    """Return the empirical distribution of ranks, shape (draws,).
 
-    It is the share of ranks that are at most k, for k = 0 … draws − 1.
+    ``ranks`` are whole numbers from 0 to ``draws``. The result is the share of ranks that are at
+    most k, for k = 0 … draws − 1.
     """
     counts = np.bincount(ranks, minlength=draws + 1)
     return np.asarray(np.cumsum(counts)[:-1] / len(ranks))
@@ -47,12 +48,12 @@ def simultaneous_band(replicates: int, draws: int, prob: float) -> tuple[Array, 
     draws
         Largest rank.
     prob
-        Probability that the band holds at every level.
+        Probability that the whole distribution stays inside the band.
 
     Returns
     -------
     lower, upper : Array
-        Ends of the band.
+        Limits of the share of ranks that are at most k, for k = 0 … draws − 1.
     """
     level = np.arange(1, draws + 1) / (draws + 1)
     counts = np.arange(replicates + 1.0)[:, None]
@@ -60,7 +61,10 @@ def simultaneous_band(replicates: int, draws: int, prob: float) -> tuple[Array, 
     more_than = bdtrc(counts, replicates, level)
 
     def pointwise_intervals(excluded: float) -> tuple[Array, Array]:
-        """Return binomial intervals that exclude less than this probability at every rank."""
+        """Return the ends of the binomial intervals of counts, one interval for each rank.
+
+        Each interval excludes less than the probability ``excluded``.
+        """
         lower = (at_most < 0.5 * excluded).sum(axis=0)
         upper = (more_than > 0.5 * excluded).sum(axis=0)
         return lower, upper
@@ -81,8 +85,9 @@ def simultaneous_band(replicates: int, draws: int, prob: float) -> tuple[Array, 
 def _simultaneous_coverage(replicates: int, level: Array, lower: Array, upper: Array) -> float:
     """Return the probability that uniform ranks stay within limits at every level.
 
-    The count of ranks below a level must lie between ``lower`` and ``upper``. From level to level,
-    the counts form a binomial Markov chain.
+    ``level`` are increasing probabilities, each with limits ``lower`` and ``upper`` in number of
+    ranks. Of ``replicates`` ranks, scaled to 0 … 1, the number below each level must lie between
+    its limits. From level to level, these numbers form a binomial Markov chain.
     """
     previous_level = 0.0
     previous_counts = np.zeros(1, dtype=int)

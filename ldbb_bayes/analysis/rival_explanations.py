@@ -23,7 +23,8 @@ from ldbb_bayes.units import ranked
 
 __all__ = ["Explained", "Explanations", "compare_explanations", "subsets"]
 
-# Name of the slopes among the explanations of a change with force.
+# Name of the slopes (compliances that change with force) among the explanations of a change of the
+# readings with force.
 _SLOPES = "slopes"
 # The readings support slopes where the log Bayes factor of slopes over no slopes is above this
 # [nat].
@@ -34,7 +35,7 @@ _ASKING = 1.0
 class Explained:
     """One combination of explanations of a change of the readings with force."""
 
-    by: tuple[str, ...]  #: names of the explanations of a change with force that are combined
+    by: tuple[str, ...]  #: names of the explanations that are combined, such as "slopes"
     log_evidence: float  #: log evidence of the combination [nat]
     log_evidence_error: Finite  #: error of the log evidence [nat]
     probability: float  #: posterior probability of the combination
@@ -42,21 +43,26 @@ class Explained:
 
 @dataclass(frozen=True)
 class Explanations:
-    """All combinations of explanations of a change with force, equally probable beforehand."""
+    """All combinations of explanations of a change of the readings with force.
+
+    Every combination has the same prior probability.
+    """
 
     inclusion_probability: dict[str, float]  #: posterior probability of each explanation
     models: tuple[Explained, ...]  #: all combinations of explanations, the most probable first
-    #: log Bayes factor of slopes over no slopes, averaged over the rival explanations
+    #: log Bayes factor of slopes over no slopes, averaged over all combinations of the rival
+    #: explanations
     averaged: Assumed
     #: log Bayes factor of slopes over no slopes without rival explanations, as in the paper
     alone: Assumed
 
     @property
     def instead(self) -> tuple[str, ...]:
-        """Rival explanations that make slopes unnecessary; empty where there are none.
+        """Rival explanations that make slopes unnecessary; empty if there are none.
 
-        There are some only if the readings support slopes without rival explanations, but do not
-        support slopes averaged over the rivals.
+        There are some only if the readings support slopes when rival explanations are left out, but
+        not when averaged over them. They are then the rivals in the most probable combination
+        without slopes.
         """
         if self.alone.log_bayes_factor > _ASKING > self.averaged.log_bayes_factor:
             return next(model.by for model in self.models if _SLOPES not in model.by)
@@ -143,7 +149,9 @@ def _compare_slopes(
 ) -> Assumed:
     """Return the log Bayes factor of slopes over no slopes, with both log evidences.
 
-    ``log_evidence`` has the value of the model with slopes first; ``pair`` has that model last.
+    ``label`` names the way in which rival explanations are treated; ``error`` is that of the log
+    Bayes factor [nat]. ``log_evidence`` has the value of the model with slopes first, but ``pair``
+    has that model last.
     """
     with_slopes, without_slopes = log_evidence.tolist()
     values = dict(zip(pair, (without_slopes, with_slopes), strict=True))

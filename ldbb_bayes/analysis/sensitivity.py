@@ -14,9 +14,11 @@ from ldbb_bayes.results import Finite
 
 __all__ = ["WHITE_NOISE", "Assumed", "Change", "changed", "discrepancy_assumptions", "under"]
 
-# Function that takes a model and returns it changed to another assumption.
+# Function that takes a model and returns it changed to another assumption, such as another
+# assumption about how circles differ from one another.
 Change = Callable[[HybridModel], HybridModel]
-# Label of the assumption that circles differ by white noise only; compliances may then be negative.
+# Label of the assumption that circles differ from one another by white noise only. Compliances may
+# then be negative.
 WHITE_NOISE = "white noise only, no truncation"
 # Label of the models' own assumption about how circles differ from one another.
 _UNCHANGED = "as in the model"
@@ -26,8 +28,8 @@ class _Alternative(NamedTuple):
     """Another assumption about how circles differ from one another."""
 
     label: str
-    kind: type[Term]  #: class of the model term that is replaced
-    term: Term | None  #: model term to use instead; None to have no term of this class
+    kind: type[Term]  #: class of the model term that is replaced or left out
+    term: Term | None  #: model term to use instead; None to leave out the term of the class
 
 
 _ALTERNATIVES = (
@@ -74,7 +76,7 @@ def discrepancy_assumptions(models: Collection[HybridModel]) -> dict[str, Change
 
 
 def _term_of_kind(model: HybridModel, kind: type[Term]) -> Term | None:
-    """Return the model's term of a class, or None if the model has no such term."""
+    """Return the model's nuisance term of the class ``kind``; None if the model has none."""
     for term in model.nuisances:
         if isinstance(term, kind):
             return term
@@ -86,7 +88,7 @@ def _leave_unchanged(model: HybridModel) -> HybridModel:
 
 
 def _change_to(alternative: _Alternative) -> Change:
-    """Return a function that changes a model to an alternative assumption."""
+    """Return a function that takes a model and returns it with an alternative assumption."""
 
     def change(model: HybridModel) -> HybridModel:
         if alternative.term is None:
@@ -103,7 +105,11 @@ def _reduce_to_white_noise(model: HybridModel) -> HybridModel:
 def changed(
     pair: Iterable[HybridModel], changes: Mapping[str, Change]
 ) -> dict[str, tuple[HybridModel, ...]]:
-    """Return two models under each assumption, except where it makes the two models the same."""
+    """Return both models of a pair under each assumption, by label of the assumption.
+
+    ``changes`` are functions that change a model to the assumption. Assumptions under which both
+    models are the same are left out.
+    """
     pair = tuple(pair)
     pairs = {}
     for label, change in changes.items():
@@ -120,6 +126,8 @@ def under(
 ) -> tuple[Assumed, ...]:
     """Return log evidences and log Bayes factor of two models under every assumption.
 
+    The Bayes factor is that of the second model over the first.
+
     Parameters
     ----------
     names : iterable of str
@@ -127,7 +135,8 @@ def under(
     assumptions : mapping of str to sequence of HybridModel
         The two models by assumption, from `changed`.
     weigh : callable
-        Function that returns the quadrature nodes of models, from which their evidence follows.
+        Function that takes models and returns the quadrature nodes of each, which hold its
+        evidence.
     """
     names = tuple(names)
     comparisons = []

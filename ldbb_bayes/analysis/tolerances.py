@@ -27,18 +27,20 @@ __all__ = [
 _UPPER = ("upper",)
 _LOWER = ("lower",)
 _BOTH = ("lower", "upper")
-# Quantities of the machine's circular path, and the limit, upper or lower, that a tolerance of one
-# number states.
+# Quantities of the machine's circular path that may have a tolerance. The value of each is the
+# limit, upper or lower, that is meant by a tolerance of a single number.
 PATH_QUANTITIES = {"G": _UPPER, "F_max": _UPPER, "F_min": _LOWER}
-# Names of quantities that cannot be negative: direct compliances (deflection along a force, or tilt
-# about a moment), and also stiffnesses and the circular deviation G.
+# Regular expressions for names of quantities that cannot be negative. The first matches direct
+# compliances (deflection along a force, or tilt about a moment); the second also matches
+# stiffnesses and the circular deviation G.
 _DIRECT_COMPLIANCE = re.compile(r"C_(.)\1.")
 _NEVER_NEGATIVE = re.compile(_DIRECT_COMPLIANCE.pattern + r"|stiffness_.|G(_..)?")
 # A compliance may be stated at forces between these multiples of the smallest and of the largest
 # force tested.
 _LEAST_FORCE_SHARE = 0.1
 _LARGEST_FORCE_SHARE = 1.5
-# Signs before the number of a tolerance, and the limits, upper or lower, that they state.
+# Signs before the number of a tolerance, such as ≤, and the limits, upper or lower, that they
+# state.
 _SIDES_BY_SIGN = {"±": _BOTH, "≤": _UPPER, "<=": _UPPER, "≥": _LOWER, ">=": _LOWER}
 _SIGN = re.compile(r"\s*(±|≤|<=|≥|>=)?")
 _NUMBER = re.compile(r"^\s*[+−-]?[\d.]+(e[+-]?\d+)?", re.IGNORECASE)
@@ -48,9 +50,10 @@ _UNIT_CHARACTER = re.compile(r"[^\W\d]|[%°]")
 
 @dataclass(frozen=True)
 class Tolerance(Shown):
-    """Limits of a quantity, which it may reach, in internal units (mm, N, rad).
+    """Tolerance of a quantity: its lower limit, its upper limit or both.
 
-    At least one limit must be given, and the lower one must lie below the upper one.
+    Limits are in internal units (mm, N, rad). Values equal to a limit conform. At least one limit
+    must be given. If both are given, the lower one must lie below the upper one.
 
     Examples
     --------
@@ -87,9 +90,10 @@ class Tolerance(Shown):
 
 @dataclass(frozen=True)
 class Quantity:
-    """A quantity that may have a tolerance: its unit, and the limits that one number states.
+    """A quantity that may have a tolerance.
 
-    ``sides`` are "upper", "lower" or both.
+    ``unit`` is its internal unit (mm, N, rad). ``sides`` are the limits, "upper", "lower" or both,
+    that a tolerance of a single number states.
     """
 
     unit: str
@@ -102,7 +106,7 @@ def quantities(units: Mapping[str, str], planes: Collection[str] = ()) -> dict[s
     Parameters
     ----------
     units : mapping of str to str
-        Units of the parameters, by name.
+        Internal units (mm, N, rad) of the parameters, by name.
     planes : collection of str
         The planes in which the machine's circular path may have a tolerance.
     """
@@ -135,6 +139,9 @@ def tolerances_in(
 ) -> dict[str, Tolerance]:
     """Return tolerances by name, after reading texts with a unit and checking names and limits.
 
+    ``given`` are the tolerances as stated by the user; ``known`` are all quantities that may have
+    one.
+
     A single number such as ``60 nm/N`` is the upper limit of a quantity that cannot be negative. It
     is the lower limit of a stiffness (``18 N/µm``), and both limits (±) of any other quantity. A
     text such as ``−20..40 µrad`` gives both limits. The sign ``≤``, ``≥`` or ``±`` before a number
@@ -162,9 +169,10 @@ def tolerances_in(
 
 
 def check_force(campaign: Campaign, force_N: float | None) -> None:
-    """Refuse a force at which nothing can be stated, as it is too far from the forces tested.
+    """Refuse a force that is too far from the forces tested to state a compliance at it [N].
 
-    None is allowed.
+    It must lie between a tenth of the smallest force tested and 1.5 times the largest. None, which
+    stands for the model's reference force, is allowed.
     """
     if force_N is None:
         return
@@ -181,7 +189,7 @@ def check_force(campaign: Campaign, force_N: float | None) -> None:
 
 
 def _read_tolerance(name: str, text: str, quantity: Quantity) -> Tolerance:
-    """Return the tolerance of a quantity from a text with a unit."""
+    """Return the tolerance of a quantity from a text with a unit, such as ``≥ 18 N/µm``."""
     subject = f"tolerance of {name}"
     lower, dots, upper = text.partition("..")
     if dots:
@@ -201,10 +209,11 @@ def _read_tolerance(name: str, text: str, quantity: Quantity) -> Tolerance:
 
 
 def _read_range(subject: str, text: str, lower: str, upper: str, inside_unit: str) -> Tolerance:
-    """Return the tolerance with both limits read from texts.
+    """Return the tolerance whose limits are the texts ``lower`` and ``upper``.
 
     A lower limit without a unit has the unit of the upper limit. ``inside_unit`` is the internal
-    unit of the result (of mm, N, rad).
+    unit of the result (of mm, N, rad). ``subject`` and ``text``, the whole tolerance as stated, are
+    for error messages.
     """
     if not _UNIT_CHARACTER.search(_EXPONENT.sub("", lower)):
         lower += _NUMBER.sub("", upper)

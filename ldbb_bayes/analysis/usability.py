@@ -54,7 +54,10 @@ class Reason(Result):
 
 @dataclass(frozen=True)
 class Judgement(Result):
-    """Judgement whether values can be used, with all reasons against it, the gravest first."""
+    """Judgement whether the values on a certificate can be used.
+
+    ``reasons`` are all reasons against their use, the gravest first.
+    """
 
     use: Use
     reasons: tuple[Reason, ...] = ()
@@ -63,8 +66,8 @@ class Judgement(Result):
 def is_determined(entry: ParameterIdentifiability) -> bool:
     """Return whether the readings determine a parameter.
 
-    They do where it is identified, or where its standard uncertainty is at most about a third of
-    its prior standard deviation.
+    They do if the verdict on the parameter is identified, or if its posterior standard deviation is
+    at most about a third of its prior standard deviation. For a flat prior they always do.
     """
     return entry.verdict == Verdict.IDENTIFIED or not entry.contraction < _HARDLY_DETERMINED
 
@@ -78,18 +81,19 @@ def state_of(
 ) -> Judgement:
     """Return whether the values on a certificate can be used, with reasons against it.
 
-    They cannot be used where the sampler missed its target, the readings do not fit the model, or
-    the readings speak against non-negative compliances. They can be used with reservation where the
-    readings hardly determine a stated parameter, a result depends on the prior, or the noise is
-    larger than its prior expects. The same holds where there are too few forces for the degree, or
-    where the result of the comparison depends on assumptions.
+    They cannot be used if the sampler missed its target, the readings do not fit the model, or the
+    readings speak against non-negative compliances. Otherwise, they can be used with reservation if
+    one of these holds: the readings hardly determine a stated parameter; a result depends on the
+    prior; the noise is larger than its prior expects; the tests have too few forces for the model's
+    degree of compliance in force; the evidences of the compared models are not precise enough; or
+    the result of the comparison depends on assumptions.
 
     Parameters
     ----------
     fit : Fit
         How well the model fits the readings.
     verdicts : mapping of str to ParameterIdentifiability
-        Verdicts by parameter.
+        Verdict on each parameter, by name.
     stated : collection of str
         Names of the parameters on the certificate.
     comparison : Comparison, optional
@@ -123,7 +127,10 @@ def _grave_reasons(fit: Fit) -> list[Reason]:
 def _reservations(
     fit: Fit, verdicts: Mapping[str, ParameterIdentifiability], stated: Collection[str]
 ) -> list[Reason]:
-    """Return the reasons in one fit to use the values on a certificate with reservation only."""
+    """Return the reasons in one fit to use the values on a certificate with reservation only.
+
+    ``stated`` are the names of the parameters on the certificate.
+    """
     reasons = []
     undetermined = []
     for name, entry in verdicts.items():

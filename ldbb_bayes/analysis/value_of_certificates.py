@@ -58,7 +58,9 @@ def uncertainty_with(bound: BoundModel, instrument: Instrument, weight: Array, p
 def worth_of_certificates(
     bound: BoundModel, weight: Array, phi: Array
 ) -> dict[str, dict[str, float]]:
-    """Return standard uncertainties of the parameters, by certificate, then by parameter.
+    """Return the standard uncertainties to expect with further certificates of the instrument.
+
+    They are given by certificate, then by parameter.
 
     The cases are no further certificate, each one of `CERTIFICATES` that the instrument does not
     have yet, and all of these together.
@@ -75,7 +77,8 @@ def worth_of_certificates(
     Returns
     -------
     dict
-        Standard uncertainties in internal units (mm, N, rad).
+        Standard uncertainties in internal units (mm, N, rad), by certificate, such as ``mount ± 2
+        %``, then by parameter.
     """
     missing = _missing_certificates(bound.campaign.instrument)
     cases: dict[str, Mapping[str, Any]] = {"none of these": {}, **missing}
@@ -93,7 +96,10 @@ def worth_of_certificates(
 
 
 def _missing_certificates(instrument: Instrument) -> dict[str, Mapping[str, Any]]:
-    """Return the certificates of `CERTIFICATES` that the instrument does not have yet."""
+    """Return the certificates of `CERTIFICATES` that the instrument does not have yet.
+
+    The value of each is the fields of the instrument that the certificate states.
+    """
     uncertified = Instrument()
     missing = {}
     for name, statements in CERTIFICATES.items():

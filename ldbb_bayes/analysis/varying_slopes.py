@@ -36,7 +36,7 @@ __all__ = [
 ]
 
 # Number of posterior draws from which the curves of compliance against force are computed, and
-# number of forces of each curve.
+# number of forces at which each curve is computed.
 _DRAWS = 4000
 _CURVE_POINTS = 41
 # If there are at most ``_ALL_SUBSETS`` subsets of slopes, the evidences of all are computed;
@@ -44,13 +44,13 @@ _CURVE_POINTS = 41
 _ALL_SUBSETS = 729
 _SEARCHED_SUBSETS = 100
 
-# Whether each compliance of a model has a slope.
+# Subset of slopes: for each compliance of a model, whether it has a slope (changes with force).
 Choice = tuple[bool, ...]
 
 
 @dataclass(frozen=True)
 class SlopeSubset:
-    """One subset of slopes, as a model with its evidence and probability."""
+    """One subset of slopes: a model in which only some compliances change with force."""
 
     varying: tuple[str, ...]  #: names of the compliances that vary with force
     log_evidence: float  #: log evidence of the model with this subset of slopes [nat]
@@ -66,7 +66,11 @@ class VaryingSlope:
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """Compliance C(F) against force F, with its equal-tailed credible band, in mm, N and rad."""
+    """Compliance C(F) against force F with its equal-tailed credible band, in mm, N and rad.
+
+    ``mean``, ``median``, ``low`` and ``high`` (the ends of the band) are given at the forces
+    ``force_N``; ``prob`` is the probability of the band.
+    """
 
     unit: str
     force_N: Numbers
@@ -78,7 +82,7 @@ class Curve:
 
 
 class AveragedSlopes(NamedTuple):
-    """Probabilities of slopes, and compliances against force, from all subsets of slopes."""
+    """Probabilities of slopes, and compliances against force, averaged over subsets of slopes."""
 
     slopes: dict[str, VaryingSlope]  #: probability of a slope, by compliance
     subsets: tuple[SlopeSubset, ...]  #: subsets of slopes, the most probable first
@@ -87,7 +91,7 @@ class AveragedSlopes(NamedTuple):
 
 
 def count_subsets(model: HybridModel, campaign: Campaign) -> int:
-    """Return the number of models whose evidence `slope_subsets` computes."""
+    """Return the number of models (subsets of slopes) whose evidence `slope_subsets` computes."""
     possible = 2 ** len(_slope_names(model, campaign))
     if possible <= _ALL_SUBSETS:
         return possible
@@ -108,7 +112,7 @@ def slope_subsets(
     seed : int
         Seed of the random draws from which the curves C(F) are computed.
     prob : float
-        Probability of the bands of the curves.
+        Probability of the credible bands of the curves.
     """
     slope_names = _slope_names(model, evidences.campaign)
 
@@ -142,7 +146,7 @@ def slope_subsets(
 
 
 def _slope_names(model: HybridModel, campaign: Campaign) -> dict[str, str]:
-    """Return the names of the slopes of a model, by compliance."""
+    """Return the names of the slopes of a model by compliance, such as ``C_XXX_1`` by ``C_XXX``."""
     names = {}
     for parameter in model.bind(campaign).parameters:
         if parameter.group == "slope":
@@ -153,9 +157,10 @@ def _slope_names(model: HybridModel, campaign: Campaign) -> dict[str, str]:
 def _best_first(slopes: int, weigh: Callable[[Choice], Nodes]) -> dict[Choice, Nodes]:
     """Return the quadrature nodes of subsets of slopes that a best-first search finds.
 
-    The search starts from no slopes and from all slopes. It goes on to the neighbours of the best
-    subset, which differ in one slope, and ends after ``_SEARCHED_SUBSETS`` subsets. ``slopes`` is
-    the number of slopes.
+    The search starts from no slopes and from all slopes. It goes on to the neighbours of the subset
+    with the largest evidence, which differ from it in one slope, and ends after
+    ``_SEARCHED_SUBSETS`` subsets. ``slopes`` is the number of possible slopes; ``weigh`` returns
+    the nodes of a subset, which hold its evidence.
     """
     weighed: dict[Choice, Nodes] = {}
     for choice in ((False,) * slopes, (True,) * slopes):

@@ -63,23 +63,25 @@ __all__ = [
     "variance_share_removed",
 ]
 
-# An effect that holds more than this share of a parameter's variance holds most of the variance.
+# Share of a parameter's posterior variance above which an effect holds most of the variance.
 MAJORITY = 0.5
 # A parameter β is prior-limited where its contraction, 1 − Var(β | y) / Var(β) for readings y, is
 # below this.
 CONTRACTION_LIMIT = 0.75
-# A parameter is confounded where nuisances of unknown size hold more than this share of its
-# variance. A quarter of the variance is half of the standard uncertainty.
+# A parameter is confounded if nuisances of unknown size that look exactly like it hold more than
+# this share of its variance. A quarter of the variance is half of the standard uncertainty.
 OPEN_VARIANCE_SHARE = 0.25
-# An effect that holds less than this share of a parameter's variance is not named as a partner.
+# An effect that holds less than this share of a parameter's variance is not named with the verdict
+# on the parameter.
 _NAMED_SHARE = 0.05
-# The prior outweighs the readings tenfold where the readings add less precision than this share of
-# the prior's.
+# The prior outweighs the readings tenfold, along a combination of coefficients, if the precision
+# that the readings add is less than this share of the prior's precision.
 _TENTH = 0.1
-# A change of an estimate below this share of the parameter's prior standard deviation is a rounding
-# error.
+# A change of a parameter's least-squares estimate below this share of the parameter's prior
+# standard deviation is a rounding error.
 _ROUNDING = 1e-12
-# Class names of terms that a model may leave out, by the effect that then looks like a parameter.
+# Class names of terms that a model may leave out, by the kind of effect that they model; the effect
+# then looks like a parameter.
 _TERMS_LEFT_OUT = {StandingKind.FRICTION: "Hysteresis", StandingKind.DRIFT: "Drift"}
 
 
@@ -184,21 +186,27 @@ class Identifiability(Result):
     #: number of parameters that the readings determine: the sum of the contractions, or for a flat
     #: prior the number of all parameters
     effective_parameters: float
-    #: change of each parameter's least-squares estimate (rows) if a nuisance (columns) is ignored
-    #: but has the size of one prior standard deviation; in internal units (mm, N, rad)
+    #: change of each parameter's least-squares estimate (rows) caused by each nuisance coefficient
+    #: (columns), if the fit ignores the nuisance and its size is one prior standard deviation; in
+    #: internal units (mm, N, rad)
     alias: ByRow
     correlation: ByRow  #: posterior correlations of parameters and of nuisances that tests share
-    #: standard uncertainty by further certificate of the instrument, then by parameter: without
-    #: any, with each certificate that the instrument lacks, and with all of these
+    #: standard uncertainty to expect with further certificates of the instrument, by certificate,
+    #: then by parameter: without any, with each one that the instrument lacks, and with all of
+    #: these
     certificates: dict[str, dict[str, float]]
-    #: hyper-parameters (scales of the noise and of other effects) for which all is computed [µm]
+    #: hyper-parameters (scales of the noise and of other effects) at which the verdicts are
+    #: computed [µm]
     hyper_um: dict[str, float]
     #: whether the hyper-parameters and the means come from readings, not from priors
     measured: bool
 
 
 class SampledSd(NamedTuple):
-    """Prior and posterior standard deviations of all p parameters from random draws, shape (p,)."""
+    """Prior and posterior standard deviations of all p parameters, shape (p,) each.
+
+    They are those of random draws or, if there are no draws, of the linear Gaussian model.
+    """
 
     prior: Array
     posterior: Array
@@ -330,8 +338,8 @@ def hyper_parameter_nodes(bound: BoundModel) -> tuple[Array, Array]:
 def variance_share_removed(information: Information, names: Sequence[str]) -> Array:
     """Return the share of each parameter's variance that knowing some effects would remove.
 
-    ``names`` are those of model terms or coefficients. The result has the shape (p,) for p
-    parameters.
+    The variance is that of the posterior. ``names`` are the names of these effects: model terms or
+    single coefficients. The result has the shape (p,) for p parameters.
     """
     return np.clip(1.0 - information.variances(names) / information.variances(), 0.0, 1.0)
 
@@ -373,11 +381,12 @@ class _ParameterFacts:
     """Facts about one parameter on which its verdict is based.
 
     ``index`` is the index of the parameter. ``removed_shares`` are the shares of its variance that
-    knowing each term would remove; ``squared_correlations`` those that knowing each other parameter
-    would remove. ``dominated_share`` is the share of the variance along combinations of
-    coefficients for which the priors outweigh the readings, ``tenfold_dominated_share`` along those
-    for which they outweigh them tenfold. ``degeneracies`` are the unresolved combinations with the
-    parameter.
+    knowing each model term would remove; ``squared_correlations`` those that knowing each other
+    parameter would remove. ``dominated_share`` is the share of the variance along combinations of
+    coefficients for which the priors outweigh the readings; ``tenfold_dominated_share`` is that
+    along combinations for which the priors outweigh the readings tenfold. ``contraction`` is one
+    minus the ratio of posterior and prior variance. ``degeneracies`` are the unresolved
+    combinations with the parameter.
     """
 
     index: int
@@ -390,7 +399,11 @@ class _ParameterFacts:
 
 
 class _Judgement(NamedTuple):
-    """A verdict on a parameter, and the terms or parameters that hold much of its variance."""
+    """A verdict on a parameter, and its partners.
+
+    ``partners`` are the names of the model terms or parameters from which the parameter cannot be
+    separated, or that hold much of its variance.
+    """
 
     verdict: Verdict
     partners: tuple[str, ...]
@@ -480,9 +493,9 @@ def judge_parameters(
 
 
 def _gaussian_sd(bound: BoundModel, information: Information) -> SampledSd:
-    """Return prior and posterior standard deviations of all parameters, by linear Gaussian theory.
+    """Return prior and posterior standard deviations of all parameters without random draws.
 
-    Compliances may be negative there.
+    They are those of the linear Gaussian model, in which compliances may be negative.
     """
     prior_sd = np.array([parameter.prior_sd for parameter in bound.parameters])
     posterior_sd = np.sqrt(information.variances()) * information.scale[information.interest]
@@ -490,7 +503,10 @@ def _gaussian_sd(bound: BoundModel, information: Information) -> SampledSd:
 
 
 def _information_gain(variance_ratio: float) -> float:
-    """Return the information gain [nat] from the ratio of posterior and prior variance."""
+    """Return the information gain ½ ln(prior variance / posterior variance) of a parameter [nat].
+
+    ``variance_ratio`` is the posterior variance divided by the prior variance.
+    """
     if variance_ratio == 0.0:
         return np.inf
     return float(-0.5 * np.log(variance_ratio))
@@ -499,7 +515,11 @@ def _information_gain(variance_ratio: float) -> float:
 def _squared_correlations(
     correlation: pd.DataFrame, names: Sequence[str], name: str
 ) -> dict[str, float]:
-    """Return the squared posterior correlation of one parameter with each other parameter."""
+    """Return the squared posterior correlation of one parameter with each other, by name.
+
+    ``correlation`` is the matrix of posterior correlations, ``names`` are those of all parameters,
+    and ``name`` is that of the one parameter.
+    """
     row = correlation[name]
     return {partner: float(row[partner] ** 2) for partner in names if partner != name}
 
@@ -507,7 +527,11 @@ def _squared_correlations(
 def _terms_left_out(
     bound: BoundModel, combinations: Sequence[Degeneracy]
 ) -> dict[str, tuple[str, ...]]:
-    """Return, for each parameter, the terms left out of the model that look exactly like it."""
+    """Return, for each parameter, the terms left out of the model that look exactly like it.
+
+    The terms are given by class name, such as ``Drift``. Parameters without such terms are left
+    out.
+    """
     parameters_by_kind = {
         standing.kind: standing.parameters
         for standing in standing_degeneracies(bound, combinations)
@@ -520,9 +544,11 @@ def _terms_left_out(
 
 
 def _shifted_parameters(bound: BoundModel, mean: Array) -> tuple[str, ...]:
-    """Return rotations by a force, if the circle's centre shifts in proportion to force.
+    """Return the names of the compliances that a shift of the circle's centre may imitate.
 
-    ``mean`` are the estimated parameters. Otherwise, and for a plan, return nothing.
+    If the estimated centre of the circles shifts in proportion to force, they are the rotations
+    caused by a force, such as ``C_CXY``. If it does not, or for a plan, return an empty tuple.
+    ``mean``, shape (p,), are the estimated parameters.
     """
     if bound.campaign.is_plan or not centre_shift(bound, mean):
         return ()
@@ -532,7 +558,8 @@ def _shifted_parameters(bound: BoundModel, mean: Array) -> tuple[str, ...]:
 def _judge(information: Information, facts: _ParameterFacts) -> _Judgement:
     """Return the verdict on one parameter by the rules of `Verdict`.
 
-    Effects that are not terms of the model or of its preset are not considered.
+    ``information`` is that of all coefficients; ``facts`` are those about the parameter. Effects
+    that are neither terms of the model nor of its preset are not considered.
     """
     removed = facts.removed_shares
     terms = information.shared_terms
@@ -557,9 +584,10 @@ def _judge(information: Information, facts: _ParameterFacts) -> _Judgement:
 
 
 def _open_terms(terms: Sequence[str], combinations: Sequence[Degeneracy]) -> tuple[str, ...]:
-    """Return those of the model terms whose size is not stated, as by a certificate.
+    """Return those of the given model terms whose size is not stated, for example by a certificate.
 
-    Only terms in a degeneracy count: a combination of coefficients that no reading resolves.
+    Only terms with a coefficient in a degeneracy count: a combination of coefficients that no
+    reading resolves. ``combinations`` are these degeneracies.
     """
     not_stated = {d.term for d in combinations if d.modelled and not d.stated}
     return tuple(term for term in terms if term in not_stated)
@@ -568,10 +596,10 @@ def _open_terms(terms: Sequence[str], combinations: Sequence[Degeneracy]) -> tup
 def _inseparable_partners(
     information: Information, facts: _ParameterFacts, partner_terms: Sequence[str]
 ) -> tuple[str, ...]:
-    """Return terms and parameters that make a parameter confounded by rule 3 of `Verdict`.
+    """Return the terms and parameters that make a parameter confounded by rule 3 of `Verdict`.
 
-    Return nothing where the rule does not apply. ``partner_terms`` are the terms to name in that
-    case.
+    If the rule does not apply, return an empty tuple. ``facts`` are those about the parameter;
+    ``partner_terms`` are the terms to name if the rule applies.
     """
     correlations = facts.squared_correlations
     rivals = ranked(correlations, correlations.__getitem__)
@@ -604,10 +632,11 @@ def _twins(names: Sequence[str], combinations: Sequence[Degeneracy]) -> tuple[st
 def _allow_for_effects_left_out(
     judgement: _Judgement, terms: tuple[str, ...], *, is_shifted: bool
 ) -> _Judgement:
-    """Return the verdict, changed for terms left out and for a shift of the circle's centre.
+    """Return the verdict on a parameter, changed for effects that the model leaves out.
 
-    ``terms`` are the terms left out that look exactly like the parameter; ``is_shifted`` states
-    whether it is a rotation that the shift may cause.
+    ``terms`` are the terms left out of the model that look exactly like the parameter. They make an
+    identified parameter confounded. ``is_shifted`` states whether the parameter is a rotation that
+    a shift of the circle's centre may imitate. It makes the parameter confounded with ``Position``.
     """
     verdict = judgement.verdict
     partners = judgement.partners
@@ -621,10 +650,10 @@ def _allow_for_effects_left_out(
 
 
 def _alias_matrix(bound: BoundModel, information: Information) -> pd.DataFrame:
-    """Return the error of least-squares estimates caused by ignored nuisances.
+    """Return the errors of least-squares estimates of the parameters caused by ignored nuisances.
 
-    The error of each parameter (rows) is that for a nuisance (columns) of one prior standard
-    deviation.
+    Rows are parameters, columns are nuisance coefficients. Each error is that for a nuisance whose
+    size is one prior standard deviation, in internal units (mm, N, rad).
     """
     interest = information.interest
     names = np.array(information.names)
@@ -641,7 +670,10 @@ def _alias_matrix(bound: BoundModel, information: Information) -> pd.DataFrame:
 
 
 def _correlation(information: Information) -> pd.DataFrame:
-    """Return posterior correlations of parameters and of nuisances that tests share."""
+    """Return the posterior correlations of parameters and of nuisances that tests share.
+
+    Rows and columns of the table are named by these coefficients.
+    """
     covariance = information.covariance()
     names = list(information.names)
     sd = np.sqrt(np.diag(covariance))

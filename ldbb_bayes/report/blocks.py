@@ -10,7 +10,8 @@ from ldbb_bayes.results import Table
 
 __all__ = ["Banner", "Block", "Fields", "Pair", "ReportSheet"]
 
-_WIDE = 1.6  # ratio of width to height above which a figure needs the full width of a sheet
+# Ratio of width to height above which a figure needs the full width of a certificate's sheet.
+_WIDE = 1.6
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ class Fields:
 
 @dataclass(frozen=True)
 class Banner:
-    """Banner that states in one sentence whether the numbers can be used.
+    """Banner of a certificate, which states in one sentence whether its numbers can be used.
 
     Parameters
     ----------

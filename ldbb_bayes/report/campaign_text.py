@@ -19,7 +19,10 @@ __all__ = ["parts_of"]
 
 
 class _Setting(NamedTuple):
-    """Presentation of one setting of a test: the head of its column, the format of its value."""
+    """Presentation of one setting of a test in a table.
+
+    ``head`` is the head of its column; ``template`` is the format string of its value.
+    """
 
     head: str
     template: str

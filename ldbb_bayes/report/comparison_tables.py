@@ -16,7 +16,7 @@ __all__ = ["assumptions_table", "left_out_tests_table", "models_table"]
 
 
 def models_table(comparison: Comparison, *, rmse: bool = True, least_squares: bool = True) -> Table:
-    """Return a table of evidence, probability, predictive density and RMSE of every model.
+    """Return a table of evidence, probability, predictive density and RMSE of every model compared.
 
     The evidence is stated as ln B, the log Bayes factor relative to the first model. The predictive
     density is stated as elpd, the expected log predictive density, also relative to the first
@@ -62,7 +62,10 @@ def _least_squares_cell(model: ComparedModel) -> str:
 
 
 def _evidence_cells(comparison: Comparison, name: str) -> tuple[str, str]:
-    """Return two cells: a model's log Bayes factor relative to the first model, and its error."""
+    """Return two cells: the log Bayes factor of a model over the first model, and its error.
+
+    ``name`` is the name of the model.
+    """
     first = comparison.pair[0]
     if name == first:
         return "0", "0"
@@ -89,7 +92,9 @@ def _elpd_cells(comparison: Comparison, name: str) -> tuple[str, str]:
 def assumptions_table(comparison: Comparison, *, slope_scales: bool = True) -> Table:
     """Return a table of the log Bayes factor ln B under other assumptions than those of the models.
 
-    The last column states how much the readings favour each assumption over that of the models.
+    ln B is that of the second model over the first. The assumptions are about the prior of the
+    slopes and how circles differ from one another. The last column states how much the readings
+    favour each assumption of the second kind over that of the models.
 
     Parameters
     ----------
@@ -119,10 +124,12 @@ def _log_bayes_factor(value: float, error: float) -> tuple[str, str]:
 
 
 def left_out_tests_table(comparison: Comparison) -> Table:
-    """Return a table with one row per test, which is predicted from the other tests.
+    """Return a table that compares every test with its prediction from the other tests.
 
-    One column states the p-value of the test's readings. The last column states how much better the
-    second model predicts the test than the first model does.
+    It has one row per test. The columns are the force, the p-value of the test's readings, the
+    p-value adjusted for the number of tests, and the flag of tests that do not agree with the
+    others. The last column states how much better the second model predicts the test than the first
+    model does [nat].
 
     Parameters
     ----------

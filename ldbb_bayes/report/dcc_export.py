@@ -31,7 +31,8 @@ from ldbb_bayes.units import display_name
 __all__ = ["dsi_unit", "write_dcc"]
 
 _DSI = {"mm": r"\milli\metre", "um": r"\micro\metre", "N": r"\newton", "rad": r"\radian"}
-_DIGEST_LENGTH = 32  # number of hexadecimal digits in the identifier of a certificate file
+# Number of hexadecimal digits of the digest in the identifier of a certificate file.
+_DIGEST_LENGTH = 32
 
 
 def dsi_unit(*units: str) -> str:
@@ -77,12 +78,12 @@ def write_dcc(posterior: xr.DataTree, path: str | os.PathLike[str], *, prob: flo
     path : path
         File to write.
     prob : float
-        Probability of the intervals.
+        Probability of the credible intervals.
 
     Returns
     -------
     Path
-        The file.
+        The file written.
 
     Raises
     ------
@@ -120,7 +121,11 @@ def write_dcc(posterior: xr.DataTree, path: str | os.PathLike[str], *, prob: flo
 
 
 def _covariance_columns(covariance: Array, units: list[str]) -> list[list[tuple[float, str]]]:
-    """Return the columns of a covariance matrix; each element is a value and its D-SI unit."""
+    """Return the columns of a covariance matrix as lists of elements.
+
+    Each element is a value and its unit in D-SI notation. ``units`` are the internal units of the
+    parameters.
+    """
     columns = []
     for j, column_unit in enumerate(units):
         column = []
@@ -131,10 +136,11 @@ def _covariance_columns(covariance: Array, units: list[str]) -> list[list[tuple[
 
 
 def _coverage_factor(draws: Array, covariance: Array, probability: float) -> float:
-    """Return the coverage factor of an ellipsoid that holds a given share of the posterior.
+    """Return the coverage factor of the ellipsoid that holds the share ``probability``.
 
-    ``draws`` are random draws of the parameters from the posterior, shape (parameters, draws).
-    Parameters that have the same value in all draws do not contribute.
+    The share is that of the random draws of p parameters from the posterior, ``draws``, shape (p,
+    draws). ``covariance``, shape (p, p), is their covariance. Parameters that have the same value
+    in all draws do not contribute.
     """
     sd = np.sqrt(np.diag(covariance))
     scale = np.where(sd > 0.0, sd, 1.0)
@@ -149,7 +155,10 @@ def _parameter_entries(
 ) -> list[dict[str, Any]]:
     """Return what the certificate file states of every parameter, as a list of dictionaries.
 
-    ``within`` is the share of the posterior's random draws that lie in mean ± U (U: k = 2).
+    ``entries`` are the results of the fit by parameter; ``interval`` is the key of the credible
+    interval in them, such as ``ci95``. ``draws``, shape (parameters, draws), are random draws from
+    the posterior. ``within`` in the result is the share of these draws that lie in mean ± U, where
+    U is twice the standard deviation.
     """
     verdict_by_name = judge_posterior(posterior)
     parameters = []

@@ -51,9 +51,11 @@ class Findings:
     prob
         Probability of the credible intervals.
     comparison
-        Comparison of constant and linear compliance, or the reason why none is available.
+        Comparison of models with constant and linear compliance, or a text with the reason why none
+        is available.
     recommended
-        Function that returns a design of the next tests, or the reason why none is available.
+        Function that returns a design of the next tests, or a text with the reason why none is
+        available.
     averaged
         Posterior averaged over models, whose numbers the sheets state.
     tolerances
@@ -71,7 +73,8 @@ class Findings:
     def numbers(self) -> xr.DataTree:
         """Posterior whose numbers the certificate's sheets state.
 
-        This is the average over models if it was computed, else the posterior of the fit.
+        This is the posterior averaged over models if it was computed, otherwise the posterior of
+        the fit.
         """
         return self.posterior if self.averaged is None else self.averaged
 
@@ -113,21 +116,28 @@ class Findings:
 
     @cached_property
     def verdicts(self) -> Mapping[str, ParameterIdentifiability]:
-        """Verdict on every parameter: how far the readings determine it."""
+        """Verdict on every parameter, by name: how far the readings determine it."""
         return judge_posterior(self.posterior)
 
     @cached_property
     def budgets(self) -> Mapping[str, Budget]:
-        """Uncertainty budget of every parameter."""
+        """Uncertainty budget of every parameter, by name."""
         return budget_uncertainty(self.posterior)
 
     @cached_property
     def path(self) -> pd.DataFrame:
-        """Table of circular-test quantities, such as circular deviation G, of the tool path."""
+        """Table of circular-test quantities, such as circular deviation G, of the tool path.
+
+        The tool path is the machine's own, without errors of the instrument.
+        """
         return predict_circularity(self.posterior, prob=self.prob)
 
     def conformity(self, force_N: float | None = None) -> Mapping[str, Conformity]:
-        """Return decisions on conformity with the tolerances at a force [N], by quantity."""
+        """Return decisions on conformity with the tolerances, by quantity.
+
+        Compliances and the circular path are those at the force ``force_N`` [N]; if it is None,
+        those at the model's reference force.
+        """
         return assess_conformity(self.numbers, self.tolerances or None, force_N=force_N)
 
     @property
@@ -217,10 +227,10 @@ def _design_next_tests(posterior: xr.DataTree, tests: int | None) -> Recommended
 
 
 def _compare_degrees(posterior: xr.DataTree) -> Compared:
-    """Return a comparison of constant and linear compliance by their evidence alone.
+    """Return a comparison of models with constant and linear compliance, by their evidence alone.
 
-    Quadratic compliance is compared too if it was fitted. If the comparison is not possible, return
-    the reason.
+    Compliance that is quadratic in force is compared too if the posterior is of such a model. If
+    the comparison is not possible, return a text with the reason.
     """
     model = model_of(posterior)
     largest = model.with_degree(max(model.degree, 1))

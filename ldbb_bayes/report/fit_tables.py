@@ -42,8 +42,8 @@ __all__ = [
     "results_table",
 ]
 
-# Smallest median of λ at which a table shows it. λ is the ratio of the noise of one circle to the
-# noise of the other circles.
+# λ is the ratio of the noise of one circle to the noise of the other circles. The table of a fit's
+# parameters shows λ of a circle only if its posterior median is at least this.
 _ODD_CIRCLE = 2.5
 # Kinds of remarks on a campaign that are not repeated after a fit, because the fit states them.
 _REMARKS_OF_FITS = (RemarkKind.ONE_LEVEL, RemarkKind.TWO_LEVELS, RemarkKind.ONE_WAY)
@@ -129,7 +129,10 @@ def describe_fit(posterior: xr.DataTree) -> FitWords:
 
 
 def further_remarks(campaign_preview: CampaignPreview) -> list[str]:
-    """Return the remarks on a campaign that the sentences on its fit do not already contain."""
+    """Return the remarks on a campaign that the sentences on its fit do not already contain.
+
+    The remarks come from ``campaign_preview``, which states what the readings show without a fit.
+    """
     return [
         wording.remark_words(remark)
         for remark in campaign_preview.remarks
@@ -141,7 +144,9 @@ def further_remarks(campaign_preview: CampaignPreview) -> list[str]:
 
 
 def parts_of_fit(result: Mapping[str, Any]) -> tuple[Passage, ...]:
-    """Return the results of a fit as tables and sentences, without the instrument's effects.
+    """Return the results of a fit as tables and sentences.
+
+    Nuisance effects of the instrument (bar, balls, mount, force device) are left out.
 
     Parameters
     ----------
@@ -215,8 +220,8 @@ def conformity_table(decisions: Mapping[str, Mapping[str, Any]]) -> Table:
 def parameter_table(result: Mapping[str, Any]) -> Table:
     """Return a table of each parameter's posterior (mean, sd, interval) and prior (mean, sd).
 
-    The prior means are left out if all are zero. A circle's noise relative to that of the other
-    circles, λ, is shown only if the circle is much noisier.
+    The prior means are left out if all are zero. λ, a circle's noise relative to that of the other
+    circles, is shown only for circles that are much noisier.
 
     Parameters
     ----------
@@ -279,7 +284,7 @@ def results_table(
         Verdicts on the parameters of the fit: how far the readings determine each of them.
     shares
         Whether the verdict on a confounded parameter states the share of the variance due to each
-        effect that it is confounded with; False where an uncertainty budget shows this.
+        effect that it is confounded with. False is useful if an uncertainty budget is shown, too.
 
     Returns
     -------
@@ -332,7 +337,8 @@ def nuisance_table(entries: Mapping[str, Mapping[str, Any]]) -> Table | str:
     Returns
     -------
     Table or str
-        Table of mean, u, prior sd and unit; a sentence if no coefficient differs that much.
+        Table of mean, u, prior sd and unit. If no coefficient differs from zero by more than 2 u, a
+        sentence that states this.
     """
     rows = []
     for name, entry in entries.items():

@@ -23,7 +23,7 @@ def template_of(name: str) -> jinja2.Template:
     Parameters
     ----------
     name
-        Name of the file in the folder of templates.
+        Name of the file in the folder ``templates``, such as ``report.html.j2``.
 
     Returns
     -------

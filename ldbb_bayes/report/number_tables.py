@@ -38,7 +38,9 @@ _SUFFIX_OF_UNIT = {"µm": "_um", "µm/m": "_um_per_m"}
 
 
 def tables(findings: Findings, others: Sequence[Beside] = ()) -> dict[str, pd.DataFrame]:
-    """Return all numbers of a report as tables, by the name of the CSV file of each table.
+    """Return all numbers of a report as tables.
+
+    The key of each table is the name of its CSV file without the ending ``.csv``.
 
     Parameters
     ----------
@@ -122,13 +124,20 @@ def _averaged(findings: Findings) -> pd.DataFrame:
 
 
 def _with_reading_units(summary: pd.DataFrame) -> pd.DataFrame:
-    """Return a table of parameters with added columns: the unit shown, and the factor to it."""
+    """Return a table of parameters with two columns added: ``reading_unit`` and ``reading_factor``.
+
+    The first is the unit in which a report shows the parameter. A value in internal units (mm, N,
+    rad), multiplied by the second, is in this unit.
+    """
     factors, labels = zip(*map(display_unit, summary["unit"]), strict=True)
     summary = summary.assign(reading_unit=labels, reading_factor=factors)
     return summary.rename_axis("parameter")
 
 
 def _with_unit_suffixes(frame: pd.DataFrame) -> pd.DataFrame:
-    """Return a table in which the name of every column with a quantity ends in its unit."""
+    """Return a table in which the name of every column with a quantity ends in its unit.
+
+    An example is ``G_um`` for a column ``G`` in µm.
+    """
     names = {name: f"{name}{_SUFFIX_OF_UNIT[unit]}" for name, unit in frame.attrs["units"].items()}
     return frame.rename(columns=names)

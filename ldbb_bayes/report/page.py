@@ -39,7 +39,7 @@ REPORT_FILES = ("report.html", "report.pdf", "report.json", "dcc.xml", "tables")
 
 @dataclass(frozen=True)
 class Document(Shown):
-    """A complete report.
+    """A complete report on the fit of a campaign: the certificate's sheets and further sections.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ class Document(Shown):
     sheets
         Sheets of the certificate, to be signed.
     annex
-        Whether the sections are printed in addition to the sheets.
+        Whether the sections are printed in addition to the sheets when the page is printed.
     language
         Language of the sheets.
     """
@@ -74,13 +74,13 @@ class Document(Shown):
 
     @property
     def state(self) -> str:
-        """Sentence that states whether the numbers can be used."""
+        """Sentence of the certificate that states whether its numbers can be used."""
         banners = [block for block in self._blocks() if isinstance(block, Banner)]
         return banners[0].sentence
 
     @property
     def pictures(self) -> Iterator[Picture]:
-        """All figures of the report in order."""
+        """All figures of the report, in their order on the page."""
         for block in self._blocks():
             if isinstance(block, Pair):
                 yield block.picture
@@ -111,7 +111,7 @@ def compose(
     others
         Other campaigns to compare with the first one.
     same_instrument, language, annex, force_N, progress
-        The same arguments as those of `write_report`.
+        The same arguments as those of `write_report`, where they are explained.
 
     Returns
     -------
@@ -151,7 +151,11 @@ def _ignore(done: int, total: int) -> None:
 
 
 def _lines(findings: Findings) -> tuple[str, str, str]:
-    """Return the lines under the report's title: machine and tests, fit, model of the annex."""
+    """Return three lines of text for below the report's title.
+
+    They state the machine and its tests, the day and version of the fit, and the model that gave
+    the numbers in the annex (the sections that follow the sheets).
+    """
     result = findings.result
     seen = findings.seen
     forces_N = [test.force_N for test in seen.tests]
@@ -166,7 +170,10 @@ def _lines(findings: Findings) -> tuple[str, str, str]:
 
 
 def _alerts(findings: Findings, others: Sequence[Beside]) -> Iterator[str]:
-    """Yield the warnings that a reader must see before any number."""
+    """Yield the warnings that a reader of the report must see before any number.
+
+    They are about the fit of the campaign, and about its differences from ``others``.
+    """
     yield from wording.alert_sentences(fit_of(findings.posterior), findings.result)
     name = str(findings.result["campaign"]["name"])
     for other in others:
@@ -263,7 +270,8 @@ def write_report(
     language : str
         Language of the sheets: en or de.
     annex : bool
-        Whether everything after the sheets is printed too.
+        Whether the annex, the sections that follow the sheets, is printed too when the page is
+        printed.
     force_N : float, optional
         Force at which the sheets state stiffness and circular deviation [N]. Default: the reference
         force.
@@ -343,7 +351,11 @@ def write_report(
 def _record(
     findings: Findings, document: Document, frames: Mapping[str, pd.DataFrame]
 ) -> dict[str, Any]:
-    """Return the content of report.json: all tables, the campaign, the model and the analyses."""
+    """Return content of report.json: tables, campaign, model, provenance, comparison and design.
+
+    ``frames`` are the tables by name. Each comparison or design that is missing is replaced by the
+    reason.
+    """
     records = {
         name: frame.reset_index().to_dict(orient="records") for name, frame in frames.items()
     }
@@ -360,7 +372,10 @@ def _record(
 
 
 def _analysis_record(result: Any) -> dict[str, Any]:
-    """Return the JSON record of an analysis, or a record of the reason why it is missing."""
+    """Return the JSON record of an analysis, or a record of the reason why it is missing.
+
+    ``result`` is the result of the analysis, or a text with the reason.
+    """
     if isinstance(result, str):
         return {"missing": result}
     return wording.with_words(result)

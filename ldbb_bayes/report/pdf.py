@@ -23,22 +23,23 @@ from ldbb_bayes.results import Table
 
 __all__ = ["fit_to_page", "pdf_of"]
 
-_WIDTH = 182.0  # width of the printed area of a page [mm]
+_WIDTH = 182.0  # width of the printed area of an A4 page [mm]
 _LEFT = 14.0  # left margin of a page [mm]
 _TOP = 14.0  # top margin of a page [mm]
-# Lowest position at which a sheet may end [mm from the top of the page]. The space below it is a
-# reserve, because lines of text are slightly higher if a browser prints the sheet.
+# Lowest position at which the content of a sheet may end [mm from the top of the page]. The space
+# below it is a reserve, because lines of text are slightly higher if a browser prints the sheet.
 _BOTTOM = 272.0
-_SIGNATURES = 256.0  # highest position of the signature fields [mm from the top of the page]
+# The fields for signatures begin at this position or below it [mm from the top of the page].
+_SIGNATURES = 256.0
 _PAIRED_WIDTH = 104.0  # width of a figure with a list beside it [mm]
 _PAIRED_HEIGHT = 88.0  # largest height of a figure with a list [mm]
 _PICTURE_HEIGHT = 100.0  # largest height of a figure without a list [mm]
 _DPI = 300.0
 _MM_PER_INCH = 25.4
-_LINE_HEIGHT = 0.46  # height of a line of text, per size of its letters [mm per point]
+_LINE_HEIGHT = 0.46  # height of a line of text per point of the size of its letters [mm]
 _INK = 0  # grey level of text, from 0 (black) to 255 (white)
 _SOFT_INK = 85  # grey level of names of fields and of notes, from 0 (black) to 255 (white)
-_RULE = 150  # grey level of drawn lines, from 0 (black) to 255 (white)
+_RULE = 150  # grey level of the lines of tables and fields, from 0 (black) to 255 (white)
 # Grey levels (0 black, 255 white) of a banner's background and of its letters, by kind of banner.
 _GROUND_AND_INK = {"usable": (255, 0), "reserved": (232, 0), "unusable": (0, 255)}
 _SMALLEST_TITLE_SCALE = 0.8
@@ -53,7 +54,8 @@ def pdf_of(sheets: Sequence[ReportSheet], title: str, language: str, created: da
     sheets
         Sheets that fit their pages, see `fit_to_page`.
     title, language, created
-        Properties of the PDF document.
+        Title, code of the language such as ``en``, and time of creation, which are stored as
+        properties of the PDF document.
 
     Returns
     -------
@@ -107,7 +109,10 @@ def _document() -> Iterator[FPDF]:
 
 
 def _draw_sheet(pdf: FPDF, sheet: ReportSheet, *, pictures: bool = True) -> float:
-    """Add a page with a sheet and return the vertical position at which the sheet ends."""
+    """Add a page with a sheet, and return the position at which the sheet ends [mm from the top].
+
+    If ``pictures`` is false, the places of figures are left empty.
+    """
     pdf.add_page()
     title_scale = max(sheet.scale, _SMALLEST_TITLE_SCALE)
     _write(pdf, sheet.title, 15.0 * title_scale, bold=True)
@@ -119,9 +124,10 @@ def _draw_sheet(pdf: FPDF, sheet: ReportSheet, *, pictures: bool = True) -> floa
 
 
 def _draw_block(pdf: FPDF, block: Block, scale: float, pictures: bool) -> None:
-    """Draw a block of a sheet below the current position.
+    """Draw a block of a sheet, such as a table, below the current position.
 
-    If ``pictures`` is false, the places of figures are left empty.
+    ``scale`` is the relative size of the letters. If ``pictures`` is false, the places of figures
+    are left empty.
     """
     if isinstance(block, str):
         _write(pdf, block, 7.2 * scale, grey=_SOFT_INK)
@@ -147,7 +153,11 @@ def _write(
     grey: int = _INK,
     **options: Any,
 ) -> None:
-    """Write a paragraph, and move the current position to the line below the paragraph."""
+    """Write a paragraph, and move the current position to the line below the paragraph.
+
+    ``size`` is that of the letters [points], ``width`` that of the paragraph [mm], and ``grey`` the
+    grey level from 0 (black) to 255 (white). ``options`` are passed to ``FPDF.multi_cell``.
+    """
     pdf.set_font("DejaVu", "B" if bold else "", size)
     pdf.set_text_color(grey)
     height = _LINE_HEIGHT * size
@@ -168,7 +178,11 @@ def _draw_banner(pdf: FPDF, banner: Banner, scale: float) -> None:
 
 @dataclass(frozen=True)
 class _FieldColumn:
-    """Horizontal positions [mm] in one of the two columns of form fields: names and texts."""
+    """Horizontal positions [mm] of names and texts in one of the two columns of form fields.
+
+    ``left`` is the left edge of the column, ``name_width`` the width of the fields' names, and
+    ``gap`` the distance between the two columns.
+    """
 
     left: float
     name_width: float = 36.0
@@ -192,7 +206,10 @@ _SECOND_COLUMN = _FieldColumn(_FIRST_COLUMN.next_left)
 
 
 def _draw_fields(pdf: FPDF, fields: Fields, scale: float) -> None:
-    """Draw form fields in two columns; each field has a name, and a text above a line."""
+    """Draw form fields in two columns; each field has a name, and a text above a line.
+
+    ``scale`` is the relative size of the letters.
+    """
     space = 0.7 * scale
     if fields.tall:
         pdf.set_y(max(pdf.y, _SIGNATURES))
@@ -204,7 +221,11 @@ def _draw_fields(pdf: FPDF, fields: Fields, scale: float) -> None:
 def _draw_field_row(
     pdf: FPDF, entries: Sequence[tuple[str, str]], top: float, scale: float
 ) -> None:
-    """Draw one or two form fields (name, text) side by side, with a line below each text."""
+    """Draw one or two form fields (name, text) side by side, with a line below each text.
+
+    ``top`` is the position of the upper edge [mm from the top of the page]; ``scale`` is the
+    relative size of the letters.
+    """
     size = 7.8 * scale
     bottom = top
     columns = (_FIRST_COLUMN, _SECOND_COLUMN)[: len(entries)]
@@ -251,8 +272,9 @@ def _draw_table(pdf: FPDF, table: Table, scale: float) -> None:
 def _column_widths(pdf: FPDF, rows: Sequence[Sequence[str]]) -> list[float]:
     """Return the widths of a table's columns [mm], which add up to the full width of a sheet.
 
-    The first and last columns share the space that the other columns leave. Their texts are broken
-    into lines if necessary.
+    ``rows`` are the texts of the cells, the heads first. Each column is as wide as its longest
+    text, except the first and the last. These share the space that the other columns leave; their
+    texts are broken into lines if necessary.
     """
     widths = []
     for k in range(len(rows[0])):
@@ -268,7 +290,11 @@ def _column_widths(pdf: FPDF, rows: Sequence[Sequence[str]]) -> list[float]:
 
 
 def _draw_pair(pdf: FPDF, pair: Pair, scale: float, pictures: bool) -> None:
-    """Draw a figure and its list: below the figure if it is wide, otherwise beside it."""
+    """Draw a figure and its list.
+
+    The list is below the figure if the figure is wide, otherwise beside it. ``scale`` is the
+    relative size of the letters. If ``pictures`` is false, the figure's place is left empty.
+    """
     top = pdf.y
     if pair.wide:
         indent = 0.0
@@ -290,9 +316,9 @@ def _draw_pair(pdf: FPDF, pair: Pair, scale: float, pictures: bool) -> None:
 
 
 def _draw_picture(pdf: FPDF, picture: Picture, width: float, height: float, pictures: bool) -> None:
-    """Draw a figure as wide as there is room, with its caption below.
+    """Draw a figure as large as ``width`` and ``height`` allow [mm], with its caption below.
 
-    If ``pictures`` is false, the figure's space is left empty.
+    If ``pictures`` is false, the figure's place is left empty.
     """
     inches = picture.figure.get_size_inches()
     width = min(width, height * inches[0] / inches[1])

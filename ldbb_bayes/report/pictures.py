@@ -75,7 +75,7 @@ class DrawnPicture(NamedTuple):
     caption: str
 
 
-# Name of the function that draws a figure, by the figure's file name, where the two names differ.
+# Names of the functions that draw figures, by the names of the figures, where the two differ.
 _FUNCTIONS = {"budget": "budget_bars"}
 PICTURES: Mapping[str, DrawnPicture] = {
     key: DrawnPicture(getattr(figures, _FUNCTIONS.get(key, key)), caption)

@@ -1,7 +1,7 @@
 """Short versions of long results for ``print``: one screen, the most important numbers first.
 
-`screen_of` has a function here for each class of results whose tables and sentences fill more than
-a screen. The last sentence of a screen says how to see all of them.
+This module registers a function with `screen_of` for each class of results whose tables and
+sentences fill more than a screen. The last sentence of a short version says how to see all of them.
 """
 
 from __future__ import annotations
@@ -18,20 +18,22 @@ from ldbb_bayes.units import display_name, display_unit, three_digits, two_digit
 
 __all__ = ["screen_of"]
 
-# Longest verdict on a parameter that fits into one line of a table 80 characters wide [characters].
+# Number of characters of the longest verdict on a parameter that fits into one line of a table 80
+# characters wide.
 _LONGEST_VERDICT = 42
-# Largest number of effects that the verdict on a confounded parameter names.
+# Largest number of effects that the verdict on a confounded parameter names in a short table.
 _MOST_PARTNERS = 2
-# Largest number of other designs that a table shows beside the recommended one.
+# Largest number of other designs of the next tests that a short table shows beside the recommended
+# design.
 _MOST_DESIGNS = 2
 
 
 @screen_of.register
 def _(result: Identifiability) -> tuple[Passage, ...]:
-    """Return the most important tables and sentences on which parameters are identifiable.
+    """Return the table and the sentences that matter most on which parameters are identifiable.
 
-    They state how many parameters the readings determine, the standard uncertainty u and the
-    verdict by parameter, and the measures that would separate confounded parameters.
+    They state how many parameters the readings determine, the standard uncertainty u of each
+    parameter and the verdict on it, and measures that would separate confounded parameters.
     """
     rows = []
     for name, entry in result.parameters.items():
@@ -52,7 +54,8 @@ def _(result: Identifiability) -> tuple[Passage, ...]:
 def _short_verdict(entry: ParameterIdentifiability) -> str:
     """Return the verdict on a parameter and the effects that it is confounded with, as text.
 
-    The effects with the largest shares of the variance are named, as many as a line has room for.
+    At most two effects are named, those with the largest shares of the parameter's variance. There
+    are fewer if a line of the table has no room for two.
     """
     partners = wording.partners_with_shares(entry)
     for number in range(_MOST_PARTNERS, 0, -1):
@@ -64,7 +67,11 @@ def _short_verdict(entry: ParameterIdentifiability) -> str:
 
 @screen_of.register
 def _(comparison: Comparison) -> tuple[Passage, ...]:
-    """Return sentences on the evidence, and tables of the models and of other assumptions."""
+    """Return a short version of a comparison of models.
+
+    It has sentences on the evidence, a table of the models, and a table of the log Bayes factor
+    under other assumptions.
+    """
     tables = (
         models_table(comparison, least_squares=False),
         assumptions_table(comparison, slope_scales=False),
@@ -75,9 +82,10 @@ def _(comparison: Comparison) -> tuple[Passage, ...]:
 
 @screen_of.register
 def _(design: Design) -> tuple[Passage, ...]:
-    """Return the tests to run, a table of expected standard uncertainties, and sentences.
+    """Return a short version of a design of the next tests.
 
-    If readings of these tests cannot separate some parameters, measures against this are listed.
+    It states the tests to run, has a table of expected standard uncertainties, and further
+    sentences. If these tests cannot separate some parameters, measures against this are listed.
     """
     first, heading, *others = wording.design_screen(design)
     items = wording.cure_items(design.limits.degeneracies, design.limits.cures)
@@ -88,9 +96,10 @@ def _(design: Design) -> tuple[Passage, ...]:
 
 
 def _expected_table(design: Design) -> Table:
-    """Return a table of the expected standard uncertainty and the prior sd of each parameter.
+    """Return a table of the standard uncertainties to expect of a design, and the prior sds.
 
-    The table has the parameters of interest only.
+    It has one row per parameter of interest. Other designs with which the recommended one is
+    compared have columns, too.
     """
     others = design.compared[:_MOST_DESIGNS]
     rows = []

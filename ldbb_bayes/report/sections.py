@@ -41,7 +41,7 @@ _WORDS_OF_QUANTITIES = {"scale_mismatch": "scale mismatch", "G_b": "G(b)"}
 
 @dataclass(frozen=True)
 class Details:
-    """Content that a screen shows only on demand and that is always printed.
+    """Content of the HTML page that a screen shows only on demand and that is always printed.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ class Section:
 
 
 def campaign(findings: Findings) -> Iterator[Part]:
-    """Yield the section on the campaign: its tests, remarks on them, and the fit's assumptions."""
+    """Yield the section on the campaign: its tests, remarks on them, and what a fit assumes."""
     yield from parts_of(findings.seen)
 
 
@@ -112,15 +112,16 @@ def limits(findings: Findings) -> Iterator[Part]:
 def degree(findings: Findings) -> Iterator[Part]:
     """Yield the section on whether compliance changes with force.
 
-    It states the evidence for each model and how the evidence depends on assumptions. If the
-    comparison has them, the probability of each slope and predictions for tests left out follow.
+    It states the evidence for each model and how the evidence depends on assumptions. The
+    probability of each slope (change of a compliance with force) and the predictions of tests that
+    were left out follow, if the comparison of models includes them.
     """
     comparison = findings.comparison
     if not isinstance(comparison, Comparison):
         yield f"The models were not compared: {comparison}"
         return
-    # Leave out the RMSE: the section on the fit states it, from other random draws, so that the two
-    # numbers would differ slightly.
+    # Leave out the RMSE of the models. The section on the quality of the fit states it from other
+    # random draws, so that the two numbers would differ slightly.
     yield from text.comparison_parts(comparison, rmse=False)
     yield picture("evidence", comparison)
     if not comparison.local_fits.empty:
@@ -176,7 +177,10 @@ def _quantities_table(table: pd.DataFrame, quantities: Mapping[str, str], captio
 
 
 def _shown_forces(forces: Sequence[float]) -> list[float]:
-    """Return some of the forces, few enough for a table; the last force is always included."""
+    """Return forces for the rows of a table: all if they are few, otherwise evenly chosen ones.
+
+    The last force is always included.
+    """
     if len(forces) <= _MOST_FORCES:
         return list(forces)
     stride = len(forces) // (_MOST_FORCES - 2)
@@ -249,14 +253,20 @@ def _p_value_cell(value: float | None) -> str | None:
 
 
 def assumptions(findings: Findings) -> Iterator[Part]:
-    """Yield the section on assumptions: every prior beside its posterior, and the model as TOML."""
+    """Yield the section on assumptions.
+
+    It has the prior of every parameter beside its posterior, and the model as text in TOML format.
+    """
     yield fit_tables.parameter_table(findings.result)
     toml = record_of(findings.posterior)["model"]["toml"]
     yield Details("The whole model as TOML (edit and fit again with --model)", (toml,))
 
 
 def diagnostics(findings: Findings) -> Iterator[Part]:
-    """Yield the section on sampling: effective sample sizes, R-hat, sensitivity to the prior."""
+    """Yield the section on the sampling of the posterior, with diagnostics of each parameter.
+
+    They are effective sample sizes, R-hat and sensitivity to the prior.
+    """
     sensitivity = record_of(findings.posterior)["fit"]["sensitivity"]
     yield wording.sampler_words(findings.result["sampler"])
     rows = []
@@ -281,7 +291,10 @@ def diagnostics(findings: Findings) -> Iterator[Part]:
 
 
 def method(findings: Findings) -> Iterator[Part]:
-    """Yield the section that summarises the method, with SHA-256 digests, versions and seed."""
+    """Yield the section that summarises the method and states the provenance of the fit.
+
+    The provenance is SHA-256 digests of readings and model, versions of programs, and the seed.
+    """
     result = findings.result
     provenance = result["provenance"]
     versions = [f"{name} {version}" for name, version in provenance["versions"].items()]
@@ -309,7 +322,8 @@ def beside(
 ) -> Iterator[Part]:
     """Yield the section on the differences of other campaigns from the first campaign.
 
-    Every parameter's difference is stated with its interval and probabilities.
+    The difference of every parameter is stated with its credible interval and the probability that
+    the other campaign's value is larger.
 
     Parameters
     ----------
@@ -384,7 +398,8 @@ _SECTION_WRITERS = (
     method,
     glossary,
 )
-#: Title of every section and the function that yields its content, in the order of the page.
+#: Title of every section of the HTML page and the function that yields its content, by the key of
+#: the section, in the order of the page.
 SECTIONS: Mapping[str, tuple[str, Callable[[Findings], Iterator[Part]]]] = {
     write.__name__: (wording.PAGE["sections"][write.__name__], write) for write in _SECTION_WRITERS
 }

@@ -40,8 +40,8 @@ from ldbb_bayes.results import Records, Result, read_result, readable
 
 __all__ = ["Certificate", "Design", "Judged", "Limits", "design", "read_design"]
 
-# A certificate of optimality holds if the largest sensitivity exceeds its bound by no more than
-# this relative amount.
+# A certificate that the shares of a design are optimal holds if the largest sensitivity of any
+# candidate exceeds its bound by no more than this relative amount.
 _CERTIFICATE_TOLERANCE = 1e-4
 # Candidate tests whose share of the tests is below this are not listed.
 _LISTED_SHARE = 1e-4
@@ -56,7 +56,7 @@ _RESERVED_NAMES = ("recommended", _EQUAL_STEPS)
 
 @dataclass(frozen=True)
 class Certificate(Result):
-    """Proof that no other shares of the same number of tests are better.
+    """Proof that no other division of the tests among the candidates is better.
 
     A share is the fraction of the tests that are run at one candidate. The sensitivity of a
     candidate is the rate at which the criterion grows with its share. By Kiefer and Wolfowitz
@@ -74,12 +74,14 @@ class Certificate(Result):
 
 @dataclass(frozen=True, eq=False)
 class Judged(Forecast):
-    """Another design that is compared with the recommended one, and the forecast of it."""
+    """Another design that is compared with the recommended one, and the forecast of its results."""
 
     name: str
     #: table of the design's tests, one row per test: force_N, and the columns `Design.columns`
     tests: Records
-    efficiency: float  #: efficiency of these tests relative to the best shares of as many tests
+    #: efficiency of these tests by the criterion of the design, relative to the best division of as
+    #: many tests among the candidates
+    efficiency: float
 
 
 @dataclass(frozen=True)
@@ -92,11 +94,14 @@ class Limits(Result):
     #: the only direction of travel, by plane, of the planes in which hysteresis is modelled but all
     #: circles run in one direction
     one_way: dict[str, str]
-    #: whether the model has a drift, which is assumed to be independent of the tests' settings
+    #: whether the model has a drift; the forecast assumes that the drift does not depend on the
+    #: tests' settings
     drift: bool
-    #: parameters whose standard deviation more circles of this kind would lower by less than 20 %
+    #: parameters whose expected standard deviation even very many more circles of this kind would
+    #: lower by less than 20 %
     shared: tuple[str, ...]
-    #: combinations that no reading resolves, as far as they involve parameters of ``shared``
+    #: combinations of coefficients that no reading resolves, as far as they involve parameters of
+    #: ``shared``
     degeneracies: tuple[Degeneracy, ...]
     #: remedies, such as further tests, that resolve each item of ``degeneracies``
     cures: tuple[tuple[Cure, ...], ...]
@@ -124,7 +129,7 @@ class Planned:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Design(Forecast):
-    """Recommended tests and their forecast.
+    """Design of the next campaign: the recommended tests and the forecast of their results.
 
     Examples
     --------
@@ -148,11 +153,12 @@ class Design(Forecast):
     degree: int  #: degree of the model's compliances as polynomials of force
     #: reference force F0 of the campaign or plan that the design starts from [N]
     reference_force_N: float
-    #: efficiency of the design relative to the best shares of the same number of tests
+    #: efficiency of the design by its criterion, relative to the best division of the same number
+    #: of tests among the candidates, ``shares``
     efficiency: float
     certificate: Certificate  #: proof that no other shares of the tests are better than ``shares``
-    #: best fractions of the number of tests, one row per candidate: force_N, the columns `columns`,
-    #: and share
+    #: best division of the tests, one row per candidate test: force_N, the columns `columns`, and
+    #: share, the fraction of the tests that are run at this candidate
     shares: Records
     #: expected standard deviations, by parameter, of a design in equal steps of force at the first
     #: clocking and radius
@@ -167,8 +173,8 @@ class Design(Forecast):
     #: design starts from), not from their prior
     measured: bool
     pilot: Pilot  #: campaign or plan that the design starts from
-    #: rate at which the criterion grows with the share of every candidate, at the best shares:
-    #: force_N, the columns `columns`, and sensitivity
+    #: one row per candidate test: force_N, the columns `columns`, and sensitivity, the rate at
+    #: which the criterion grows with the share of the candidate, at the best shares
     sensitivity: Annotated[Records, Field(exclude=True)] = field(default_factory=pd.DataFrame)
     #: the recommended tests as a ``Planned``; None where the design was read from a file
     planned: Annotated[Any, Field(exclude=True)] = None
@@ -287,7 +293,11 @@ def read_design(path: str | os.PathLike[str]) -> Design:
 def _with_drift_covariate(
     tests: tuple[CircularTest, ...], pilot: Campaign, model: HybridModel
 ) -> tuple[CircularTest, ...]:
-    """Return the tests with the times or the temperature that the model's drift needs."""
+    """Return the tests with the times or the temperature that the model's drift term needs.
+
+    The interval between tests, or the mean temperature, is that of ``pilot``, the campaign that the
+    design starts from. A model without drift needs none.
+    """
     covariates = {term.over for term in model.nuisances if isinstance(term, Drift)}
     times = np.sort([test.time_s for test in pilot.tests if test.time_s is not None])
     if "time" in covariates and len(times) > 1:
@@ -319,12 +329,13 @@ def design(
 ) -> Design:
     """Return the best tests to run next.
 
-    Everything is computed for the linear Gaussian model and averaged over the hyper-parameters (the
-    scales of the noise and of other effects): over their posterior given the pilot, or over their
-    prior when the pilot is a plan. The expected sds account for the truncation (compliances must
-    not be negative); criteria and evidence do not. The reference force F0, the force range and the
-    estimate Ĉ of the compliances about which the model is linearised are those of the pilot:
-    analyse the plan with ``model`` of the design.
+    The pilot is the campaign or plan that the design starts from. Everything is computed for the
+    linear Gaussian model and averaged over the hyper-parameters (the scales of the noise and of
+    other effects): over their posterior given the pilot, or over their prior if the pilot is a
+    plan. The expected standard deviations account for the truncation (compliances must not be
+    negative); criteria and evidence do not. The reference force F0, the force range and the
+    estimate Ĉ of the compliances about which the model is linearised are those of the pilot. The
+    plan must therefore be analysed with the attribute ``model`` of the design.
 
     Parameters
     ----------
@@ -350,14 +361,14 @@ def design(
         parameter. ``i``: mean variance of the compliances C(F). ``discriminate``: evidence about
         the slopes. Default: ``eig`` with proper priors, ``d`` with flat ones.
     parameters : sequence of str
-        Names of the parameters of interest; all others are nuisances. Default: all that the
-        criterion is about.
+        Names of the parameters of interest; all others are nuisances. Default: all parameters that
+        the criterion is about.
     augment : bool
         Whether the pilot's tests count as run, so that ``tests`` is the number of tests added.
     against : mapping of str to Campaign
         Designs to compare with: campaigns or plans by name.
     slope_size : float
-        Size of the slopes that the tests are to detect [prior sd].
+        Size of the slopes that the tests are to detect, in prior standard deviations.
     seed : int
         Seed of the random numbers of search and forecast.
 
@@ -425,7 +436,11 @@ def _levels_in_range(pilot: Campaign) -> list[float]:
 
 
 def _check_compared(name: str, campaign: Campaign, pilot: Campaign) -> None:
-    """Refuse a design for comparison that has a reserved name or is of another machine."""
+    """Refuse a design for comparison that has a reserved name or is of another machine.
+
+    ``campaign`` is this design, ``name`` its name; ``pilot`` is of the machine that the design is
+    for.
+    """
     require(
         name not in _RESERVED_NAMES,
         f"against must not use the name {name!r}, which is the design's own. Choose another name.",
@@ -445,9 +460,11 @@ def _describe_design(
     pilot: Pilot,
     compared: Mapping[str, tuple[CircularTest, ...]],
 ) -> Design:
-    """Return the design that the search found, with its forecast.
+    """Return the design that the search found, with the forecast of its results.
 
-    ``compared`` are the tests of other designs by name; their forecasts are included.
+    ``space`` is the problem of the search and ``exact`` its solution. ``pilot`` states the campaign
+    that the design starts from. ``compared`` are the tests of other designs by name; their
+    forecasts are included.
     """
     tests = space.tests_of(exact)
     optimum = exact.optimum
@@ -484,7 +501,8 @@ def _judge_tests(space: Space, name: str, tests: tuple[CircularTest, ...]) -> Ju
     """Return the forecast and the efficiency of a design that is compared with the best one.
 
     ``name`` is the name of the design in the comparison. The efficiency is relative to the best
-    fractions of as many tests. It is zero for tests that leave a parameter undetermined.
+    division of as many tests among the candidates. It is zero for tests that leave a parameter
+    undetermined.
     """
     forecast = space.forecast(tests)
     efficiency = space.efficiency(tests) if forecast.determined else 0.0
@@ -526,7 +544,8 @@ def _analysis_model(space: Space, tests: Sequence[CircularTest]) -> HybridModel:
     force_range_N = max(forces) - min(forces)
     if not (prior.flat or np.isclose(force_range_N, setting.force_range_N, rtol=1e-9)):
         # The default prior standard deviation of a slope depends on the range of force of the
-        # tests. State the one for the campaign that the design starts from.
+        # tests. State its value for the campaign that the design starts from, so that the model
+        # keeps it.
         for parameter in space.bound.parameters:
             if parameter.group == "slope":
                 overrides[parameter.name] = parameter.prior_sd
@@ -543,7 +562,7 @@ def _analysis_model(space: Space, tests: Sequence[CircularTest]) -> HybridModel:
 def _limits(space: Space, tests: Sequence[CircularTest], forecast: Forecast) -> Limits:
     """Return the limits of what the tests of a design can show, and remedies.
 
-    They are limits that more tests of the same kind would not remove.
+    More tests of the same kind would not remove these limits. ``forecast`` is that of the tests.
     """
     levels = len(distinct_forces([float(test.force_N or 0.0) for test in tests]))
     too_few_levels = levels <= space.model.degree + 2 and not space.augment
@@ -580,7 +599,8 @@ def _limits(space: Space, tests: Sequence[CircularTest], forecast: Forecast) -> 
 def _planes_run_one_way(bound: BoundModel) -> dict[str, str]:
     """Return the direction of travel of each plane whose circles all run in one direction.
 
-    Only planes in which the model includes both directions are considered.
+    The directions are "CW" and "CCW". Only planes in which the model includes both directions are
+    considered.
     """
     one_way = {}
     for plane in bound.setting.both_ways:

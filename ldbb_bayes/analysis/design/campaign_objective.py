@@ -25,7 +25,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["objective_of", "prediction_weight"]
 
-# Elements of the information below this share of the largest in their column are rounding errors.
+# Elements of the tests' information matrices below this share of the largest element in their
+# column are rounding errors.
 _ROUNDING_ERROR = 1e-12
 # Number of forces over which criterion I averages the variance of predicted compliances. They span
 # the range of force of the pilot (the campaign that a design starts from).
@@ -35,10 +36,11 @@ _PREDICTED_FORCES = 33
 def prediction_weight(bound: BoundModel, chosen: Sequence[str]) -> Array:
     """Return the weights W, shape (s, s), of criterion I for s chosen parameters.
 
-    Let S be the precision of the chosen parameters, and C_j(F) compliance j at the force F. tr(W
-    S⁻¹) is the variance of C_j(F) divided by the prior variance of C_j. It is averaged over the
-    compliances that the chosen parameters describe, and over the range of force of the campaign
-    that the design starts from.
+    W is such that tr(W S⁻¹) is the mean relative variance of the compliances, where S is the
+    precision of the chosen parameters. The relative variance of compliance j at force F is the
+    variance of C_j(F) divided by the prior variance of C_j. The mean is over the compliances that
+    the chosen parameters describe, and over the range of force of the campaign that the design
+    starts from.
     """
     pilot_forces = (bound.pilot or bound.campaign).forces_N
     columns = [bound.names.index(name) for name in chosen]
@@ -98,7 +100,7 @@ def objective_of(
 class _Layout(NamedTuple):
     """Columns and rows of the tests' information matrices that an objective needs."""
 
-    columns: NDArray[np.int_]  # indices of coefficients, those of interest last
+    columns: NDArray[np.int_]  # indices of the coefficients needed, those of interest last
     rows: NDArray[np.int_]  # indices of rows that are not zero in all tests
     has_prior: NDArray[np.bool_]  # whether each coefficient has a proper prior
 
@@ -107,7 +109,8 @@ def _layout_of(information: Information, blocks: Array, chosen: Sequence[str]) -
     """Return the columns and rows of the information matrices that an objective needs.
 
     ``blocks``, shape (tests, rows, m), is the information of each test about m coefficients, at one
-    value of the hyper-parameters. The layout is the same for every value.
+    value of the hyper-parameters. The layout is the same for every value. ``chosen`` are the names
+    of the parameters of interest.
     """
     interest = [information.names.index(name) for name in chosen]
     columns = _connected_columns(blocks, interest)
@@ -119,7 +122,8 @@ def _layout_of(information: Information, blocks: Array, chosen: Sequence[str]) -
 def _stack_blocks(blocks: Sequence[Array]) -> Array:
     """Return the information of all tests as one array, with rounding errors set to zero.
 
-    ``blocks`` has one matrix per test, of at most 25 rows and a column per coefficient.
+    ``blocks`` has one matrix per test, of at most 25 rows and a column per coefficient. The result
+    has the shape (tests, rows, coefficients); matrices of fewer rows are filled up with zeros.
     """
     rows = max(len(block) for block in blocks)
     stacked = np.zeros((len(blocks), rows, blocks[0].shape[1]))
@@ -130,10 +134,11 @@ def _stack_blocks(blocks: Sequence[Array]) -> Array:
 
 
 def _connected_columns(blocks: Array, interest: Sequence[int]) -> NDArray[np.int_]:
-    """Return indices of coefficients that act on the same readings as those of interest.
+    """Return the indices of coefficients that act on the same readings as those of interest.
 
-    Coefficients that do so only through other coefficients are included. ``interest`` are the
-    indices of the coefficients of interest, which come last in the result.
+    Coefficients that do so only through other coefficients are included. ``blocks``, shape (tests,
+    rows, m), is the information of each test about m coefficients. ``interest`` are the indices of
+    the coefficients of interest, which come last in the result.
     """
     size = np.abs(blocks)
     shares_readings = np.einsum("rij,rik->jk", size, size) > 0.0

@@ -28,7 +28,8 @@ __all__ = [
     "templates",
 ]
 
-# Pair of angles by which the work ball and the tool ball are turned [°].
+# Clocking of a test: pair of angles by which the work ball and the tool ball are turned in their
+# sockets [°].
 Clocking = tuple[float, float]
 
 
@@ -96,7 +97,7 @@ def add_foreseen_tests(
         The pilot itself if its tests, run or foreseen, have all kinds already.
     """
     both_ways = _planes_run_both_ways(candidates)
-    # The radius decides which parameters the model has only where a frame or the centre of a circle
+    # The parameters of the model depend on the radius only if a frame or the centre of a circle
     # lies off the machine's origin.
     has_offset = any(any(frame) for frame in pilot.frames_mm.values()) or any(
         any(test.circle.centre_mm) for test in (*pilot.scope, *candidates, *compared_tests)
@@ -115,7 +116,8 @@ def add_foreseen_tests(
         direction = test.direction if str(test.plane) in both_ways else None
         possible.append((kind(test, direction), test))
     possible += [(kind(test), test) for test in compared_tests]
-    # Keep the first test of every kind: in the reversed list, earlier tests overwrite later ones.
+    # Keep the first test of every kind: the dictionary is made from the reversed list, in which
+    # tests that come first overwrite later ones.
     test_by_kind = dict(reversed(possible))
     new_tests = []
     for test_kind, test in test_by_kind.items():
@@ -222,7 +224,7 @@ def _random_blocks(
 ) -> list[list[CircularTest]]:
     """Return the tests in blocks of equal key, with the blocks in random order.
 
-    ``key`` is a function that returns the key of a test.
+    ``key`` is a function that returns the key of a test, for example its set-up.
     """
     blocks: dict[Any, list[CircularTest]] = {}
     for test in tests:

@@ -22,7 +22,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["Criterion", "Determinant", "LogBayesFactor", "Variance"]
 
-# Eigenvalues of the weights W of a criterion below this share of the largest are rounding errors.
+# Eigenvalues of the weights W, shape (s, s), of criterion A, c or I for s parameters count as zero
+# if they are below this share of the largest.
 _NEGLIGIBLE_EIGENVALUE = 1e-14
 
 
@@ -39,8 +40,9 @@ class Determinant:
     def value(self, root: Array) -> Array:
         """Return the criterion Φ = ln det S, shape (...).
 
-        S is the precision of the s parameters of interest; ``root`` is its Cholesky factor, shape
-        (..., s, s).
+        S is the precision (inverse covariance) of the s parameters of interest; ``root`` is its
+        Cholesky factor, shape (..., s, s). The leading dimensions (...) are those of several
+        designs or hyper-parameters.
         """
         diagonal = np.diagonal(root, axis1=-2, axis2=-1)
         return np.asarray(2.0 * np.log(diagonal).sum(axis=-1))
@@ -48,15 +50,17 @@ class Determinant:
     def directions(self, root: Array) -> Array:
         """Return Q, shape (..., s, s), where Q Qᵀ is the derivative of ln det S by S.
 
-        S is the precision of the s parameters of interest, and ``root`` its Cholesky factor L. Q is
-        L⁻ᵀ.
+        S is the precision of the s parameters of interest, and ``root`` its Cholesky factor L,
+        shape (..., s, s). Q is L⁻ᵀ. The leading dimensions (...) are those of several designs or
+        hyper-parameters.
         """
         return _inverse_transposed(root)
 
     def efficiency(self, value: float, best: float) -> float:
-        """Return (det S / det S*)^(1/s), where S* is the precision in the best design.
+        """Return the efficiency (det S / det S*)^(1/s) of a design.
 
-        ``value`` and ``best`` are ln det S and ln det S*; s is the number of parameters.
+        S is the precision of the s parameters of interest in the design, and S* that in the best
+        design. ``value`` and ``best`` are ln det S and ln det S*.
         """
         return float(np.exp((value - best) / self.size))
 
@@ -76,8 +80,9 @@ class Variance:
     def value(self, root: Array) -> Array:
         """Return the criterion Φ = −tr(W S⁻¹), shape (...), the negative of a weighted variance.
 
-        S is the precision of the s parameters of interest and W are their weights. ``root`` is the
-        Cholesky factor of S, shape (..., s, s).
+        S is the precision of the s parameters of interest and W, shape (s, s), their weights.
+        ``root`` is the Cholesky factor of S, shape (..., s, s). The leading dimensions (...) are
+        those of several designs or hyper-parameters.
         """
         inverse = _inverse_transposed(root)
         return np.asarray(-np.einsum("ij,...jk,...ik->...", self.weight, inverse, inverse))
@@ -85,8 +90,9 @@ class Variance:
     def directions(self, root: Array) -> Array:
         """Return Q, shape (..., s, rank of W), where Q Qᵀ is the derivative of −tr(W S⁻¹) by S.
 
-        S is the precision of the s parameters of interest and W are their weights. ``root`` is the
-        Cholesky factor of S. Q is S⁻¹ W^½.
+        S is the precision of the s parameters of interest and W, shape (s, s), their weights.
+        ``root`` is the Cholesky factor of S, shape (..., s, s). Q is S⁻¹ W^½. The leading
+        dimensions (...) are those of several designs or hyper-parameters.
         """
         inverse = _inverse_transposed(root)
         eigenvalues, vectors = np.linalg.eigh(self.weight)
@@ -95,18 +101,21 @@ class Variance:
         return np.asarray(inverse @ np.swapaxes(inverse, -1, -2) @ weight_root)
 
     def efficiency(self, value: float, best: float) -> float:
-        """Return the weighted variance in the best design, divided by that in this design."""
+        """Return the weighted variance in the best design, divided by that in this design.
+
+        ``value`` and ``best`` are the negative weighted variances in this and in the best design.
+        """
         return float(best / value)
 
 
 @dataclass(frozen=True)
 class LogBayesFactor:
-    """Expected ln B in favour of the truth: Φ = ¼ size² Σ λ²/(1 + λ).
+    """Expected log Bayes factor ln B in favour of the true model: Φ = ¼ size² Σ λ²/(1 + λ).
 
     B is the Bayes factor of the model with the parameters of interest over the model without them;
     both models are equally probable beforehand. S is the precision of the parameters in units of
-    the prior precision, and its eigenvalues are 1 + λ. ``rows`` and ``prior`` of the objective must
-    therefore be scaled so that S of the prior alone is the identity.
+    the prior precision, and its eigenvalues are 1 + λ. ``rows`` and ``prior`` of an `Objective`
+    with this criterion must therefore be scaled so that S of the prior alone is the identity.
 
     If the parameters exist, with a root mean square of ``size`` prior standard deviations, E[ln B]
     is ½ Σ [(1 + size² λ) λ/(1 + λ) − ln(1 + λ)]. If they are zero, E[ln B] is ½ Σ [λ/(1 + λ) − ln(1
@@ -118,10 +127,10 @@ class LogBayesFactor:
     size: float = 1.0  #: root mean square of the parameters, in prior standard deviations
 
     def value(self, root: Array) -> Array:
-        """Return the expected log Bayes factor in favour of the truth, shape (...).
+        """Return the expected log Bayes factor in favour of the true model, shape (...).
 
         ``root`` is the Cholesky factor of the precision of the s parameters of interest, shape
-        (..., s, s).
+        (..., s, s). The leading dimensions (...) are those of several designs or hyper-parameters.
         """
         gain = np.maximum(np.linalg.eigvalsh(_square(root)) - 1.0, 0.0)
         return np.asarray(0.25 * self.size**2 * (gain**2 / (1.0 + gain)).sum(axis=-1))
@@ -130,15 +139,19 @@ class LogBayesFactor:
         """Return Q, shape (..., s, s), with Q Qᵀ the derivative of the expected log Bayes factor Φ.
 
         The derivative is by the precision S of the s parameters of interest, and ``root`` is the
-        Cholesky factor of S. Q holds the eigenvectors of S times √(dΦ/d(1 + λ)), where 1 + λ are
-        its eigenvalues.
+        Cholesky factor of S, shape (..., s, s). Q holds the eigenvectors of S times √(dΦ/d(1 + λ)),
+        where 1 + λ are its eigenvalues. The leading dimensions (...) are those of several designs
+        or hyper-parameters.
         """
         eigenvalues, vectors = np.linalg.eigh(_square(root))
         rate = 0.25 * self.size**2 * (1.0 - 1.0 / np.maximum(eigenvalues, 1.0) ** 2)
         return np.asarray(vectors * np.sqrt(rate)[..., None, :])
 
     def efficiency(self, value: float, best: float) -> float:
-        """Return the expected log Bayes factor divided by that of the best design."""
+        """Return the expected log Bayes factor of a design divided by that of the best design.
+
+        ``value`` and ``best`` are these log Bayes factors.
+        """
         return float(value / best)
 
 

@@ -21,10 +21,11 @@ __all__ = ["DECISIVE", "Discrimination", "discrimination_of"]
 # Evidence is called decisive if the absolute value of the log Bayes factor is at least this [nat]
 # (Kass and Raftery 1995: "very strong").
 DECISIVE = 5.0
-# Number of quasi-random points for each value of the hyper-parameters, over which probabilities of
-# the log Bayes factor are averaged.
+# Number of quasi-random points, for each value of the hyper-parameters, from which probabilities of
+# the log Bayes factor are computed.
 _POINTS = 256
-# Least variance of a component of the slopes' posterior mean, to avoid a division by zero.
+# Least variance that a component of the slopes' posterior mean is given, to avoid a division by
+# zero.
 _LEAST_VARIANCE = 1e-12
 
 
@@ -36,8 +37,9 @@ class Discrimination(Result):
     """
 
     size: float  #: size of the slopes, in prior standard deviations
-    #: whether tests already run are included; the assumed slopes then follow the posterior given
-    #: these tests, otherwise their prior times ``size``
+    #: whether tests already run are included. If so, the slopes are assumed to follow their
+    #: posterior given these tests. If not, they are assumed to follow their prior, with standard
+    #: deviations multiplied by ``size``.
     augmented: bool
     threshold: float  #: least absolute value of a decisive log Bayes factor [nat]
     expected_with: float  #: mean log Bayes factor if there are slopes [nat]
@@ -61,6 +63,8 @@ def discrimination_of(
     seed: int = 1,
 ) -> Discrimination:
     """Return the expected log Bayes factor of slopes and the probabilities of decisive evidence.
+
+    Slopes are the changes of the compliances with force; they are compared with no slopes.
 
     Let m, shape (s,), be the posterior mean of the s slopes that the analysis will find, and C,
     shape (s, s), their covariance. The log Bayes factor is ln B = ½ (ln det C + mᵀ C⁻¹ m). Let m₁
@@ -134,8 +138,9 @@ def discrimination_of(
 class _LogBayesFactorDistribution:
     """Distribution of the log Bayes factor of slopes over no slopes, ½ (ln det C + Σ z²).
 
-    C is the posterior covariance of the s slopes, for each of K values of the hyper-parameters. The
-    s components z of the slopes' posterior mean are independent and normally distributed.
+    C is the posterior covariance of the s slopes, for each of K values of the hyper-parameters, in
+    units of the slopes' prior standard deviations. The s components z of the slopes' posterior mean
+    are independent and normally distributed.
     """
 
     log_volume: Array  # ln det C of the slopes' posterior covariance C, shape (K,)
@@ -144,8 +149,8 @@ class _LogBayesFactorDistribution:
     def expected(self, mean: Array, variance: Array) -> float:
         """Return the mean of the log Bayes factor [nat].
 
-        It follows from means, shape (K, 1, s), and variances, shape (K, s), of s normal components
-        of the slopes' posterior mean.
+        It is computed from the means, shape (K, 1, s), and variances, shape (K, s), of the s normal
+        components of the slopes' posterior mean, for K values of the hyper-parameters.
         """
         squares = (mean[:, 0] ** 2 + variance).sum(axis=1)
         return float(0.5 * (self.log_volume + squares).mean())
@@ -153,9 +158,9 @@ class _LogBayesFactorDistribution:
     def probability_above(self, level: float, mean: Array, variance: Array) -> float:
         """Return the probability that the log Bayes factor exceeds a level [nat].
 
-        It follows from means, shape (K, 1 or 2, s), and variances, shape (K, s), of s normal
-        components of the slopes' posterior mean. Where there are two means, half of the points take
-        the first and half the second.
+        It is computed from the means, shape (K, 1 or 2, s), and variances, shape (K, s), of the s
+        normal components of the slopes' posterior mean, for K values of the hyper-parameters. If
+        there are two means, half of the quasi-random points take the first and half the second.
         """
         order = np.argsort(-variance, axis=1)[:, None]
         sorted_variance = np.take_along_axis(variance[:, None], order, axis=2)
@@ -163,8 +168,8 @@ class _LogBayesFactorDistribution:
         mean_of_point = np.arange(self.points.shape[1]) % mean.shape[1]
         centre = np.take_along_axis(mean, order, axis=2)[:, mean_of_point]
         squares = ((centre[..., 1:] + sd[..., 1:] * self.points) ** 2).sum(axis=2)
-        # The component with the largest variance, the first after sorting, is integrated
-        # analytically.
+        # The component of the slopes' posterior mean with the largest variance, the first after
+        # sorting, is integrated analytically.
         needed_square = 2.0 * level - self.log_volume[:, None] - squares
         edge = np.sqrt(np.maximum(needed_square, 0.0)) / sd[..., 0]
         middle = centre[..., 0] / sd[..., 0]
@@ -175,8 +180,8 @@ class _LogBayesFactorDistribution:
 def _normal_points(nodes: int, dimensions: int, seed: int) -> Array:
     """Return standard normal points, shape (nodes, points, dimensions).
 
-    They are quasi-random, with a different random shift for each node (value of the
-    hyper-parameters).
+    They are quasi-random, with a different random shift for each of ``nodes`` values of the
+    hyper-parameters. ``dimensions`` is the number of components of a point.
     """
     rng = np.random.default_rng(seed)
     points = np.zeros((_POINTS, 0))

@@ -30,13 +30,14 @@ __all__ = [
     "undetermined_forecast",
 ]
 
-# Number of posterior means, as an analysis of the new tests may find them, that are drawn at random
-# for each possible state of the machine.
+# Number of posterior means that a forecast draws at random for each possible state of the machine.
+# Each is one that an analysis of the new tests may find.
 _MEANS_PER_STATE = 4
 # Number of times that every test counts when the floor of a parameter's uncertainty is computed:
 # the standard deviation that remains after very many tests.
 _REPETITIONS_OF_FLOOR = 1e6
-# Singular values of the information of the readings below this count as zero.
+# Singular values of the information matrix of the readings below this count as zero. The matrix is
+# in units of the prior standard deviations.
 _RANK_TOLERANCE = 1e-6
 
 
@@ -45,8 +46,8 @@ class Expected(Result):
     """Prior and expected posterior standard deviation of one parameter, in mm, N and rad.
 
     ``prior_sd`` is infinite for a flat prior. ``sd`` accounts for the truncation (compliances must
-    not be negative), ``untruncated_sd`` does not. Their squares are averages over the
-    hyper-parameters. They are infinite where, with flat priors, the tests leave a parameter
+    not be negative), ``untruncated_sd`` does not. The squares of both are averages over the
+    hyper-parameters. Both are infinite if, with flat priors, the tests leave a parameter
     undetermined. ``sd_error`` is the standard error of ``sd`` from the scatter over possible states
     of the machine. It is somewhat too large, because states are spread more evenly than independent
     ones. ``floor_sd`` is the standard deviation if every test were run a million times. It is due
@@ -64,7 +65,7 @@ class Expected(Result):
 
 @dataclass(frozen=True, eq=False)
 class Forecast(Result):
-    """Expected uncertainties, information gain, and evidence for or against slopes."""
+    """Forecast of planned tests: expected uncertainties, information gain, evidence on slopes."""
 
     expected: dict[str, Expected]  #: expected uncertainty of each parameter, by name
     #: expected Kullback-Leibler divergence of the posterior from the prior [nat]; infinite for a
@@ -80,7 +81,7 @@ class Forecast(Result):
 
 
 def undetermined_forecast(bound: BoundModel) -> Forecast:
-    """Return a forecast with infinite uncertainties: the tests leave parameters undetermined."""
+    """Return the forecast of tests that leave parameters undetermined: all sds are infinite."""
     expected = {}
     for parameter in bound.parameters:
         expected[parameter.name] = Expected(
@@ -92,14 +93,14 @@ def undetermined_forecast(bound: BoundModel) -> Forecast:
 def expected_uncertainties(
     bound: BoundModel, states: States, covariance: Array, floor: Array, seed: int
 ) -> dict[str, Expected]:
-    """Return the expected uncertainty of every parameter.
+    """Return the expected uncertainty of every parameter after planned tests.
 
     Parameters
     ----------
     bound
         Model bound to the tests.
     states
-        K states of the machine before the tests.
+        K possible states of the machine before the tests: hyper-parameters and parameters.
     covariance
         Posterior covariances of the p parameters in each state if compliances may be negative,
         shape (K, p, p), in units of the prior standard deviations.
@@ -107,7 +108,7 @@ def expected_uncertainties(
         Standard deviations that remain after very many tests, shape (p,), in units of the prior
         standard deviations.
     seed
-        Seed of the posterior means that an analysis may find.
+        Seed of the random posterior means that an analysis of the tests may find.
 
     Returns
     -------
@@ -140,10 +141,10 @@ def truncated_variances(
 ) -> tuple[Array, Array]:
     """Return expected posterior variances with truncation, and their standard errors.
 
-    With truncation, compliances must not be negative. States in which a compliance would be
-    negative at a force of the new tests are left out. For every other state, posterior means as the
-    analysis may find them are drawn at random, and the variance of the truncated Gaussian about
-    each is computed.
+    With truncation, compliances must not be negative. A state is one possible machine. States in
+    which a compliance would be negative at a force of the new tests are left out. For every other
+    state, posterior means that the analysis may find are drawn at random. The variance is that of
+    the truncated Gaussian about each of these means.
 
     Parameters
     ----------
@@ -155,7 +156,7 @@ def truncated_variances(
         Posterior covariances of the p parameters in each state, without truncation, shape (K, p,
         p), in internal units (mm, N, rad).
     seed
-        Seed of the posterior means that an analysis may find.
+        Seed of the random posterior means that an analysis of the tests may find.
 
     Returns
     -------
@@ -198,7 +199,7 @@ def _variance_change_by_truncation(
         Posterior covariances of the p parameters without truncation, shape (K, p, p), in internal
         units (mm, N, rad).
     seed
-        Seed of the posterior means.
+        Seed of the random posterior means.
 
     Returns
     -------
@@ -213,8 +214,8 @@ def _variance_change_by_truncation(
     means = scale * relative_means.reshape(-1, p)
     spread = np.tile(singular_root(relative_covariance) * scale[:, None], (_MEANS_PER_STATE, 1, 1))
     shift, covariance_inside, axes = bound.truncation.orthants(means, spread).moments()
-    # Truncation (no compliance is negative) changes the unit covariance of the standard
-    # coordinates, along the directions that it restricts, to ``covariance_inside``.
+    # In standard coordinates, the covariance of the parameters without truncation is the identity.
+    # Along the directions ``axes`` that the truncation restricts, it becomes ``covariance_inside``.
     along_axes = spread @ np.swapaxes(axes, 1, 2)
     change_along_axes = along_axes @ (covariance_inside - np.eye(shift.shape[1]))
     change = np.einsum("kpd,kpd->kp", change_along_axes, along_axes)
@@ -228,8 +229,10 @@ def _draw_posterior_means(
 
     Let m₁ be the mean and P₁ the precision of the p parameters β before the tests, C their
     covariance after the tests, and W = 1 − C P₁. Given β of a state, the posterior mean is normally
-    distributed with the mean m₁ + W (β − m₁) and the covariance W C. Covariances and the result,
-    shape (draws, states, p), are in units of ``scale``.
+    distributed with the mean m₁ + W (β − m₁) and the covariance W C. ``possible``, shape (K,),
+    states in which of the K states no compliance is negative; ``covariance`` holds C for each of
+    these. C and the result, shape (draws, possible states, p), are in units of ``scale``, the prior
+    standard deviations.
     """
     prior_mean = states.before.mean[possible]
     prior_precision = states.before.precision[possible] * np.outer(scale, scale)
@@ -244,8 +247,9 @@ def _draw_posterior_means(
 def posteriors(bound: BoundModel, phi: Array, run: int) -> tuple[Gaussian | None, Array]:
     """Return the posterior p(β | y, φ), and the standard deviations that very many tests leave.
 
-    β are the parameters and φ the hyper-parameters. Units are the prior standard deviations. The
-    readings y are not known yet: the mean is set to zero, and only the covariance counts.
+    β are the p parameters and φ the hyper-parameters, of which K values are given. Both results are
+    in units of the prior standard deviations. The readings y are not known yet. The mean of the
+    posterior is therefore set to zero, and only its covariance has a meaning.
 
     Parameters
     ----------
@@ -268,7 +272,8 @@ def posteriors(bound: BoundModel, phi: Array, run: int) -> tuple[Gaussian | None
     first = information_of(bound, phi[0])
     interest = first.interest
     size = len(first.names)
-    # QR factors compress the information of the readings to as many rows as there are coefficients.
+    # A QR factorisation compresses the information of the readings to as many rows as there are
+    # coefficients.
     row_list = []
     for information in informations_of(bound, phi):
         row_list.append(np.linalg.qr(information.rows(), mode="r"))

@@ -19,8 +19,9 @@ from ldbb_bayes.results import Array, Shown
 
 __all__ = ["Objective"]
 
-# A parameter counts as undetermined if less than this share of its column of the precision matrix's
-# factor is independent of the columns before it.
+# A parameter counts as undetermined by a design if less than this share of its column is
+# independent of the columns of the parameters before it. Columns are those of the Cholesky factor
+# of the precision matrix.
 _SINGULAR_SHARE = 1e-6
 # Largest number of elements of the precision matrices that `Objective.after_adding` computes at a
 # time, to limit memory.
@@ -31,7 +32,7 @@ _CHUNK_SIZE = 1 << 22
 class Objective(Shown):
     """Criterion Φ as a function of a design, averaged over K values of the hyper-parameters.
 
-    A design is given by the counts of tests of each candidate, shape (candidates,).
+    A design is given by the number of tests of each candidate, ``counts``, shape (candidates,).
     """
 
     #: derivatives G of m reduced readings with respect to p parameters, shape (K, candidates, m,
@@ -64,7 +65,10 @@ class Objective(Shown):
         return self.criterion.efficiency(value, best)
 
     def value(self, counts: Array) -> float:
-        """Return the criterion Φ of a design, −inf where a parameter is left undetermined."""
+        """Return the criterion Φ of a design; −inf if the design leaves a parameter undetermined.
+
+        ``counts`` is the number of tests of each candidate, shape (candidates,).
+        """
         return float(self._values(self._precision(counts)).mean())
 
     def after_adding(self, counts: Array, chosen: Array) -> Array:
@@ -86,8 +90,9 @@ class Objective(Shown):
     def sensitivity(self, counts: Array) -> tuple[float, Array]:
         """Return the criterion Φ of a design, and its derivatives by the counts n_i of tests.
 
-        ``counts`` and the derivatives ∂Φ/∂n_i have the shape (candidates,). Let ∂Φ/∂M = D_k D_kᵀ be
-        the derivative by the precision M at the k-th value of the hyper-parameters, and G_ki the
+        ``counts`` holds the number n_i of tests of each candidate i, shape (candidates,); the
+        derivatives ∂Φ/∂n_i have the same shape. Let ∂Φ/∂M = D_k D_kᵀ be the derivative by the
+        precision matrix M of the parameters at the k-th value of the hyper-parameters, and G_ki the
         derivatives of candidate i's readings by the parameters. Then ∂Φ/∂n_i is the mean of ‖G_ki
         D_k‖² over k.
         """
@@ -109,14 +114,22 @@ class Objective(Shown):
         return float(self.criterion.value(root).mean()), slope / len(root)
 
     def _precision(self, counts: Array) -> Array:
-        """Return the precision matrices of all p parameters in a design, shape (K, p, p)."""
+        """Return the precision matrices of all p parameters after the tests of a design.
+
+        They have the shape (K, p, p), for K values of the hyper-parameters. ``counts`` is the
+        number of tests of each candidate, shape (candidates,).
+        """
         support = np.flatnonzero(counts)
         scaled = self.rows[:, support] * np.sqrt(counts[support])[:, None, None]
         stacked = scaled.reshape(len(scaled), -1, scaled.shape[-1])
         return np.asarray(self.prior + np.swapaxes(stacked, -1, -2) @ stacked)
 
     def _values(self, precision: Array) -> Array:
-        """Return the criterion Φ for every precision matrix, −inf where it is singular."""
+        """Return the criterion Φ for each of n precision matrices, shape (n,).
+
+        ``precision`` has the shape (n, p, p) for p parameters. The criterion is −inf where the
+        matrix is singular.
+        """
         try:
             root = np.linalg.cholesky(precision)
         except np.linalg.LinAlgError:
@@ -125,8 +138,8 @@ class Objective(Shown):
             return np.concatenate([self._values(matrix[None]) for matrix in precision])
         values = self.criterion.value(root[:, -self.interest :, -self.interest :])
         if self._has_undetermined_prior:
-            # Find singular matrices by their factors, as rounding may let the factorisation
-            # succeed.
+            # Find singular precision matrices by the diagonals of their Cholesky factors, because
+            # rounding errors may let the factorisation of a singular matrix succeed.
             root_diagonal = np.diagonal(root, axis1=-2, axis2=-1)
             remaining_share = root_diagonal / np.sqrt(np.diagonal(precision, axis1=-2, axis2=-1))
             values = np.where(remaining_share.min(axis=-1) < _SINGULAR_SHARE, -np.inf, values)

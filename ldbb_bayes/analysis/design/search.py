@@ -28,7 +28,7 @@ from ldbb_bayes.results import Array
 
 __all__ = ["MAX_TESTS", "ExactDesign", "Search", "efficient_rounding", "exchange"]
 
-# Largest number of tests in a design.
+# Largest number of tests (circles) that a design may have.
 MAX_TESTS = 300
 # Largest number of times that the search goes through all tests of a design to replace them by
 # better candidates.
@@ -45,18 +45,20 @@ _TRIED_AT_THE_END = 128
 # Sensitivities by which candidates are selected are averaged over every n-th value of the
 # hyper-parameters, with n this number, to save time.
 _HYPER_STEP = 4
-# Number of designs that the search starts from: the best fractions of tests, rounded, and random
-# designs. In every third random design, tests are drawn from all candidates with equal probability.
-# In the others, the best fractions are the probabilities.
+# Number of designs that the search starts from. The first has the best fractions of tests, rounded
+# to whole numbers; the others are random. In every third design, tests are drawn from all
+# candidates with equal probability. In the other random designs, the best fractions of tests are
+# the probabilities.
 _STARTS = 6
-# Shares (fractions of the tests at each candidate) count as the best where the largest sensitivity
-# exceeds its bound by at most this, relative to the bound.
+# Shares (fractions of the tests at each candidate) count as the best if the largest sensitivity of
+# any candidate exceeds its bound by at most this, relative to the bound.
 _SHARES_TOLERANCE = 1e-5
-# Largest number of restarts of the search from perturbed designs, and largest cost of all restarts:
-# the product of matrix elements, tests, candidates tried and restarts.
+# Largest number of restarts of the search from perturbed designs, and largest cost of all restarts.
+# The cost is the product of the numbers of elements of the precision matrices, tests, candidates
+# tried for each test, and restarts.
 _MAX_RESTARTS = 100
 _RESTART_COST = 4_000_000
-# If there are at most this many possible designs, the search does not restart from perturbed ones.
+# If at most this many designs are possible, the search does not restart from perturbed designs.
 _FEW_DESIGNS = 1000
 # Two forces of a design are close if their distance is at most ``_CLOSE_FORCES`` times the range of
 # force. They are merged into one if the relative loss of efficiency is at most ``_MERGING_LOSS``.
@@ -106,20 +108,23 @@ def exchange(
     feasible: Callable[[Array], bool] = _always_feasible,
     thorough: bool = True,
 ) -> tuple[Array, float]:
-    """Return a design that no exchange of one test for another improves, and its value.
+    """Return a design that no exchange of one test for another candidate improves, and its value.
 
     Parameters
     ----------
     objective
-        Criterion as a function of the counts of the candidates.
+        Criterion as a function of the number of tests of each candidate.
     start
-        Counts to start from, shape (candidates,); must be feasible.
+        Number of tests by candidate in the design to start from, shape (candidates,). The design
+        must be feasible.
     rng
         Random generator for the order of the tests replaced, and for candidates tried.
     feasible
-        Function that returns whether a design is allowed; default: all designs are.
+        Function that takes the counts of a design and returns whether it is allowed. Default: all
+        designs are.
     thorough
-        Whether more candidates are tried for every test at the end; otherwise only a few are.
+        Whether, at the end, more candidates are tried as a replacement of each test. If not, only a
+        few are tried throughout.
 
     Returns
     -------
@@ -154,7 +159,10 @@ def exchange(
 
 
 def _with_tests(counts: Array, candidate: int, number: int = 1) -> Array:
-    """Return the counts of a design with ``number`` more tests of one candidate."""
+    """Return the counts of a design with ``number`` more tests of the candidate with this index.
+
+    ``counts`` is the number of tests by candidate, shape (candidates,).
+    """
     changed = counts.copy()
     changed[candidate] += number
     return changed
@@ -163,10 +171,11 @@ def _with_tests(counts: Array, candidate: int, number: int = 1) -> Array:
 def _likely_candidates(
     objective: Objective, base: Array, size: int, rng: np.random.Generator
 ) -> Array:
-    """Return candidates that are likely to improve a design, as indices.
+    """Return the indices of candidates that are likely to improve a design if a test is added.
 
-    They are ``size`` candidates with the largest sensitivity and ``size`` random ones, or all if
-    there are not more. ``base`` are the counts of tests in the design.
+    They are the ``size`` candidates with the largest sensitivity and ``size`` random ones. If there
+    are at most ``size`` candidates, all are returned. ``base`` is the number of tests by candidate
+    in the design, shape (candidates,).
     """
     n = objective.candidates
     if size >= n:
@@ -194,7 +203,10 @@ class ExactDesign:
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """Search for the best design among candidate tests."""
+    """Search for the best design among candidate tests.
+
+    The objective states how good a design is; ``seed`` is that of the random numbers.
+    """
 
     objective: Objective
     forces_N: Array  #: force of each candidate [N], shape (candidates,)
@@ -212,7 +224,7 @@ class Search:
         return self._shares[tests]
 
     def find_design(self, tests: int) -> ExactDesign:
-        """Return the best design with this whole number of tests."""
+        """Return the best design with ``tests`` circles, each at one of the candidates."""
         possible_levels = min(tests, len(distinct_forces(self.forces_N)))
         if possible_levels < self.levels:
             raise InputError(
@@ -266,7 +278,8 @@ class Search:
         """Return the design with close forces merged, and the value of its criterion.
 
         All tests at one of two close forces move to the other force, if that costs at most 0.01 %
-        of the efficiency.
+        of the efficiency. ``counts`` is the number of tests by candidate before merging, and
+        ``value`` the value of the criterion.
         """
         unmerged_value = value
         close_N = _CLOSE_FORCES * np.ptp(self.forces_N)
@@ -286,9 +299,8 @@ class Search:
     def _at_enough_forces(self, counts: Array, rng: np.random.Generator) -> Array:
         """Return a design with at least as many different forces as slopes need.
 
-        ``counts`` is the number of tests of every candidate. If all tests are at one force where
-        two are needed, ``counts`` is changed: one test moves to a random candidate at another
-        force.
+        ``counts`` is the number of tests by candidate. If all tests are at one force but two forces
+        are needed, ``counts`` is changed: one test moves to a random candidate at another force.
         """
         if self._is_feasible(counts):
             return counts
@@ -300,8 +312,8 @@ class Search:
     def _number_of_restarts(self, tests: int) -> int:
         """Return how often the search restarts from perturbed designs.
 
-        The number is limited by the computing effort, and zero where there are few possible
-        designs.
+        ``tests`` is the number of tests of a design. The number of restarts is limited by the
+        computing effort, and zero if there are few possible designs.
         """
         n = self.objective.candidates
         possible_designs = comb(n + tests - 1, tests)

@@ -21,13 +21,13 @@ from ldbb_bayes.results import Array, Shown
 
 __all__ = ["Optimum", "certificate", "is_better", "largest_positions", "optimal_shares"]
 
-# Values of the criterion or the sensitivity count as equal if their difference, relative to the
-# largest value, is below this. Among equal candidates the first is taken.
+# Two values of the criterion, or two sensitivities, count as equal if their difference, relative to
+# the largest value, is below this. Among candidates with equal values the first is taken.
 _EQUALITY_TOLERANCE = 1e-9
-# Largest number of rounds of the optimization. In each round, candidates join the active ones, and
-# the shares of the active candidates are optimized.
+# Largest number of rounds in which shares of tests are optimized. In each round, candidates join
+# the active ones, and the shares of the active candidates are optimized.
 _MAX_ROUNDS = 400
-# Largest number of iterations of the solver SLSQP in each round.
+# Largest number of iterations of the solver SLSQP in each round of the optimization of shares.
 _SOLVER_ITERATIONS = 40
 # Largest number of candidate tests that join, in one round, those whose fractions are optimized.
 _JOINING_CANDIDATES = 3
@@ -36,13 +36,14 @@ _JOINING_CANDIDATES = 3
 _FIRST_CANDIDATES = 32
 # A candidate's fraction of the tests below this counts as zero.
 _ZERO_SHARE = 1e-10
-# Least fraction of the tests at each candidate when the solver starts, times the number of
+# When the solver starts, no fraction of the tests is below this number divided by the number of
 # candidates whose fractions are optimized.
 _STARTING_SHARE = 0.02
 # Value of the solver's loss function where the fractions of tests leave a parameter undetermined.
 _UNDETERMINED_LOSS = 1e6
-# Tolerances of the solver SLSQP: that of the first round, and the smallest of all. The third number
-# is the ratio of the tolerance to the relative excess of the largest sensitivity over its bound.
+# Tolerances of the solver SLSQP. The first is that of the first round, the second the smallest of
+# all. The third is the largest ratio of the tolerance, in later rounds, to the relative excess of
+# the largest sensitivity over its bound.
 _LOOSE_TOLERANCE = 1e-5
 _TIGHT_TOLERANCE = 1e-15
 _TOLERANCE_PER_EXCESS = 1e-3
@@ -52,7 +53,10 @@ _NO_GAIN = 1e-13
 
 
 def largest_positions(values: Array, number: int = 1) -> NDArray[np.intp]:
-    """Return the indices of the largest values, largest first; equal values keep their order."""
+    """Return the indices of the ``number`` largest values, the largest first.
+
+    Values that differ only by rounding errors keep their order.
+    """
     finite = np.isfinite(values)
     unit = _EQUALITY_TOLERANCE * max(float(np.abs(values[finite]).max(initial=0.0)), 1e-300)
     rounded = np.where(finite, np.rint(values / unit), -np.inf)
@@ -60,7 +64,7 @@ def largest_positions(values: Array, number: int = 1) -> NDArray[np.intp]:
 
 
 def is_better(value: float, reference: float) -> bool:
-    """Return whether a value exceeds the reference by more than rounding errors."""
+    """Return whether a value of the criterion exceeds a reference by more than rounding errors."""
     if not np.isfinite(reference):
         return bool(value > reference)
     return bool(value > reference + _EQUALITY_TOLERANCE * max(1.0, abs(reference)))
@@ -83,9 +87,10 @@ class Optimum(Shown):
 
     @property
     def excess(self) -> float:
-        """Largest sensitivity divided by the bound, minus one; zero for the best shares of tests.
+        """Largest sensitivity divided by ``bound``, minus one; zero for the best shares of tests.
 
-        If the criterion is concave, no design exceeds these shares by more than bound · excess.
+        If the criterion is concave, its value for any design of as many tests exceeds that for
+        these shares by at most ``bound`` times this excess.
         """
         return float(self.sensitivity.max() / self.bound - 1.0)
 
@@ -98,7 +103,7 @@ def certificate(objective: Objective, share: Array, tests: float) -> Optimum:
     Parameters
     ----------
     objective
-        Criterion as a function of the counts of the candidates.
+        Criterion as a function of the number of tests of each candidate.
     share
         Shares of the tests, shape (candidates,); their sum is 1.
     tests
@@ -124,11 +129,12 @@ def optimal_shares(objective: Objective, tests: float, *, tolerance: float = 1e-
     Parameters
     ----------
     objective
-        Criterion as a function of the counts of the candidates.
+        Criterion as a function of the number of tests of each candidate.
     tests
-        Number N of tests. The result does not depend on it if the prior is flat.
+        Number N of tests. If the prior is flat, the best shares do not depend on it.
     tolerance
-        Tolerance of the relative excess; `Optimum.excess` is the value reached.
+        Tolerance of the relative excess of the largest sensitivity over the bound; `Optimum.excess`
+        is the value reached.
 
     Returns
     -------
@@ -176,9 +182,10 @@ def optimal_shares(objective: Objective, tests: float, *, tolerance: float = 1e-
 
 
 def _candidates_above_bound(optimum: Optimum) -> NDArray[np.intp]:
-    """Return the indices of candidates with the largest sensitivities above the bound.
+    """Return the indices of the candidates with the largest sensitivities above the bound.
 
-    At least the candidate with the largest sensitivity is returned.
+    There are at most ``_JOINING_CANDIDATES`` of them. If no sensitivity is above the bound, return
+    the candidate with the largest sensitivity.
     """
     highest = largest_positions(optimum.sensitivity, _JOINING_CANDIDATES)
     above = highest[optimum.sensitivity[highest] > optimum.bound]
@@ -190,8 +197,8 @@ def _candidates_above_bound(optimum: Optimum) -> NDArray[np.intp]:
 def _solve_shares(objective: Objective, tests: float, start: Array, tolerance: float) -> Array:
     """Return the shares of a few candidates that maximise the objective, computed with SLSQP.
 
-    Shares are not negative and sum to one. ``tests`` is the number of tests that the candidates
-    share. ``start`` are the shares to start from, shape (candidates,). ``tolerance`` is that of the
+    Shares are fractions of the number of tests, ``tests``; they are not negative and sum to one.
+    ``start`` are the shares to start from, shape (candidates,). ``tolerance`` is that of the
     objective, relative to the mean of the sensitivities weighted by the shares.
     """
     n = objective.candidates

@@ -44,18 +44,19 @@ from ldbb_bayes.units import inside_name
 __all__ = ["CriterionName", "Space"]
 
 CriterionName = Literal["eig", "d", "a", "c", "i", "discriminate"]
-# Columns of a table of tests beside the force: those that the table always has, and those that it
-# has only where the tests differ in them.
+# Columns, beside the force, of the tables of tests in a design. The first are in every table; the
+# others are in a table only if the tests differ in them.
 _FIXED_COLUMNS = ("work_ball_deg", "tool_ball_deg", "radius_mm")
 _OPTIONAL_COLUMNS = ("plane", "direction", "setup")
 # Number of values of the hyper-parameters (scales of the noise and of other effects) that the
-# search averages over; more values do not change the design.
+# search for a design averages over. More values do not change the design found.
 _SEARCH_NODES = 12
-# Number of states of the machine that a forecast averages over.
+# Number of possible states of the machine (values of parameters and hyper-parameters) that the
+# forecast of a design averages over.
 _FORECAST_STATES = 128
 _MAX_CANDIDATES = 5000
-# Groups of parameters: all groups, and those that a criterion is about, for criteria that are not
-# about all groups.
+# Groups of parameters. The first set holds all groups. The dictionary holds the groups that a
+# criterion of design is about; a criterion without an entry is about all groups.
 _ALL_GROUPS = {"compliance", "slope", "geometric"}
 _GROUPS_BY_CRITERION = {"discriminate": {"slope"}, "i": {"compliance", "slope"}}
 
@@ -104,7 +105,7 @@ class Space:
         self._check_interest()
 
     def _store(self, name: str, value: object) -> None:
-        """Set a field of this frozen dataclass."""
+        """Set a field, although instances of this frozen dataclass cannot be changed otherwise."""
         object.__setattr__(self, name, value)
 
     def _check_candidates(self) -> None:
@@ -155,7 +156,10 @@ class Space:
 
     @cached_property
     def chosen(self) -> tuple[str, ...]:
-        """Names of the parameters of interest: those named, or all that the criterion is about."""
+        """Names of the parameters of interest.
+
+        They are those in ``parameters`` or, if it is empty, all that the criterion is about.
+        """
         check_known("criterion", [self.criterion], get_args(CriterionName))
         named = [inside_name(name) for name in self.parameters]
         check_known("parameter", named, self.bound.names)
@@ -171,7 +175,7 @@ class Space:
 
     @cached_property
     def tests(self) -> tuple[CircularTest, ...]:
-        """The candidate tests: every combination of template, force, clockings and radius."""
+        """The candidate tests: every combination of template, force, clocking and radius."""
         return grid_of_tests(self.templates, self.forces_N, self.clockings_deg, self.radii_mm)
 
     def frame(self, tests: Sequence[CircularTest]) -> pd.DataFrame:
@@ -197,10 +201,10 @@ class Space:
         return tuple(self.tests[i] for i in positions)
 
     def equal_steps(self, number: int) -> tuple[CircularTest, ...]:
-        """Return tests in equal steps of force, each moved to the nearest force level.
+        """Return ``number`` tests in equal steps of force, each moved to the nearest force level.
 
-        The tests have the first clocking and radius. Planes and directions alternate from test to
-        test.
+        The tests have the first clocking and the first radius of the candidates. Planes and
+        directions of travel alternate from test to test.
         """
         levels = np.array(sorted(self.forces_N))
         nearest_levels = []
@@ -215,7 +219,7 @@ class Space:
 
     @property
     def _tests_run(self) -> int:
-        """Number of the pilot's tests that count as run.
+        """Number of the pilot's tests that count as run: all if ``augment``, otherwise none.
 
         The pilot is the campaign or plan that the design starts from.
         """
@@ -271,8 +275,8 @@ class Space:
         tests
             Planned tests.
         states
-            States of the machine before the tests; default: `states`, which has more values of the
-            hyper-parameters than the search uses.
+            Possible states of the machine before the tests. Default: the property `states`, which
+            has more values of the hyper-parameters than the search uses.
 
         Returns
         -------
@@ -298,7 +302,9 @@ class Space:
     ) -> Discrimination | None:
         """Return the expected evidence for or against slopes; None if the model has no slopes.
 
-        ``covariance`` are the posterior covariances of the parameters in each state.
+        ``states`` are K possible states of the machine before the tests. ``covariance`` are the
+        posterior covariances of the p parameters in each state, shape (K, p, p), in units of the
+        prior standard deviations.
         """
         slopes = self.chosen
         if self.criterion != "discriminate":
@@ -326,7 +332,7 @@ def _radii_of(pilot: Campaign) -> list[float]:
 
 
 def _distinct_clockings(clockings_deg: Sequence[Clocking]) -> tuple[Clocking, ...]:
-    """Return the clockings without those that equal an earlier one but for whole turns."""
+    """Return the clockings without repeated ones; angles that differ by whole turns are equal."""
     first_by_angles: dict[Clocking, Clocking] = {}
     for work_deg, tool_deg in reversed(clockings_deg):
         first_by_angles[work_deg % 360.0, tool_deg % 360.0] = (work_deg, tool_deg)

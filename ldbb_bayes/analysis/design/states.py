@@ -23,8 +23,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["States", "extend_hyper_parameters", "hyper_nodes", "states_before"]
 
-# Posteriors of the hyper-parameters by pilot (the campaign that a design starts from), one for each
-# model. They are kept because their computation takes long.
+# Posteriors of the hyper-parameters, by the pilot (the campaign that a design starts from) whose
+# readings they are given; one for each model. They are kept because their computation takes long.
 _POSTERIORS: WeakKeyDictionary[Campaign, list[HyperPosterior]] = WeakKeyDictionary()
 
 
@@ -33,8 +33,8 @@ class States:
     """K equally likely states of the machine: values of hyper-parameters and parameters."""
 
     phi: Array  #: hyper-parameters φ, shape (K, h) [mm]
-    #: parameters β, whose compliances are not negative, shape (K, p); p = 0 where their prior is
-    #: flat
+    #: parameters β, whose compliances are not negative, shape (K, p); if their prior is flat, none
+    #: are drawn, and p = 0
     beta: Array
     #: Gaussian density of the parameters given the hyper-parameters, before the new tests: the
     #: prior, or the posterior given tests that count as run; compliances may be negative
@@ -44,10 +44,10 @@ class States:
 def hyper_nodes(model: HybridModel, pilot: Campaign, size: int, seed: int) -> Array:
     """Return equally likely values of the h hyper-parameters, shape (size, h) [mm].
 
-    They represent the posterior given the pilot (the campaign that a design starts from), or the
-    prior where the pilot is a plan. In the second case ``size`` is rounded up to a power of two.
-    With flat priors of the parameters one value is enough, the root mean square, because all
-    variances are proportional to that of the noise.
+    They represent the posterior given the pilot (the campaign that a design starts from). If the
+    pilot is a plan, they represent the prior, and ``size`` is rounded up to a power of two. With
+    flat priors of the parameters one value is returned, the root mean square. It is enough, because
+    all variances are then proportional to that of the noise.
     """
     if pilot.is_plan:
         prior = model.bind(pilot).hyper_prior
@@ -83,7 +83,7 @@ def extend_hyper_parameters(bound: BoundModel, phi: Array, run: int) -> Array:
     Returns
     -------
     Array
-        K values of the hyper-parameters of ``bound``, shape (K, their number) [mm].
+        K values of the H hyper-parameters of ``bound``, shape (K, H) [mm].
     """
     pilot = bound.pilot or bound.campaign
     pilot_bound = bound
@@ -114,7 +114,7 @@ def states_before(
     """Return random states of the machine before the tests of a design.
 
     A state is a value of the hyper-parameters φ and of the parameters β. States are drawn from the
-    posterior given the pilot, or from the prior where the pilot is a plan.
+    posterior given the pilot. If the pilot is a plan, they are drawn from the prior.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ def states_before(
     Returns
     -------
     States
-        φ, β, and the density p(β | φ) before the new tests.
+        Values of φ and β, and the density p(β | φ) before the new tests.
     """
     bound = model.bind(pilot)
     rng = np.random.default_rng(seed)
