@@ -18,9 +18,10 @@ __all__ = ["parts_of"]
 def _passages_of_identifiability(result: Identifiability) -> tuple[Passage, ...]:
     """Return a table of how far the readings determine each parameter, followed by sentences.
 
-    Contraction is the share of the prior variance that the readings remove. Two lists follow the
-    sentences: combinations of parameters that no reading can resolve, and parameters that look like
-    friction, drift, curvature in force or lobes of the balls.
+    Contraction, a column of the table, is the share of a parameter's prior variance that the
+    readings remove. Two lists follow the sentences: combinations of parameters that no reading can
+    resolve, and parameters that look like friction, drift, curvature in force or lobes of the
+    balls.
     """
     rows = []
     for name, entry in result.parameters.items():
