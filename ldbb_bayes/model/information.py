@@ -1,8 +1,10 @@
 """Information that readings carry about parameters and nuisances, at given hyper-parameters.
 
-Nuisances are effects that are modelled but not of interest. The module computes the uncertainty of
-each coefficient, and what the uncertainty would be if a nuisance were known. `identify`, budgets
-and designs use it. It needs the forces and angles of the readings, but not their values.
+Parameters are compliances, their slopes with force and geometric errors. Nuisances are effects that
+are modelled but not of interest. Hyper-parameters are the scales of noise and nuisances. The module
+computes the uncertainty of each coefficient, and what the uncertainty would be if a nuisance were
+known. `identify`, uncertainty budgets and designs use it. It needs the forces and angles of the
+readings, but not their values.
 """
 
 from __future__ import annotations
@@ -26,25 +28,29 @@ __all__ = ["Information"]
 class Information:
     """Linear model z = A c + e of the readings, at given scales of the noise and of other effects.
 
-    z are reduced readings, c (m,) all coefficients in units of their prior sd, A their columns, and
-    e is white noise of unit variance. The posterior covariance of c is (1 + AᵀA)⁻¹. Methods can fix
-    terms and coefficients, that is take them as known; these then have no part in c or e.
+    z are the reduced readings divided by their noise, c (m,) all coefficients divided by their
+    prior sd, A their columns, and e is white noise of unit variance. Coefficients are the
+    parameters of interest and those of nuisances (effects modelled but not of interest) that are
+    the same in all tests. The posterior covariance of c is (1 + AᵀA)⁻¹. Methods can fix terms and
+    coefficients, that is take them as known; these then have no part in c or e.
     """
 
-    #: Names of the m coefficients.
+    #: Names of the m coefficients: parameters of interest, then nuisance coefficients, which belong
+    #: to effects that are modelled but not of interest.
     names: tuple[str, ...]
-    #: Name of the nuisance term to which each coefficient belongs, or `OWN` for a parameter of
-    #: interest.
+    #: Class name of the nuisance term to which each of the m coefficients belongs, or `OWN` for a
+    #: parameter of interest.
     owners: tuple[str, ...]
-    #: Prior sd of each of the m coefficients, or a typical size if its prior is flat, shape (m,).
+    #: Prior sd of each of the m coefficients in internal units (mm, N, rad), or a typical size if
+    #: its prior is flat, shape (m,).
     scale: Array
     #: Whether the parameters of interest have flat priors.
     flat: bool
-    #: Effect of one unit of each of the m coefficients on the k reduced readings of each test,
-    #: shape (k, m).
+    #: Effect of one unit of each of the m coefficients on the k reduced readings of each test, one
+    #: array (k, m) for each test.
     design: tuple[Array, ...]
-    #: Covariance of every independent source of noise, by name, for the k reduced readings of each
-    #: test, shape (k, k).
+    #: Covariances (k, k) [mm²] of the k reduced readings of each test: one for every independent
+    #: source of noise, by the class name of the term that causes it.
     noise: tuple[dict[str, Array], ...]
 
     def __post_init__(self) -> None:
@@ -56,12 +62,15 @@ class Information:
 
     @property
     def interest(self) -> NDArray[np.intp]:
-        """Indices of the coefficients that are parameters of interest."""
+        """Indices of the p coefficients that are parameters of interest, shape (p,).
+
+        Parameters of interest are compliances, their slopes with force and geometric errors.
+        """
         return np.flatnonzero([owner == OWN for owner in self.owners])
 
     @property
     def terms(self) -> tuple[str, ...]:
-        """Names of all nuisance terms; terms that act as noise of single tests are last.
+        """Class names of all nuisance terms; terms that act as noise of single tests are last.
 
         Nuisances are effects modelled but not of interest. The white noise of the readings is left
         out.
@@ -73,45 +82,47 @@ class Information:
 
     @property
     def shared_terms(self) -> tuple[str, ...]:
-        """Names of the nuisance terms whose coefficients are common to all tests."""
+        """Class names of the nuisance terms whose coefficients are the same in all tests."""
         return tuple(dict.fromkeys(owner for owner in self.owners if owner != OWN))
 
     def rows(self, fixed: Collection[str] = ()) -> Array:
-        """Return the columns of all m coefficients in units of the noise, shape (k, m).
+        """Return the design matrix of all m coefficients for readings with unit noise, (k, m).
 
-        There are k reduced readings; coefficients are in units of their prior sd. Noise of the
-        terms in ``fixed`` is left out, as if it were known.
+        The rows are the k reduced readings of all tests, multiplied by the inverse Cholesky factor
+        of their noise covariance. The coefficients are divided by their prior sd. Noise of the
+        terms whose class names are in ``fixed`` is left out, as if it were known.
         """
         return np.concatenate(self.blocks(fixed))
 
     def blocks(self, fixed: Collection[str] = ()) -> list[Array]:
-        """Return the columns of all coefficients in units of the noise, test by test.
+        """Return the design matrices of all m coefficients for readings with unit noise, by test.
 
-        The columns of a test are multiplied from the left by the inverse Cholesky factor of its
-        noise covariance.
+        The design matrix of a test is multiplied from the left by the inverse Cholesky factor of
+        the noise covariance of the test's reduced readings. The coefficients are divided by their
+        prior sd.
 
         Parameters
         ----------
         fixed
-            Names of the terms whose noise is left out, as if it were known.
+            Class names of the terms whose noise is left out, as if it were known.
 
         Returns
         -------
         list of array
-            For every test, shape (rows, m) for m coefficients in units of their prior sd.
+            One matrix for every test, shape (reduced readings, m).
 
         Raises
         ------
         InputError
-            If all noise of a test is fixed.
+            If all noise of a test would be left out.
         """
         for sources in self.noise:
             if all(name in fixed for name in sources):
                 raise InputError(
                     "reading noise must be left: readings without any would make everything known."
                 )
-        # The columns of all tests with the same noise covariance are divided by its Cholesky factor
-        # together.
+        # The design matrices of all tests with the same noise covariance are multiplied together by
+        # the inverse of its Cholesky factor.
         blocks_by_noise: dict[int, list[int]] = {}
         for k, sources in enumerate(self.noise):
             blocks_by_noise.setdefault(id(sources), []).append(k)
@@ -131,22 +142,25 @@ class Information:
     def root(
         self, fixed: Collection[str] = (), *, times: float = 1.0
     ) -> tuple[Array, NDArray[np.intp]]:
-        """Return a square root of the posterior precision matrix, and which coefficients it has.
+        """Return a square root of the coefficients' posterior precision matrix, and its indices.
+
+        The coefficients are divided by their prior sd. Coefficients that are taken as known are
+        left out of the matrix.
 
         Parameters
         ----------
         fixed
-            Names of terms or single coefficients that are taken as known.
+            Class names of terms, or names of single coefficients, that are taken as known.
         times
             Number of repetitions of all readings, each with independent noise.
 
         Returns
         -------
         root
-            Upper triangular matrix R, with RᵀR = precision of the prior + precision of the
-            readings.
+            Upper triangular matrix R, with RᵀR = precision matrix of the prior + precision matrix
+            of the readings, shape (free coefficients, free coefficients).
         free
-            Indices of the coefficients that are not fixed.
+            Indices of the free coefficients, which are those not taken as known.
         """
         is_free = [
             owner not in fixed and name not in fixed
@@ -169,13 +183,15 @@ class Information:
     ) -> Array:
         """Return the posterior covariance of all m coefficients, shape (m, m).
 
-        It is in units of the prior sds, and zero for fixed coefficients.
+        The coefficients are divided by their prior sds. The covariance is zero for those taken as
+        known.
 
         Parameters
         ----------
-        fixed, times
-            Terms or coefficients that are taken as known, and the number of repetitions of all
-            readings, as in `root`.
+        fixed
+            Class names of terms, or names of single coefficients, that are taken as known.
+        times
+            Number of repetitions of all readings, each with independent noise.
         """
         root, free = self.root(fixed, times=times)
         inverse = scipy.linalg.solve_triangular(root, np.eye(len(root)))
@@ -191,13 +207,15 @@ class Information:
     ) -> Array:
         """Return the posterior variances of the p parameters of interest, shape (p,).
 
-        They are in units of the prior variances.
+        The variances are divided by the prior variances. Parameters of interest are compliances,
+        their slopes with force and geometric errors.
 
         Parameters
         ----------
-        fixed, times
-            Terms or coefficients that are taken as known, and the number of repetitions of all
-            readings, as in `root`.
+        fixed
+            Class names of terms, or names of single coefficients, that are taken as known.
+        times
+            Number of repetitions of all readings, each with independent noise.
         """
         return np.diag(self.covariance(fixed, times=times))[self.interest]
 
@@ -207,21 +225,22 @@ class Information:
     ) -> dict[tuple[str, str], Array]:
         """Return the share of every independent source of uncertainty in the parameters' variances.
 
-        Sources are the priors of the p parameters, the nuisance coefficients and the noise. The
-        estimate is a linear function of all sources. Each source s alone therefore contributes an
-        error of covariance Cov_s, shape (p, p), and the errors have the total covariance
-        C = Σ Cov_s. The share of s in the variance of parameter i is [Γ_s V]_ii / V_ii with
-        Γ_s = Cov_s C⁻¹; the shares of all sources sum to one.
+        Sources are the priors of the p parameters of interest, the nuisance coefficients (of
+        effects modelled but not of interest) and the noise. The estimate of the parameters is a
+        linear function of all sources. Each source s alone therefore contributes an error of
+        covariance Cov_s, shape (p, p), and the errors together have the covariance C = Σ Cov_s. The
+        share of s in the variance of parameter i is [Γ_s V]_ii / V_ii with Γ_s = Cov_s C⁻¹, where V
+        is the covariance that is to be divided; the shares of all sources sum to one.
 
         Parameters
         ----------
         covariance
-            V, covariance of the parameters, shape (p, p); by default the total covariance C.
+            Covariance V of the parameters in units of their prior sds, shape (p, p); by default C.
 
         Returns
         -------
-        Shares (p,) of every source; its key is (name of the coefficient or noise, name of its
-        term).
+        Shares (p,) of every source. The key of a source is a pair of names: that of the coefficient
+        or noise, and that of the term to which it belongs.
         """
         joint = self.covariance()
         interest = self.interest
@@ -250,10 +269,12 @@ class Information:
         return {key: np.einsum("ij,ji->i", cov, weight) for key, cov in covariances.items()}
 
     def contributions(self) -> dict[str, Array]:
-        """Return the share of every term in the variances of the p parameters, each of shape (p,).
+        """Return the share of every term in the variances of the p parameters of interest.
 
-        A share is also the derivative d ln u / d ln s, where u is the parameter's standard
-        uncertainty and s the scale of the term, with all other scales constant.
+        The key is the class name of the term, the value has the shape (p,). The shares of all terms
+        sum to one. A share is also the derivative d ln u / d ln s, where u is the standard
+        uncertainty of the parameter and s the scale (prior sd) of the term, with all other scales
+        constant.
         """
         by_term: dict[str, Array] = {}
         for (_, term), share in self.shares().items():

@@ -41,39 +41,44 @@ from ldbb_bayes.results import Array
 
 __all__ = ["StructuredGaussian"]
 
-# Size of an array that is allocated and freed once at the start. GNU's malloc afterwards keeps
-# freed memory of up to this size for reuse, which is faster.
+# Size of an array that is allocated and freed once at the start [bytes]. The memory allocator of
+# the GNU C library (malloc) afterwards keeps freed memory of up to this size for reuse, which is
+# faster.
 _MALLOC_BYTES = 31 << 20
-# Variance [mm²] used in place of zero. Coefficients with this prior variance are numerically zero.
+# Variance [mm²] that replaces smaller absolute values of noise and prior variances, by which the
+# likelihood divides. A coefficient with this prior variance is numerically zero.
 _LEAST_VARIANCE = 1e-60
 
 
 class _Batch(NamedTuple):
-    """Values of the hyper-parameters that are processed together.
+    """Quantities for w values of the hyper-parameters φ that are processed together.
 
-    The last value is repeated so that their number w is a multiple of eight, which BLAS rounds
-    identically.
+    The last value of φ is repeated so that w is a multiple of eight. The library of matrix products
+    (BLAS) rounds such multiples identically.
     """
 
-    #: Indices of the values of the hyper-parameters, shape (w,).
+    #: Index of each of the w values of the hyper-parameters among all values asked for, shape (w,).
     phi_index: NDArray[np.intp]
-    #: Reciprocal noise variance of every kind of row, shape (kinds, w).
+    #: Reciprocal noise variance of every kind of row (rows with the same variance) for w values of
+    #: the hyper-parameters, shape (kinds, w).
     weight: Array
-    #: Part of Aᵀ D⁻¹ r from rows that depend on the parameters β, shape (columns, w). A is the
-    #: design matrix, D the noise covariance, r the readings less their part from β. None without β.
+    #: Part of Aᵀ D⁻¹ r from rows that depend on the parameters β, shape (columns of A, w) for w
+    #: values of the hyper-parameters. A is the design matrix of the nuisance coefficients, D the
+    #: diagonal noise covariance, and r the readings less their part from β. None if no β is given.
     shift: Array | None
-    #: Part −½ Σ ln D − ½ rᵀ D⁻¹ r of the log density, with its constant, shape (w,). D is the
-    #: diagonal noise covariance and r the readings less their part from the parameters.
+    #: Part −½ Σ ln D − ½ rᵀ D⁻¹ r + constant of the log density of the readings, shape (w,) for w
+    #: values of the hyper-parameters. D is the diagonal noise covariance and r the readings less
+    #: their part from the parameters of interest.
     log_density: Array
 
     @property
     def numbers(self) -> slice:
-        """Indices of the values of the hyper-parameters, without repeated ones."""
+        """Indices of the values of the hyper-parameters, without repeated ones, as a slice."""
         return slice(self.phi_index[0], self.phi_index[-1] + 1)
 
     @property
     def size(self) -> int:
-        """Number of values of the hyper-parameters, without repeated ones."""
+        """Number of values of the hyper-parameters in the batch, without repeated ones."""
         return int(self.phi_index[-1] + 1 - self.phi_index[0])
 
 
@@ -87,16 +92,19 @@ class StructuredGaussian:
     Parameters
     ----------
     reduced
-        Readings of the tests, projected on the Fourier basis.
+        Readings of every test, reduced by projection on the 25 Fourier functions.
     columns
-        Columns of the nuisance terms. `conditional` returns shared coefficients in this order.
+        Columns and noise of the nuisance terms. `conditional` returns shared coefficients in this
+        order.
     offset
-        Known part of the readings in the basis, shape (tests, 25) [mm]; it is subtracted.
+        Known part of the readings, as 25 Fourier coefficients of every test, shape (tests, 25)
+        [mm]; it is subtracted from the readings.
     hypers
-        Names of the hyper-parameters φ, in their order.
+        Names of the h hyper-parameters φ, in the order of their values.
     interest
-        Columns of the p parameters β whose values are given in every call, shape (tests, 25, p).
-        By default there are none.
+        Reading per unit of each of the p parameters β, as 25 Fourier coefficients, shape
+        (tests, 25, p). Values of β are then given in every call. By default there are no such
+        parameters.
     """
 
     def __init__(
@@ -127,8 +135,8 @@ class StructuredGaussian:
         )
         self._kinds = kinds.ravel()
         self._kind_variance = rows.variance[first]
-        # Rows that depend on the parameters of interest are evaluated in every call; the other rows
-        # only once, here.
+        # Rows of the observation equations that depend on the parameters of interest are evaluated
+        # in every call. The products of all other rows are computed only once, here.
         depends = (rows.interest != 0.0).any(axis=1)
         known_values = np.where(depends, 0.0, rows.values)
         self._design = DesignRows(
@@ -161,9 +169,10 @@ class StructuredGaussian:
         Parameters
         ----------
         phi
-            w values of the h hyper-parameters, shape (w, h) [mm].
+            w values of the h hyper-parameters, shape (w, h); lengths in mm.
         beta
-            Parameters of interest, shape (w, p) or (p,).
+            Values of the p parameters of interest, shape (w, p), or (p,) for all w alike. None if
+            the object was made without parameters.
         """
         elimination = self._design.elimination(0)
         total = np.empty(len(phi))
@@ -177,15 +186,20 @@ class StructuredGaussian:
     ) -> tuple[Array, Gaussian]:
         """Return the log density ln p(z | β, φ), shape (w,), and the Gaussian of coefficients.
 
-        The Gaussian is the density of the coefficients that all tests share, given the readings z,
-        the parameters β and the hyper-parameters φ.
+        The Gaussian is the density of the coefficients that are the same in all tests, given the
+        readings z, the parameters β and the hyper-parameters φ; there is one for each of w values
+        of φ. Its ``log_integral`` is ln p(z | β, φ).
 
         Parameters
         ----------
-        phi, beta
-            Hyper-parameters, shape (w, h) [mm], and parameters of interest, shape (w, p) or (p,).
+        phi
+            w values of the h hyper-parameters, shape (w, h); lengths in mm.
+        beta
+            Values of the p parameters of interest, shape (w, p), or (p,) for all w alike. None if
+            the object was made without parameters.
         last
-            Number of shared coefficients to return, counted from the end; by default all.
+            Number of coefficients that the Gaussian has: the last ones of those that are the same
+            in all tests; by default all of them.
         """
         first = 0 if last is None else self._shared - last
         elimination = self._conditional_elimination(last)
@@ -218,15 +232,18 @@ class StructuredGaussian:
     ) -> Array:
         """Return the conditional mean of each test's own v coefficients, shape (w, tests, v).
 
-        The condition is the readings, the parameters, the hyper-parameters and the coefficients
-        that all tests share. Coefficients of noise that could not be made diagonal come last.
+        The condition is the readings, the parameters of interest, the hyper-parameters and the
+        nuisance coefficients that are the same in all tests. Coefficients of noise that could not
+        be made diagonal come last among the v.
 
         Parameters
         ----------
-        phi, beta
-            Hyper-parameters, shape (w, h) [mm], and parameters of interest, shape (w, p) or (p,).
+        phi
+            w values of the h hyper-parameters, shape (w, h); lengths in mm.
+        beta
+            Values of the p parameters of interest, shape (w, p), or (p,) for all w alike.
         shared
-            Values of the q coefficients that all tests share, shape (w, q).
+            Values of the q coefficients that are the same in all tests, shape (w, q).
         """
         q = self._shared
         v = len(self._private[0])
@@ -245,11 +262,12 @@ class StructuredGaussian:
         return mean * self._unit[q : q + v]
 
     def _conditional_elimination(self, last: int | None) -> Elimination:
-        """Return the order of elimination that leaves the ``last`` shared coefficients at the end.
+        """Return the order in which coefficients are eliminated before a Gaussian is returned.
 
-        If the angles of all circles are uniform, all shared coefficients keep their order. Results
-        from quasi-random points are sensitive to the last digits of the Cholesky factors, which
-        another order would change.
+        Shared coefficients are the same in all tests. The final ``last`` of them are eliminated at
+        the end. If the angles of all circles are uniform, or ``last`` is None, all shared
+        coefficients even keep their order: results from quasi-random points are sensitive to the
+        last digits of the Cholesky factors, which another order would change.
         """
         return self._design.elimination(last if self._uneven else None)
 
@@ -259,10 +277,18 @@ class StructuredGaussian:
         beta: Array | None,
         batch_size: int,
     ) -> Iterator[_Batch]:
-        """Yield batches of at most ``batch_size`` values of the hyper-parameters.
+        """Yield batches of at most ``batch_size`` values of the hyper-parameters φ.
 
-        Each batch holds the noise variances and the products with the readings that follow from
-        them.
+        Each batch holds reciprocal noise variances, and products of the readings with them.
+
+        Parameters
+        ----------
+        phi
+            Values of the h hyper-parameters, shape (values, h); lengths in mm.
+        beta
+            Values of the p parameters of interest, shape (values, p) or (p,); None for none.
+        batch_size
+            Largest number of values of φ in a batch.
         """
         for start in range(0, len(phi), batch_size):
             size = min(len(phi) - start, batch_size)
@@ -287,7 +313,9 @@ class StructuredGaussian:
     def _variances(self, phi: Array) -> Array:
         """Return the noise variance of every kind of row, shape (kinds, w).
 
-        Rows of one kind have the same variance; there are w values of the hyper-parameters.
+        Rows of one kind have the same variance. ``phi``, shape (w, h), are w values of the h
+        hyper-parameters, with lengths in mm. Variances with an absolute value below 1e-60 are
+        replaced by this number, with their sign.
         """
         value = dict(zip(self._hypers, np.ascontiguousarray(phi.T), strict=True))
         sizes = [np.broadcast_to(source.at(value), len(phi)) for source in self._sources]
@@ -307,9 +335,21 @@ def _copy_columns(
 ) -> None:
     """Copy the wanted columns of the Cholesky factors L into the arrays that the caller gives.
 
-    P = Aᵀ D⁻¹ A = L Lᵀ is the precision of the coefficients: A is the design matrix, D the noise
-    covariance and r are the readings. ``lower`` (size, size, w) receives L, indexed by column, then
-    row. ``white_shift`` (size, w) receives L⁻¹ Aᵀ D⁻¹ r.
+    P = Aᵀ D⁻¹ A = L Lᵀ is the precision matrix of the coefficients for w values of the
+    hyper-parameters: A is the design matrix, D the noise covariance and r are the readings.
+
+    Parameters
+    ----------
+    elimination
+        Groups of columns in the order of their elimination.
+    factors
+        L and L⁻¹ Aᵀ D⁻¹ r of these groups, as `Elimination.factorize` returns them.
+    wanted
+        Indices of the wanted columns of A, of which there are ``size``.
+    lower
+        Array (size, size, w) that receives L, indexed by column, then row.
+    white_shift
+        Array (size, w) that receives L⁻¹ Aᵀ D⁻¹ r.
     """
     w = white_shift.shape[1]
     for front, front_factors in zip(elimination.fronts, factors, strict=True):
@@ -323,7 +363,7 @@ def _copy_columns(
 
 
 def _round_to_ten_digits(values: Array) -> Array:
-    """Return variances rounded to ten significant digits.
+    """Return ``values``, which are variances, rounded to ten significant digits.
 
     Variances that differ only by rounding errors then count as equal.
     """
@@ -334,9 +374,10 @@ def _round_to_ten_digits(values: Array) -> Array:
 
 @cache
 def _keep_freed_memory() -> None:
-    """Allocate and free one large array, so that GNU's malloc later reuses freed memory.
+    """Allocate and free one large array, so that freed memory is later reused.
 
-    Freed arrays of up to its size are then kept (M_MMAP_THRESHOLD in mallopt(3)), which makes
-    operations on stacks of small matrices two to three times faster.
+    The memory allocator of the GNU C library (malloc) afterwards keeps the memory of freed arrays
+    up to this size for new arrays (M_MMAP_THRESHOLD in mallopt(3)). Operations on many small
+    matrices are then two to three times faster.
     """
     np.empty(_MALLOC_BYTES, dtype=np.uint8)

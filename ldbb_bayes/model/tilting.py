@@ -1,8 +1,9 @@
-"""Minimax tilting of Gaussian vectors that are truncated to an orthant.
+"""Minimax tilting: random draws of Gaussian vectors u given u ≥ 0, from a shifted density.
 
 The constraints are u = L (x − x₀) ≥ 0 with L (d, d) lower triangular and x (d,) standard normal.
-Each x_j is drawn at random above its lower limit, from a normal shifted by a tilt μ_j. The log
-importance weight (Φ is the standard normal distribution function)
+They are also written unit · x ≥ bound, where unit is L with each row divided by its diagonal entry,
+and bound = unit · x₀. Each x_j is drawn at random above its lower limit, from a normal density
+shifted by a tilt μ_j. The log importance weight (Φ is the standard normal distribution function)
 
     ψ(x, μ) = Σ_j ln Φ(−e_j) + ½ μ_j² − x_j μ_j,   e_j = bound_j − Σ_{k<j} L_jk x_k / L_jj − μ_j,
 
@@ -26,23 +27,26 @@ from ldbb_bayes.results import Array
 
 __all__ = ["ROUNDING", "SaddlePoint", "Tilted", "find_saddle_point", "least_distance_multipliers"]
 
-# The search for a saddle point ends when the relative size of the gradient is below this.
+# The search for the saddle point of the log importance weight ends when its gradient, relative to
+# the size of the gradient's terms, is below this. It is also a bound of rounding errors of ln P.
 ROUNDING = 1e-10
-# Most steps of Newton's method for the saddle point.
+# Largest number of steps of Newton's method for the saddle point of the log importance weight.
 _ITERATIONS = 60
 # Number of lengths that are tried for one step of Newton's method, each half of the one before.
 _HALVINGS = 20
-# Where the log probability is below minus this number, an inexact saddle point is good enough.
+# Where the log probability that all constraints hold is below minus this number, an inexact saddle
+# point is accepted, because such a probability is too small to matter.
 _NEGLIGIBLE_LOG_PROBABILITY = 1e7
-# Smaller uniform random numbers are replaced by this one, so that their logarithm is finite.
+# Uniform random numbers smaller than this are replaced by it, so that their logarithm is finite.
 _LEAST_UNIFORM = 1e-300
 
 
 class SaddlePoint(NamedTuple):
-    """Saddle points of w problems: coordinates x and tilts μ, each of shape (w, d).
+    """Saddle points of the log importance weights ψ(x, μ) of w problems.
 
-    A tilt μ_j is the shift of the normal density from which x_j is drawn at random. The last x_j
-    and the last μ_j are zero.
+    ``x`` are the d coordinates and ``tilt`` the tilts μ, each of shape (w, d). A tilt μ_j is the
+    shift of the normal density from which x_j is drawn at random. The last x_j and the last μ_j
+    are zero.
     """
 
     x: Array
@@ -52,7 +56,8 @@ class SaddlePoint(NamedTuple):
 class Proposal(NamedTuple):
     """Random draws from the shifted (tilted) density, and their log importance weights.
 
-    There are s draws for each of w problems: ``x`` has shape (d, s, w), ``log_weight`` (s, w).
+    There are s draws of d coordinates for each of w problems: ``x`` has shape (d, s, w). A weight
+    is ln (exact density / shifted density), up to a constant; ``log_weight`` has shape (s, w).
     """
 
     log_weight: Array
@@ -60,47 +65,56 @@ class Proposal(NamedTuple):
 
 
 class _Interval(NamedTuple):
-    """Probability that a standard normal variable is between two edges, and data for random draws.
+    """Probability that a standard normal variable is in an interval, and data for random draws.
 
-    Φ is the standard normal distribution function.
+    The interval is from a lower edge ``low`` to an upper edge ``high``, which may be infinite. Its
+    probability is the difference of two tail probabilities: left tails are used if the centre of
+    the interval is negative, else right tails, so that rounding errors are small.
     """
 
-    #: Logarithm of the probability between the edges, ln (Φ(high) − Φ(low)).
+    #: Logarithm of the probability of the interval, ln (Φ(high) − Φ(low)), where Φ is the standard
+    #: normal distribution function and low and high are the edges of the interval.
     log_mass: Array
-    #: Log probability of the larger tail: to the left of the upper edge if the centre of the
-    #: interval is negative, else to the right of the lower edge.
+    #: Log probability of the tail that contains the interval of a standard normal variable: left of
+    #: the upper edge if the centre of the interval is negative, else right of the lower edge.
     log_tail: Array
-    #: Probability of the smaller tail, beyond the other edge, divided by that of the larger tail.
-    #: None if the interval has no upper edge.
+    #: Probability of the tail beyond the interval, divided by that of the tail that contains the
+    #: interval too, of a standard normal variable. None if the interval has no upper edge.
     tail_ratio: Array | None
-    #: −1 where the centre of the interval is negative and left tails are used, else 1.
+    #: −1 where the centre of the interval is negative and left tails are used; 1 where right tails
+    #: are used.
     direction: Array | float
 
 
 class _ConvexFunction(NamedTuple):
     """Convex function whose minimum gives the saddle point, evaluated once for each of w problems.
 
-    Its value is ½ mᵀ C m − boundᵀ m + Σ_j (e_j m_j + ln Φ(−e_j)). Its argument m (w, d) are the
-    inverse Mills ratios m = φ(e) / Φ(−e) of the edges e, the lower limits of the shifted normals. φ
-    and Φ are the standard normal density and distribution function. C = unit unitᵀ − I,
-    shape (w, d, d), is the coupling of the constraints, whose rows of coefficients are ``unit``.
+    The problems have d constraints unit · x ≥ bound on a standard normal vector x. The value of the
+    function is ½ mᵀ C m − boundᵀ m + Σ_j (e_j m_j + ln Φ(−e_j)). Its argument m (w, d) are the
+    inverse Mills ratios m = φ(e) / Φ(−e) of the edges e, the lower limits of the shifted normal
+    variables. φ and Φ are the standard normal density and distribution function.
+    C = unit unitᵀ − I, shape (w, d, d), is the coupling of the constraints.
     """
 
-    #: Value of the function for each of w problems, shape (w,).
+    #: Value of the convex function for each of w problems, shape (w,).
     value: Array
-    #: Gradient of the function in the inverse Mills ratios, shape (w, d).
+    #: Derivatives of the convex function with respect to the d inverse Mills ratios of each of w
+    #: problems, shape (w, d).
     gradient: Array
-    #: Derivative of each inverse Mills ratio in its edge, between 0 and 1, shape (w, d).
+    #: Derivative of each inverse Mills ratio with respect to its edge, between 0 and 1, shape
+    #: (w, d).
     slope: Array
-    #: Largest element of the gradient, relative to the size of its terms, shape (w,).
+    #: Largest absolute element of the convex function's gradient, relative to the size of its
+    #: terms, for each of w problems, shape (w,).
     error: Array
 
 
 class _Edges(NamedTuple):
-    """Lower limits (edges) of the shifted normals at the saddle points of w problems.
+    """Lower limits (edges) of the shifted normal variables at the saddle points of w problems.
 
-    ``edge`` has shape (w, d). ``solved`` (w,) states whether the search succeeded, and ``value``
-    (w,) is the convex function at the edges.
+    ``edge`` holds them for the d variables of each problem, shape (w, d). ``solved`` (w,) states
+    whether the search succeeded, and ``value`` (w,) is the convex function, whose minimum gives the
+    saddle point, at these edges.
     """
 
     edge: Array
@@ -112,28 +126,34 @@ class Tilted(NamedTuple):
     """Batch of w problems, each with constraints on a standard normal vector x (d,).
 
     The d independent constraints are unit · x ≥ bound, with a lower triangular matrix ``unit``; the
-    tightest is first. The k rows beyond the rank are further constraints, dependent_mean +
-    dependent · x ≥ 0, which are linear combinations of the independent ones.
+    constraint most likely to fail is first. There may be k further constraints,
+    dependent_mean + dependent · x ≥ 0, which are linear combinations of the independent ones; they
+    are called rows beyond the rank.
     """
 
-    #: Lower triangular matrix of the independent constraints, with ones on its diagonal,
-    #: shape (d, d, w).
+    #: Lower triangular matrix of the d independent constraints unit · x ≥ bound on a standard
+    #: normal vector x, with ones on its diagonal, shape (d, d, w) for w problems.
     unit: Array
-    #: Lower bounds of the independent constraints, shape (d, w).
+    #: Lower bounds of the d independent constraints unit · x ≥ bound, shape (d, w) for w problems.
     bound: Array
-    #: Saddle point, about which the sampling density is centred, shape (d, w); its last is zero.
+    #: Vector x at the saddle point of the log importance weight, shape (d, w) for w problems; its
+    #: last element is zero.
     x: Array
-    #: Shift (tilt) of the density from which each x_j is drawn, shape (d, w); the last is zero.
+    #: Shift (tilt) of the normal density from which each of the d elements x_j is drawn at random,
+    #: shape (d, w) for w problems; the last one is zero.
     tilt: Array
-    #: Coefficients of x in the k constraints beyond the rank, shape (k, d, w).
+    #: Coefficients of x in the k further constraints, dependent_mean + dependent · x ≥ 0, which are
+    #: linear combinations of the independent ones, shape (k, d, w) for w problems.
     dependent: Array
-    #: Means of the k constraints beyond the rank, shape (k, w).
+    #: Means of the k further constraints, dependent_mean + dependent · x ≥ 0, which are linear
+    #: combinations of the independent ones, shape (k, w) for w problems.
     dependent_mean: Array
-    #: Index of the last x_j on which each constraint beyond the rank depends, shape (k, w).
+    #: Index of the last element x_j on which each of the k further constraints (linear combinations
+    #: of the independent ones) depends, shape (k, w) for w problems.
     last: Array
 
     def select(self, members: NDArray[np.intp]) -> Tilted:
-        """Return the batch of the problems with these indices."""
+        """Return the batch of the problems with the indices ``members``."""
         return Tilted(
             self.unit[..., members],
             self.bound[..., members],
@@ -148,8 +168,8 @@ class Tilted(NamedTuple):
     def log_bound(self) -> Array:
         """Upper bound of the log probability that all constraints hold, shape (w,).
 
-        It is the log importance weight at the saddle point, without the constraints that are linear
-        combinations of others.
+        The bound is the log importance weight at its saddle point. It does not consider constraints
+        that are linear combinations of others.
         """
         independent = self._replace(last=np.full_like(self.last, -1))
         return independent.log_weight(self.x[:, None])[0]
@@ -157,12 +177,18 @@ class Tilted(NamedTuple):
     def propose(self, uniform: Array, *, draw_last: bool = True) -> Proposal:
         """Return s random draws of x from the shifted density, with their log importance weights.
 
+        x is the standard normal vector of d elements of each of w problems. All draws satisfy the
+        constraints.
+
         Parameters
         ----------
         uniform
-            Uniform random numbers, shape (d, s, w) for w problems, or (d, s, 1) for all alike.
+            Uniform random numbers between 0 and 1, shape (d, s, w), or (d, s, 1) to use the same
+            ones in all problems. The last of the d numbers may be missing if ``draw_last`` is
+            false.
         draw_last
-            Whether the last x_j is drawn; weights do not depend on it.
+            Whether the last element of x is drawn; otherwise it is zero. Weights do not depend on
+            it.
         """
         d, w = self.bound.shape
         x = np.zeros((d, uniform.shape[1], w))
@@ -180,7 +206,8 @@ class Tilted(NamedTuple):
     def log_weight(self, x: Array) -> Array:
         """Return the log importance weights of s points for each of w problems, shape (s, w).
 
-        The points x have shape (d, s, w).
+        A weight is ln (exact density / shifted density), up to a constant. The points ``x`` are
+        vectors of d elements, shape (d, s, w).
         """
         log_mass = np.zeros(x.shape[1:])
         for j in range(len(x)):
@@ -195,10 +222,12 @@ class Tilted(NamedTuple):
     ) -> tuple[Array, Array | None]:
         """Return lower and upper limits of x_j − tilt_j, given x_k for all k < j.
 
-        They have shape (s, w) for s points of w problems. The upper limit is None if no constraint
-        beyond the rank has x_j as the last element on which it depends.
+        They are the limits that the constraints set. Each has the shape (s, w) for s points x of w
+        problems, or (1, w) if it is the same for all points. ``x`` has the shape (d, s, w). The
+        upper limit is None if no constraint bounds x_j from above; only constraints that are linear
+        combinations of others can do so.
         """
-        # The first constraint depends on x_0 alone, so its limit is the same for all points.
+        # The first constraint depends on x_0 alone, so its lower limit is the same for all points.
         explained = np.einsum("kw,ksw->sw", self.unit[j, :j], x[:j]) if j > 0 else 0.0
         low = np.atleast_2d(self.bound[j] - explained - self.tilt[j])
         rows = np.flatnonzero((self.last == j).any(axis=1))
@@ -222,7 +251,8 @@ class Tilted(NamedTuple):
 def _measure_interval(low: Array, high: Array | None) -> _Interval:
     """Return the probability that a standard normal variable is between ``low`` and ``high``.
 
-    The result also holds the tail probabilities from which random draws are computed.
+    ``high`` is None if there is no upper limit. The result also holds the tail probabilities from
+    which random draws in the interval are computed.
     """
     if high is None:
         log_tail = log_ndtr(-low)
@@ -238,10 +268,11 @@ def _measure_interval(low: Array, high: Array | None) -> _Interval:
 
 
 def _log_tail_share(interval: _Interval, uniform: Array) -> Array:
-    """Return the log tail probability of random points of a standard normal in an interval.
+    """Return the log tail probability at random points of a standard normal in an interval.
 
-    ``uniform`` random numbers make the tail probability uniform between its values at the two
-    edges.
+    The tail is to the left or to the right of a point, as ``interval.direction`` states. The tail
+    probability is uniform between its values at the two edges of the interval; ``uniform`` are the
+    random numbers between 0 and 1 that determine its position between them.
     """
     share = np.clip(uniform, _LEAST_UNIFORM, 1.0)
     if interval.tail_ratio is not None:
@@ -252,24 +283,27 @@ def _log_tail_share(interval: _Interval, uniform: Array) -> Array:
 def find_saddle_point(unit: Array, bound: Array) -> SaddlePoint:
     """Return the saddle points of the log importance weight ψ(x, μ) for w problems.
 
-    μ are the tilts, the shifts of the normals from which x is drawn; at the saddle point they are
-    best. Both derivatives of ψ are zero where x = unitᵀ m and μ = x − m, with the inverse Mills
-    ratios m_j = φ(e_j) / Φ(−e_j). φ and Φ are the standard normal density and distribution
-    function. The edges e solve e + (unit unitᵀ − I) m = bound, by Newton's method. Where the log
-    probability is below about −1e7, too small to matter, the saddle point may be approximate.
+    Each problem has d constraints unit · x ≥ bound on a standard normal vector x. μ are the tilts,
+    the shifts of the normal densities from which x is drawn at random; those at the saddle point
+    give the smallest bound of the weights. The derivatives of ψ with respect to x and μ are zero
+    where x = unitᵀ m and μ = x − m, with the inverse Mills ratios m_j = φ(e_j) / Φ(−e_j). φ and Φ
+    are the standard normal density and distribution function. The edges e, the lower limits of the
+    shifted variables, solve e + (unit unitᵀ − I) m = bound, which is done by Newton's method. Where
+    the log probability of the constraints is below about −1e7, too small to matter, the saddle
+    point may be approximate.
 
     Parameters
     ----------
     unit
-        Rows of the constraints, divided by their diagonal entries: L_jk / L_jj, shape (w, d, d).
+        Lower triangular matrices of the constraints, with ones on their diagonals, shape (w, d, d).
     bound
-        Bounds of the rows, shape (w, d).
+        Lower bounds of the constraints, shape (w, d).
 
     Returns
     -------
     SaddlePoint
-        x and μ, each of shape (w, d). The last x_j and the last μ_j are zero, because they do not
-        change the bound of ψ.
+        Coordinates x and tilts μ, each of shape (w, d). The last x_j and the last μ_j are zero,
+        because they do not change the bound of ψ.
 
     Raises
     ------
@@ -288,10 +322,12 @@ def find_saddle_point(unit: Array, bound: Array) -> SaddlePoint:
 
 
 def _edges_at_saddle_point(unit: Array, bound: Array) -> Array:
-    """Return the lower limits (edges) of the shifted normals at w saddle points, shape (w, d).
+    """Return the lower limits (edges) of the shifted normal variables at w saddle points, (w, d).
 
-    Newton's method starts from the bounds. Where it fails, it starts once more, from the most
-    probable point that meets the constraints.
+    The constraints of each problem are unit · x ≥ bound, with ``unit`` (w, d, d) and ``bound``
+    (w, d). Newton's method starts from the bounds. Where it fails, it starts once more, from the
+    most probable x that meets the constraints. Raise an `InputError` where it fails again, unless
+    the probability of the constraints is too small to matter.
     """
     coupling = unit @ np.swapaxes(unit, 1, 2) - np.eye(bound.shape[1])
     edge, solved, _ = _solve_edges(coupling, bound, bound)
@@ -318,9 +354,9 @@ def _solve_edges(
 ) -> _Edges:
     """Solve e + C m(e) = bound for the edges e of w problems, by Newton's method.
 
-    m(e) are the inverse Mills ratios of the edges and C (w, d, d) is ``coupling``. ``bound`` and
-    the first edges, ``start``, have shape (w, d). A step is halved until it reduces the convex
-    function or the relative size of its gradient.
+    m(e) are the inverse Mills ratios of the edges, and C is ``coupling``, shape (w, d, d).
+    ``bound`` and the edges from which the search starts, ``start``, have the shape (w, d). A step
+    is halved until it reduces the value of `_ConvexFunction` or the relative size of its gradient.
     """
     edge = np.array(start)
     current = _evaluate_convex_function(coupling, bound, edge)
@@ -356,9 +392,12 @@ def _edges_of_nearest_point(
     unit: Array,
     bound: Array,
 ) -> Array:
-    """Return the edges at the most probable point that meets the constraints, shape (d,).
+    """Return the edges at the most probable x that meets the constraints of a problem, (d,).
 
-    Newton's method for the saddle point starts from this point if it fails from the bounds.
+    The constraints are unit · x ≥ bound on a standard normal vector x, with ``unit`` (d, d),
+    ``bound`` (d,) and ``coupling`` = unit unitᵀ − I. The edges are the lower limits of the shifted
+    normal variables. Newton's method for the saddle point starts from them if it fails from the
+    bounds.
     """
     binding = np.flatnonzero(least_distance_multipliers(unit, bound))
     block = coupling[np.ix_(binding, binding)] + np.eye(len(binding))
@@ -376,7 +415,8 @@ def _evaluate_convex_function(
 ) -> _ConvexFunction:
     """Return the convex function whose minimum gives the saddle point, with its derivatives.
 
-    It is evaluated at the edges ``edge`` (w, d) of w problems, by the formula of `_ConvexFunction`.
+    The formula is that of `_ConvexFunction`. It is evaluated for w problems at the edges ``edge``
+    (w, d), with the bounds ``bound`` (w, d) and the matrices C = ``coupling`` (w, d, d).
     """
     mills = _inverse_mills(edge)
     coupled_mills = np.einsum("wij,wj->wi", coupling, mills)
@@ -392,7 +432,7 @@ def _evaluate_convex_function(
 def _inverse_mills(edge: Array) -> Array:
     """Return the inverse Mills ratio φ(edge) / Φ(−edge) of the standard normal.
 
-    φ is its density and Φ its distribution function.
+    φ is the density and Φ the distribution function of the standard normal.
     """
     with np.errstate(over="ignore"):
         return np.asarray(np.sqrt(2.0 / np.pi) / erfcx(edge / np.sqrt(2.0)))
@@ -401,16 +441,17 @@ def _inverse_mills(edge: Array) -> Array:
 def least_distance_multipliers(unit: Array, bound: Array) -> Array:
     """Return the Lagrange multipliers of the point x nearest to zero with unit · x ≥ bound.
 
-    There is one multiplier for each of the d constraints, zero or positive, known up to a common
-    factor. It is zero where the constraint holds without equality. The problem is solved by
-    non-negative least squares (Lawson and Hanson, Solving Least Squares Problems, ch. 23).
+    There is one multiplier for each of the d constraints, shape (d,). It is zero if the nearest
+    point x satisfies the constraint without equality, and positive otherwise. All multipliers are
+    known only up to a common factor. The problem is solved by non-negative least squares (Lawson
+    and Hanson, Solving Least Squares Problems, ch. 23).
 
     Parameters
     ----------
     unit
-        Rows, shape (d, q), of the constraints unit · x ≥ bound on x (q,).
+        Rows of coefficients of the d constraints unit · x ≥ bound on x (q,), shape (d, q).
     bound
-        Bounds, shape (d,).
+        Lower bounds of the d constraints, shape (d,).
     """
     largest_bound = max(1.0, float(np.abs(bound).max()))
     rows = np.vstack([unit.T, bound / largest_bound])
