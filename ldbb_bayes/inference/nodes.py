@@ -32,70 +32,82 @@ from ldbb_bayes.units import value_and_uncertainty
 
 __all__ = ["Evidence", "HyperPosterior", "Nodes"]
 
-# Step of the central differences by the hyper-parameters, in unbounded coordinates such as their
-# logarithms.
+# Step of the central differences by which the log density is differentiated with respect to the
+# hyper-parameters. It is in their unbounded coordinates, mostly ln(value − lower bound).
 _DIFFERENCE_STEP = 0.05
-# Least curvature of the log density, in unbounded coordinates of the hyper-parameters, that is used
-# in any direction.
+# Curvatures (negative second derivatives) of the log density below this count as this value in
+# every direction. They are in unbounded coordinates of the hyper-parameters, such as their
+# logarithms.
 _LEAST_CURVATURE = 0.3
-# Number of starting points of the search for modes of the posterior, and number of the best of them
-# that are considered.
+# The search for modes (maxima) of the posterior of the hyper-parameters begins with ``_STARTS``
+# points. Only the ``_BEST_STARTS`` points of highest density are considered further.
 _STARTS = 256
 _BEST_STARTS = _STARTS // 4
-# Largest number of starting points from which the search for modes climbs uphill.
+# Largest number of points from which the search for modes (maxima) of the posterior climbs uphill.
 _BASINS = 3
-# Starting points, and modes, count as separate if their distance in unbounded coordinates of the
-# hyper-parameters exceeds this.
+# Starting points of the search for modes (maxima) of the posterior, and the modes found, count as
+# separate if they are farther apart than this. The distance is in unbounded coordinates of the
+# hyper-parameters, such as their logarithms.
 _SEPARATION = 1.5
-# A maximum of the log density is negligible if it is lower than the highest one by more than this
-# [nat].
+# A maximum of the log posterior density of the hyper-parameters is negligible if it is lower than
+# the highest maximum by this or more [nat].
 _NEGLIGIBLE_DEPTH = 12.0
-# Largest number of hyper-parameters for which maxima with one of them held near zero are sought
-# (see `HyperPosterior._corners`).
+# Maxima of the posterior density with one hyper-parameter (scale of the noise or of another effect)
+# held near zero are sought only if the model has at most this number of hyper-parameters.
 _LARGEST_CORNER_DIMENSION = 5
-# Distance below the mode, in its unbounded coordinate, at which one hyper-parameter is held when
-# maxima of the density near zero are sought.
+# When maxima of the posterior density with one hyper-parameter held near zero are sought, its
+# logarithm (unbounded coordinate) is held at this distance below its value at the mode.
 _BELOW_MODE = 3.0
-# Tolerance of the log evidence [nat], and step in standard deviations, of coarse nodes.
+# Coarse nodes are weighted values of the hyper-parameters for which a rough integral suffices:
+# tolerance of the log evidence from them [nat], and step of their lattice in standard deviations.
 _COARSE_TOLERANCE = 0.2
 _COARSE_STEP = 1.25
-# The lightest nodes are left out where the probability that no compliance is negative is computed.
-# Their share of the integral is at most the tolerance divided by this.
+# The probability that no compliance is negative is not computed at the nodes (values of the
+# hyper-parameters) of smallest weight. Their share of the integral is at most the tolerance [nat]
+# divided by this.
 _PARTS_OF_TOLERANCE = 20.0
-# Largest share of the integral in nodes that are left out, whatever the tolerance.
+# Largest share of the integral in nodes at which the probability that no compliance is negative is
+# not computed, whatever the tolerance.
 _LARGEST_LEFT_OUT = 5e-4
 # The log probability that no compliance is negative is computed to a quarter of the tolerance, but
 # never better than this [nat].
 _FINEST_TOLERANCE = 1e-3
-# Share of the tolerance allowed to the error of the nodes, where the probability that no compliance
-# is negative also has an error.
+# If nodes (weighted values of the hyper-parameters) miss the tolerance only because the computed
+# probability that no compliance is negative has an error too, new nodes are computed to this share
+# of the tolerance.
 _NODES_SHARE = 0.7
-# Means and variances of parameters are computed without the lightest nodes, which hold this share
+# Means and variances of parameters are averages over nodes, that is, weighted values of the
+# hyper-parameters. The nodes of smallest weight are left out; together they hold at most this share
 # of the weight.
 _SPARE = 1e-7
-# Number of Gaussians in the mixture from which quantiles of parameters are computed.
+# Quantiles of parameters are those of a mixture of this number of Gaussians, one for each of as
+# many values of the hyper-parameters.
 _COMPONENTS = 8192
-# Least standard deviation of a Gaussian in the mixture from which quantiles are computed, as a
-# share of the standard deviation of the means of all Gaussians.
+# Quantiles of parameters are those of a mixture of Gaussians. The standard deviation of each counts
+# as at least this share of the standard deviation of the means of all the Gaussians.
 _LEAST_SD_SHARE = 1e-6
 
 
 class HyperPosterior:
     """Posterior density of the hyper-parameters φ given the readings y, in unbounded coordinates.
 
-    Unbounded coordinates, here called free, are mostly ln(φ − lower bound).
+    φ are the h scales of the noise and of other effects. Unbounded coordinates, here called free,
+    are mostly ln(φ − lower bound).
 
     Parameters
     ----------
     bound : BoundModel
-        The model bound to its campaign.
+        The model applied to its campaign.
     truncated : bool
-        Whether to include P(T | y, φ), the probability that no compliance is negative (whether or
-        not the model requires it).
+        Whether the density is conditional on no compliance being negative, whether or not the model
+        requires it. It then contains P(T | y, φ), the probability of this condition T given y and
+        φ.
     seed : int
-        Seed of the starting points of the search and of the quasi-random points of P(T | y, φ).
+        Seed of the starting points of the search for modes, and of the quasi-random points from
+        which P(T | y, φ) is computed.
     near : ndarray, shape (h,), optional
-        Free coordinates of the mode of a density much like this one; saves the search for the mode.
+        Free coordinates of the mode of a density much like this one, which saves the search for the
+        mode.
     """
 
     def __init__(
@@ -109,10 +121,10 @@ class HyperPosterior:
 
     @cached_property
     def modes(self) -> list[tuple[Array, Array]]:
-        """All maxima of the density that are not negligible, the highest first.
+        """All modes (maxima) of the density that are not negligible, the highest first.
 
-        Each is a pair: the mode, shape (h,), and a square root, shape (h, h), of the inverse of
-        minus the Hessian of the log density at the mode.
+        Each is a pair: the mode in unbounded coordinates of the h hyper-parameters, shape (h,), and
+        a square root, shape (h, h), of the inverse of minus the Hessian of the log density there.
         """
         summits = []
         for start in self._starts():
@@ -129,24 +141,30 @@ class HyperPosterior:
 
     @property
     def mode(self) -> Array:
-        """The highest maximum of the density, shape (h,), in unbounded coordinates."""
+        """The highest maximum of the density, in unbounded coordinates of φ, shape (h,).
+
+        φ are the h hyper-parameters (scales of the noise and of other effects).
+        """
         return self.modes[0][0]
 
     def given(self, free: Array) -> tuple[Array, ParameterConditional]:
-        """Return ln p(y | φ), shape (w,), and the Gaussians p(β | y, φ) at w points.
+        """Return ln p(y | φ), shape (w,), and the Gaussian densities p(β | y, φ) for w values of φ.
 
-        y are the readings, β the parameters and φ the hyper-parameters. ``free`` holds φ in
-        unbounded coordinates, shape (w, h).
+        y are the readings, β the parameters (compliances, slopes, geometric errors), and φ the
+        hyper-parameters (scales of the noise and of other effects). ``free``, shape (w, h), holds φ
+        in unbounded coordinates. The Gaussians are not restricted to compliances that are not
+        negative.
         """
         return self.bound.given(self.bound.hyper_prior.phi(free))
 
     def log_density(self, free: Array, *, smooth: bool = False) -> Array:
         """Return the joint log density of readings and hyper-parameters at w points, shape (w,).
 
-        ``free`` holds the hyper-parameters φ in unbounded coordinates, shape (w, h). With
-        truncation, the log probability ln P(T | y, φ) that no compliance is negative, given φ and
-        the readings y, is added. If ``smooth``, the upper bound of this probability is used
-        instead, which is cheaper to compute and a smooth function of φ.
+        ``free``, shape (w, h), holds w values of the hyper-parameters φ (scales of the noise and of
+        other effects) in unbounded coordinates. If this density is ``truncated``, the log
+        probability that no compliance is negative, given φ and the readings, is added. If
+        ``smooth``, an upper bound of this probability is used instead, which is cheaper to compute
+        and a smooth function of φ.
         """
         log_density = self.bound.hyper_prior.log_density_of_free(free)
         finite = np.isfinite(log_density)
@@ -167,10 +185,12 @@ class HyperPosterior:
     def nodes(self, tolerance: float = 1e-3) -> Nodes:
         """Return weighted nodes that integrate the density to this tolerance [nat].
 
-        The nodes are values of the hyper-parameters. With truncation, the nodes of the density
-        without truncation are used first. Their weights are multiplied by the probability that no
-        compliance is negative. If that misses the tolerance, nodes of the truncated density are
-        computed.
+        The nodes are values of the hyper-parameters (scales of the noise and of other effects); the
+        tolerance is the error asked for of the log integral. If this density is ``truncated``, the
+        nodes of the density that allows negative compliances are used first. Their weights are
+        multiplied by the probability that no compliance is negative. If the result misses the
+        tolerance, nodes of the truncated density itself are computed. The better nodes are
+        returned.
         """
         if not self.truncated:
             return Nodes(self, self._integral(tolerance))
@@ -186,7 +206,11 @@ class HyperPosterior:
         return nodes
 
     def _integral(self, tolerance: float) -> Integral:
-        """Return the integral of the smooth posterior density, computed once for each tolerance."""
+        """Return the integral of the smooth posterior density, computed once for each tolerance.
+
+        Smooth means that a probability that no compliance is negative, if the density contains one,
+        is replaced by its upper bound. The tolerance is that of the log integral [nat].
+        """
         if tolerance not in self._integrals:
             self._integrals[tolerance] = integrate(
                 self._smooth, self.modes, tolerance=tolerance, seed=self._seed
@@ -206,17 +230,20 @@ class HyperPosterior:
     ) -> Nodes:
         """Return nodes of a density multiplied by the probability that no compliance is negative.
 
-        The probability is P(T | y, φ), given the readings y and the hyper-parameters φ.
+        Nodes are weighted values of the hyper-parameters φ (scales of the noise and of other
+        effects). The probability is P(T | y, φ): that of the condition T that no compliance is
+        negative, given the readings y and φ.
 
         Parameters
         ----------
         integral : Integral
-            Integral of the density without truncation.
+            Integral of the density that allows negative compliances, with its nodes.
         tolerance : float
-            Error asked for [nat].
+            Error of the log integral asked for [nat].
         orthant : callable, optional
-            Function that takes indices of nodes and returns the problems from which P(T | y, φ) is
-            computed there. By default these are computed from the nodes.
+            Function that takes indices of nodes, shape (k,), and returns the numerical problems
+            from which P(T | y, φ) is computed there. Default: they follow from the parameters'
+            density given the hyper-parameters at the node.
         bounded : bool
             Whether ``integral`` already contains the upper bound of P(T | y, φ), which is then
             replaced by P(T | y, φ) itself.
@@ -243,24 +270,25 @@ class HyperPosterior:
 
         spare = min(tolerance / _PARTS_OF_TOLERANCE, _LARGEST_LEFT_OUT)
         truncated = integral.times(log_factor_in_chunks, spare)
-        # Errors of the probabilities at the nodes add up, as all nodes use the same quasi-random
-        # points.
+        # The errors of P(T | y, φ) at all nodes add up with the nodes' weights, as they come from
+        # the same quasi-random points.
         error = float(truncated.weight @ np.where(truncated.weight > 0.0, errors, 0.0))
         return Nodes(self, truncated, error)
 
     @cached_property
     def plain(self) -> HyperPosterior:
-        """The same density without truncation: compliances may be negative."""
+        """The same density of the hyper-parameters, but with negative compliances allowed."""
         if not self.truncated:
             return self
         return HyperPosterior(self.bound, truncated=False, seed=self._seed, near=self._near)
 
     @cached_property
     def proposal(self) -> Integral:
-        """Importance sample with a fitted mixture, from which further points can be drawn.
+        """Importance sample of the hyper-parameters, drawn from a mixture fitted to this density.
 
-        The points are values of the hyper-parameters. With truncation, the probability that no
-        compliance is negative is replaced by its upper bound.
+        Further values of the hyper-parameters can be drawn from the mixture. If this density is
+        ``truncated``, the probability that no compliance is negative is replaced by its upper
+        bound.
         """
         modes = [*self.modes, *self._corners()]
         return importance_sample(
@@ -269,10 +297,10 @@ class HyperPosterior:
 
     @cached_property
     def coarse(self) -> Integral:
-        """Coarse nodes of the posterior density of the hyper-parameters.
+        """Coarse nodes of this density: weighted values of the hyper-parameters.
 
-        With truncation, the probability that no compliance is negative is replaced by its upper
-        bound.
+        Their log integral has a tolerance of 0.2 nat. If this density is ``truncated``, the
+        probability that no compliance is negative is replaced by its upper bound.
         """
         return integrate(
             self._smooth,
@@ -284,25 +312,27 @@ class HyperPosterior:
 
     @cached_property
     def coarse_truncated(self) -> Integral:
-        """Coarse nodes, weighted by the exact probability that no compliance is negative.
+        """Coarse nodes of this density: values of the hyper-parameters with their exact weights.
 
-        The nodes are values of the hyper-parameters.
+        They are those of `coarse`. If this density is ``truncated``, the weights contain the
+        probability that no compliance is negative itself, not its upper bound.
         """
         return self._replace_bound(self.coarse)
 
     @cached_property
     def sample_nodes(self) -> Integral:
-        """Points of ``proposal``, weighted by the exact probability that no compliance is negative.
+        """Points of `proposal`, that is, values of the hyper-parameters, with their exact weights.
 
-        Without truncation, the weights are those of ``proposal``.
+        If this density is ``truncated``, the weights contain the probability that no compliance is
+        negative itself, not its upper bound. Otherwise they are those of `proposal`.
         """
         return self._replace_bound(self.proposal)
 
     def _replace_bound(self, integral: Integral) -> Integral:
         """Return an integral with the exact probability that no compliance is negative.
 
-        It replaces the upper bound of this probability, which ``integral`` contains. Without
-        truncation, the integral is returned unchanged.
+        This probability replaces its upper bound in the weights of ``integral``. If this density is
+        not ``truncated``, the integral is returned unchanged.
         """
         if not self.truncated:
             return integral
@@ -311,7 +341,9 @@ class HyperPosterior:
     def _starts(self) -> list[Array]:
         """Return the points from which the search for modes climbs.
 
-        They are the best of many starting points, at most three, at a distance from each other.
+        They are points of high density among many starting points: at most three, not close to each
+        other. If the mode of a similar density was given, it is the only point. Each is in
+        unbounded coordinates of the hyper-parameters, shape (h,).
         """
         if self._near is not None:
             return [self._near]
@@ -326,11 +358,12 @@ class HyperPosterior:
         return basins
 
     def _corners(self) -> list[tuple[Array, Array]]:
-        """Return maxima of the density with one hyper-parameter held near zero.
+        """Return the maxima of the density with one hyper-parameter held near zero, each in turn.
 
-        Other hyper-parameters compensate for the one held. The form is that of `modes`. Where a
-        hyper-parameter no longer matters, the log density falls by one per unit of its free
-        coordinate.
+        The other hyper-parameters compensate for the one held. Each maximum is a pair as in
+        `modes`: its point in unbounded coordinates, shape (h,), and a square root of the inverse of
+        minus the Hessian there. The density does not end there: near zero, where a hyper-parameter
+        no longer matters, the log density falls only by one per unit of its unbounded coordinate.
         """
         corners: list[tuple[Array, Array]] = []
         dimensions = len(self.mode)
@@ -347,9 +380,10 @@ class HyperPosterior:
         return corners
 
     def _derivatives_along(self, free_axes: Array) -> Callable[[Array], tuple[Array, Array]]:
-        """Return a function for gradient and Hessian, zero except in the given coordinates.
+        """Return a function that gives gradient and Hessian of the log density at a point.
 
-        ``free_axes``, shape (h,), states which coordinates those are.
+        Both are zero except in some of the h unbounded coordinates of the hyper-parameters:
+        ``free_axes``, booleans of shape (h,), states in which.
         """
 
         def derivatives(point: Array) -> tuple[Array, Array]:
@@ -367,14 +401,18 @@ class HyperPosterior:
 
 
 def _is_separate(point: Array, points: list[Array]) -> bool:
-    """Return whether a point is far enough from all other points to count as a separate one."""
+    """Return whether a point is far enough from all of ``points`` to count as a separate one.
+
+    Points are values of the hyper-parameters in unbounded coordinates, shape (h,).
+    """
     return all(np.linalg.norm(point - other) > _SEPARATION for other in points)
 
 
 def _inverse_root(hessian: Array) -> Array:
-    """Return a square root, shape (h, h), of the inverse of minus the Hessian.
+    """Return a square root, shape (h, h), of the inverse of minus the Hessian of a log density.
 
-    Eigenvalues of minus the Hessian below the least curvature are raised to that value.
+    Eigenvalues of minus the Hessian, shape (h, h), that are below 0.3 are first raised to that
+    value.
     """
     curvature, vectors = np.linalg.eigh(-hessian)
     return np.asarray(vectors / np.sqrt(np.maximum(curvature, _LEAST_CURVATURE)))
@@ -387,14 +425,17 @@ class Evidence:
     #: log evidence ln Z: the log density of the readings in mm under the model; only differences
     #: between models of the same readings have a meaning
     log_value: float
-    #: error of the log evidence [nat]; infinite where the nodes' weights cannot be trusted
+    #: error of the log evidence [nat]; infinite if the weights of the nodes cannot be trusted
     error: float
     nodes: int  #: number of nodes of the quadrature over the hyper-parameters
     sha256: str  #: digest (SHA-256) of the readings
 
     @property
     def trusted(self) -> bool:
-        """Whether the weights of the nodes, and so the log evidence, can be trusted."""
+        """Whether the log evidence can be trusted: its error is finite.
+
+        It is not if the weights of the nodes over the hyper-parameters cannot be trusted.
+        """
         return bool(np.isfinite(self.error))
 
     def __repr__(self) -> str:
@@ -403,10 +444,18 @@ class Evidence:
 
 
 class _ConditionalMoments(NamedTuple):
-    """Means and variances of the parameters, given hyper-parameters at w points."""
+    """Means and variances of the parameters, given each of w values of the hyper-parameters.
 
-    mean: Array  #: means of the p parameters, shape (w, p)
-    variance: Array  #: variances of the p parameters, shape (w, p)
+    The parameters are compliances, slopes and geometric errors; they are also conditional on the
+    readings.
+    """
+
+    #: posterior means of the p parameters given each of w values of the hyper-parameters, shape
+    #: (w, p)
+    mean: Array
+    #: posterior variances of the p parameters given each of w values of the hyper-parameters, shape
+    #: (w, p)
+    variance: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -416,9 +465,10 @@ class Nodes:
     Parameters
     ----------
     posterior : HyperPosterior
-        The density that the nodes represent.
+        The posterior density of the hyper-parameters that the nodes represent.
     integral : Integral
-        The nodes and their weights.
+        The nodes, which are values of the hyper-parameters in unbounded coordinates, and their
+        weights.
     truncation_error : float
         Error of the log evidence that is due to the computed probabilities that no compliance is
         negative [nat].
@@ -430,15 +480,16 @@ class Nodes:
 
     @property
     def bound(self) -> BoundModel:
-        """The model bound to its campaign."""
+        """The model of which these are nodes, applied to its campaign."""
         return self.posterior.bound
 
     @property
     def error(self) -> float:
         """Error of the log evidence [nat].
 
-        It includes the error of the nodes. With truncation, it also includes the errors of the
-        probability that no compliance is negative, under the posterior and under the prior.
+        It includes the error of the integral over the nodes. If compliances must not be negative,
+        it also includes the errors of the log probability of this condition, under the posterior
+        and under the prior.
         """
         error = self.integral.error + self.truncation_error
         if not self.posterior.truncated:
@@ -448,9 +499,10 @@ class Nodes:
     def meet(self, tolerance: float) -> bool:
         """Return whether the nodes are fine enough for this tolerance of the log evidence [nat].
 
-        With truncation, the probability that no compliance is negative also has an error. The error
-        of the nodes must not exceed the tolerance minus that error. If that error is half the
-        tolerance or more, the error of the nodes alone must not exceed the tolerance.
+        The error of the integral over the nodes must not exceed the tolerance minus the truncation
+        error, which is the error of the log probability that no compliance is negative. If the
+        truncation error is half the tolerance or more, finer nodes would hardly help; then the
+        error of the integral alone must not exceed the tolerance.
         """
         if self.truncation_error >= tolerance / 2.0:
             return self.integral.error <= tolerance
@@ -460,8 +512,9 @@ class Nodes:
     def evidence(self) -> Evidence:
         """Log evidence ln Z = ln ∫ p(y | φ) p(φ) dφ, for readings y and hyper-parameters φ.
 
-        With truncation (no compliance is negative), ln P(T | y) − ln P(T) is added, where P(T | y)
-        and P(T) are the posterior and the prior probability that no compliance is negative.
+        φ are the scales of the noise and of other effects. If compliances must not be negative
+        (truncation), ln P(T | y) − ln P(T) is added, where P(T | y) and P(T) are the posterior and
+        the prior probability that no compliance is negative.
         """
         log_value = self.integral.log_integral
         if self.posterior.truncated:
@@ -469,9 +522,10 @@ class Nodes:
         return Evidence(log_value, self.error, len(self.integral.weight), self._digest())
 
     def _digest(self) -> str:
-        """Return the digest (SHA-256) of the readings.
+        """Return the digest (SHA-256) of the readings from which the nodes were computed.
 
-        Where tests are left out, the digest also covers the names of the tests that remain.
+        If tests of the campaign are left out, the digest also covers the names of the tests that
+        remain.
         """
         campaign = self.bound.campaign
         names = self.bound.test_names
@@ -480,21 +534,23 @@ class Nodes:
         return hashlib.sha256("\n".join([campaign.sha256, *names]).encode()).hexdigest()
 
     def draw(self, size: int, rng: np.random.Generator) -> tuple[Array, Array]:
-        """Return random draws of parameters, shape (size, p), and of hyper-parameters, (size, h).
+        """Return posterior draws of parameters, shape (size, p), and hyper-parameters, (size, h).
 
-        Hyper-parameters [mm] are picked from the nodes by their weights, and parameters are drawn
-        given these.
+        Hyper-parameters (scales of the noise and of other effects) [mm] are picked from the nodes
+        by their weights. Parameters (compliances, slopes, geometric errors) are drawn at random
+        given these and the readings.
         """
         free = self.integral.pick(size, rng)
         beta = draw_parameters_given(self.bound, free, rng)
         return beta, self.bound.hyper_prior.phi(free)
 
     def moments(self, *, spare: float = _SPARE, points: int = 512) -> tuple[Array, Array]:
-        """Return mean and standard deviation of the p parameters, each of shape (p,).
+        """Return posterior mean and standard deviation of the p parameters, each of shape (p,).
 
-        Moments given the hyper-parameters are averaged over the nodes, without the lightest nodes,
-        which hold the share ``spare`` of the weight. If compliances must not be negative, the
-        moments given the hyper-parameters are computed from ``points`` quasi-random points.
+        Means and variances given the hyper-parameters are averaged over the nodes (weighted values
+        of the hyper-parameters). The nodes of smallest weight, which together hold at most the
+        share ``spare`` of the weight, are left out. If compliances must not be negative, means and
+        variances given the hyper-parameters are computed from ``points`` quasi-random points.
         """
         free, weight = self.integral.heaviest(spare)
 
@@ -507,11 +563,13 @@ class Nodes:
         return mean, np.sqrt(weight @ (conditional.variance + (conditional.mean - mean) ** 2))
 
     def quantiles(self, levels: Array, *, seed: int, components: int = _COMPONENTS) -> Array:
-        """Return quantiles of the p parameters, shape (levels, p).
+        """Return posterior quantiles of the p parameters at the probabilities ``levels``.
 
-        They are the quantiles of a mixture of Gaussians: the densities of the parameters given
-        hyper-parameters that are picked from the nodes. If compliances must not be negative, each
-        Gaussian is also conditional on random draws of the components that this restricts.
+        The result has the shape (levels, p). They are the quantiles of a mixture of Gaussians: the
+        densities of a parameter given each of ``components`` values of the hyper-parameters, which
+        are picked from the nodes by their weights. If compliances must not be negative, the
+        components of the parameters that this restricts are drawn at random, and each Gaussian is
+        also conditional on them.
         """
         rng = np.random.default_rng(seed)
 
@@ -528,11 +586,13 @@ class Nodes:
     def _moments_given(
         self, free: Array, along_axes: Callable[[Orthant], tuple[Array, Array]]
     ) -> _ConditionalMoments:
-        """Return means and variances of the parameters, given hyper-parameters at w points.
+        """Return means and variances of the parameters, given each of w hyper-parameter values.
 
-        ``free`` holds the hyper-parameters in unbounded coordinates, shape (w, h). If compliances
-        must not be negative, ``along_axes`` returns mean and covariance of the parameters' standard
-        coordinates along the directions that this restricts.
+        ``free``, shape (w, h), holds the hyper-parameters in unbounded coordinates. Standard
+        coordinates are those in which the Gaussian density of the parameters given the
+        hyper-parameters is N(0, I). If compliances must not be negative, this restricts standard
+        coordinates along d directions. ``along_axes`` then returns their mean, shape (w, d), and
+        covariance, shape (w, d, d).
         """
         means = []
         variances = []

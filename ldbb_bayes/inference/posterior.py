@@ -44,9 +44,10 @@ __all__ = [
     "to_units",
 ]
 
-# Groups of arrays that a file must have to be a posterior.
+# Groups of arrays that the tree of a posterior, or a file of one, must have.
 _GROUPS = ("posterior", "sample_stats", "observed_data", "constant_data", "provenance")
-# Dimensions of the arrays of a posterior that are not random draws, by name of the array.
+# Dimensions of the arrays in the tree of a posterior that are not random draws, by name of the
+# array. ``test`` counts the tests, ``reading`` the readings of all tests.
 _DIMENSIONS = {
     "force_N": ["test"],
     "pressure_bar": ["test"],
@@ -60,6 +61,7 @@ _DIMENSIONS = {
     "reading_mm": ["reading"],
     "reference_force_N": [],
 }
+# Units of arrays in the tree of a posterior, by name of the array.
 _UNITS = {
     "force_N": "N",
     "pressure_bar": "bar",
@@ -67,15 +69,17 @@ _UNITS = {
     "angle_rad": "rad",
     "radius_mm": "mm",
 }
-# Fields of a test that are arrays; they are kept in the group constant_data, not in the record.
+# Fields of a test that are arrays. In a posterior they are kept in the group constant_data, not in
+# the JSON record of the campaign.
 _ARRAY_FIELDS = ("angle_deg", "reading_um", "angle_rad", "reading_mm")
-# Angles [°] given to a foreseen test, as the record of a posterior has no angles of such tests.
+# Angles [°] given to a foreseen test (one that the campaign plans for later), as the record of a
+# posterior has no angles of such tests.
 _ANY_CIRCLE_DEG = np.arange(0.0, 360.0, 10.0)
-# A file counts as damaged if its arrays have more bytes than ``_LARGEST_EXPANSION`` times the size
-# of the file plus ``_SMALL_FILE_BYTES``.
+# The file of a posterior counts as damaged if its arrays, expanded, would have more bytes than
+# ``_LARGEST_EXPANSION`` times the size of the file plus ``_SMALL_FILE_BYTES``.
 _LARGEST_EXPANSION = 20
 _SMALL_FILE_BYTES = 2**20
-# Largest number of characters that are quoted from the error message of a library.
+# Largest number of characters that are quoted from a library's error message on an unreadable file.
 _LONGEST_REASON = 120
 
 
@@ -85,7 +89,8 @@ def build_tree(
     """Return a DataTree with groups of arrays, and a record as JSON in the group ``provenance``.
 
     ``groups`` holds arrays by group and by name. Arrays of random draws have the shape (chains,
-    draws, …).
+    draws, …). ``bound``, the model applied to its campaign, gives names and units. ``record``
+    states what was fitted and how.
     """
     from arviz_base import from_dict  # imported here, because it loads Matplotlib
 
@@ -145,7 +150,7 @@ def save(posterior: xr.DataTree, path: str | os.PathLike[str]) -> Path:
 
 
 def _no_lock_of_dask() -> AbstractContextManager[Any]:
-    """Return a context in which xarray asks no cluster of Dask for a lock.
+    """Return a context in which xarray does not ask a cluster of Dask workers for a file lock.
 
     No lock is needed, as the file is first written to the memory of this process.
     """
@@ -207,7 +212,10 @@ def load(path: str | os.PathLike[str]) -> xr.DataTree:
 
 
 def _read_tree(source: Path) -> xr.DataTree:
-    """Return the tree of arrays in a file; raise an `InputError` for any failure to read it."""
+    """Return the tree of arrays in the netCDF file ``source``.
+
+    Raise an `InputError` for any failure to read it.
+    """
     with _silent_finalizers(), warnings.catch_warnings(action="ignore"):
         try:
             with xr.open_datatree(source, engine="h5netcdf") as tree:
@@ -228,7 +236,10 @@ def _read_tree(source: Path) -> xr.DataTree:
 
 @contextmanager
 def _silent_finalizers() -> Iterator[None]:
-    """Silence errors raised when Python deletes the object of a file that could not be opened."""
+    """Silence errors that arise while Python deletes objects, until the ``with`` block ends.
+
+    Such errors arise when the object of a file that could not be opened is deleted.
+    """
     hook = sys.unraisablehook
     sys.unraisablehook = _ignore_unraisable
     try:
@@ -243,7 +254,7 @@ def _ignore_unraisable(_: sys.UnraisableHookArgs) -> None:
 
 
 def _digest(tree: xr.DataTree) -> str:
-    """Return the SHA-256 of all numbers, names and units in a posterior, and of its record."""
+    """Return the SHA-256 of all numbers, names and units in a posterior, and of its JSON record."""
     digest = hashlib.sha256(str(tree["provenance"].attrs["json"]).encode())
     for node in sorted(tree.subtree, key=_path_of):
         for name in sorted(map(str, node.variables)):
@@ -263,9 +274,9 @@ def _path_of(node: xr.DataTree) -> str:
 
 
 def campaign_record(campaign: Campaign) -> dict[str, Any]:
-    """Return the entry for a campaign in the record of a posterior.
+    """Return the entry ``campaign`` of a posterior's record, from which it can be rebuilt.
 
-    Readings and angles are left out, because the group ``constant_data`` has them.
+    Readings and angles are left out, because the group ``constant_data`` of the posterior has them.
     """
     campaign_fields = _fields(campaign, "name", "tests", "foreseen")
     for name in ("mount", "force_law", "instrument"):
@@ -311,9 +322,10 @@ def record_of(posterior: xr.DataTree) -> dict[str, Any]:
 
 
 def fit_of(posterior: xr.DataTree) -> Fit:
-    """Return how well the model of a posterior fits the readings.
+    """Return how well the model of a posterior fits the readings, with warnings.
 
-    Raise an `InputError` for a fit by another edition of this package.
+    It is read from the posterior's record. Raise an `InputError` for a fit by another edition of
+    this package.
     """
     try:
         return Fit.from_dict(record_of(posterior)["fit"])
@@ -326,7 +338,7 @@ def fit_of(posterior: xr.DataTree) -> Fit:
 
 
 def campaign_of(posterior: xr.DataTree) -> Campaign:
-    """Return the campaign of a posterior, readings included."""
+    """Return the campaign from whose readings a posterior was computed, readings included."""
     record = record_of(posterior)["campaign"]
     constants = posterior["constant_data"].dataset
     test_index = constants["test_index"].values
@@ -347,22 +359,27 @@ def campaign_of(posterior: xr.DataTree) -> Campaign:
 
 
 def model_of(posterior: xr.DataTree) -> HybridModel:
-    """Return the model of a posterior."""
+    """Return the model that was fitted to obtain a posterior, as its record describes it.
+
+    For an average over models it is the one with the parameters of all of them.
+    """
     return model_from_toml(record_of(posterior)["model"]["toml"])
 
 
 def bound_of(posterior: xr.DataTree) -> BoundModel:
-    """Return the model of a posterior, bound to its campaign as it was when sampled."""
+    """Return the model of a posterior, applied to its campaign as when it was sampled."""
     return model_of(posterior).bind(campaign_of(posterior))
 
 
 def draws_of(
     posterior: xr.DataTree, bound: BoundModel, size: int | None = None
 ) -> tuple[Array, Array]:
-    """Return posterior draws of p parameters and of h hyper-parameters.
+    """Return posterior draws of the p parameters and of the h hyper-parameters.
 
-    They have the shapes (size, p) and (size, h). Hyper-parameters are in mm. At most ``size`` draws
-    are picked, evenly spaced; by default all are returned.
+    Parameters are compliances, slopes and geometric errors, in mm, N and rad; hyper-parameters are
+    the scales of the noise and of other effects [mm]. The draws of all chains are joined. The
+    results have the shapes (draws, p) and (draws, h). If ``size`` is given, at most that many draws
+    are returned, evenly spaced. ``bound`` is the posterior's model applied to its campaign.
     """
     group = posterior["posterior"].dataset
     beta = _stack_draws(group, bound.names)
@@ -374,17 +391,21 @@ def draws_of(
 
 
 def _stack_draws(group: Any, names: tuple[str, ...]) -> Array:
-    """Return draws of the named variables in one array, shape (chains × draws, variables)."""
+    """Return random draws of the named variables in one array, shape (chains × draws, variables).
+
+    ``group`` is the dataset ``posterior`` of a posterior.
+    """
     return np.stack([group[str(name)].values.ravel() for name in names], axis=1)
 
 
 def model_draws_of(posterior: xr.DataTree, size: int | None = None) -> list[ModelDraws]:
-    """Return the posterior draws that `draws_of` returns, separately for each model of an average.
+    """Return posterior draws, separately for each of the models that a posterior averages over.
 
-    The models of an average differ in their rival explanations: effects that readings can mistake
-    for slopes (changes of compliance with force). The effect of a rival explanation on the readings
-    follows from the draws of its own model only. Each item of the list has all parameters of the
-    average. A parameter that its model lacks is zero.
+    If the posterior is of one model, the list has one item. The models of an average differ in
+    their rival explanations: effects that readings can mistake for slopes (changes of compliance
+    with force). The effect of a rival explanation on the readings follows from the draws of its own
+    model only. Each item has all parameters of the average; a parameter that its model lacks is
+    zero. If ``size`` is given, at most that many draws are returned in total, evenly spaced.
     """
     bound = bound_of(posterior)
     beta, phi = draws_of(posterior, bound, size)
@@ -406,10 +427,12 @@ def model_draws_of(posterior: xr.DataTree, size: int | None = None) -> list[Mode
 def curves_of(
     posterior: xr.DataTree, force_N: Array, size: int | None = None, *, seed: int = 0
 ) -> Array:
-    """Return posterior draws of the compliances at n forces, shape (draws, n, compliances).
+    """Return posterior draws of the compliances C(F) at n forces, shape (draws, n, compliances).
 
-    See `compliance_curves` for the compliances returned. Draws of an average are in the order of
-    `model_draws_of`.
+    ``force_N``, shape (n,), holds the forces F. C(F) follows from the compliance at the reference
+    force and its slopes; see `compliance_curves`. At most ``size`` draws are used. If the posterior
+    is an average over models, the draws of each model follow one another. ``seed`` is that of the
+    random draws of effects that are not among the parameters.
     """
     rng = np.random.default_rng(seed)
     curves = [
@@ -466,9 +489,10 @@ def to_units(posterior: xr.DataTree) -> xr.DataTree:
 
 
 def _plain_unit(name: str, unit: str) -> tuple[float, str]:
-    """Return factor and label of the unit in which draws of a variable are shown.
+    """Return the unit in which draws of a variable are shown: factor, and label such as nm/N.
 
-    Draws are then at least about 0.1 in size, because other libraries round to two decimals.
+    The factor converts from ``unit``, the internal unit of the variable called ``name``. In the
+    unit shown, draws are about 0.1 or more in size, because other libraries round to two decimals.
     """
     factor, label = display_unit(unit)
     is_scale = unit == "mm" and not name.startswith("E_")

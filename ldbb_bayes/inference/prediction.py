@@ -38,7 +38,7 @@ from ldbb_bayes.results import Array
 
 __all__ = ["band_um", "new_circles", "predict", "readings_drawn", "replicate_left_out"]
 
-# Largest number of posterior draws from which readings are predicted.
+# Largest number of posterior draws from which the readings of new circles are predicted.
 _DRAWS = 4000
 
 
@@ -112,7 +112,8 @@ def predict(
 def new_circles(draws: ModelDraws, plan: Campaign, rng: np.random.Generator) -> Iterator[Array]:
     """Yield predicted readings of each planned test in turn [mm], shape (draws, n).
 
-    Each draw of the posterior gives one circle of n readings.
+    Each posterior draw of the hyper-parameters and parameters gives one circle of n readings, with
+    white noise. ``plan`` holds the tests to predict.
     """
     measured, planned = _bind_with_plan(draws.bound, plan)
     names = planned.hyper_prior.names
@@ -135,10 +136,12 @@ def _draw_shared_of_plan(
 ) -> Array:
     """Return what machine and shared nuisances predict for the planned tests [mm].
 
-    The result holds random draws of Fourier coefficients, shape (draws, tests, 25). Nuisances
-    (effects that are modelled but not of interest) that the measured tests also have are drawn from
-    their posterior, others from their prior. ``phi`` and ``beta`` are draws of the hyper-parameters
-    and of the parameters.
+    Shared nuisances are effects that are modelled but not of interest and that several tests have
+    in common. The result holds random draws of Fourier coefficients of the orders 0 to 12, shape
+    (draws, tests, 25). Nuisances that the measured tests also have are drawn from their posterior,
+    others from their prior. ``measured`` and ``planned`` are the model applied to the measured and
+    to the planned tests. ``phi``, shape (draws, h), holds draws of the hyper-parameters, ``beta``,
+    shape (draws, p), posterior draws of the parameters.
     """
     value = dict(zip(planned.hyper_prior.names, phi.T, strict=True))
     learnt: list[str] = []
@@ -163,24 +166,30 @@ def readings_drawn(
 ) -> Array:
     """Return readings of circles with random white noise [mm], shape (draws, n).
 
-    ``coefficients`` holds Fourier coefficients of the orders 0 to 12 [mm], shape (draws, 25).
-    ``sigma_mm`` holds the standard deviation of white noise, shape (draws,).
+    Each draw is one circle: ``coefficients``, shape (draws, 25), holds its Fourier coefficients of
+    the orders 0 to 12 [mm], ``sigma_mm``, shape (draws,), the standard deviation of its white
+    noise. ``angle_rad``, shape (n,), holds the angles of the readings.
     """
     smooth = coefficients @ basis(angle_rad).T
     return np.asarray(smooth + sigma_mm[:, None] * rng.standard_normal(smooth.shape))
 
 
 class _MeasuredAndPlanned(NamedTuple):
-    """A model bound to the measured tests and to the planned tests, with the same nuisances."""
+    """One model, applied to the measured tests and applied to the planned tests.
+
+    Both have the same nuisances, that is, effects that are modelled but not of interest.
+    """
 
     measured: BoundModel
     planned: BoundModel
 
 
 def _bind_with_plan(bound: BoundModel, plan: Campaign) -> _MeasuredAndPlanned:
-    """Return a model bound to the measured and to the planned tests, as if of one campaign.
+    """Return a model applied to the measured tests, and the same one applied to planned tests.
 
-    Both bound models have the nuisances of all these tests, such as ball forms and bar lengths.
+    Both are made as if all these tests were of one campaign. They therefore have the same
+    nuisances (effects that are modelled but not of interest), such as ball forms and bar lengths.
+    ``bound`` is the model applied to the measured campaign; ``plan`` holds the planned tests.
     """
     campaign = bound.campaign
     machine = (campaign.topology, dict(campaign.frames_mm))
@@ -222,9 +231,9 @@ def replicate_left_out(
     Parameters
     ----------
     bound : BoundModel
-        Model bound to all tests, including the test left out.
+        Model applied to all tests, including the test left out.
     remaining : Nodes
-        Quadrature nodes of the posterior without that test.
+        Nodes (weighted values of the hyper-parameters) of the posterior without that test.
     name : str
         Name of the test left out.
     size : int
@@ -232,12 +241,13 @@ def replicate_left_out(
     rng : Generator
         Generator of random numbers.
     circles_per_draw : int
-        Number of circles for each draw of the posterior.
+        Number of circles for each random draw of parameters and hyper-parameters.
 
     Returns
     -------
     array, shape (size, 25)
-        Fourier coefficients of each circle [mm], fitted by least squares.
+        Fourier coefficients of the orders 0 to 12 of each circle [mm], fitted by least squares to
+        readings with white noise.
     """
     r = bound.test_names.index(name)
     beta, phi = remaining.draw(-(-size // circles_per_draw), rng)
@@ -263,8 +273,9 @@ def band_um(
     """Return the lower and upper limit of readings at every angle [µm], shape (2, angles).
 
     The limits enclose a reading, white noise included, with probability ``prob`` at each angle and
-    are equal-tailed. ``coefficients`` holds Fourier coefficients of the orders 0 to 12 [mm], shape
-    (draws, 25). ``sigma_mm`` holds the standard deviation of white noise, shape (draws,).
+    are equal-tailed. They follow from random draws of circles: ``coefficients``, shape (draws, 25),
+    holds their Fourier coefficients of the orders 0 to 12 [mm], ``sigma_mm``, shape (draws,), the
+    standard deviations of their white noise. ``angle_rad``, shape (angles,), holds the angles.
     """
     readings = readings_drawn(coefficients, sigma_mm, angle_rad, rng)
     return np.quantile(readings, [(1.0 - prob) / 2.0, (1.0 + prob) / 2.0], axis=0) * 1e3

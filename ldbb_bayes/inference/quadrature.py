@@ -11,10 +11,11 @@ from ldbb_bayes.results import Array
 
 __all__ = ["integrate"]
 
-# Largest number of dimensions in which a lattice needs fewer nodes than importance sampling.
+# Largest number of dimensions in which an integral is computed from a lattice of nodes. In more
+# dimensions importance sampling needs fewer nodes.
 LARGEST_LATTICE_DIMENSION = 5
-# Share of the tolerance allowed to the error of importance sampling; averages over its nodes add
-# errors.
+# Importance sampling is asked for an integral with an error of at most this share of the tolerance,
+# because averages over its nodes have further errors.
 _OF_TOLERANCE = 0.8
 
 
@@ -36,12 +37,13 @@ def integrate(
     log_density : callable
         Function that returns ln f, shape (n,), at n points in h dimensions, shape (n, h).
     modes : sequence of pairs
-        Modes, shape (h,), the highest first, each with a square root, shape (h, h), of the inverse
-        of minus the Hessian of ln f there.
+        Modes (maxima) of f, shape (h,), the highest first, each with a square root, shape (h, h),
+        of the inverse of minus the Hessian of ln f there.
     tolerance : float
         Error of ln ∫ f asked for [nat].
     step : float, optional
-        The first step of a lattice, in standard deviations at the highest mode.
+        The first step of a lattice, in standard deviations of f at the highest mode. Default: it
+        follows from the tolerance.
     seed : int
         Seed of importance sampling.
     """

@@ -24,7 +24,8 @@ from ldbb_bayes.results import Array, readable
 
 __all__ = ["marginalize"]
 
-# Number of random draws from which quantiles of the hyper-parameters are computed.
+# Number of posterior draws from which quantiles of the hyper-parameters (scales of the noise and of
+# other effects) are computed.
 _DRAWS = 16_384
 
 
@@ -38,10 +39,11 @@ def marginalize(
     tolerance: float = 1e-3,
     seed: int = 1,
 ) -> pd.DataFrame:
-    """Return means, sd and quantiles of the posterior by quadrature.
+    """Return posterior means, sd and quantiles of every parameter by quadrature.
 
-    Quadrature over the hyper-parameters (the scales of the noise and of other effects) needs no
-    sampling: the parameters given the hyper-parameters are Gaussian, apart from the truncation.
+    The integral over the hyper-parameters (the scales of the noise and of other effects) is a sum
+    over weighted nodes. This needs no sampling: given the hyper-parameters, the parameters are
+    Gaussian, apart from the condition that compliances must not be negative (truncation).
 
     Parameters
     ----------
@@ -111,10 +113,11 @@ def marginalize(
 
 
 def _draw_free(posterior: HyperPosterior, seed: int) -> Array:
-    """Return random draws of the hyper-parameters in unbounded coordinates, shape (draws, h).
+    """Return posterior draws of the hyper-parameters in unbounded coordinates, shape (draws, h).
 
-    If the weights of the rejection sampler cannot be trusted, warn and resample quadrature nodes
-    instead.
+    Hyper-parameters are the scales of the noise and of other effects; the coordinates are mostly
+    ln(value − lower bound). If the weights of the rejection sampler cannot be trusted, warn and
+    resample the weighted nodes of the quadrature instead.
     """
     rng = np.random.default_rng(seed)
     try:

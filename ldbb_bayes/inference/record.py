@@ -29,11 +29,12 @@ __all__ = ["densities_of", "groups_of", "prior_draws_of", "record_from"]
 
 
 def densities_of(draws: ModelDraws) -> dict[str, Array]:
-    """Return the log posterior and log prior densities of n draws, each of shape (n,).
+    """Return log posterior and log prior densities of n posterior draws, each of shape (n,).
 
-    Key ``lp`` is the log posterior density in the coordinates of the sampler (see `JointDensity`).
-    ``parameters`` is the log prior density of the parameters, ``hyper`` that of the
-    hyper-parameters (the scales of the noise and of other effects).
+    The key ``lp`` is for the log posterior density, not divided by the evidence, in the coordinates
+    of the sampler (see `JointDensity`). The key ``parameters`` is for the log prior density of the
+    parameters (compliances, slopes, geometric errors), ``hyper`` for that of the hyper-parameters
+    (the scales of the noise and of other effects).
     """
     bound, phi, beta = draws
     density = JointDensity(bound)
@@ -46,11 +47,12 @@ def densities_of(draws: ModelDraws) -> dict[str, Array]:
 
 
 def prior_draws_of(bound: BoundModel, size: int, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Return random draws from the prior of p parameters and h hyper-parameters.
+    """Return random draws from the prior: of the p parameters, then of the h hyper-parameters.
 
-    They have the shapes (size, p) and (size, h); hyper-parameters are in mm. No compliance is
-    negative, if the model requires it. If the prior of the parameters is flat, their array has the
-    shape (0, 0).
+    Parameters are compliances, slopes and geometric errors; hyper-parameters are the scales of the
+    noise and of other effects [mm]. The arrays have the shapes (size, p) and (size, h). No
+    compliance is negative, if the model requires it. If the prior of the parameters is flat, their
+    array has the shape (0, 0).
     """
     phi = bound.hyper_prior.draw(size, rng)
     if bound.model.prior.flat:
@@ -70,7 +72,7 @@ def groups_of(
     Parameters
     ----------
     bound : BoundModel
-        The model bound to its campaign.
+        The model applied to its campaign.
     beta, phi : array, shapes (chains, draws, p) and (chains, draws, h)
         Random draws of the parameters and of the hyper-parameters from the posterior.
     prior : pair of arrays
@@ -104,10 +106,10 @@ def groups_of(
 
 
 def _by_name(bound: BoundModel, beta: Array, phi: Array) -> dict[str, Array]:
-    """Return draws by the names of parameters and hyper-parameters.
+    """Return random draws by name, one array (chains, draws) per parameter and hyper-parameter.
 
-    ``beta`` are draws of p parameters, shape (chains, draws, p), ``phi`` draws of h
-    hyper-parameters, shape (chains, draws, h).
+    ``beta``, shape (chains, draws, p), holds the draws of the p parameters, ``phi``, shape (chains,
+    draws, h), those of the h hyper-parameters.
     """
     arrays = {}
     for column in range(beta.shape[2]):
@@ -122,7 +124,8 @@ def record_from(
 ) -> dict[str, Any]:
     """Return the record that is kept in the group ``provenance`` of a posterior.
 
-    It states the campaign, the model, the sampler, the quality of the fit, and versions and seed.
+    It states the campaign, the model, how the sampler ran, the quality of the fit, the versions of
+    the software, the seed of the random numbers and when sampling ``started``.
     """
     system = f"Python {platform.python_version()}, {platform.system()} {platform.machine()}"
     return {
@@ -141,7 +144,10 @@ def record_from(
 
 
 def _model_record(bound: BoundModel) -> dict[str, Any]:
-    """Return the entry for a model in the record of a posterior."""
+    """Return the entry ``model`` of a posterior's record: preset, terms, priors and the TOML text.
+
+    ``bound`` is the model applied to its campaign.
+    """
     model = bound.model
     prior_sd: dict[str, float | None] = {}
     prior_mean = {}
@@ -171,10 +177,10 @@ def _model_record(bound: BoundModel) -> dict[str, Any]:
 
 
 def _has_preset_priors(model: HybridModel) -> bool:
-    """Return whether a model has the priors of its preset.
+    """Return whether a model has the priors of the preset from which it was derived.
 
-    Two changes are allowed: a drift added, and truncation (no compliance is negative) switched on
-    or off.
+    Two changes do not count: a drift that was added, and the condition that no compliance is
+    negative switched on or off.
     """
     preset = HybridModel.from_preset(model.preset, model.degree)
     preset_terms = {type(term): term for term in preset.nuisances}

@@ -23,48 +23,63 @@ from ldbb_bayes.results import Array
 
 __all__ = ["RelatedModels"]
 
-# Largest relative difference of two prior standard deviations that count as equal.
+# Two prior standard deviations of a coefficient count as equal if their relative difference is at
+# most this.
 _SAME_SD = 1e-12
 
 
 class _Conditionals(NamedTuple):
-    """Gaussian posteriors of p coefficients given the hyper-parameters at n nodes.
+    """Gaussian posteriors of p coefficients given each of n values of the hyper-parameters (nodes).
 
-    Coefficients are the parameters, and those of rival explanations of slopes.
+    Coefficients are those of rival explanations of slopes (effects that look like a change of
+    compliance with force), and the parameters.
     """
 
-    mean: Array  #: means of the coefficients, shape (p, n)
-    covariance: Array  #: covariances of the coefficients, shape (p, p, n)
+    #: posterior means of the p coefficients given each of n values of the hyper-parameters, shape
+    #: (p, n)
+    mean: Array
+    #: posterior covariances of the p coefficients given each of n values of the hyper-parameters,
+    #: shape (p, p, n)
+    covariance: Array
 
 
 class _ChangedModel(NamedTuple):
-    """Changes of the density at n nodes if the coefficients have another prior."""
+    """Changes of the posterior if the coefficients have the prior of another model.
 
-    #: log ratio of p(y | φ) under the other prior and under the present prior, shape (n,), for
-    #: readings y and hyper-parameters φ
+    They are given at n nodes, which are values of the hyper-parameters. Coefficients are those of
+    rival explanations of slopes, and the parameters.
+    """
+
+    #: ln p(y | φ) under the prior of the other model minus that under the prior of the given model,
+    #: for the readings y and each of n values of the hyper-parameters φ, shape (n,)
     log_ratio: Array
-    conditionals: _Conditionals  #: posteriors of the coefficients asked for, under the other prior
+    #: posteriors of the coefficients asked for, given each of n values of the hyper-parameters,
+    #: under the prior of the other model
+    conditionals: _Conditionals
 
 
 class _ChangedPrior(NamedTuple):
     """Coefficient that has a different prior standard deviation in another model."""
 
-    coefficient: int  #: index of the coefficient
-    mean: float  #: prior mean of the coefficient
-    sd: float  #: prior standard deviation in the model whose nodes are known
-    #: prior standard deviation in the other model; zero fixes the coefficient at zero
+    coefficient: int  #: index of the coefficient among those of the model whose nodes are known
+    mean: float  #: prior mean of the coefficient, the same in both models
+    #: prior standard deviation of the coefficient in the model whose nodes are known
+    sd: float
+    #: prior standard deviation of the coefficient in the other model; zero if that model fixes the
+    #: coefficient at zero
     other_sd: float
 
 
 class RelatedModels:
     """Nodes of models that differ from a given model only in priors of some coefficients.
 
-    Nodes are weighted points that represent the posterior of the hyper-parameters. Let a
-    coefficient have the prior standard deviation s₀ in the given model and s₁ in another model. The
-    ratio of the two priors acts like an additional reading of the coefficient: its value is the
-    prior mean, its variance 1/(1/s₁² − 1/s₀²). If the other model fixes the coefficient at zero, it
-    is an exact reading of zero (Savage-Dickey ratio). The Gaussian posterior is conditioned on
-    these readings one after the other.
+    Nodes are weighted values of the hyper-parameters that represent their posterior. Coefficients
+    are those of rival explanations of slopes (effects that look like a change of compliance with
+    force), and the parameters. Let a coefficient have the prior standard deviation s₀ in the given
+    model and s₁ in another model. The ratio of the two priors acts like an additional reading of
+    the coefficient: its value is the prior mean, its variance 1/(1/s₁² − 1/s₀²). If the other model
+    fixes the coefficient at zero, it is an exact reading of zero (Savage-Dickey ratio). The
+    Gaussian posterior is conditioned on these readings one after the other.
 
     Parameters
     ----------
@@ -80,10 +95,11 @@ class RelatedModels:
         self._tolerance = tolerance
 
     def nodes(self, posterior: HyperPosterior) -> Nodes:
-        """Return the weighted nodes of another model.
+        """Return the nodes, that is, weighted values of the hyper-parameters, of another model.
 
-        They are computed anew if that model has further coefficients, or if the present nodes do
-        not reach the tolerance for that model.
+        ``posterior`` is the posterior of the hyper-parameters under that model. The nodes are those
+        of the given model with other weights. They are computed anew if the other model has further
+        coefficients, or if the given nodes do not reach the tolerance for it.
         """
         if not set(posterior.bound.coefficients) <= set(self._bound.coefficients):
             return posterior.nodes(self._tolerance)
@@ -100,7 +116,8 @@ class RelatedModels:
     def _truncate(self, posterior: HyperPosterior, plain: Integral) -> Nodes:
         """Return nodes weighted by the probability that no compliance is negative in another model.
 
-        ``plain`` is the integral with the other model's weights, but without truncation.
+        ``posterior`` is the posterior of the hyper-parameters under that model. ``plain`` holds the
+        nodes with its weights if negative compliances are allowed.
         """
         coefficients = list(self._bound.coefficients)
         rows = posterior.bound.physical.rows
@@ -119,9 +136,10 @@ class RelatedModels:
 
     @cached_property
     def _conditionals(self) -> _Conditionals:
-        """Gaussian posteriors of the coefficients, given the hyper-parameters at the nodes.
+        """Gaussian posteriors of the coefficients in the given model, for each of its nodes.
 
-        Coefficients are the parameters, and those of rival explanations of slopes.
+        A node is a value of the hyper-parameters. Coefficients are those of rival explanations of
+        slopes (effects that look like a change of compliance with force), and the parameters.
         """
         bound = self._bound
         free = self._integral.free
@@ -138,7 +156,11 @@ class RelatedModels:
         return _Conditionals(mean + centre[:, None], covariance)
 
     def _changed_priors(self, bound: BoundModel) -> list[_ChangedPrior]:
-        """Return the coefficients whose prior standard deviation differs in another model."""
+        """Return the coefficients whose prior sd in another model differs from the given model's.
+
+        ``bound`` is the other model applied to the campaign. A coefficient that it lacks has the sd
+        zero there. Coefficients are those of rival explanations of slopes, and the parameters.
+        """
         other_priors = bound.coefficients
         changed = []
         for j, (name, (mean, sd)) in enumerate(self._bound.coefficients.items()):
@@ -150,9 +172,11 @@ class RelatedModels:
     def _change_prior(
         self, bound: BoundModel, coefficients: list[int], nodes: Index
     ) -> _ChangedModel:
-        """Return the changes of the density at the given nodes under the prior of another model.
+        """Return the changes of the posterior at some nodes under the prior of another model.
 
-        ``coefficients`` are the indices of the coefficients whose posteriors are returned.
+        ``bound`` is the other model applied to the campaign. ``nodes``, shape (k,), holds indices
+        of nodes (values of the hyper-parameters). ``coefficients`` are the indices of the
+        coefficients whose posteriors are returned, besides the change of the evidence.
         """
         log_ratio = np.zeros(len(nodes))
         changed = self._changed_priors(bound)

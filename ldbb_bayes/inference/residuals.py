@@ -28,14 +28,18 @@ __all__ = [
     "tests_in_order",
 ]
 
-# Singular values of the matrix of Fourier functions at the angles of a test count as zero below
-# this share of the largest one.
+# Singular values of the matrix that holds the Fourier functions at the angles of a test count as
+# zero if they are below this share of the largest one.
 RANK_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True)
 class FitQuality:
-    """Root-mean-square residual and fitness of a prediction (Eq. 34-35 of the paper)."""
+    """Root-mean-square residual and fitness of predicted readings (Eq. 34-35 of the paper).
+
+    The fitness of a test is 100 % minus the root-mean-square residual in per cent of the range of
+    its readings.
+    """
 
     rmse_um: float  #: root-mean-square residual over all readings [µm]
     rmse_by_test_um: dict[str, float]  #: root-mean-square residual of each test [µm], by test name
@@ -43,19 +47,21 @@ class FitQuality:
 
 
 def fit_quality(bound: BoundModel, phi: Array, beta: Array) -> FitQuality:
-    """Return the quality of the mean prediction of machine plus shared nuisances.
+    """Return root-mean-square residual and fitness of the readings that a posterior predicts.
 
-    Shared nuisances are effects that are modelled but not of interest and that tests have in
-    common. The mean is over draws of the hyper-parameters [mm], shape (draws, h), and of the
-    parameters, shape (draws, p).
+    The prediction is the mean over posterior draws of the effects of the machine and of shared
+    nuisances, that is, effects that are modelled but not of interest and that tests have in common,
+    such as ball form. ``phi``, shape (draws, h), holds draws of the hyper-parameters (scales of the
+    noise and of other effects) [mm], ``beta``, shape (draws, p), those of the parameters.
     """
     return quality_of(bound, shared_coefficients(bound, phi, beta).mean(axis=0))
 
 
 def quality_of(bound: BoundModel, predicted: Array) -> FitQuality:
-    """Return root-mean-square residual and fitness of a prediction.
+    """Return root-mean-square residual and fitness of predicted readings.
 
-    ``predicted`` holds Fourier coefficients of the orders 0 to 12 [mm], shape (tests, 25).
+    ``predicted``, shape (tests, 25), holds the Fourier coefficients of the orders 0 to 12 that are
+    predicted for each test [mm].
     """
     residuals = reduced_residuals(bound, predicted)
     squares = np.array(
@@ -77,16 +83,21 @@ def quality_of(bound: BoundModel, predicted: Array) -> FitQuality:
 
 
 def _fitness_percent(rmse_um: float, span_mm: float) -> float:
-    """Return the fitness of a test [%] (Eq. 35 of the paper); NaN if its readings are all equal."""
+    """Return the fitness of a test [%] (Eq. 35 of the paper); NaN if its readings are all equal.
+
+    It is 100 % minus the root-mean-square residual ``rmse_um`` in per cent of ``span_mm``, the
+    largest minus the smallest reading.
+    """
     if span_mm <= 0:
         return float("nan")
     return 100.0 * (1.0 - rmse_um * 1e-3 / span_mm)
 
 
 def residuals_mm(bound: BoundModel, predicted: Array) -> list[Array]:
-    """Return reading minus prediction of every test, each of shape (n,) [mm].
+    """Return the readings minus the predicted readings of every test, each of shape (n,) [mm].
 
-    ``predicted`` holds Fourier coefficients of the orders 0 to 12 [mm], shape (tests, 25).
+    A test has n readings. ``predicted``, shape (tests, 25), holds the Fourier coefficients of the
+    orders 0 to 12 that are predicted for each test [mm].
     """
     return [
         test.readings_mm() - basis(test.angles_rad()) @ coefficients
@@ -97,8 +108,9 @@ def residuals_mm(bound: BoundModel, predicted: Array) -> list[Array]:
 def reduced_residuals(bound: BoundModel, predicted: Array) -> list[Array]:
     """Return reduced readings minus prediction of every test [mm], each of shape (m,).
 
-    The m reduced readings of a test contain all information about its Fourier coefficients of the
-    orders 0 to 12. ``predicted`` holds such coefficients [mm], shape (tests, 25).
+    The readings of a test are reduced to m ≤ 25 numbers that contain all information about its
+    Fourier coefficients of the orders 0 to 12. ``predicted``, shape (tests, 25), holds the
+    coefficients that are predicted for each test [mm].
     """
     return [
         np.asarray(reduced.projection) - reduced.factor @ coefficients
@@ -107,15 +119,19 @@ def reduced_residuals(bound: BoundModel, predicted: Array) -> list[Array]:
 
 
 def harmonics_of(bound: BoundModel, r: int) -> Array:
-    """Return the matrix from the m reduced readings of test r to Fourier coefficients, (25, m).
+    """Return the matrix that converts the reduced readings of test r to Fourier coefficients.
 
-    The coefficients of the orders 0 to 12 are fitted by least squares. If there are too few
-    readings, those of smallest norm are taken.
+    Its shape is (25, m): the readings of a test are reduced to m ≤ 25 numbers, and there are 25
+    coefficients of the orders 0 to 12. They are fitted by least squares. If the readings do not
+    determine all of them, the solution of smallest norm is taken.
     """
     return np.asarray(np.linalg.pinv(bound.reduced[r].factor, rcond=RANK_TOLERANCE))
 
 
 def tests_in_order(bound: BoundModel) -> list[CircularTest]:
-    """Return the tests of a bound model, in the order of its test names."""
+    """Return the tests to which a model is applied, in the order of ``bound.test_names``.
+
+    Tests of the campaign that are left out are not among them.
+    """
     by_name = {test.name: test for test in bound.campaign.tests}
     return [by_name[name] for name in bound.test_names]

@@ -40,40 +40,51 @@ __all__ = [
     "sampler_named",
 ]
 
-# Number of chains of independent draws, and smallest number of ensembles of walkers; R-hat compares
-# chains, or ensembles, with each other.
+# Independent draws are divided into this number of chains, and emcee runs at least this number of
+# ensembles of walkers. R-hat compares the chains, or the ensembles, with each other.
 _CHAINS = 4
-# Number of walkers of an ensemble, unless four times the number of coordinates is larger.
+# Number of walkers of an ensemble of emcee, unless four times the number of parameters and
+# hyper-parameters is larger.
 _WALKERS = 128
-# Number of independent draws as a multiple of the effective sample size to reach. More draws are
-# needed because the effective sample size of every parameter must reach it.
+# Number of independent draws as a multiple of the effective sample size asked for. More draws than
+# that are needed, because the computed effective sample size of every parameter must reach it.
 _SURPLUS = 1.3
-# Number of independent draws that are added to each chain, so that the effective sample size of
-# every parameter reaches the one asked for.
+# Number of independent draws that are added to each chain, so that the computed effective sample
+# size of every parameter reaches the one asked for.
 _SURPLUS_DRAWS = 50
-# Effective sample size of a run of emcee, as a multiple of the number of draws that are thinned
-# from the run.
+# If draws that are as good as independent are to be thinned from a run of emcee, the run must have
+# an effective sample size of this multiple of their number.
 _THINNING = 4.0
-# Largest R-hat, and smallest number of autocorrelation times, of a run of emcee from which draws
-# are thinned.
+# If draws that are as good as independent are to be thinned from a run of emcee, its R-hat must be
+# at most ``_RHAT_WHEN_THINNED``, and it must span at least ``_LENGTHS_WHEN_THINNED``
+# autocorrelation times.
 _RHAT_WHEN_THINNED = 1.05
 _LENGTHS_WHEN_THINNED = 2.0
 
 
 class SampledDraws(NamedTuple):
-    """Run of a sampler, and its random draws of parameters and hyper-parameters."""
+    """Run of a sampler, and its posterior draws of parameters and hyper-parameters."""
 
     run: EnsembleRun
-    beta: Array  #: draws of p parameters, shape (chains, draws, p)
-    phi: Array  #: draws of h hyper-parameters [mm], shape (chains, draws, h)
+    #: posterior draws of the p parameters (compliances, slopes, geometric errors) in mm, N and rad,
+    #: shape (chains, draws, p)
+    beta: Array
+    #: posterior draws of the h hyper-parameters (scales of the noise and of other effects) [mm],
+    #: shape (chains, draws, h)
+    phi: Array
 
 
 class IndependentDraws(NamedTuple):
-    """Random draws of parameters and hyper-parameters that are as good as independent."""
+    """Posterior draws of parameters and hyper-parameters that are as good as independent."""
 
-    beta: Array  #: draws of p parameters, shape (size, p)
-    phi: Array  #: draws of h hyper-parameters [mm], shape (size, h)
-    by_emcee: bool  #: whether the draws are thinned from a run of emcee
+    #: posterior draws of the p parameters (compliances, slopes, geometric errors) in mm, N and rad,
+    #: shape (size, p)
+    beta: Array
+    #: posterior draws of the h hyper-parameters (scales of the noise and of other effects) [mm],
+    #: shape (size, h)
+    phi: Array
+    #: whether the draws are thinned from a run of emcee; if not, they are independent
+    by_emcee: bool
 
 
 @one_blas_thread
@@ -179,10 +190,24 @@ def sample_from(
     prior_draws: int = 4000,
     **options: Any,
 ) -> xr.DataTree:
-    """Return a posterior as `sample` does, from the truncated density of the hyper-parameters.
+    """Return the posterior of a model as a DataTree, as `sample` does.
 
-    Truncated means that no compliance is negative. If the model has no truncation, the density
-    without it is sampled.
+    Parameters
+    ----------
+    inside : HyperPosterior
+        Posterior density of the hyper-parameters (scales of the noise and of other effects) under
+        the condition that no compliance is negative. If the model does not require this, the
+        density without the condition is sampled.
+    sampler : {"joint", "independent"}
+        Name of the sampler.
+    seed : int
+        Seed of all random numbers.
+    rule : StoppingRule
+        When to stop.
+    prior_draws : int
+        Number of random draws from the prior that the posterior also contains.
+    **options
+        Further arguments of `run_sampler`.
     """
     started = datetime.now(UTC)
     clock = time.perf_counter()
@@ -226,26 +251,28 @@ def run_sampler(
     progress: Callable[[Progress], None] | None = None,
     **ensembles: Any,
 ) -> SampledDraws:
-    """Return draws from a posterior by the named sampler, which meet the stopping rule.
+    """Return posterior draws of parameters and hyper-parameters by the named sampler.
 
-    If the weights of independent draws cannot be trusted, emcee draws jointly instead. For
-    independent draws, ``steps`` of the run is the number of draws of one chain, ``walkers`` is 1,
-    and ``acceptance`` is the share of proposals used.
+    The draws meet the stopping rule, unless the sampler gave up; the run states which. If
+    independent draws are asked for but their weights cannot be trusted, emcee samples parameters
+    and hyper-parameters jointly instead. For independent draws, ``steps`` of the run is the number
+    of draws of one chain, ``walkers`` is 1, and ``acceptance`` is the share of proposals accepted.
 
     Parameters
     ----------
     sampler
         ``independent`` or ``joint``.
     start
-        Posterior of the hyper-parameters, from which the draws or their starting points are taken.
+        Posterior density of the hyper-parameters (scales of the noise and of other effects), from
+        which independent draws, or the starting points of emcee, are taken.
     rule
         Effective sample size to reach, and when to give up.
     seed
         Seed of the random draws.
     progress
-        Called with the progress of the run.
+        Function called with a `Progress` each time that convergence is assessed.
     **ensembles
-        Settings of the ensembles of emcee.
+        Numbers of ``ensembles`` and of ``walkers`` of emcee; not used for independent draws.
 
     Returns
     -------
@@ -268,7 +295,11 @@ def _sample_independently(
     seed: np.random.SeedSequence,
     progress: Callable[[Progress], None] | None,
 ) -> SampledDraws:
-    """Return independent draws, whose number is doubled until the stopping rule is met."""
+    """Return independent posterior draws, whose number is doubled until the stopping rule is met.
+
+    Parameters and hyper-parameters are drawn from the posterior density ``start``, in four chains.
+    Doubling also stops if the largest number of steps of the rule would be exceeded.
+    """
     rng = np.random.default_rng(seed)
     block = int(np.ceil(_SURPLUS * rule.ess / _CHAINS + _SURPLUS_DRAWS))
     free_blocks = []
@@ -299,10 +330,12 @@ def _sample_jointly(
     ensembles: int = _CHAINS,
     walkers: int | None = None,
 ) -> SampledDraws:
-    """Return a run of emcee over parameters and hyper-parameters, and its draws.
+    """Return a run of emcee over parameters and hyper-parameters, and its posterior draws.
 
-    Ensembles start from hyper-parameters drawn a little wider than their posterior, and from
-    parameters drawn from their exact Gaussian given these.
+    The walkers start from hyper-parameters (scales of the noise and of other effects) drawn from a
+    density a little wider than their posterior ``start``, and from parameters drawn given these.
+    ``ensembles`` is the number of ensembles of walkers, ``walkers`` the number of walkers of each;
+    by default the latter is the larger of 128 and four times the number of coordinates.
     """
     density = JointDensity(start.bound)
     d = len(start.bound.names) + len(start.bound.hyper_prior.names)
@@ -328,10 +361,12 @@ def _sample_jointly(
 def draw(
     sampler: str, start: HyperPosterior, size: int, *, seed: np.random.SeedSequence
 ) -> IndependentDraws:
-    """Return random draws of a posterior that are as good as independent.
+    """Return ``size`` posterior draws that are as good as independent.
 
-    Draws of emcee are thinned from a run with an effective sample size four times as large. emcee
-    also replaces the sampler ``independent`` if the weights of its proposal cannot be trusted.
+    Parameters and hyper-parameters are drawn from the posterior density ``start``. If ``sampler``
+    is "joint", the draws are thinned from a run of emcee with an effective sample size four times
+    as large as their number. If it is "independent", they are drawn independently; if the weights
+    of the density drawn from cannot be trusted, emcee is used instead.
     """
     if sampler == "independent":
         try:

@@ -31,8 +31,8 @@ __all__ = [
     "summarize_nuisances",
 ]
 
-# Entries of a posterior's record that only serve to make campaign and model again; `result_json`
-# omits them.
+# Entries of a posterior's record that only serve to rebuild its campaign and its model. They are
+# left out of the JSON result of a fit.
 _FOR_REBUILDING = frozenset(
     ("fields", "test_fields", "foreseen", "toml", "prior_sd", "prior_mean", "groups")
 )
@@ -108,7 +108,9 @@ def summarize(posterior: xr.DataTree, *, prob: float = 0.95) -> pd.DataFrame:
 def result_json(posterior: xr.DataTree, *, prob: float = 0.95) -> dict[str, Any]:
     """Return the result of a fit in the form that the command ``fit --json`` writes.
 
-    The key of a credible interval contains its probability: ``ci95`` for 95 %.
+    It holds the numbers of every parameter and hyper-parameter, and the entries of the posterior's
+    record. ``prob`` is the probability of the credible intervals, which is also part of their key:
+    ``ci95`` for 95 %.
     """
     check_probability(prob)
     record = record_of(posterior)
@@ -138,24 +140,32 @@ def result_json(posterior: xr.DataTree, *, prob: float = 0.95) -> dict[str, Any]
 
 
 def _entry(draws: Array, unit: str, prior_sd: float | None, prob: float) -> dict[str, Any]:
-    """Return the entry of a parameter or hyper-parameter in the result of a fit."""
+    """Return the entry of one parameter or hyper-parameter in the JSON result of a fit.
+
+    ``draws`` are its posterior draws in ``unit``, ``prior_sd`` its prior standard deviation, None
+    for a flat prior. ``prob`` is the probability of the credible interval.
+    """
     numbers = interval_numbers(draws, prob)
     interval = [numbers.pop("ci_low"), numbers.pop("ci_high")]
     return {"unit": unit, **numbers, f"ci{100 * prob:g}": interval, "prior_sd": prior_sd}
 
 
 def priors_of(posterior: xr.DataTree) -> tuple[dict[str, float | None], dict[str, float]]:
-    """Return prior standard deviations and prior means, each by name.
+    """Return prior standard deviations and prior means, each by the name of the parameter.
 
-    Standard deviations are those of parameters and hyper-parameters; they are None for parameters
-    with a flat prior. Means are given only for parameters with a proper prior.
+    Standard deviations are those of parameters and hyper-parameters, before compliances are
+    restricted to values that are not negative; they are None for parameters with a flat prior.
+    Means are given only for parameters with a proper prior. Units are mm, N and rad.
     """
     model = record_of(posterior)["model"]
     return model["prior_sd"], model["prior_mean"]
 
 
 def interval_numbers(draws: Array, prob: float) -> dict[str, float]:
-    """Return mean, sd, median and both ends of the equal-tailed interval of random draws."""
+    """Return mean, sd, median and the ends of the equal-tailed interval of random draws, by name.
+
+    ``prob`` is the probability of the interval, between 0 and 1.
+    """
     tail = 50.0 * (1.0 - prob)
     low, median, high = np.percentile(draws, [tail, 50.0, 100.0 - tail])
     return {
@@ -222,7 +232,8 @@ def _prior_of_nuisances(bound: BoundModel, phi: Array) -> pd.DataFrame:
     """Return a table with term, unit and prior standard deviation of shared nuisance coefficients.
 
     Shared nuisances are effects that are modelled but not of interest and that several tests have
-    in common. The prior standard deviation is that at the hyper-parameters, shape (h,).
+    in common. The prior standard deviation depends on the hyper-parameters (scales of the noise and
+    of other effects); ``phi``, shape (h,), is the value of them for which it is given.
     """
     value = dict(zip(bound.hyper_prior.names, phi, strict=True))
     rows = {}
@@ -235,10 +246,12 @@ def _prior_of_nuisances(bound: BoundModel, phi: Array) -> pd.DataFrame:
 
 
 def _moments(draws: ModelDraws, names: list[Any]) -> tuple[Array, Array]:
-    """Return means and variances of nuisance coefficients, given each draw of the parameters.
+    """Return means and variances of nuisance coefficients for each posterior draw of a model.
 
-    Means and variances have the shape (draws, coefficients). They are zero for a coefficient that
-    the model lacks.
+    Nuisances are effects that are modelled but not of interest. Their means and variances are
+    conditional on the readings and on the parameters and hyper-parameters of the draw. Both arrays
+    have the shape (draws, coefficients); ``names`` are the names of the coefficients. They are zero
+    for a coefficient that the model lacks.
     """
     bound = draws.bound
     shifted = draws.beta - bound.centre
