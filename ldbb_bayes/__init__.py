@@ -19,9 +19,9 @@ __all__ = ["__version__", *_public]
 
 
 def __getattr__(name: str) -> Any:
-    """Return the public function, class or module with this name, imported on first use.
+    """Return the public function, class or module with this name; import it when first used.
 
-    From then on, ``print`` shows results as tables and sentences.
+    The first call also makes ``print`` show results as tables and sentences.
     """
     from ldbb_bayes.results import register_when_displayed  # imported late: it loads NumPy
 
@@ -36,9 +36,9 @@ def __getattr__(name: str) -> Any:
 
 
 def _load_words() -> None:
-    """Load the functions that print results as tables and sentences.
+    """Load the functions with which ``print`` shows results as tables and sentences.
 
-    They are loaded only when a result is printed, because most commands need few of them.
+    They are loaded only when a result is first printed, because loading them takes time.
     """
     import ldbb_bayes.report.text  # noqa: F401 - it registers how results are printed
 

@@ -13,8 +13,8 @@ def run() -> None:
 
     Ctrl-C at any time, also during loading, ends the program with one line and exit code 130.
     """
-    # Matrices of the commands are small, so that one thread of BLAS (the linear algebra library
-    # behind NumPy) is faster than several. NumPy reads these variables when it loads.
+    # Let BLAS (the linear algebra library behind NumPy) use one thread, which is faster than
+    # several because the matrices are small. NumPy reads these variables when it is loaded.
     for variable in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(variable, "1")
     try:

@@ -12,8 +12,8 @@ __all__ = ["NEW_NAMES", "renamed_keyword", "warn_of_new_name"]
 _Arguments = ParamSpec("_Arguments")
 _Result = TypeVar("_Result")
 
-#: New name of every public function and class of version 0.2 that was renamed or moved, as it is
-#: written after ``lb.``.
+#: New name of every public function and class of version 0.2 that was renamed or moved, by its old
+#: name. Both are written after ``lb.``, the usual short name of this package.
 NEW_NAMES = {
     "BallForm": "terms.BallForm",
     "BarLength": "terms.BarLength",
@@ -88,7 +88,10 @@ NEW_NAMES = {
 
 
 def warn_of_new_name(old: str) -> None:
-    """Warn that a public name of version 0.2 was renamed or moved, and state its new name."""
+    """Give a FutureWarning that states the new name of a renamed or moved function or class.
+
+    ``old`` is its public name in version 0.2.
+    """
     warnings.warn(
         f"lb.{old} is now lb.{NEW_NAMES[old]}. Use the new name: the old one goes with version"
         " 0.4.",
@@ -100,9 +103,9 @@ def warn_of_new_name(old: str) -> None:
 def renamed_keyword(
     old: str, new: str
 ) -> Callable[[Callable[_Arguments, _Result]], Callable[_Arguments, _Result]]:
-    """Return a decorator for a function with a renamed argument, which still accepts the old name.
+    """Return a decorator that lets a function still accept the old name of a renamed argument.
 
-    A call with the old name of the argument gives a FutureWarning.
+    A call with the old name of the argument gives a FutureWarning that states the new one.
     """
 
     def decorate(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:

@@ -44,9 +44,9 @@ def require(condition: object, message: str) -> None:
 
 @contextmanager
 def placed(place: object) -> Iterator[None]:
-    """Add a place, such as a file name, to the message of an `InputError` in the ``with`` block.
+    """Put a place in front of the message of an `InputError` that the ``with`` block raises.
 
-    The place is put in front of the message.
+    The place is, for example, the name of the file in which the fault is.
     """
     try:
         yield
@@ -55,18 +55,18 @@ def placed(place: object) -> Iterator[None]:
 
 
 class _Similarity(NamedTuple):
-    """Measures of how similar two names are, the most important first."""
+    """Measures of how similar two names are, the most important first; larger is more similar."""
 
-    ratio: float
-    same_letters: bool
-    first_match_size: int
+    ratio: float  # share of matching letters, from 0 to 1
+    same_letters: bool  # whether both names consist of the same letters in any order
+    first_match_size: int  # number of letters in the first matching part
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """Return the known name that is most similar to ``name``, to suggest it for a misspelt one.
+    """Return the known name that is most similar to ``name``, which is probably misspelt.
 
-    Among equally similar names, one with the same letters is preferred, then one with the longer
-    first matching part.
+    Among equally similar names, one that consists of the same letters is preferred, then the one
+    with the longer first matching part. Capitals do not matter.
     """
     lower_name = name.lower()
 
@@ -88,7 +88,7 @@ def check_known(kind: str, names: Iterable[str], known: Iterable[str], more: str
     Parameters
     ----------
     kind
-        What the names are, for the message, such as "test" or "option".
+        Kind of the names, for the message, such as "test" or "option".
     names
         Names that a user gave.
     known
@@ -120,7 +120,7 @@ def renamed(
     Parameters
     ----------
     kind
-        What has this name, for the warning, such as "the method".
+        Kind of thing that has this name, for the warning, such as "the method".
     name
         Old or current name.
     new_names

@@ -52,13 +52,14 @@ __all__ = [
 
 T = TypeVar("T")
 Array: TypeAlias = NDArray[Any]
-# Largest size of a file with a result [bytes].
+# Largest size of a JSON file with a result that is read [bytes].
 _LARGEST_BYTES = 200_000_000
 # Longest one-line text (``repr``) that displays an object [characters].
 _LONGEST_REPR = 80
 # Longest text for the value of one field in the one-line text of an object [characters].
 _LONGEST_VALUE = 56
-# A list, tuple, set or dictionary with more entries is displayed by its size only.
+# A list, tuple, set or dictionary with more entries is displayed in one-line texts by its number of
+# entries only.
 _MOST_ENTRIES = 12
 
 
@@ -79,9 +80,9 @@ def _to_list(array: Array) -> Any:
 
 
 def _to_frame(rows: Any) -> pd.DataFrame:
-    """Return a data frame from a dictionary of rows by name, or from a list of rows.
+    """Return a data frame (table of pandas) from the rows of a table as JSON holds them.
 
-    A data frame is returned unchanged.
+    They are a dictionary of rows by name, or a list of rows. A data frame is returned unchanged.
     """
     if isinstance(rows, pd.DataFrame):
         return rows
@@ -113,10 +114,13 @@ if TYPE_CHECKING:
     Records: TypeAlias = pd.DataFrame
 else:
     ByRow = Annotated[Any, BeforeValidator(_to_frame), PlainSerializer(_to_rows_by_name)]
-    """A table, in JSON its rows by name."""
+    """Type of a field for a data frame, which is written as a dictionary of its rows in JSON."""
 
     Records = Annotated[Any, BeforeValidator(_to_frame), PlainSerializer(_to_records)]
-    """A table, in JSON a list of its rows, null where a cell is missing."""
+    """Type of a field for a data frame, which is written as a list of its rows in JSON.
+
+    A missing cell is written as null.
+    """
 
 
 def entries_of(source: Any) -> dict[str, Any]:
@@ -137,9 +141,9 @@ def entries_of(source: Any) -> dict[str, Any]:
 def brief(value: Any, longest: int = _LONGEST_VALUE) -> str:
     """Return any value as a text of one line with at most ``longest`` characters.
 
-    Arrays, tables and long collections are displayed by their size. An object is displayed by its
-    attributes that are not empty. If these are too long, attributes at their defaults are left out,
-    and then the last ones.
+    Arrays, tables and long collections are displayed by their size. An object is displayed as its
+    class with those of its attributes that are not empty. If the text is too long, attributes that
+    have their default values are left out, and then the last attributes.
     """
     kind = type(value).__name__
     if getattr(value, "shape", ()):
@@ -168,8 +172,9 @@ def _brief_collection(value: Any, longest: int) -> str:
 def _brief_object(value: Any, entries: Mapping[str, Any], longest: int) -> str:
     """Return an object as a text of one line: its class, with ``name=value`` for its attributes.
 
-    Empty attributes are left out. If the line is longer than ``longest`` characters, attributes at
-    their defaults are left out too, and then the last ones, as many as necessary.
+    ``entries`` are the displayed attributes by name; empty ones are left out. If the line is longer
+    than ``longest`` characters, attributes that have their default values are left out too, and
+    then as many of the last attributes as necessary.
     """
     kind = type(value)
     filled = {name: entry for name, entry in entries.items() if not _is_empty(entry)}
@@ -201,10 +206,10 @@ class Shown:
     """Base class of objects that users see, which defines how they are displayed.
 
     The ``repr`` is one line. ``print`` shows the most important parts on one screen; `details`
-    returns all tables and sentences, which notebooks show too. ``shown`` names the attributes to
-    show; without it, all fields of a dataclass are shown.
+    returns all tables and sentences, which notebooks show too.
     """
 
+    #: names of the attributes that are displayed; if empty, all fields of a dataclass are
     shown: ClassVar[tuple[str, ...]] = ()
 
     def __init_subclass__(cls) -> None:
@@ -239,9 +244,9 @@ class Result(Shown):
     __pydantic_config__ = ConfigDict(arbitrary_types_allowed=True)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the result as a dictionary for JSON.
+        """Return the result as a dictionary that can be written as JSON.
 
-        Numbers are in internal units (mm, N, rad).
+        Numbers are in internal units (mm, N, rad) unless the name of a field states another unit.
         """
         findings: dict[str, Any] = _adapter(type(self)).dump_python(
             self, mode="json", by_alias=True
@@ -279,24 +284,26 @@ Passage: TypeAlias = Table | str | tuple[str, ...]
 """Part of a displayed result: a table, a paragraph (a text) or a list (a tuple of texts)."""
 
 
-# Functions that define how results are displayed. They are called when a result is first displayed.
+# Functions that define how classes of results are displayed. They are called when a result is first
+# displayed.
 _REGISTRATIONS: set[Callable[[], object]] = set()
 
 
 def register_when_displayed(register: Callable[[], object]) -> None:
-    """Postpone a function that defines how results are displayed.
+    """Store a function that defines how results are displayed, to be called later.
 
-    The function is called when a result is displayed and the display of its class is not defined
-    yet. A program thus loads the words about results only if it displays one.
+    ``register`` is called without arguments when a result is displayed and the display of its class
+    is not defined yet. A program thus loads the words about results only if it displays a result.
     """
     _REGISTRATIONS.add(register)
 
 
 def registered_function(general: Any, result: Any) -> Callable[[Any], Any] | None:
-    """Return the function that displays results of this class; None if there is none.
+    """Return the function that displays results of the class of ``result``; None without one.
 
     ``general`` is a function made by `functools.singledispatch`, for which other modules register
-    one function per class. Postponed registrations are done first.
+    one function per class of results. Functions stored by `register_when_displayed` are called
+    first.
     """
     for register in _REGISTRATIONS:
         register()
@@ -338,9 +345,9 @@ def screen_of(result: Any) -> tuple[Passage, ...]:
 
 
 def lines_of(passages: Iterable[Passage], width: int = 120) -> str:
-    """Return tables, paragraphs and lists as lines of at most ``width`` characters.
+    """Return passages as text with lines of at most ``width`` characters.
 
-    An empty line follows each table.
+    A passage is a table, a paragraph or a list. An empty line follows each table.
     """
     lines: list[str] = []
     for passage in passages:
@@ -355,12 +362,18 @@ def lines_of(passages: Iterable[Passage], width: int = 120) -> str:
 
 
 def text_of(result: Any, width: int = 120) -> str:
-    """Return a result as plain text for a terminal or a log."""
+    """Return all tables and sentences about a result as plain text for a terminal or a log.
+
+    Lines have at most ``width`` characters.
+    """
     return lines_of(parts_of(result), width)
 
 
 def html_of(result: Any) -> str:
-    """Return a result as HTML for a notebook, with special characters in its texts escaped."""
+    """Return all tables and sentences about a result as HTML for a notebook.
+
+    Special characters in the texts are escaped.
+    """
     blocks: list[str] = []
     for passage in parts_of(result):
         if isinstance(passage, Table):
@@ -381,9 +394,9 @@ def read_result(
     path : path
         Path of the file, or of the folder that contains the file ``name``.json.
     name : str
-        Name of the result.
+        Name of the result, such as "comparison".
     command : str
-        Name of the command that wrote the file.
+        Name of the command that wrote the file, such as "compare".
     read : callable
         Function that makes the result from the content of the JSON file.
 
@@ -430,6 +443,6 @@ def _reason_of(error: Exception) -> str:
 
 
 def json_text(result: Mapping[str, Any]) -> str:
-    """Return a dictionary as JSON text; NaN and infinite numbers become null."""
+    """Return the dictionary of a result as JSON text; NaN and infinite numbers become null."""
     text = to_json(result, indent=2, inf_nan_mode="null", fallback=_to_list)
     return text.decode() + "\n"

@@ -19,15 +19,18 @@ from ldbb_bayes.units import display_unit, round_like, round_uncertainty, typese
 
 __all__ = ["ReadableFrame", "Table", "readable", "table_of", "terminal_width", "wrapped"]
 
-# Largest number of rows that are displayed; of a longer table, the first and last rows are.
+# Largest number of rows that are displayed; of a longer table, the first and the last rows are
+# displayed.
 _MOST_ROWS = 60
-# Smallest width of displayed lines [characters], also used without a terminal.
+# Smallest width of the displayed lines of tables and texts [characters], also used without a
+# terminal.
 _NARROWEST = 80
-# Largest width of displayed lines [characters].
+# Largest width of the displayed lines of tables and texts [characters].
 _WIDEST = 100
 # Number of lines of a terminal whose size is unknown.
 _TERMINAL_LINES = 24
-# Largest number of lines that ``print`` displays; of a longer table, columns are left out.
+# Largest number of lines of a table that ``print`` displays. Of a longer table, columns that would
+# need lines of their own are left out.
 _SCREEN_LINES = 45
 # Smallest widths [characters] to which the head of a column is broken into lines. They are tried in
 # this order until the table fits.
@@ -60,16 +63,16 @@ _IN_UNIT_OF_ROW = frozenset(
 _ROUNDED_LIKE_U = frozenset(("mean", "median", "ci_low", "ci_high", "estimate", "difference"))
 # Names of columns that hold a standard uncertainty.
 _STANDARD_UNCERTAINTIES = ("sd", "u")
-# Names of columns of an estimate and its uncertainty. They are the last to be moved to lines
-# beneath their rows when a table is too wide.
+# Names of columns with an estimate and its uncertainty. When a table is too wide, columns are moved
+# to lines beneath their rows; these columns are moved last.
 _ESTIMATE = frozenset(("mean", "sd", "ci_low", "ci_high", "difference"))
-# Names of columns whose texts name the rows of a data frame that has only row numbers. The first
-# such column of the frame is used.
+# Names of columns whose texts are displayed as the names of the rows, if a data frame has only row
+# numbers. If there are several such columns, the first name in this list counts.
 _NAMING = ("parameter", "quantity", "source")
-# Pattern of units before which a line must not be broken.
+# Regular expression for units before which a line of text must not be broken.
 _UNIT = r"%|°|bar\b|[nµm]?m\b|k?N\b|[nµm]?rad\b|per kN|nats?\b|times\b|u\b"
-# Pattern of spaces at which a line must not be broken: before units, brackets and "per kN", and
-# beside signs such as ± and =.
+# Regular expression for spaces at which a line of text must not be broken: before units, brackets
+# and "per kN", and beside signs such as ± and =.
 _UNBREAKABLE = "|".join(
     (
         rf"(?<=[\d)\]]) (?={_UNIT})",
@@ -80,7 +83,7 @@ _UNBREAKABLE = "|".join(
         r"(?<= [=±→≤≥<>·−]) (?=[\w(−+.])",
     )
 )
-# Pattern of short texts in brackets, within which a line must not be broken.
+# Regular expression for short texts in brackets, within which a line of text must not be broken.
 _SHORT_BRACKETS = r"[(\[][^()\[\]]{1,16}[)\]]"
 _NO_BREAK = "\xa0"
 
@@ -107,29 +110,32 @@ class Table:
         *,
         text: Collection[str] = (),
     ) -> Self:
-        """Return a table whose columns are numeric except the first and those in ``text``."""
+        """Return a table with a caption, the heads of its columns, and its rows of cells.
+
+        All columns hold numbers, except the first and those whose heads are in ``text``.
+        """
         numeric = tuple(position > 0 and head not in text for position, head in enumerate(heads))
         return cls(caption, tuple(heads), numeric, tuple(tuple(row) for row in rows))
 
     def shown(self) -> tuple[tuple[str, ...], ...]:
-        """Return the rows of the table as texts for display."""
+        """Return the cells of the table as texts for display, row by row."""
         return tuple(_typeset_row(row) for row in self.rows)
 
     def text(self, width: int = 120) -> str:
         """Return the table as lines of at most ``width`` characters.
 
-        If the table is too wide, column heads are broken into lines. If it still is, columns with
-        the same value in every row are stated once below the table. Then further columns are
-        moved beneath their rows, beginning with the last: first text, then numbers, then an
-        estimate and its uncertainty.
+        If the table is too wide, the heads of its columns are broken into lines. If it is still too
+        wide, columns with the same value in every row are stated once below the table. If that is
+        not enough, further columns are moved to lines beneath their rows, beginning with the last:
+        first texts, then numbers, then an estimate and its uncertainty.
         """
         return _TextLayout(self, width).text()
 
     def screen(self, width: int = 100) -> str:
         """Return the table as text that fits on a screen, if necessary without some columns.
 
-        If the table is too long, the columns that `text` moves beneath their rows are left out, and
-        the last line names them.
+        Lines have at most ``width`` characters. If the text has more than 45 lines, the columns
+        that `text` moves to lines beneath their rows are left out, and the last line names them.
         """
         layout = _TextLayout(self, width)
         text = layout.text()
@@ -138,7 +144,7 @@ class Table:
         return layout.text_without_columns_beneath()
 
     def html(self) -> str:
-        """Return the table as HTML, with all its texts escaped."""
+        """Return the table as HTML; special characters in its texts are escaped."""
         head_tags = ['th scope="col"'] * len(self.heads)
         row_tags = ['th scope="row"', *["td"] * (len(self.heads) - 1)]
         head = self._html_row(head_tags, self.heads)
@@ -175,7 +181,7 @@ class _TextLayout:
         self._head_lines = [head.replace(" (", "\n(").split("\n") for head in self._heads]
 
     def text(self) -> str:
-        """Return the table as lines of text."""
+        """Return the table as lines of text that fit the width, with all its columns."""
         if self._is_too_wide():
             self._fit()
         return "\n".join(self._lines(sorted(self._beneath)))
@@ -195,7 +201,10 @@ class _TextLayout:
         return "\n".join(lines)
 
     def _lines(self, beneath: Sequence[int]) -> list[str]:
-        """Return the lines of the table; columns in ``beneath`` follow on lines below each row."""
+        """Return the lines of the table.
+
+        Cells of the columns with the indices ``beneath`` are on lines of their own below each row.
+        """
         lines = wrapped(self._caption, self._width)
         lines += self._lines_of_heads()
         for row in self._rows:
@@ -209,8 +218,9 @@ class _TextLayout:
     def _fit(self) -> None:
         """Change the layout until the table fits the width.
 
-        Heads are broken into lines. Columns with one value in all rows are then stated once, and
-        further columns moved to lines beneath their rows.
+        First, the heads of columns are broken into lines. If the table is still too wide, columns
+        with one value in all rows are stated once. If that is not enough, further columns are moved
+        to lines beneath their rows.
         """
         self._break_heads(1)
         if self._is_too_wide() and len(self._rows) > 1:
@@ -227,9 +237,10 @@ class _TextLayout:
                 self._break_heads(least_width)
 
     def _importance(self, column: int) -> tuple[bool, bool, bool]:
-        """Return a sort key for a column; the smallest key is moved beneath the rows first.
+        """Return the sort key of a column for the order in which columns are moved beneath rows.
 
-        The order is texts, numbers, an estimate with its uncertainty, and the unit.
+        Columns with the smallest key are moved first. The order is texts, numbers, an estimate with
+        its uncertainty, and the unit. ``column`` is the index of the column.
         """
         head = self._heads[column]
         return head == "unit", head in _ESTIMATE, self._numeric[column]
@@ -246,7 +257,10 @@ class _TextLayout:
         return self._width_with(column, self._head_lines[column])
 
     def _width_with(self, column: int, head_lines: Sequence[str]) -> int:
-        """Return the width [characters] of a column whose head is broken into the given lines."""
+        """Return the width [characters] of a column whose head is broken into ``head_lines``.
+
+        ``column`` is the index of the column.
+        """
         cells = [row[column] for row in self._rows]
         return max(len(text) for text in [*head_lines, *cells])
 
@@ -338,8 +352,17 @@ def readable(
 ) -> pd.DataFrame:
     """Return a data frame that is displayed as a table with a caption and display units.
 
-    ``units`` gives the units of columns by name, which are displayed in the heads. If a row states
-    an internal unit, its values are displayed in the display unit; stored values do not change.
+    Stored values do not change.
+
+    Parameters
+    ----------
+    frame
+        The data frame. If it has a column "unit" with internal units (mm, N, rad), the values of
+        each row are displayed in the display unit, such as nm/N.
+    caption
+        Caption of the table.
+    units
+        Units of columns by name, which are displayed in the heads of the columns.
     """
     copy = ReadableFrame(frame)
     copy.attrs = {**frame.attrs, "caption": caption, "units": dict(units or {})}
@@ -358,7 +381,7 @@ def terminal_width() -> int:
 def table_of(frame: pd.DataFrame) -> Table:
     """Return a data frame as a `Table`, with the numbers of each row in its display unit.
 
-    A data frame of more than 60 rows is shortened to its first and last rows.
+    A data frame of more than 60 rows is shortened to its first 30 and last 30 rows.
     """
     caption = frame.attrs.get("caption", "")
     frame = _with_named_rows(frame)
@@ -381,9 +404,10 @@ def table_of(frame: pd.DataFrame) -> Table:
 
 
 def _with_named_rows(frame: pd.DataFrame) -> pd.DataFrame:
-    """Return a data frame whose rows are named by a column of names instead of numbers.
+    """Return a data frame whose rows have names instead of numbers, if one of its columns has them.
 
-    A data frame with named rows, or without such a column, is returned unchanged.
+    The column is "parameter", "quantity" or "source". A data frame with named rows, or without such
+    a column, is returned unchanged.
     """
     if frame.index.name is not None or frame.index.dtype != int:
         return frame
@@ -465,7 +489,10 @@ def wrapped(text: str, width: int, first: str = "", then: str = "") -> list[str]
 
 
 def _glued(text: str) -> str:
-    """Return a text with no-break spaces wherever a line must not be broken."""
+    """Return a text with no-break spaces wherever a line must not be broken.
+
+    Such places are between a number and its unit or sign, and within short brackets.
+    """
     text = re.sub(_UNBREAKABLE, _NO_BREAK, text)
     return re.sub(_SHORT_BRACKETS, _without_breaks, text)
 

@@ -38,13 +38,15 @@ __all__ = [
 ]
 
 T = TypeVar("T")
-# Display unit of every internal unit of compliances: factor to the display unit, and its label.
+# Display unit of each internal unit of compliances: factor from the internal unit to the display
+# unit, and label of the display unit.
 _COMPLIANCE_UNITS = {
     "mm/N": (1e6, "nm/N"),
     "rad/N": (1e9, "nrad/N"),
     "rad/(N mm)": (1e9, "µrad/(N m)"),
 }
-# Display unit of every other internal unit: factor to the display unit, and its label.
+# Display unit of each internal unit of quantities other than compliances: factor from the internal
+# unit to the display unit, and label of the display unit.
 _OTHER_UNITS = {
     "1": (1e6, "µm/m"),
     "1/mm": (1e9, "µm/m²"),
@@ -57,9 +59,11 @@ _OTHER_UNITS = {
 
 
 def _display_units() -> dict[str, tuple[float, str]]:
-    """Return the display unit of every internal unit: factor to the display unit, and its label.
+    """Return the display unit of every internal unit (of mm, N and rad).
 
-    Linear slopes of a compliance with force are displayed per kN, quadratic ones per kN².
+    It is a pair: the factor from the internal unit to the display unit, and the label of the
+    display unit. Linear slopes of a compliance with force are displayed per kN, quadratic ones per
+    kN².
     """
     slopes = {}
     curvatures = {}
@@ -69,7 +73,8 @@ def _display_units() -> dict[str, tuple[float, str]]:
     return _COMPLIANCE_UNITS | slopes | curvatures | _OTHER_UNITS
 
 
-# Display unit of every internal unit: factor to the display unit, and its label.
+# Display unit of every internal unit (of mm, N and rad): factor from the internal unit to the
+# display unit, and label of the display unit.
 DISPLAY_UNITS = _display_units()
 
 
@@ -79,9 +84,9 @@ class _Size(NamedTuple):
     For angles and ratios, both powers are zero; for mm/N they are 1 and −1.
     """
 
-    factor: float
-    length: int
-    force: int
+    factor: float  # size of the unit in mm, N and rad; 1e-3 for µm
+    length: int  # power of length
+    force: int  # power of force
 
 
 # Factors of the prefixes that a user may write before m, N and rad.
@@ -89,9 +94,9 @@ _PREFIXES = {"n": 1e-9, "µ": 1e-6, "m": 1e-3, "": 1.0, "k": 1e3}
 
 
 def _units_to_write() -> dict[str, _Size]:
-    """Return the units that a user may write, by name.
+    """Return the sizes of the units that a user may write, by name, such as µm or kN.
 
-    Quotients and squares are made from these.
+    A user may also write quotients and squares of these units.
     """
     sizes = {
         "1": _Size(1.0, 0, 0),
@@ -107,15 +112,17 @@ def _units_to_write() -> dict[str, _Size]:
     return sizes
 
 
-# Units that a user may write, by name; quotients and squares are made from these.
+# Sizes of the units that a user may write, by name; a user may also write quotients and squares of
+# these units.
 UNITS_TO_WRITE = _units_to_write()
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-# Unit of a setting by the ending of its name: sd_um is in µm.
+# Unit of a setting (such as the standard deviation of a prior) by the ending of its name: sd_um is
+# in µm.
 _UNIT_BY_ENDING = {"um": "um", "mm": "mm", "N": "N", "rad": "rad", "deg": "°"}
 # A compliance may be near zero, and its stiffness without upper limit, if the lower limit of its
-# interval is below this share of its median.
+# credible interval is below this share of its median.
 _NEAR_ZERO_SHARE = 0.2
-# When items are ranked, sort keys below this share of the largest key count as zero.
+# When items are ranked by a sort key, keys below this share of the largest key count as zero.
 _ZERO_SHARE = 1e-12
 # A credible interval counts as skewed if its middle differs from the mean by more than this share
 # of half the interval's width.
@@ -123,7 +130,10 @@ _SKEWED_SHARE = 0.2
 
 
 def display_unit(unit: str) -> tuple[float, str]:
-    """Return the factor from an internal unit to its display unit, and the display unit's label."""
+    """Return the factor from an internal unit to its display unit, and the display unit's label.
+
+    For mm/N these are 1e6 and nm/N.
+    """
     require(
         unit in DISPLAY_UNITS,
         f"unit must be one of {', '.join(DISPLAY_UNITS)}, got {unit!r}. Use one of the internal"
@@ -182,6 +192,15 @@ def setting_to_inside(name: str, value: Any, subject: str) -> Any:
     For direct_mm_per_N, "60 nm/N" is 6e-5; for sd_um, "3 µm" is 3. A setting whose name has no unit
     is a ratio: "10 %" is 0.1. For such a setting, a text that is no number is returned unchanged. A
     value that is not a text is always returned unchanged.
+
+    Parameters
+    ----------
+    name
+        Name of the setting, such as sd_um.
+    value
+        Value of the setting.
+    subject
+        Name of the setting in error messages.
     """
     if not isinstance(value, str):
         return value
@@ -200,7 +219,10 @@ def setting_to_inside(name: str, value: Any, subject: str) -> Any:
 
 
 def _size_of(unit: str) -> _Size | None:
-    """Return the size and dimension of a unit in mm, N and rad; None for a text that is no unit."""
+    """Return the size of a unit in mm, N and rad with its powers of length and force.
+
+    Return None for a text that is no unit.
+    """
     text = re.sub(r"\(([^()]*)\)", _as_quotients, unit.strip())
     text = re.sub(r"\s+per\s+", "/", text.replace("μ", "µ").replace("²", "^2"))
     factor = 1.0
@@ -227,9 +249,9 @@ def _as_quotients(match: re.Match[str]) -> str:
 
 
 def is_direct(name: str) -> bool:
-    """Return whether a parameter is a direct compliance, a displacement along the force.
+    """Return whether a parameter with this name is a direct compliance, such as C_XXX.
 
-    The reciprocal of a direct compliance is a stiffness.
+    It is the displacement per force in the direction of the force; its reciprocal is a stiffness.
     """
     return re.fullmatch(r"C_([XYZ])\1.", name) is not None
 
@@ -323,7 +345,11 @@ def three_digits(value: float) -> str:
 
 
 def round_like(value: float, decimals: int) -> str:
-    """Return a value rounded to a number of decimals, as text; a rounded zero has no sign."""
+    """Return a value rounded to a number of decimals, as text.
+
+    A negative number of decimals rounds left of the decimal point: −1 rounds to tens. A value that
+    is rounded to zero has no sign; one that is not finite gives a question mark.
+    """
     if not math.isfinite(value):
         return "?"
     rounded = round(value, decimals) or 0.0
@@ -331,7 +357,7 @@ def round_like(value: float, decimals: int) -> str:
 
 
 def value_and_uncertainty(value: float, uncertainty: float) -> tuple[str, str]:
-    """Return value and uncertainty as texts, rounded to the same decimal place.
+    """Return a value and its uncertainty as texts, rounded to the same decimal place.
 
     The uncertainty has two significant digits.
     """
@@ -384,7 +410,7 @@ def _with_minus_sign(value: float, decimals: int) -> str:
 
 
 def is_skewed(mean: float, interval: tuple[float, float]) -> bool:
-    """Return whether a credible interval is skewed about the mean.
+    """Return whether a credible interval is skewed about the mean of its distribution.
 
     It is skewed if its middle differs from the mean by more than a tenth of its width.
     """

@@ -120,8 +120,8 @@ class Session:
     def state(self) -> dict[str, Any]:
         """Return the state of the session as a dictionary, which the page requests repeatedly.
 
-        It has the number of files, the numbers ``edition`` and ``fitted``, whether a fit is running,
-        its progress and its outcome.
+        It has the number of files, the numbers ``edition`` and ``fitted``, whether a fit is
+        running, its progress and its outcome.
         """
         return {
             "files": len(self.held),

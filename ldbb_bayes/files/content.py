@@ -15,8 +15,8 @@ __all__ = ["LARGEST_TABLE_BYTES", "bytes_of", "refuse_unwritable", "write_whole"
 
 # Largest size of a file with readings [bytes], enough for a million lines of sixty characters.
 LARGEST_TABLE_BYTES = 64 * 2**20
-# Error numbers of the operating system that mean a full disk, or a user's quota or file size limit
-# reached.
+# Error numbers of the operating system which mean that the disk is full, or that a user's quota or
+# the limit of the file size is reached.
 _OUT_OF_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
@@ -73,9 +73,9 @@ def _require_ordinary_file(path: Path, expected: str) -> None:
 
 @contextmanager
 def refuse_unwritable(target: Path) -> Iterator[None]:
-    """Raise an `InputError` in place of an ``OSError`` from writing ``target``.
+    """Raise an `InputError` if the ``with`` block fails to write the file or folder ``target``.
 
-    It is a context manager: the ``with`` block writes the file or folder.
+    It replaces the ``OSError`` that the ``with`` block raises; its message names the target.
     """
     try:
         yield
@@ -89,9 +89,9 @@ def refuse_unwritable(target: Path) -> Iterator[None]:
 
 
 def write_whole(target: Path, content: bytes) -> None:
-    """Write a file completely; if this fails, an existing file stays unchanged.
+    """Write the file ``target`` completely; if this fails, an existing file stays unchanged.
 
-    If two runs write the same file, its content is entirely that of the later run.
+    If two runs of the program write the same file, its content is entirely that of the later run.
     """
     staging = target.with_name(f".{target.name}-{secrets.token_hex(4)}.part")
     with refuse_unwritable(target):

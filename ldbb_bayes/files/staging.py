@@ -17,9 +17,9 @@ __all__ = ["check_target", "staged_folder"]
 
 
 def check_target(target: Path, *, force: bool, ours: Collection[str] = ()) -> None:
-    """Raise an `InputError` if a folder must not be replaced or cannot be written.
+    """Raise an `InputError` if a folder for results must not be replaced or cannot be written.
 
-    Call this before a long computation, so that its results can be written.
+    It is called before a long computation, so that the results can be written afterwards.
 
     Parameters
     ----------
@@ -62,7 +62,10 @@ def check_target(target: Path, *, force: bool, ours: Collection[str] = ()) -> No
 
 
 def _require_elsewhere(target: Path) -> None:
-    """Raise an `InputError` for the working directory, a folder around it, or a broken link."""
+    """Raise an `InputError` if the path ``target`` must not be a folder for results.
+
+    This is so for the working directory, a folder that contains it, and a broken link.
+    """
     try:
         with suppress(FileNotFoundError, NotADirectoryError, PermissionError):
             target.stat()
@@ -82,14 +85,17 @@ def staged_folder(target: Path, *, force: bool, ours: Collection[str] = ()) -> I
     """Provide a temporary folder that replaces ``target`` when the ``with`` block succeeds.
 
     The old folder remains until the new one is complete, and is unchanged if writing fails. If two
-    runs write the same folder, its content is entirely that of the later run. If ``target`` is a
-    link, the folder to which it points is replaced.
+    runs of the program write the same folder, its content is entirely that of the later run. If
+    ``target`` is a link, the folder to which it points is replaced.
 
     Parameters
     ----------
-    target, force, ours
-        Folder to write, whether an existing one is replaced, and the files that it may hold;
-        `check_target` checks them first.
+    target
+        Folder that is to be written.
+    force
+        Whether an existing folder may be replaced.
+    ours
+        Names of the files that an existing folder may hold to be replaced; others are refused.
 
     Yields
     ------
@@ -116,8 +122,8 @@ def _replace_folder(target: Path, staging: Path, *, force: bool) -> None:
     """Rename the folder ``staging`` to ``target``, and delete an old folder of this name.
 
     The old folder is renamed first, and gets its name back if the renaming of the new one fails. If
-    another run writes the same target meanwhile, the renaming is tried again; without ``force``, an
-    `InputError` is raised.
+    another run of the program writes the same target meanwhile, the renaming is tried again if
+    ``force`` is true; otherwise an `InputError` is raised.
     """
     retired = staging.with_name(f"{staging.name}-old")
     while True:
@@ -141,7 +147,7 @@ def _replace_folder(target: Path, staging: Path, *, force: bool) -> None:
 
 
 def _is_occupied(target: Path, error: OSError) -> bool:
-    """Return whether an error of renaming means that the target is an existing folder."""
+    """Return whether ``error``, raised by renaming, means that ``target`` is an existing folder."""
     if error.errno in (errno.ENOTEMPTY, errno.EEXIST):
         return not target.is_file()
     return error.errno == errno.EACCES and target.is_dir()

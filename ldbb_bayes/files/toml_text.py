@@ -14,10 +14,10 @@ __all__ = ["LARGEST_TOML_BYTES", "parse_toml", "read_toml"]
 
 # Largest size of a TOML file [bytes]; a campaign of a thousand tests needs half of this.
 LARGEST_TOML_BYTES = 512 * 2**10
-# Longest line of a TOML file [characters].
+# Longest line that a TOML file may have [characters].
 _LONGEST_LINE = 20_000
-# Pattern of a key with seven dots or more (such as a.b.c.d.e.f.g.h), which is refused. The time to
-# read a key grows with the square of its number of parts; valid files need at most three parts.
+# Pattern of a key with eight dots or more (such as a.b.c.d.e.f.g.h.i), which is refused. The time
+# to read a key grows with the square of its number of parts; valid files need at most three parts.
 _DEEP_KEY = re.compile(
     r"(?:(?:[\w-]{1,200}|\"[^\"\n]{0,200}\"|'[^'\n]{0,200}')[ \t]{0,9}\.[ \t]{0,9}){8}"
 )

@@ -16,7 +16,7 @@ __all__ = ["raises_input_error", "validated"]
 T = TypeVar("T")
 # Types of errors by which pydantic, the library that checks input, reports unknown keys.
 _UNKNOWN_KEY = ("extra_forbidden", "unexpected_keyword_argument")
-# Words with which most messages of pydantic, the library that checks input, begin.
+# Words with which most error messages of pydantic, the library that checks input, begin.
 _EXPECTATION = "Input should be "
 
 
@@ -72,12 +72,22 @@ def validated(model: type[T], content: dict[str, Any], place: str) -> T:
 class _Location(NamedTuple):
     """Place of an error in the content of a file."""
 
-    keys: list[str]  # keys from the outermost table inwards; entries of lists count from 1
-    owner: Any  # class that describes the table with the last key
+    keys: list[str]  # keys from the outermost table to the entry; entries of lists count from 1
+    owner: Any  # class that describes the table in which the last key is
 
 
 def _locate(model: Any, content: Any, loc: tuple[int | str, ...]) -> _Location:
-    """Return the place of an error in a file, from the location ``loc`` that pydantic reports."""
+    """Return the place of an error in a file, from the location that pydantic reports.
+
+    Parameters
+    ----------
+    model
+        Class of the library pydantic that describes valid content.
+    content
+        Content of the file.
+    loc
+        Location of the error as pydantic reports it: keys, indices in lists from 0, and types.
+    """
     keys: list[str] = []
     owner = model
     for key in loc:
@@ -91,9 +101,10 @@ def _locate(model: Any, content: Any, loc: tuple[int | str, ...]) -> _Location:
 
 
 def _nested_model(owner: Any, key: int | str) -> Any:
-    """Return the class that describes the content of one key of a table.
+    """Return the class that describes the table at one key of a table.
 
-    ``owner`` is the class that describes the table; it is returned if the key holds no table.
+    ``owner`` is the class that describes the table with the key; it is returned if the key holds no
+    table.
     """
     for name, field in owner.__pydantic_fields__.items():
         if key not in (name, field.alias):
@@ -105,9 +116,10 @@ def _nested_model(owner: Any, key: int | str) -> Any:
 
 
 def _describe_invalid(subject: str, error: Any) -> str:
-    """Return the error message for an invalid value.
+    """Return the error message for an invalid value in a file or argument.
 
-    ``subject`` names the value, and ``error`` is the entry in pydantic's list of errors.
+    ``subject`` names the value in the message. ``error`` is the entry in the list of errors of
+    pydantic, the library that checks input.
     """
     message = error["msg"].removeprefix("Value error, ")
     message = re.sub(r"dictionary or an instance of _\w+", "table", message)
@@ -151,7 +163,19 @@ def raises_input_error(subject: str) -> Callable[[type[T]], type[T]]:
 def _input_error(
     cls: type, subject: str, kwargs: dict[str, Any], error: ValidationError
 ) -> InputError:
-    """Return the `InputError` for a wrong argument of a class, from pydantic's error."""
+    """Return the `InputError` for a wrong argument of a class.
+
+    Parameters
+    ----------
+    cls
+        The class, a dataclass of pydantic (the library that checks input).
+    subject
+        Name of the object in the message, such as "test".
+    kwargs
+        Keyword arguments with which the class was called.
+    error
+        Error that pydantic raised.
+    """
     first = error.errors()[0]
     cause = first.get("ctx", {}).get("error")
     if isinstance(cause, InputError):

@@ -21,7 +21,8 @@ def xml_of(content: bytes, wanted: str) -> ElementTree.Element:
     content
         Content of the file.
     wanted
-        File that the user should give instead if this one is no XML, for the error message.
+        Description of the file that the user should give if this one is no XML, for the message of
+        the error.
 
     Returns
     -------
@@ -45,7 +46,8 @@ def xml_of(content: bytes, wanted: str) -> ElementTree.Element:
 def _refuse_dangerous(content: bytes) -> None:
     """Raise an `InputError` for XML with a document type or too deeply nested elements.
 
-    This is checked before the tree is built, which such a file could make very large.
+    This is checked before the tree of elements is built, because such a file could make the tree
+    very large.
     """
     depth = 0
 
