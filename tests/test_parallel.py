@@ -26,13 +26,13 @@ import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.parallel import (
     Lost,
-    ahead,
     dask_executor,
     done,
     executor_named,
     one_blas_thread,
     process_executor,
     second_process,
+    start_early,
 )
 
 
@@ -220,11 +220,11 @@ def test_processes(tmp_path: Path) -> None:
 
 def test_a_call_begun_ahead_has_its_result_whatever_becomes_of_its_process(tmp_path: Path) -> None:
     with process_executor(1) as executor:
-        assert ahead(os.getpid, executor)() != os.getpid() == ahead(os.getpid, None)()
-        assert ahead(partial(dies, tmp_path, 1, 5), executor)() == 25
+        assert start_early(os.getpid, executor)() != os.getpid() == start_early(os.getpid, None)()
+        assert start_early(partial(dies, tmp_path, 1, 5), executor)() == 25
         assert len(list(tmp_path.iterdir())) == 1
         with pytest.raises(ZeroDivisionError):
-            ahead(partial(reciprocal, 3), executor)()
+            start_early(partial(reciprocal, 3), executor)()
 
 
 def test_an_interruption_stops_those_at_work() -> None:
@@ -284,7 +284,10 @@ def test_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     for cores in (1, 2):
         monkeypatch.setattr("ldbb_bayes.parallel.executors.usable_cores", lambda cores=cores: cores)
         with second_process() as executor:
-            assert (executor is None, ahead(os.getpid, executor)()) == (cores == 1, os.getpid())
+            assert (executor is None, start_early(os.getpid, executor)()) == (
+                cores == 1,
+                os.getpid(),
+            )
     monkeypatch.setitem(sys.modules, "dask", None)
     with (
         pytest.raises(

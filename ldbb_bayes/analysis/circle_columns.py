@@ -22,8 +22,8 @@ __all__ = [
     "MachineColumns",
     "SecondOrderFactors",
     "first_circle",
+    "is_tool_ball_offset",
     "machine_columns",
-    "offsets",
     "second_order_factors",
     "squareness_name",
 ]
@@ -97,6 +97,6 @@ def first_circle(bound: BoundModel, plane: str) -> int:
     return list(bound.setting.plane).index(plane)
 
 
-def offsets(bound: BoundModel) -> Array:
+def is_tool_ball_offset(bound: BoundModel) -> Array:
     """Return whether each parameter is an offset of the tool ball, shape (p,)."""
     return np.array([name.startswith("E_") and name[3] == "t" for name in bound.names])

@@ -20,8 +20,8 @@ from ldbb_bayes.analysis.circle_columns import (
     COS2,
     SIN2,
     first_circle,
+    is_tool_ball_offset,
     machine_columns,
-    offsets,
     second_order_factors,
 )
 from ldbb_bayes.campaign.campaign import distinct_forces
@@ -153,7 +153,7 @@ def path_draws(
     draws_of_models = model_draws_of(posterior, draws)
     hysteresis = _draw_hysteresis(bound, draws_of_models)
     beta = np.concatenate([model_draws.beta for model_draws in draws_of_models])
-    beta = np.where(offsets(bound), 0.0, beta)
+    beta = np.where(is_tool_ball_offset(bound), 0.0, beta)
     forces = [float(force) for force in forces_N]
     if not forces:
         forces = [0.0, *distinct_forces(bound.setting.force_N).tolist()]

@@ -51,7 +51,7 @@ from ldbb_bayes.inference.nodes import Evidence, Nodes
 from ldbb_bayes.inference.residuals import fit_quality
 from ldbb_bayes.inference.summary import check_probability
 from ldbb_bayes.model.hybrid import HybridModel
-from ldbb_bayes.parallel import ahead, one_blas_thread
+from ldbb_bayes.parallel import one_blas_thread, start_early
 from ldbb_bayes.results import Array, Finite, Number, Records, Result, read_result
 from ldbb_bayes.units import ranked
 
@@ -125,8 +125,9 @@ class ComparedModel:
     log_evidence: float
     log_evidence_error: Finite
     posterior_probability: float
-    #: expected log predictive density: sum over the tests of the log density of each test given the
-    #: other tests [nat]; not a number for a campaign of one test
+    #: expected log predictive density (elpd), leaving one force out (lofo): sum over the tests of
+    #: the log density of each test given the other tests [nat]; not a number for a campaign of one
+    #: test
     elpd_lofo: Number
     elpd_lofo_se: Number  #: standard error of ``elpd_lofo``, from the scatter over the tests [nat]
     #: root-mean-square residual (Eq. 34 of the paper) of the posterior mean prediction [µm]; the
@@ -144,8 +145,9 @@ class ComparedModel:
 class ComparedTest:
     """One test of a campaign, predicted from the other tests.
 
-    Fields with ``lofo`` in their names compare the test's readings with their prediction from the
-    other tests. The p-values, the worst Fourier order and the flag are those of `JudgedTest`.
+    Fields with ``lofo`` (leave one force out) in their names compare the test's readings with their
+    prediction from the other tests. The p-values, the worst Fourier order and the flag are those of
+    `JudgedTest`.
     """
 
     force_N: float
@@ -657,7 +659,7 @@ def _begin_local_fits(
     if not plan.has_local_fits:
         return pd.DataFrame
     fit = partial(neighbouring_forces.local_fits, plan.largest, campaign, prob=prob)
-    return ahead(fit, executor)
+    return start_early(fit, executor)
 
 
 def _begin_assumptions(
@@ -683,7 +685,7 @@ def _begin_assumptions(
         separate,
         best - _FAR_REJECTED,
     )
-    return ahead(weigh, executor)
+    return start_early(weigh, executor)
 
 
 def _weigh_assumptions(
@@ -869,16 +871,16 @@ def _parameter_estimates(nodes: Nodes) -> dict[str, ParameterEstimate]:
 def _compare_tests(
     nodes_by_model: Mapping[str, Nodes],
     left_out_nodes: Mapping[str, Mapping[str, Nodes]],
-    log_densities: Mapping[str, Array],
+    left_out_log_densities: Mapping[str, Array],
     seed: int,
     tolerance: float,
 ) -> dict[str, ComparedTest]:
     """Return the comparison of every test with its prediction from the other tests, by name.
 
     The result is empty if no test is left out. ``nodes_by_model`` holds the posterior for all tests
-    by model, ``left_out_nodes`` that without a test by model and test, and ``log_densities`` the
-    log density of every test given the others [nat]. ``tolerance`` is the error allowed of a log
-    evidence [nat].
+    by model, and ``left_out_nodes`` that without a test, by model and by the test left out.
+    ``left_out_log_densities`` holds the log density of every test given the others, by model [nat].
+    ``tolerance`` is the error allowed of a log evidence [nat].
     """
     if not left_out_nodes:
         return {}
@@ -886,9 +888,12 @@ def _compare_tests(
     forces = next(iter(nodes_by_model.values())).bound.setting.force_N
     compared = {}
     for r, (name, judged) in enumerate(judged_tests.items()):
+        log_density = {}
+        for model in nodes_by_model:
+            log_density[model] = float(left_out_log_densities[model][r])
         compared[name] = ComparedTest(
             force_N=float(forces[r]),
-            lofo_log_density={model: float(log_densities[model][r]) for model in nodes_by_model},
+            lofo_log_density=log_density,
             lofo_p_value=judged.p_value,
             lofo_family_wise_p_value=judged.family_wise_p_value,
             lofo_worst_order=judged.worst_order,

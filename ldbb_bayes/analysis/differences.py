@@ -16,7 +16,7 @@ import pandas as pd
 import xarray as xr
 from scipy.special import ndtr, ndtri
 
-from ldbb_bayes.analysis.circle_columns import offsets
+from ldbb_bayes.analysis.circle_columns import is_tool_ball_offset
 from ldbb_bayes.analysis.common_instrument import Conflict, joint_difference
 from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.errors import require
@@ -102,7 +102,7 @@ def compare_posteriors(
     first, second = bounds
     _check_comparable_machines(first, second, record_of(other)["campaign"]["name"])
     names = []
-    for name, is_offset in zip(first.names, offsets(first), strict=True):
+    for name, is_offset in zip(first.names, is_tool_ball_offset(first), strict=True):
         if not is_offset and name in second.names:
             names.append(name)
     reference_force_N = first.setting.reference_force_N

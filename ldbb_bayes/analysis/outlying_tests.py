@@ -28,7 +28,7 @@ from ldbb_bayes.inference.evidence import probabilities, require_models
 from ldbb_bayes.inference.evidences import Evidences, leave_one_out
 from ldbb_bayes.inference.nodes import Nodes
 from ldbb_bayes.inference.prediction import replicate_left_out
-from ldbb_bayes.inference.residuals import harmonics_of
+from ldbb_bayes.inference.residuals import matrix_to_harmonics
 from ldbb_bayes.model.fourier import MAX_ORDER, ORDERS
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.parallel import one_blas_thread
@@ -247,7 +247,7 @@ def _judge_left_out(
     """
     bound = _any_nodes(nodes_by_model).bound
     r = bound.test_names.index(name)
-    observed = harmonics_of(bound, r) @ np.asarray(bound.reduced[r].projection)
+    observed = matrix_to_harmonics(bound, r) @ np.asarray(bound.reduced[r].reading_mm)
     judged = judge_circle(
         observed, _replicates(nodes_by_model, left_out_nodes, name, size, _CIRCLES_PER_DRAW, rng)
     )

@@ -12,8 +12,8 @@ from ldbb_bayes.analysis.circle_columns import (
     ANGLE_RAD,
     MachineColumns,
     first_circle,
+    is_tool_ball_offset,
     machine_columns,
-    offsets,
 )
 from ldbb_bayes.analysis.circularity import summarise_draws
 from ldbb_bayes.deprecation import renamed_keyword
@@ -70,7 +70,8 @@ def decompose_deviation(
     -------
     DataFrame
         One row per plane and source. Sources are all effects together, all compliances, all
-        geometric errors, every compliance (its slope included) and every geometric error. Columns
+        geometric errors, every compliance (its slope included) and every geometric error. Offsets
+        of the tool ball are sources of their own, but not part of the three sums. Columns
         are plane, radius_mm, force_N and source; maximum, minimum and peak_to_peak; and sd, ci_low
         and ci_high of the peak-to-peak. The values maximum and minimum are those of the posterior
         mean contribution; peak_to_peak is the posterior median. For a source that the readings
@@ -139,9 +140,10 @@ def _columns_by_source(bound: BoundModel, columns: MachineColumns) -> dict[str, 
     """Return the effects of the p parameters on a circle by source of contributions, shape (25, p).
 
     An effect is the change of the circle's 25 Fourier coefficients per unit of the parameter. The
-    columns of parameters that do not belong to the source are zero.
+    columns of parameters that do not belong to the source are zero. Offsets of the tool ball are
+    sources of their own, but not part of the sums.
     """
-    geometry = np.where(offsets(bound), 0.0, columns.geometric)
+    geometry = np.where(is_tool_ball_offset(bound), 0.0, columns.geometric)
     by_source = {
         TOGETHER: columns.elastic + geometry,
         COMPLIANCE: columns.elastic,

@@ -323,10 +323,11 @@ def judge_posterior(posterior: xr.DataTree) -> dict[str, ParameterIdentifiabilit
 
 
 def hyper_parameter_nodes(bound: BoundModel) -> tuple[Array, Array]:
-    """Return weights, shape (w,), and values, shape (w, h) [mm], of the hyper-parameters φ.
+    """Return weights, shape (w,), and values, shape (w, h), of the hyper-parameters φ.
 
     They are w quadrature nodes that represent p(φ | y) given the readings y, where compliances may
-    be negative. For a plan there is one node, the prior median.
+    be negative. Lengths are in mm; decays and noise factors are pure numbers. For a plan there is
+    one node, the prior median.
     """
     if bound.campaign.is_plan:
         median = np.full((1, len(bound.hyper_prior.names)), 0.5)

@@ -100,7 +100,7 @@ def understand(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
         "remarks": [wording.remark_words(remark) for remark in preview.remarks],
         "fit": [wording.remark_words(remark) for remark in preview.assumptions],
         "traces": traces,
-        "instrument": _instrument(campaign),
+        "instrument": _uncertainties_by_part(campaign),
     }
 
 
@@ -175,24 +175,26 @@ def _assumption_row(assumption: Assumption, folder: Path) -> dict[str, Any]:
 # ---- the instrument
 
 
-def _instrument(campaign: lb.Campaign) -> dict[str, list[dict[str, Any]]]:
+def _uncertainties_by_part(campaign: lb.Campaign) -> dict[str, list[dict[str, Any]]]:
     """Return the uncertainties that a fit assumes for each part of the instrument.
 
     The result has a list of entries for each part, such as bar or balls. An entry is marked as
     stated if a calibration certificate states the uncertainty.
     """
-    entries_by_piece: dict[str, list[dict[str, Any]]] = {}
+    entries_by_part: dict[str, list[dict[str, Any]]] = {}
     for assumed in lb.terms.uncertainties(campaign).assumed:
-        piece = assumed.certificate.partition("_")[0] or assumed.name.partition("_")[0]
-        if piece in ("work", "tool"):
-            entry = _ball_entry(campaign, assumed, piece)
-            piece = "balls"
+        # For example, the certificate of the uncertainty bar_length is in the field bar_U_um.
+        certificate_field = assumed.certificate
+        part = certificate_field.partition("_")[0] or assumed.name.partition("_")[0]
+        if part in ("work", "tool"):
+            entry = _ball_entry(campaign, assumed, part)
+            part = "balls"
         else:
-            entry = _instrument_entry(campaign, assumed, piece)
-        entries = entries_by_piece.setdefault(piece, [])
+            entry = _instrument_entry(campaign, assumed, part)
+        entries = entries_by_part.setdefault(part, [])
         if entry not in entries:
             entries.append(entry)
-    return entries_by_piece
+    return entries_by_part
 
 
 def _ball_entry(campaign: lb.Campaign, assumed: Any, ball_name: str) -> dict[str, Any]:
@@ -212,14 +214,14 @@ _LABELS = {"1": "%", "rad": "°", "N": "N"}
 _FACTORS = {"1": 100.0, "rad": 180.0 / math.pi, "N": 1.0}
 
 
-def _instrument_entry(campaign: lb.Campaign, assumed: Any, piece: str) -> dict[str, Any]:
+def _instrument_entry(campaign: lb.Campaign, assumed: Any, part: str) -> dict[str, Any]:
     factor = _FACTORS.get(assumed.unit, 1e3)
     label = _LABELS.get(assumed.unit, "µm")
     if assumed.unit.endswith("/bar"):
         label = "µm/bar"
     size = f"± {two_digits(2.0 * assumed.sd, factor)} {label}"
     error_um = campaign.instrument.bar_length_error_um
-    if piece == "bar" and error_um:
+    if part == "bar" and error_um:
         size = f"{error_um:g} ".replace("-", "−") + size
     return {
         "words": wording.assumed_words(assumed)[0],

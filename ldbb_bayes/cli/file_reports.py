@@ -20,7 +20,7 @@ from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.files import staged_folder
 from ldbb_bayes.inference.evidences import Evidences
 from ldbb_bayes.inference.posterior import campaign_of, model_of, record_of
-from ldbb_bayes.parallel import ahead, second_process
+from ldbb_bayes.parallel import second_process, start_early
 from ldbb_bayes.reading.assumptions import Assumption
 from ldbb_bayes.reading.layout import layout_to_toml
 from ldbb_bayes.report import fit_tables, text, wording
@@ -110,8 +110,8 @@ def report_files(
     check_force(campaign, settings.get("force_N"))
     campaign = with_tolerances(campaign, model, settings.get("tolerances", {}))
     source_campaign = SourceCampaign(campaign, imported)
-    with steps as begin, second_process() as executor:
-        fit, analyses = _analyse(campaign, model, begin, settings, executor)
+    with steps as begin_step, second_process() as executor:
+        fit, analyses = _analyse(campaign, model, begin_step, settings, executor)
         stated_posterior = fit if analyses.averaged is None else analyses.averaged
         fit_result = fit_tables.full_result(fit, settings["prob"])
         stated_result = fit_tables.full_result(stated_posterior, settings["prob"])
@@ -130,7 +130,7 @@ def report_files(
                 recommended=analyses.design,
                 averaged=analyses.averaged,
                 **page_settings(settings),
-                progress=begin("page"),
+                progress=begin_step("page"),
             )
             _write_beside_page(staging, fit, fit_result, imported, analyses)
     parts = _printed_parts(source_campaign, fit, stated_result, analyses)
@@ -173,14 +173,14 @@ def page_settings(settings: dict[str, Any]) -> dict[str, Any]:
 def _analyse(
     campaign: lb.Campaign,
     model: lb.HybridModel,
-    begin: Begin,
+    begin_step: Begin,
     settings: dict[str, Any],
     executor: Executor | None,
 ) -> tuple[xr.DataTree, _Analyses]:
     """Return a fit of linear compliance, and further analyses.
 
     The analyses are a comparison of linear with constant compliance, an average over these two
-    models, and the choice of the next tests.
+    models, and the choice of the next tests, which is computed in the background.
 
     Parameters
     ----------
@@ -188,7 +188,7 @@ def _analyse(
         Campaign with readings.
     model
         Model with compliance linear in force.
-    begin
+    begin_step
         Function that begins a step of the progress bar.
     settings
         Options of the report by name.
@@ -197,9 +197,8 @@ def _analyse(
     """
     seed = settings["seed"]
     models = {"constant": model.with_degree(0), "linear": model}
-    # Start the second process now, so that it imports its modules during the fit.
-    ahead(partial(callable, lb.compare), executor)
-    begin("fit")
+    _import_in_worker(executor)
+    begin_step("fit")
     fit = lb.sample(model, campaign, sampler="independent", seed=seed)
 
     evidences = Evidences(campaign, tolerance=_TOLERANCE)
@@ -209,22 +208,28 @@ def _analyse(
             models,
             campaign,
             prob=settings["prob"],
-            progress=begin("compare"),
+            progress=begin_step("compare"),
             executor=executor,
             evidences=evidences,
             seed=seed,
         )
     )
     choose_tests = partial(lb.design, model, pilot=campaign, tests=settings.get("tests"), seed=seed)
-    design = ahead(partial(_result_or_reason, choose_tests), executor)
+    design = start_early(partial(_result_or_reason, choose_tests), executor)
 
-    begin("average")
+    begin_step("average")
     averaged = _result_or_reason(
         partial(lb.average, models, campaign, evidences=evidences, seed=seed)
     )
     if isinstance(averaged, str):
         averaged = None
+    # The page, the files and the terminal ask for the design; it is computed only once.
     return fit, _Analyses(comparison, averaged, cache(design))
+
+
+def _import_in_worker(executor: Executor | None) -> None:
+    """Start the second process now, so that it imports the package during the fit."""
+    start_early(partial(callable, lb.compare), executor)
 
 
 def _result_or_reason(work: Callable[[], Any]) -> Any:

@@ -26,7 +26,7 @@ from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.files import check_target, staged_folder
 from ldbb_bayes.inference.posterior import bound_of, campaign_of, record_of
 from ldbb_bayes.inference.summary import check_probability
-from ldbb_bayes.report.page import REPORT_FILES, check_folder
+from ldbb_bayes.report.page import REPORT_FILES, check_report_target
 from ldbb_bayes.report.pictures import PICTURES
 
 if TYPE_CHECKING:
@@ -168,9 +168,10 @@ def _report_fits(source: ReportSource, output: Output, settings: dict[str, Any])
 
 
 def _check_report_folder(folder: Path, *, force: bool) -> None:
-    """Raise an `InputError` for a folder that holds a report already, or that cannot be written.
+    """Raise an `InputError` for a folder that holds a report already, or cannot take one.
 
-    With ``force``, an existing report is accepted.
+    With ``force``, an existing report is accepted. A folder cannot take a report if its subfolder
+    ``tables`` holds other files, or if it is no folder.
     """
     for name in REPORT_FILES:
         if (folder / name).exists() and not force:
@@ -178,7 +179,7 @@ def _check_report_folder(folder: Path, *, force: bool) -> None:
                 f"{folder / name} must not exist, got an earlier report. Choose another --out or"
                 " pass --force."
             )
-    check_folder(folder)
+    check_report_target(folder)
 
 
 def _stored_result(folder: Path, name: str) -> Path | None:

@@ -27,7 +27,7 @@ from ldbb_bayes.inference.coefficients import (
 )
 from ldbb_bayes.inference.residuals import (
     RANK_TOLERANCE,
-    harmonics_of,
+    matrix_to_harmonics,
     reduced_residuals,
     tests_in_order,
 )
@@ -261,7 +261,7 @@ def centre_shift(bound: BoundModel, beta: Array) -> dict[str, float]:
     at three different forces are checked.
     """
     residuals = reduced_residuals(bound, machine_coefficients(bound, beta[None])[0])
-    harmonics = [harmonics_of(bound, r) @ residual for r, residual in enumerate(residuals)]
+    harmonics = [matrix_to_harmonics(bound, r) @ residual for r, residual in enumerate(residuals)]
     p_values: dict[str, float] = {}
     for plane, _, in_plane in bound.setting.each("plane"):
         force = bound.setting.force_N[in_plane]
@@ -359,8 +359,8 @@ def _p_values_of_orders(draws: ModelDraws, r: int, shared: Array, sigma: Array) 
         Standard deviation σ of white noise in every draw, shape (draws,) [mm].
     """
     reduced = draws.bound.reduced[r]
-    to_harmonics = harmonics_of(draws.bound, r)
-    residual = (np.asarray(reduced.projection) - shared @ reduced.factor.T) @ to_harmonics.T
+    to_harmonics = matrix_to_harmonics(draws.bound, r)
+    residual = (np.asarray(reduced.reading_mm) - shared @ reduced.factor.T) @ to_harmonics.T
     basis_to_harmonics = to_harmonics @ reduced.factor
     columns = [to_harmonics]
     sd = [np.tile(sigma[:, None], to_harmonics.shape[1])]

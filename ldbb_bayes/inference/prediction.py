@@ -29,7 +29,7 @@ from ldbb_bayes.inference.coefficients import (
 )
 from ldbb_bayes.inference.nodes import Nodes
 from ldbb_bayes.inference.posterior import model_draws_of
-from ldbb_bayes.inference.residuals import harmonics_of
+from ldbb_bayes.inference.residuals import matrix_to_harmonics
 from ldbb_bayes.inference.summary import check_probability
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.hybrid import BoundModel
@@ -259,7 +259,7 @@ def replicate_left_out(
     sigma = phi[:, [bound.hyper_prior.names.index("sigma")]]
     noise = sigma * rng.standard_normal((size, len(factor)))
     circle = (coefficients + draw_of_circle(bound, phi, r, rng)) @ factor.T + noise
-    return np.asarray(circle @ harmonics_of(bound, r).T)
+    return np.asarray(circle @ matrix_to_harmonics(bound, r).T)
 
 
 def band_um(

@@ -21,7 +21,7 @@ __all__ = [
     "RANK_TOLERANCE",
     "FitQuality",
     "fit_quality",
-    "harmonics_of",
+    "matrix_to_harmonics",
     "quality_of",
     "reduced_residuals",
     "residuals_mm",
@@ -113,12 +113,12 @@ def reduced_residuals(bound: BoundModel, predicted: Array) -> list[Array]:
     coefficients that are predicted for each test [mm].
     """
     return [
-        np.asarray(reduced.projection) - reduced.factor @ coefficients
+        np.asarray(reduced.reading_mm) - reduced.factor @ coefficients
         for reduced, coefficients in zip(bound.reduced, predicted, strict=True)
     ]
 
 
-def harmonics_of(bound: BoundModel, r: int) -> Array:
+def matrix_to_harmonics(bound: BoundModel, r: int) -> Array:
     """Return the matrix that converts the reduced readings of test r to Fourier coefficients.
 
     Its shape is (25, m): the readings of a test are reduced to m ≤ 25 numbers, and there are 25

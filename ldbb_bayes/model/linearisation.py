@@ -123,7 +123,7 @@ def estimate_machine(
     mean = np.array([proper.means.get(name, 0.0) for name in names])
     estimate = fit_nearest(columns, mean, scale, reduced, nominal_mount_offset(setting))
     count = len(interest.compliances)
-    if reduced[0].projection is None:
+    if reduced[0].reading_mm is None:
         return MachineEstimate(planned, estimate[count:])
     visible = np.abs(setting.elastic).max(axis=(0, 1)) > 0.0
     return MachineEstimate(np.where(visible, estimate[:count], planned), estimate[count:])
@@ -155,10 +155,10 @@ def fit_nearest(
     rows = []
     values = []
     for r, test in enumerate(reduced):
-        if test.projection is None:
+        if test.reading_mm is None:
             return near
         rows.append(test.factor @ columns[r])
-        values.append(test.projection - test.factor @ offset[r])
+        values.append(test.reading_mm - test.factor @ offset[r])
     jacobian = np.concatenate(rows)
     residuals = np.concatenate(values) - jacobian @ near
     return near + minimum_norm_solution(jacobian, residuals, scale)

@@ -349,8 +349,8 @@ def _reading_rows(
         test_interest = np.zeros((m + 1, interest.shape[2]))
         test_interest[:m] = factor @ interest[r]
         values = np.zeros(m + 1)
-        if test.projection is not None:
-            values[:m] = rotation @ test.projection - factor @ offset[r]
+        if test.reading_mm is not None:
+            values[:m] = rotation @ test.reading_mm - factor @ offset[r]
         values[m] = np.sqrt(test.residual_ss)
         readings = np.ones(m + 1)
         readings[m] = max(test.readings - SIZE, 0)
@@ -436,7 +436,7 @@ def _add_priors(
         values=prior_mean[proper],
         readings=np.ones(len(proper)),
         test=_test_of_coefficients(nuisances, tests)[proper],
-        variance=_prior_variance(priors, unit, sources)[proper],
+        variance=_prior_variance_factors(priors, unit, sources)[proper],
     )
     log_volume = float((np.log(unit[flat]) + 0.5 * _LOG_2PI).sum())
     return _Scaled(_concatenate([scaled, prior_rows]), unit, log_volume)
@@ -473,7 +473,7 @@ def _coefficient_priors(
     )
 
 
-def _prior_variance(
+def _prior_variance_factors(
     priors: _CoefficientPriors,
     unit: Array,
     sources: list[Source],
@@ -482,18 +482,18 @@ def _prior_variance(
 
     The prior variance of each nuisance coefficient, in units of ``unit`` (coefficients,), is
     Σ v · source². A source of variance is a hyper-parameter or a product of hyper-parameters. A
-    coefficient with a prior sd of zero gets a variance of one; it has no effect, because its
-    rescaled column is zero.
+    coefficient whose ``sd`` and ``stated_sd`` are both zero gets the factor one; it has no effect,
+    because its rescaled column is zero. Rows of flat priors are placeholders that the caller drops.
     """
     columns = np.arange(len(unit))
     flat = np.isinf(priors.sd)
     with np.errstate(invalid="ignore", divide="ignore"):
         scaled_share = np.where(unit > 0.0, (priors.sd / unit) ** 2, 1.0)
         stated_share = np.where(unit > 0.0, (priors.stated_sd / unit) ** 2, 0.0)
-    variance = np.zeros((len(unit), len(sources)))
-    variance[columns, priors.source] += np.where(flat, 0.0, scaled_share)
-    variance[columns, sources.index(Source())] += np.where(flat, 0.0, stated_share)
-    return variance
+    factors = np.zeros((len(unit), len(sources)))
+    factors[columns, priors.source] += np.where(flat, 0.0, scaled_share)
+    factors[columns, sources.index(Source())] += np.where(flat, 0.0, stated_share)
+    return factors
 
 
 def _test_of_coefficients(

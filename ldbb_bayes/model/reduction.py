@@ -69,7 +69,7 @@ class Reduced:
     #: Reduced readings Qᵀ y [mm], where y are the n readings of the test and Q is the orthogonal
     #: factor of the Fourier functions at its angles; shape (m,) with m = min(n, 25). None for a
     #: planned test, which has no readings.
-    projection: Array | None
+    reading_mm: Array | None
     #: Triangular factor R of the 25 Fourier functions at the test's n angles, shape (m, 25) with
     #: m = min(n, 25). It turns Fourier coefficients into reduced readings.
     factor: Array
@@ -119,6 +119,6 @@ def reduce_readings(angle_rad: Array, reading_mm: Array | None) -> Reduced:
         stacked = np.vstack([triangle, rows])
         triangle = np.asarray(np.linalg.qr(stacked, mode="r"))
     m = min(n, SIZE)
-    projection = None if reading_mm is None else triangle[:m, SIZE]
+    reduced_mm = None if reading_mm is None else triangle[:m, SIZE]
     residual_ss = float(triangle[SIZE, SIZE] ** 2) if n > SIZE else 0.0
-    return Reduced(projection, triangle[:m, :SIZE], residual_ss, n)
+    return Reduced(reduced_mm, triangle[:m, :SIZE], residual_ss, n)

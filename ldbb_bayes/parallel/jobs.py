@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.parallel.process_pool import WorkerDiedError
 
-__all__ = ["Lost", "ahead", "done"]
+__all__ = ["Lost", "done", "start_early"]
 
 R = TypeVar("R")
 T = TypeVar("T")
@@ -121,7 +121,7 @@ def done(
             future.cancel()
 
 
-def ahead(call: Callable[[], R], executor: Executor | None) -> Callable[[], R]:
+def start_early(call: Callable[[], R], executor: Executor | None) -> Callable[[], R]:
     """Begin a call on an executor, and return a function that waits for the result of the call.
 
     Parameters

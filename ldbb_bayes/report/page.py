@@ -32,7 +32,14 @@ from ldbb_bayes.report.sheets import sheets
 from ldbb_bayes.report.translation import words_of
 from ldbb_bayes.results import Shown, json_text
 
-__all__ = ["REPORT_FILES", "Document", "check_folder", "compose", "html_page", "write_report"]
+__all__ = [
+    "REPORT_FILES",
+    "Document",
+    "check_report_target",
+    "compose",
+    "html_page",
+    "write_report",
+]
 
 REPORT_FILES = ("report.html", "report.pdf", "report.json", "dcc.xml", "tables")
 
@@ -201,7 +208,7 @@ def html_page(document: Document) -> str:
     return template_of("report.html.j2").render(document=document, style=style)
 
 
-def check_folder(folder: Path) -> None:
+def check_report_target(folder: Path) -> None:
     """Refuse a folder that a report cannot be written to, before any work is done.
 
     Parameters
@@ -296,7 +303,7 @@ def write_report(
     'CAN BE USED WITH THIS RESERVATION. Not determined by the readings: Squareness of X to Y. …'
     """
     folder = Path(folder)
-    check_folder(folder)
+    check_report_target(folder)
     check_force(campaign_of(posterior), force_N)
     words_of(language)
     others = []

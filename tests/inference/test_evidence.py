@@ -21,7 +21,7 @@ from ldbb_bayes.inference.evidences import Evidences, leave_one_out
 from ldbb_bayes.inference.mcmc import StoppingRule
 from ldbb_bayes.inference.nodes import Evidence, HyperPosterior
 from ldbb_bayes.inference.prediction import replicate_left_out
-from ldbb_bayes.inference.residuals import harmonics_of
+from ldbb_bayes.inference.residuals import matrix_to_harmonics
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.orthant import Orthant
 
@@ -427,6 +427,6 @@ def test_replicates_are_the_predictive_distribution() -> None:
     sd = np.sqrt(np.diag(np.mean(covariances, axis=0) + np.cov(np.array(means).T)))
     np.testing.assert_allclose(replicates.mean(axis=0) / sd, mean / sd, atol=0.06)
     np.testing.assert_allclose(replicates.std(axis=0), sd, rtol=0.08)
-    observed = harmonics_of(bound, test) @ np.asarray(bound.reduced[test].projection)
+    observed = matrix_to_harmonics(bound, test) @ np.asarray(bound.reduced[test].reading_mm)
     expected = pseudo_inverse @ oracle.tests[test].reading
     np.testing.assert_allclose(observed, expected, atol=1e-12)

@@ -21,7 +21,7 @@ def test_nothing_is_lost(n: int, arc: float, seed: int) -> None:
     reduced = reduce_readings(angle, y)
     assert reduced.factor.shape == (min(n, SIZE), SIZE)
     direct = np.sum((y - basis(angle) @ a) ** 2)
-    inside = np.sum((reduced.projection - reduced.factor @ a) ** 2)
+    inside = np.sum((reduced.reading_mm - reduced.factor @ a) ** 2)
     assert inside + reduced.residual_ss == pytest.approx(direct, rel=1e-10)
 
 
@@ -34,8 +34,8 @@ def test_chunks_do_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:
     chunked = reduce_readings(angle, y)
     gram = at_once.factor.T @ at_once.factor
     np.testing.assert_allclose(chunked.factor.T @ chunked.factor, gram, atol=1e-9)
-    moment = at_once.factor.T @ at_once.projection
-    np.testing.assert_allclose(chunked.factor.T @ chunked.projection, moment, atol=1e-9)
+    moment = at_once.factor.T @ at_once.reading_mm
+    np.testing.assert_allclose(chunked.factor.T @ chunked.reading_mm, moment, atol=1e-9)
     assert chunked.residual_ss == pytest.approx(at_once.residual_ss, rel=1e-12)
 
 
@@ -56,4 +56,4 @@ def test_uniform_circles_are_recognised(n: int, arc: float, uniform: bool) -> No
 
 def test_a_planned_test_has_no_projection() -> None:
     angle = np.deg2rad(np.arange(0.0, 360.0, 10.0))
-    assert reduce_readings(angle, None).projection is None
+    assert reduce_readings(angle, None).reading_mm is None

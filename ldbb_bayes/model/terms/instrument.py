@@ -201,7 +201,10 @@ class ForceError(Term):
         return sd
 
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
-        """Yield gain, curvature and random error of the force with their standard uncertainties."""
+        """Yield the errors of the force that the term models, with their standard uncertainties.
+
+        They are gain, curvature (unless ``curvature_sd`` is zero) and random error.
+        """
         certificates = {
             "force_gain": "force_U_percent",
             "force_curvature": "force_linearity_percent",

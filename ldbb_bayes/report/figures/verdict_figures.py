@@ -69,6 +69,7 @@ def prior_and_posterior(identifiability: Identifiability) -> Figure:
 
 
 def _draw_densities(axes: Axes, entry: ParameterIdentifiability) -> None:
+    """Draw the densities of a parameter before and after the readings, each scaled to peak 1."""
     factor, _ = display_unit(entry.unit)
     mean = entry.mean * factor
     sd = entry.sd * factor
@@ -86,6 +87,7 @@ def _draw_densities(axes: Axes, entry: ParameterIdentifiability) -> None:
 
 
 def _bell(value: Array, mean: float, sd: float) -> Array:
+    """Return a normal density at the given values, scaled so that the largest is one."""
     density = np.exp(-0.5 * ((value - mean) / sd) ** 2)
     return density / density.max()
 
