@@ -36,8 +36,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Batch", "run_batch"]
 
-# Largest number of campaigns that the result of a batch lists as failed, and as doubtful. Further
-# campaigns are only counted.
+# Largest number of campaigns that the result of a batch lists as failed, and largest number that it
+# lists as doubtful. Further campaigns are only counted.
 _LONGEST_NAMED = 10_000
 
 
@@ -58,19 +58,24 @@ class Batch(Result):
     """
 
     out: Path  #: folder of the batch
-    dataset: Path  #: Parquet file with the batch's table, in the folder of the batch
+    #: Parquet file with the batch's table, one row per campaign, in the folder of the batch
+    dataset: Path
     campaigns: int  #: number of all campaigns of the batch
-    done: int  #: number of campaigns fitted, in this run or an earlier one
+    done: int  #: number of campaigns fitted successfully, in this run or an earlier one
     failures: int  #: number of campaigns that could not be fitted
-    not_converged: int  #: number of fitted campaigns that missed the sampling target
-    #: number of fitted campaigns whose readings are unexpected under the model, or contradict it
+    #: number of fitted campaigns for which the sampler did not reach its effective number of draws
+    not_converged: int
+    #: number of fitted campaigns whose readings do not fit the model, or contradict the condition
+    #: that no compliance is negative
     doubtful: int
-    #: file path of each campaign that could not be fitted, and why; 10 000 campaigns at most
-    failed: tuple[dict[str, str], ...]
-    #: file path and verdict of each campaign whose fit is doubtful or missed its sampling target;
+    #: file path of each campaign that could not be fitted (key ``campaign``), and why (``reason``);
     #: 10 000 campaigns at most
+    failed: tuple[dict[str, str], ...]
+    #: file path (key ``campaign``) and verdict (``verdict``) of each campaign whose fit is doubtful
+    #: or whose sampler did not converge; 10 000 campaigns at most
     doubts: tuple[dict[str, str], ...]
-    fitted: int  #: number of campaigns that this run tried to fit; earlier runs tried the others
+    #: number of campaigns that this run of the batch tried to fit; earlier runs tried the others
+    fitted: int
     seconds: float  #: duration of this run of the batch [s]
     resumed: bool  #: whether this run continued an earlier run of the same batch
 
@@ -244,9 +249,9 @@ def _number(paths: Iterable[str]) -> list[Job]:
 
 
 def _canonical_toml(model: HybridModel) -> str:
-    """Return the TOML text of a model with its terms in a fixed order.
+    """Return the TOML text of a model, with the terms (effects that it contains) in a fixed order.
 
-    Models with the same terms give the same text, in whatever order the terms were given.
+    Models that differ only in the order in which their terms were given have the same text.
     """
     return model_to_toml(model_from_toml(model_to_toml(model)))
 
@@ -270,9 +275,12 @@ def _fit_campaigns(
     retry: bool,
     progress: Callable[[int, int, int], None] | None,
 ) -> int:
-    """Fit the campaigns that have no row in the journal yet, and return how many these are.
+    """Fit the campaigns of a batch that have no row yet, and return how many these are.
 
-    With ``retry``, campaigns that failed in an earlier run are fitted again.
+    The rows are kept in the ``journal``, a database in the folder of the batch, in which each new
+    row is saved. If ``retry``, campaigns that failed in an earlier run are fitted again as well.
+    ``executor`` runs the fits in other processes; if it is None, they run in this one. ``progress``
+    is called with the numbers of finished, of all and of failed campaigns.
     """
     jobs = _pending_jobs(journal, retry)
     (campaigns,) = journal.execute("SELECT count(*) FROM campaigns").fetchone()
@@ -316,9 +324,10 @@ def _saved_rows(journal: sqlite3.Connection) -> Iterator[dict[str, Any]]:
 
 
 def _count_by_state(journal: sqlite3.Connection) -> dict[str, int]:
-    """Return the number of campaigns by state, such as usable or doubtful.
+    """Return the number of campaigns of a batch in each state of the fit, such as doubtful.
 
-    Campaigns without a state are counted by their status, such as failed.
+    A campaign that could not be fitted has no state and is counted as "failed". ``journal`` is the
+    database with the rows of the batch.
     """
     query = "SELECT coalesce(state, status), count(*) FROM campaigns GROUP BY 1"
     return dict(journal.execute(query).fetchall())
@@ -327,9 +336,10 @@ def _count_by_state(journal: sqlite3.Connection) -> dict[str, int]:
 def _named_campaigns(
     journal: sqlite3.Connection, column: str, states: tuple[str, ...]
 ) -> tuple[dict[str, str], ...]:
-    """Return the file path and one more column of each campaign in the given states.
+    """Return the file path and one more ``column`` of each campaign of a batch in some states.
 
-    At most 10 000 campaigns are returned.
+    ``journal`` is the database with the rows of the batch; ``states`` are one or two states of the
+    fit, such as doubtful, or "failed". At most 10 000 campaigns are returned.
     """
     query = (
         "SELECT row FROM campaigns WHERE coalesce(state, status) IN (?, ?) ORDER BY number LIMIT ?"

@@ -34,7 +34,8 @@ from ldbb_bayes.report.fit_tables import describe_fit
 
 __all__ = ["Job", "Settings", "failed_row", "fit_row"]
 
-# Largest numerical error of a log evidence from which a campaign's Bayes factor is computed [nat].
+# Numerical error asked for of each of the two log evidences from which a campaign's Bayes factor is
+# computed [nat].
 _EVIDENCE_TOLERANCE = 1e-2
 # Longest text that a campaign's row holds on why the campaign could not be fitted [characters].
 _LONGEST_REASON = 1200
@@ -52,16 +53,19 @@ class Settings:
     ess: float = 1000.0
     prob: float = 0.95
     compare: bool = True
-    #: fields of `Campaign` for campaigns that are read from tidy CSVs, which cannot state them
+    #: fields of `Campaign`, by name, for campaigns that are read from tidy CSV files, which cannot
+    #: state them
     table: Mapping[str, Any] = field(default_factory=dict)
-    #: fields of `Instrument`; they replace what the campaigns themselves state
+    #: fields of `Instrument`, by name: what certificates state; they replace what the campaigns
+    #: themselves state
     certificates: Mapping[str, Any] = field(default_factory=dict)
-    #: tolerances by quantity; they replace the tolerances that the campaigns themselves state
+    #: text of the tolerance of each quantity, by name; they replace the tolerances that the
+    #: campaigns themselves state
     tolerances: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def model(self) -> HybridModel:
-        """Return the model that the text ``model_toml`` describes."""
+        """Return the model of the fits, which the TOML text ``model_toml`` describes."""
         return _cached_model(self.model_toml)
 
 
@@ -69,9 +73,9 @@ _cached_model = lru_cache(maxsize=4)(model_from_toml)
 
 
 class Job(NamedTuple):
-    """One campaign to be fitted: its number in the batch, and its file path.
+    """One campaign to be fitted: its number in the batch, from 0, and its file path.
 
-    ``path`` is the file path as the user gave it.
+    ``path`` is the file path as the user gave it, ``absolute_path`` the same path made absolute.
     """
 
     number: int
@@ -130,9 +134,9 @@ def _read(settings: Settings, path: str) -> Campaign:
 
 
 def _reason(error: Exception, job: Job) -> str:
-    """Return one line of text on why a campaign could not be fitted.
+    """Return one line of text on why a campaign could not be fitted, from the error raised.
 
-    File paths in the text are written as the user gave them.
+    The file path of the campaign is written in it as the user gave it.
     """
     reason = plain_reason(error)
     if reason is None:
@@ -158,7 +162,10 @@ def _settings_columns(settings: Settings, job: Job) -> dict[str, Any]:
 
 
 def _origin_columns(campaign: Campaign) -> dict[str, Any]:
-    """Return the columns that describe a campaign: machine, date, tests, forces, tolerances."""
+    """Return the columns of a campaign's row that describe it: machine, date, tests, forces.
+
+    The result holds values by the names of the columns in the table of a batch.
+    """
     columns: dict[str, Any] = {name: getattr(campaign, name) for name in _CAMPAIGN_COLUMNS}
     return columns | {
         "planes": ",".join(campaign.machine().planes),
@@ -225,7 +232,12 @@ def _functions_of_further_columns(
 def _bayes_factor_columns(
     model: HybridModel, campaign: Campaign, truncated_density: HyperPosterior
 ) -> dict[str, Any]:
-    """Return the log Bayes factor of linear over constant compliance, and its error [nat]."""
+    """Return the log Bayes factor of linear over constant compliance, and its error [nat].
+
+    Both are given by the names of their columns. Linear and constant refer to the change of
+    compliance with force. ``truncated_density`` is the posterior density of the hyper-parameters
+    under the condition that no compliance is negative.
+    """
     density = truncated_density if model.prior.truncated else truncated_density.plain
     if model.degree == 1 and density.truncated == density.bound.truncation.active:
         linear = density.nodes(_EVIDENCE_TOLERANCE).evidence
@@ -248,9 +260,10 @@ def _conformity_columns(posterior: xr.DataTree) -> dict[str, Any]:
 
 
 def _parameter_numbers(posterior: xr.DataTree, prob: float) -> dict[str, dict[str, Any]]:
-    """Return unit, mean, sd and interval of every parameter and hyper-parameter of a fit.
+    """Return unit, mean, sd, median and interval of every parameter and hyper-parameter of a fit.
 
-    Hyper-parameters are the scales of the noise and of other effects.
+    Hyper-parameters are the scales of the noise and of other effects. The result is by the name of
+    the parameter, then of the number. ``prob`` is the probability of the credible interval.
     """
     numbers: dict[str, dict[str, Any]] = {}
     for name, draws in posterior["posterior"].data_vars.items():

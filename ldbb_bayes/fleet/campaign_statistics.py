@@ -20,11 +20,12 @@ from ldbb_bayes.results import Array
 
 __all__ = ["SufficientStatistics", "mixture_covariance", "sufficient_statistics"]
 
-# Number of nodes that are computed in one block. Nodes are values of the hyper-parameters φ, the
-# scales of the noise and of other effects. For each of them all other unknowns are Gaussian.
+# Number of nodes for which the parameters' moments are computed in one block. Nodes are values of
+# the hyper-parameters, the scales of the noise and of other effects. For each of them all other
+# unknowns are Gaussian.
 _NODES_AT_ONCE = 256
-# Nodes (values of the hyper-parameters) of lowest weight are left out of the moments; this is the
-# largest sum of their weights.
+# Moments of the parameters are averages over nodes (weighted values of the hyper-parameters). The
+# nodes of smallest weight are left out; this is the largest sum of their weights.
 _NEGLECTED_WEIGHT = 1e-4
 
 
@@ -32,8 +33,9 @@ _NEGLECTED_WEIGHT = 1e-4
 class SufficientStatistics:
     """Posterior moments of a campaign's parameters and of the errors of its instrument.
 
-    These are q quantities: the parameters of interest, then the errors of the instrument, which may
-    be the same in several campaigns. All values are in internal units (mm, N, rad).
+    These are q quantities: first the parameters (compliances, slopes, geometric errors), then the
+    errors of the instrument (such as mount and force gain), which may be the same in several
+    campaigns. All values are in internal units (mm, N, rad).
     """
 
     names: tuple[str, ...]
@@ -62,7 +64,8 @@ def sufficient_statistics(posterior: HyperPosterior) -> SufficientStatistics:
 
     Parameters
     ----------
-    posterior : posterior that is not truncated (compliances may be negative) and has no flat prior.
+    posterior : posterior density of the campaign's hyper-parameters (scales of the noise and of
+        other effects). It must allow negative compliances, and its priors must not be flat.
     """
     bound = posterior.bound
     chosen = _choose_coefficients(bound)
@@ -91,13 +94,20 @@ def sufficient_statistics(posterior: HyperPosterior) -> SufficientStatistics:
 
 
 class _ChosenCoefficients(NamedTuple):
-    """The q coefficients of a model whose moments are kept: parameters, then instrument errors."""
+    """The q coefficients of a model whose moments are kept: parameters, then instrument errors.
 
-    places: list[int]  #: indices of the q coefficients among those that all tests share
+    Instrument errors, such as those of mount and force gain, may be the same in several campaigns.
+    """
+
+    #: indices of the q coefficients among all coefficients that the tests of the campaign share
+    places: list[int]
     names: tuple[str, ...]
     units: tuple[str, ...]
-    prior_mean: Array  #: prior means of the q coefficients, shape (q,)
-    prior_sd: Array  #: prior standard deviations of the q coefficients, shape (q,)
+    #: prior means of the q parameters and instrument errors in mm, N and rad, shape (q,)
+    prior_mean: Array
+    #: prior standard deviations of the q parameters and instrument errors in mm, N and rad, shape
+    #: (q,)
+    prior_sd: Array
 
 
 def _choose_coefficients(bound: BoundModel) -> _ChosenCoefficients:
@@ -137,11 +147,13 @@ def mixture_covariance(
 ) -> tuple[Array, Array]:
     """Return the mean (q,) and covariance (q, q) of a weighted mixture of k distributions.
 
+    Each distribution is that of a vector of q elements.
+
     Parameters
     ----------
-    weight : weights of the components, shape (k,).
-    mean : means of the components, shape (k, q).
-    covariance : covariances of the components, shape (k, q, q); None if all of them are zero.
+    weight : weights of the k distributions, which sum to one, shape (k,).
+    mean : means of the distributions, shape (k, q).
+    covariance : covariances of the distributions, shape (k, q, q); None if all of them are zero.
     """
     centre = weight @ mean
     deviation = mean - centre

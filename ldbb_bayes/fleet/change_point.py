@@ -40,14 +40,16 @@ __all__ = [
     "scatter_rule",
 ]
 
-# Lowest and highest node (value used for numerical integration) of the scatter r, in units of the
-# repeatability, and the step of ln r between nodes. r is the standard deviation of a machine's
-# parameters from campaign to campaign. Its density beyond the highest node is negligible.
+# The scatter r is the standard deviation of a machine's parameters from campaign to campaign. It is
+# integrated out as a sum over nodes (values of r). These are the lowest and the highest node, in
+# units of the scale of the prior of r (repeatability), and the step of ln r between nodes. The
+# prior density beyond the highest node is negligible.
 _LOWEST_RATIO = 0.03
 _HIGHEST_RATIO = 8.0
 _LOG_STEP = 0.12
-# Hypotheses of a change are left out of quantiles if their probability, relative to that of the
-# most probable hypothesis, is smaller.
+# A hypothesis states which parameter of a machine changed and when, or that none did. Hypotheses
+# are left out when quantiles are computed if their probability, divided by that of the most
+# probable hypothesis, is at most this.
 _NEGLIGIBLE_WEIGHT = 1e-7
 
 
@@ -76,18 +78,21 @@ def scatter_rule(repeatability: float) -> tuple[Array, Array]:
 def hypotheses(carried: Gaussian, parameters: int, change_scale: float) -> Gaussian:
     """Return the Gaussian of level, instrument errors and step (c, b, Δ) under every hypothesis.
 
-    c are the p parameters' levels before the step Δ, b the instrument's errors; q counts c and b.
-    The Gaussians have the shape (r, n, p, q + 1) for r values of the scatter and n campaigns. Index
-    k of the second array axis, from 0, means a step just before campaign k + 2, counted from 1; the
-    last index means no step. ``log_integral`` is the log evidence up to a constant that all
-    hypotheses share.
+    A hypothesis is a value of the machine's scatter from campaign to campaign, a time of a step of
+    one parameter, and the parameter that steps. c are the levels of the p parameters before the
+    step Δ, b the errors of the instrument; q is the number of c and b together. The Gaussians have
+    the shape (r, n, p, q + 1) for r values of the scatter and n campaigns. Index k of the second
+    array axis, from 0, means a step just before campaign k + 2, counted from 1; the last index
+    means no step. Values are in units of the parameters' prior sd. The attribute ``log_integral``
+    is the log evidence of each hypothesis, up to a constant that all hypotheses share.
 
     Parameters
     ----------
-    carried : likelihoods of campaigns in order of time, shape (r, n, q). The machine's scatter from
-        campaign to campaign is integrated out (see `deviating`).
-    parameters : number of parameters p.
-    change_scale : standard deviation of the step Δ.
+    carried : likelihoods of the n campaigns in order of time for each value of the scatter, shape
+        (r, n, q). The scatter of the parameters in each campaign is integrated out (see
+        `deviating`).
+    parameters : number p of parameters.
+    change_scale : prior standard deviation of the step Δ.
     """
     p = parameters
     r, n, q = carried.shift.shape
@@ -108,7 +113,11 @@ def hypotheses(carried: Gaussian, parameters: int, change_scale: float) -> Gauss
 
 
 def _sum_from_here_on(series: Array) -> Array:
-    """Return sums over campaigns (second array axis): for each, from this campaign to the last."""
+    """Return, for each campaign, the sum over this campaign and all later ones.
+
+    ``series`` holds arrays for the campaigns in order of time, which are counted by its second
+    array axis. The result has the same shape.
+    """
     return np.asarray(np.cumsum(series[:, ::-1], axis=1)[:, ::-1])
 
 
@@ -117,12 +126,14 @@ def hypothesis_probabilities(
 ) -> Array:
     """Return the posterior probability of every hypothesis of a step, shape (r, n, p).
 
-    r is the number of values of the scatter, n that of times of the step, p that of parameters.
+    A hypothesis is one of r values of the machine's scatter from campaign to campaign, one of n
+    times of the step, of which the last means no step, and one of p parameters that steps. The
+    probabilities sum to one.
 
     Parameters
     ----------
     log_evidence : log evidences of the hypotheses, shape (r, n, p).
-    scatter_weight : prior weights of the nodes of r, shape (r,).
+    scatter_weight : prior probabilities of the values of the scatter, shape (r,).
     change_probability : prior probability that there is a step.
     """
     _, campaigns, parameters = log_evidence.shape
@@ -136,13 +147,15 @@ def hypothesis_probabilities(
 def instrument_moments(posteriors: Gaussian, probabilities: Array) -> tuple[Array, Array]:
     """Return the posterior mean (s,) and covariance (s, s) of the instrument's s errors.
 
-    They are averages over all hypotheses of a step: r values of the scatter, n times of the step
-    (the last one means no step) and p parameters.
+    They are averages over all hypotheses of a step: r values of the machine's scatter from campaign
+    to campaign, n times of the step (the last one means no step), and p parameters that may step.
+    They are in units of the errors' prior sd.
 
     Parameters
     ----------
-    posteriors : Gaussians under every hypothesis, see `hypotheses`.
-    probabilities : probabilities of the hypotheses, shape (r, n, p).
+    posteriors : Gaussians of level, instrument errors and step under every hypothesis, see
+        `hypotheses`.
+    probabilities : posterior probabilities of the hypotheses, shape (r, n, p).
     """
     count = probabilities.size
     p = probabilities.shape[2]
@@ -155,24 +168,34 @@ def instrument_moments(posteriors: Gaussian, probabilities: Array) -> tuple[Arra
 
 
 class Levels(NamedTuple):
-    """Values of p parameters at the last campaign, averaged over all hypotheses of a change."""
+    """Values of p parameters at the last campaign, averaged over all hypotheses of a change.
 
-    mean: Array  #: posterior means of the p parameters, shape (p,)
-    sd: Array  #: posterior standard deviations of the p parameters, shape (p,)
-    interval: Array  #: lower and upper ends of the p credible intervals, shape (2, p)
+    They are in units of the parameters' prior sd.
+    """
+
+    #: posterior means of the p parameters at the last campaign, in units of their prior sd, (p,)
+    mean: Array
+    #: posterior standard deviations of the p parameters at the last campaign, in units of their
+    #: prior sd, shape (p,)
+    sd: Array
+    #: lower and upper ends of the credible intervals of the p parameters at the last campaign, in
+    #: units of their prior sd, shape (2, p)
+    interval: Array
 
 
 def current_levels(posteriors: Gaussian, probabilities: Array, *, prob: float = 0.95) -> Levels:
     """Return every parameter's value at the last campaign: its first level plus any step.
 
-    The values are averages over all hypotheses of a step: r values of the scatter, n times of the
-    step (the last one means no step) and p parameters.
+    The values are averages over all hypotheses of a step: r values of the machine's scatter from
+    campaign to campaign, n times of the step (the last one means no step), and p parameters that
+    may step.
 
     Parameters
     ----------
-    posteriors : Gaussians under every hypothesis, see `hypotheses`.
-    probabilities : probabilities of the hypotheses, shape (r, n, p).
-    prob : probability of the intervals.
+    posteriors : Gaussians of level, instrument errors and step under every hypothesis, see
+        `hypotheses`.
+    probabilities : posterior probabilities of the hypotheses, shape (r, n, p).
+    prob : probability of the credible intervals.
     """
     _, n, p = probabilities.shape
     combinations = np.eye(p, posteriors.mean.shape[-1]) + np.zeros((n, p, p, 1))
