@@ -78,9 +78,8 @@ class Conformity(Result):
     #: least distance of the estimate from a limit for a decision, if the quantity is normally
     #: distributed: inside the limit for conformance, outside it for non-conformance
     guard_band: float
-    confidence: (
-        float  #: probability of conformance, or of non-conformance, that a decision requires
-    )
+    #: probability of conformance, or of non-conformance, that a decision requires
+    confidence: float
     decision: Decision  #: decision by ISO 14253-1
 
     @property

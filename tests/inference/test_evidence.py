@@ -74,7 +74,8 @@ def brute_force(oracle: Oracle) -> tuple[float, float]:
     return float(log_plain), float(log_total)
 
 
-@pytest.mark.parametrize("priors", [{}, pytest.param(FOUR, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("priors", [{}, FOUR])
 def test_to_a_millionth_of_a_nat(
     campaign: lb.Campaign, priors: dict[str, tuple[float, float]]
 ) -> None:
@@ -217,7 +218,8 @@ def test_marginals_whose_weights_cannot_be_trusted_say_so(
     assert ((table["median"] - exact["median"]) / exact["sd"]).abs().max() < 0.1
 
 
-@pytest.mark.parametrize("truncated", [pytest.param(False, marks=pytest.mark.slow), True])
+@pytest.mark.slow
+@pytest.mark.parametrize("truncated", [False, True])
 def test_models_from_the_nodes_of_the_largest(truncated: bool) -> None:
     """Slopes fixed, rescaled, known better: evidence and left-out densities are those of nodes of
     their own."""

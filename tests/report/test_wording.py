@@ -215,9 +215,10 @@ def fits_of(folder: Path) -> Any:
     return [codes, records]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "analysis",
-    [pytest.param("analyses", marks=pytest.mark.slow), "page", "rows", "population", "fits"],
+    ["analyses", "page", "rows", "population", "fits"],
 )
 def test_words_decide_nothing(
     analysis: str,

@@ -27,7 +27,7 @@ __all__ = ["PALETTE", "force_colours", "new_figure", "save_figure", "styled"]
 P = ParamSpec("P")
 
 WIDTH = 6.3  # width of a figure [inch]; its letters are readable on a screen of 390 pixels
-#: Colours for lines and points, in turn; colour-blind readers can tell them apart.
+#: Colours for lines and points, in turn; colour-blind readers can distinguish them.
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 ACCENT = PALETTE[0]
 GREY = "#8C8C8C"
