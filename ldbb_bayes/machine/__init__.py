@@ -1,4 +1,4 @@
-"""Model of the machine: kinematic chain, exact readings, and readings per unit parameter."""
+"""Model of the machine: kinematic chain, exact readings, and readings per unit of a parameter."""
 
 import lazy_loader
 

@@ -46,9 +46,9 @@ class Axes(NamedTuple):
     They are letters such as X, Y and C; the rotation is right-handed.
     """
 
-    first: str
-    second: str
-    rotation: str
+    first: str  #: translation from which angles in the plane are measured, such as X
+    second: str  #: other translation, such as Y
+    rotation: str  #: rotation about the normal of the plane, such as C
 
 
 PLANES: Mapping[str, Axes] = {
@@ -62,6 +62,8 @@ PLANES: Mapping[str, Axes] = {
 class Circle(Shown):
     """The nominal circle of a test, on which the tool ball runs around the work ball.
 
+    Its centre is stated in the machine coordinate system.
+
     Examples
     --------
     >>> circle = lb.machine.Circle(radius_mm=100.0, centre_mm=(50.0, 0.0, 0.0))
@@ -71,7 +73,8 @@ class Circle(Shown):
     """
 
     radius_mm: float = 150.0  #: nominal distance between the balls
-    #: position of the work ball; its component normal to the plane affects lever arms only
+    #: position (X, Y, Z) of the work ball; the coordinate normal to the plane affects only lever
+    #: arms
     centre_mm: Sequence[float] = (0.0, 0.0, 0.0)
     plane: str = "XY"  #: plane of the circle; angles are measured from the plane's first axis
 
@@ -79,14 +82,20 @@ class Circle(Shown):
         object.__setattr__(self, "centre_mm", tuple(self.centre_mm))
 
     def direction(self, angle_rad: Array) -> Array:
-        """Return the direction of the bar as unit vectors at n angles, shape (n, 3)."""
+        """Return the direction from work ball to tool ball as unit vectors, shape (n, 3).
+
+        ``angle_rad`` are n angles from the first axis of the plane [rad].
+        """
         direction = np.zeros((len(angle_rad), 3))
         direction[:, LINEAR.index(self.plane[0])] = np.cos(angle_rad)
         direction[:, LINEAR.index(self.plane[1])] = np.sin(angle_rad)
         return direction
 
     def position_mm(self, angle_rad: Array) -> Array:
-        """Return the nominal axis coordinates of the tool ball at n angles, shape (n, 3) [mm]."""
+        """Return the nominal coordinates X, Y and Z of the tool ball, shape (n, 3) [mm].
+
+        ``angle_rad`` are n angles of the bar from the first axis of the plane [rad].
+        """
         return self.radius_mm * self.direction(angle_rad) + np.asarray(self.centre_mm)
 
 
@@ -98,9 +107,9 @@ class Joint:
     motions of the joint are defined about its frame.
     """
 
-    axis: str
-    branch: Branch
-    frame_mm: Sequence[float]
+    axis: str  #: name of the linear axis: X, Y or Z
+    branch: Branch  #: what the axis carries: ``tool`` or ``workpiece``
+    frame_mm: Sequence[float]  #: position of the joint's frame with all axes at zero
 
     @property
     def index(self) -> int:
@@ -145,8 +154,9 @@ class Machine(Shown):
 
     topology: str = "wCAFYXZSt"  #: machine axes in order from workpiece to tool
     planes: str | Sequence[str] = ("XY",)  #: planes of the circular tests, of XY, YZ and ZX
-    #: position (X, Y, Z) of the frame of each joint with all axes at zero, by axis letter. It is
-    #: relative to the point where the balls coincide, and by default zero, as in the paper.
+    #: position (X, Y, Z) of the frame of each joint with all axes at zero, by the letter of its
+    #: axis. It is relative to the point where the two balls coincide, and by default zero, as in
+    #: the paper.
     frames_mm: Mapping[str, Sequence[float]] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:
@@ -210,24 +220,25 @@ class Machine(Shown):
 
     @property
     def joints(self) -> tuple[Joint, ...]:
-        """Joints whose compliances and geometric errors are modelled.
+        """Joints of the linear axes whose compliances and geometric errors are modelled.
 
-        These are the joints driven in any tested plane, in the order of the planes' axes.
+        These are the axes that move in any tested plane, in the order of the planes' axes.
         """
         return tuple(self.joint(axis) for axis in dict.fromkeys("".join(self.planes)))
 
     def joint(self, axis: str) -> Joint:
-        """Return the joint of a linear axis, such as X."""
+        """Return the joint of a linear axis: X, Y or Z."""
         branch: Branch = "tool"
         if self.topology.index(axis) < self.topology.index("F"):
             branch = "workpiece"
         return Joint(axis, branch, self.frames_mm.get(axis, (0.0, 0.0, 0.0)))
 
     def squared(self, plane: str) -> tuple[Joint, Joint]:
-        """Return the two joints between which a plane's squareness error is defined.
+        """Return the two joints between which the squareness error of a plane is defined.
 
-        The first is the reference: the one nearer the foundation, or the one in the workpiece
-        branch if the branches differ. The error turns the direction of the second.
+        The first is the reference. If both joints carry the tool, or both the workpiece, it is the
+        one nearer the foundation; otherwise it is the one that carries the workpiece. The error
+        turns the direction of the second joint. ``plane`` is XY, YZ or ZX.
         """
         a = self.joint(plane[0])
         b = self.joint(plane[1])
@@ -239,7 +250,11 @@ class Machine(Shown):
         return (a, b) if a_is_reference else (b, a)
 
     def branch(self, branch: Branch) -> tuple[Joint, ...]:
-        """Return the linear joints that carry tool or workpiece, from the foundation outwards."""
+        """Return the joints of linear axes that carry the tool, or those that carry the workpiece.
+
+        ``branch`` is ``tool`` or ``workpiece``. The joints are in the order from the foundation to
+        the tool or the workpiece.
+        """
         work, tool = self.topology.split("F")
         axes = work[::-1] if branch == "workpiece" else tool
         return tuple(self.joint(axis) for axis in axes if axis in LINEAR)
@@ -247,8 +262,17 @@ class Machine(Shown):
     def lever_mm(self, joint: Joint, circle: Circle, angle_rad: Array) -> Array:
         """Return the lever arm from a joint's frame to the ball that the joint carries.
 
-        The frame moves with the joint. The lever arm is a vector for each of n angles, shape (n, 3)
-        [mm].
+        The frame moves with the joint. The result has one vector (X, Y, Z) for each of n angles,
+        shape (n, 3) [mm].
+
+        Parameters
+        ----------
+        joint
+            Joint of a linear axis.
+        circle
+            Nominal circle of the test.
+        angle_rad
+            Angles of the bar from the first axis of the plane, shape (n,) [rad].
         """
         position = circle.position_mm(angle_rad)
         lever = self.end_mm(joint.branch, circle, angle_rad) - np.asarray(joint.frame_mm)
@@ -258,10 +282,19 @@ class Machine(Shown):
         return lever
 
     def end_mm(self, branch: Branch, circle: Circle, angle_rad: Array) -> Array:
-        """Return the position of tool ball or work ball with all axes at zero, shape (n, 3) [mm].
+        """Return the position (X, Y, Z) of a ball with all axes at zero, shape (n, 3) [mm].
 
-        The ball is that of the given branch. The work ball is at the circle's centre. The tool ball
-        is at the origin, except that coordinates without a machine axis follow the circle.
+        The work ball is at the circle's centre. The tool ball is at the origin, but coordinates for
+        which the machine has no linear axis follow the circle.
+
+        Parameters
+        ----------
+        branch
+            ``tool`` for the tool ball, ``workpiece`` for the work ball.
+        circle
+            Nominal circle of the test.
+        angle_rad
+            Angles of the bar from the first axis of the plane, shape (n,) [rad].
         """
         if branch == "workpiece":
             return np.zeros((len(angle_rad), 3)) + np.asarray(circle.centre_mm)

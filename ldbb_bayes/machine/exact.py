@@ -85,19 +85,19 @@ def exact_reading_mm(
 def geometric_reading_mm(
     machine: Machine, circle: Circle, angle_rad: Array, geometric_errors: Mapping[str, Any]
 ) -> Array:
-    """Return the exact effect of geometric errors on the reading, shape (n,) [mm].
+    """Return the exact effect of geometric errors on the reading at n angles, shape (n,) [mm].
 
-    It is computed by Eq. 13-14 of the paper at n angles.
+    It is the distance of the two balls minus the nominal radius, by Eq. 13-14 of the paper.
 
     Parameters
     ----------
     machine, circle
         Machine and nominal circle of the test.
     angle_rad
-        Angles θ, shape (n,) [rad].
+        Angles of the bar from the first axis of the plane, shape (n,) [rad].
     geometric_errors
-        Values of geometric errors by name; all others are zero. Complex values are allowed, for
-        derivatives by the complex-step method.
+        Values of geometric errors by name, such as E_XX1 [1, 1/mm, rad, mm]; all others are zero.
+        Complex values are allowed, for derivatives by the complex-step method.
     """
     check_known("parameter", geometric_errors, [name.label for name in geometric_names(machine)])
     tool = _branch_transform(machine, "tool", circle, angle_rad, geometric_errors)
@@ -115,7 +115,8 @@ def _branch_transform(
 ) -> Array:
     """Return the homogeneous transforms from the machine's foundation to tool or workpiece.
 
-    There is one for each of n angles, shape (n, 4, 4).
+    There is one matrix of shape (4, 4) for each of n angles of the bar, shape (n, 4, 4) in all.
+    ``branch`` is ``tool`` or ``workpiece``; ``errors`` are values of geometric errors by name.
     """
     transform = np.broadcast_to(np.eye(4), (len(angle_rad), 4, 4))
     position = circle.position_mm(angle_rad)
@@ -130,8 +131,9 @@ def _joint_transform(
 ) -> Array:
     """Return the homogeneous transforms of one joint about its frame, shape (n, 4, 4).
 
-    They contain the nominal motion and the error motions (Eq. 4-5 and 8-9 of the paper), at n
-    coordinates.
+    They contain the nominal motion and the error motions of the joint (Eq. 4-5 and 8-9 of the
+    paper). ``coordinate`` (n,) are positions of the joint's axis [mm]; ``errors`` are values of
+    geometric errors by name.
     """
     motion = np.zeros((len(coordinate), 3), dtype=np.result_type(float, *errors.values()))
     motion[:, joint.index] = coordinate
@@ -157,14 +159,20 @@ def _joint_transform(
 
 
 def _translation(vector: Array) -> Array:
-    """Return the homogeneous transforms of translations by n vectors (n, 3), shape (n, 4, 4)."""
+    """Return the homogeneous transforms of n translations, shape (n, 4, 4).
+
+    ``vector`` (n, 3) are the translations along X, Y and Z.
+    """
     transform = np.tile(np.eye(4, dtype=vector.dtype), (len(vector), 1, 1))
     transform[:, :3, 3] = vector
     return transform
 
 
 def _rotation(axis: int, angle: Any) -> Array:
-    """Return the homogeneous transform of a rotation about X, Y or Z (0, 1, 2), shape (4, 4)."""
+    """Return the homogeneous transform of a right-handed rotation about one axis, shape (4, 4).
+
+    ``axis`` is 0 for X, 1 for Y and 2 for Z; ``angle`` is the angle of the rotation [rad].
+    """
     first = (axis + 1) % 3
     second = (axis + 2) % 3
     transform = np.eye(4, dtype=np.result_type(float, angle))

@@ -52,19 +52,23 @@ _ANGLES = 64
 # The effects of two compliances are proportional if the cosine of the angle between their columns
 # differs from ±1 by at most this.
 _PARALLEL = 1e-10
-# A column smaller than this share of the largest counts as zero: its compliance has no effect.
+# A compliance has no effect if the norm of its column, the readings per unit of the compliance, is
+# smaller than this share of the largest norm.
 _NULL_SHARE = 1e-10
-# Weights of compliances in a combination below this share of the largest are rounding errors.
+# Weights of compliances in a linear combination that are smaller than this share of the largest
+# weight are rounding errors.
 _ROUNDING_WEIGHT = 1e-7
-# A column of length one is independent of others if the part that they cannot explain is longer.
+# The effect of a compliance is independent of the effects of others if the part of its column that
+# is no combination of their columns is longer than this; the column itself has length one.
 _INDEPENDENT = 1e-8
 
 
 class ErrorBearer(NamedTuple):
     """Joint at which a geometric error acts, before or after the joint's motion."""
 
-    joint: Joint
-    #: whether the error acts before the joint's own motion, seen from the foundation
+    joint: Joint  #: joint at which the error acts
+    #: whether the error acts before the joint's own motion in the chain from the foundation to the
+    #: tool or workpiece
     before_motion: bool
 
 
@@ -72,7 +76,8 @@ def wrench_jacobian(machine: Machine, circle: Circle, angle_rad: Array) -> Array
     """Return the reading per unit force and unit of each planar compliance, at n angles.
 
     This is the wrench Jacobian of the paper, shape (n, 18) for one plane [1, mm or mm²]. Columns
-    are in the order of `wrench_names`.
+    are in the order of `wrench_names`. ``angle_rad`` (n,) are angles of the bar from the first axis
+    of the plane [rad].
     """
     return compliance_jacobian(machine, circle, angle_rad, wrench_names(machine))
 
@@ -87,7 +92,7 @@ def compliance_jacobian(
     machine, circle
         Machine and nominal circle of the test.
     angle_rad
-        Angles θ, shape (n,) [rad].
+        Angles of the bar from the first axis of the plane, shape (n,) [rad].
     names
         Names of the compliances, one for each column.
 
@@ -111,8 +116,8 @@ def compliance_jacobian(
 def geometric_jacobian(machine: Machine, circle: Circle, angle_rad: Array) -> Array:
     """Return the reading per unit of each geometric error, at n angles (Eq. 16-18 of the paper).
 
-    It has shape (n, geometric errors), in the order of `geometric_names` [mm per unit of the
-    error].
+    It has shape (n, number of geometric errors), in the order of `geometric_names` [mm per unit of
+    the error]. ``angle_rad`` (n,) are angles of the bar from the first axis of the plane [rad].
     """
     columns = [_error_column(machine, circle, angle_rad, name) for name in geometric_names(machine)]
     return np.stack(columns, axis=1)
@@ -132,10 +137,11 @@ def _error_column(machine: Machine, circle: Circle, angle_rad: Array, name: Geom
 
 
 def error_bearer(machine: Machine, name: GeometricName) -> ErrorBearer:
-    """Return the joint at which a geometric error acts.
+    """Return the joint at which a geometric error acts, and whether before or after its motion.
 
     A squareness error concerns two axes. If both carry the tool, or both the workpiece, it acts
-    after the motion of the reference axis; else before the motion of the other axis.
+    after the motion of the reference axis; otherwise it acts before the motion of the other axis.
+    Gains and straightness deviations act at the joint of their axis.
     """
     if name.kind != "squareness":
         return ErrorBearer(machine.joint(name.axis), before_motion=False)
@@ -147,10 +153,10 @@ def error_bearer(machine: Machine, name: GeometricName) -> ErrorBearer:
 
 
 def _wrench(lever: Array, direction: Array) -> Array:
-    """Return three forces and three moments on a joint from a unit force along the bar, (n, 6).
+    """Return the three forces and three moments on a joint that a unit force along the bar causes.
 
-    ``lever`` (n, 3) is the vector from the joint's frame to the ball, and ``direction`` (n, 3) the
-    unit vector of the bar, at n angles.
+    The result has shape (n, 6) for n angles. ``lever`` (n, 3) is the vector from the joint's frame
+    to the ball [mm], and ``direction`` (n, 3) the unit vector of the bar.
     """
     return np.concatenate([direction, np.cross(lever, direction)], axis=1)
 
@@ -176,12 +182,16 @@ class Kept:
     #: whether each kept compliance cannot be negative, because it is a deflection in the direction
     #: of the load itself
     not_negative: tuple[bool, ...]
-    null: tuple[str, ...]  #: compliances that never change a reading
-    #: compliances whose effect on the reading is a combination of several kept ones, one for each
-    #: proportional set
+    null: tuple[str, ...]  #: names of the compliances that never change a reading
+    #: names of compliances whose effect on the reading is a combination of the effects of several
+    #: kept ones, one for each proportional set
     dependent: tuple[str, ...]
-    rank: int  #: number of independent effects of all compliances on full uniform circles
-    condition_number: float  #: condition number of the columns of the kept compliances
+    #: number of linearly independent effects of the compliances on readings at equally spaced
+    #: angles of full circles
+    rank: int
+    #: condition number of the matrix whose columns are the readings per unit of each kept
+    #: compliance
+    condition_number: float
 
 
 def kept_compliances(machine: Machine, *circles: Circle) -> Kept:
@@ -211,7 +221,7 @@ def kept_compliances(machine: Machine, *circles: Circle) -> Kept:
 class _Candidates:
     """Compliances that may change readings, with their effect at n angles of full circles."""
 
-    names: tuple[ComplianceName, ...]
+    names: tuple[ComplianceName, ...]  #: names of the compliances
     #: reading per unit force and unit of each compliance, shape (n, compliances)
     jacobian: Array
     unit: Array  #: columns of ``jacobian`` divided by their norms; columns of zeros stay zero
@@ -219,7 +229,10 @@ class _Candidates:
 
 
 def _candidates(machine: Machine, circles: tuple[Circle, ...]) -> _Candidates:
-    """Return the planar compliances, and all others on which the circles' lever arms act."""
+    """Return the compliances that may change readings on given circles, with their effects.
+
+    They are all planar compliances, and those others on which the circles' lever arms act.
+    """
     angle = np.arange(_ANGLES) * (2 * np.pi / _ANGLES)
     names = joint_names(machine)
     jacobian = np.concatenate(
@@ -290,9 +303,11 @@ def _labels(names: Sequence[ComplianceName], index: Sequence[int]) -> tuple[str,
 
 
 def _weights(jacobian: Array, members: Sequence[int]) -> tuple[float, ...]:
-    """Return the effect of each compliance of a set as a multiple of that of the first.
+    """Return the effect of each compliance of a set as a multiple of that of the first one.
 
-    The compliances of a set change the readings proportionally.
+    The compliances of a set change the readings proportionally. ``jacobian`` (n, m) holds the
+    readings at n angles per unit of each of m compliances, and ``members`` the indices of the
+    compliances of the set.
     """
     head = members[0]
     size = (jacobian**2).sum(axis=0)[head]
@@ -309,6 +324,16 @@ def _not_negative(
     joints k. A_k are symmetric matrices of weights, all of shape (6, 6), and ⟨ , ⟩ is the sum of
     the products of elements. If every A_k is positive semi-definite, the sum is not negative for
     any positive semi-definite C_k, and only then.
+
+    Parameters
+    ----------
+    names
+        Names of m compliances.
+    jacobian
+        Readings at n angles per unit of each compliance, shape (n, m).
+    coefficients
+        Weight of each compliance in the sum that each kept compliance represents, shape (number of
+        kept compliances, m).
     """
     # Scale the matrices of weights by the typical size of each force and moment, so that their
     # elements are comparable.
@@ -328,9 +353,10 @@ def _not_negative(
 
 
 def _joint_matrices(names: Sequence[ComplianceName], halves: NDArray[np.float64]) -> list[Array]:
-    """Return a symmetric matrix of weights for each joint, shape (6, 6).
+    """Return a symmetric matrix of the weights of compliances for each joint, shape (6, 6).
 
-    ``halves`` holds half of the weight of each compliance in ``names``.
+    Rows and columns are the six components along and about X, Y and Z. ``halves`` holds half of the
+    weight of each compliance in ``names``.
     """
     matrices: dict[str, Array] = {}
     for name, half in zip(names, halves, strict=True):
@@ -343,9 +369,10 @@ def _joint_matrices(names: Sequence[ComplianceName], halves: NDArray[np.float64]
 
 
 def _proportional_sets(candidates: _Candidates) -> list[list[int]]:
-    """Return sets of compliances whose effects on the readings are proportional, as indices.
+    """Return sets of compliances whose effects on the readings are proportional to each other.
 
-    The preferred compliance of each set comes first; it represents the set.
+    Each set is a list of the indices of its compliances among the candidates. The preferred
+    compliance comes first; it represents the set.
     """
     unit = candidates.unit
     sets: list[list[int]] = []
@@ -362,14 +389,14 @@ def _proportional_sets(candidates: _Candidates) -> list[list[int]]:
 class _TableOrder(NamedTuple):
     """Sort key for the order of compliances in Table 1 of the paper."""
 
-    rotations: int
-    twist: int
-    wrench: int
-    joint: int
+    rotations: int  # number of rotary components of the compliance: 0, 1 or 2
+    twist: int  # position of the displacement or rotation in the order of the table
+    wrench: int  # position of the force or moment in the order of the table
+    joint: int  # position of the joint in the order of the table
 
 
 def _table_order(name: ComplianceName, machine: Machine) -> _TableOrder:
-    """Return the sort key of a compliance for the order of Table 1.
+    """Return the sort key of a compliance for the order of Table 1 of the paper.
 
     Translations caused by forces come first, then rotations caused by forces, then rotations caused
     by moments. Joints are in the order of the planes' axes.
@@ -386,7 +413,12 @@ def _table_order(name: ComplianceName, machine: Machine) -> _TableOrder:
 
 
 def _independent(unit: Array, representatives: Sequence[int]) -> list[int]:
-    """Return the compliances whose effect is no combination of those before them, as indices."""
+    """Return those compliances whose effect is no linear combination of the effects before it.
+
+    ``representatives`` are the indices of the compliances in the order in which they are examined;
+    the result is a part of them. ``unit`` (n, m) holds, in a column for each of m compliances, the
+    readings at n angles, scaled to length one.
+    """
     chosen: list[int] = []
     basis = np.zeros((unit.shape[0], 0))
     for i in representatives:

@@ -22,10 +22,11 @@ GeometricKind = Literal["gain", "straightness", "squareness", "offset"]
 ComplianceKind = Literal[
     "direct", "cross", "rotation_for_force", "rotation_for_moment", "rotation_for_other_moment"
 ]
-# Names of the six components of a twist (displacement and rotation) or wrench (force and moment):
-# along X, Y, Z and about X, Y, Z.
+# Names of the six components of a twist (displacement and rotation) or of a wrench (force and
+# moment): X, Y, Z for those along the axes and A, B, C for those about the axes.
 COMPONENTS = LINEAR + ROTARY
-# Power of the axis' coordinate that multiplies a geometric error; kinds not listed have power 0.
+# Power of the axis' coordinate that multiplies a geometric error, by the kind of the error; kinds
+# that are not listed have power 0.
 _ORDERS: dict[GeometricKind, int] = {"gain": 1, "straightness": 2}
 
 
@@ -37,13 +38,16 @@ class ComplianceName:
     (component of a wrench).
     """
 
-    twist: str
-    wrench: str
-    joint: str
+    twist: str  #: displacement i (X, Y or Z) or rotation i (A, B or C)
+    wrench: str  #: force j (X, Y or Z) or moment j (A, B or C)
+    joint: str  #: axis of the joint k: X, Y or Z
 
     @property
     def label(self) -> str:
-        """Name of the compliance as printed, for example ``C_CXY``."""
+        """Name of the compliance as results print it, for example ``C_CXY``.
+
+        ``C_CXY`` is the rotation C caused by a force along X at joint Y.
+        """
         return f"C_{self.twist}{self.wrench}{self.joint}"
 
     @property
@@ -57,7 +61,11 @@ class ComplianceName:
 
     @property
     def kind(self) -> ComplianceKind:
-        """Physical kind of the compliance, which determines its unit and its default prior."""
+        """Physical kind of the compliance, which determines its unit and its default prior.
+
+        Kinds are, for example, "direct" (displacement along the force) and "cross" (displacement
+        across the force).
+        """
         same_component = self.twist == self.wrench
         if self.rotations == 2:
             return "rotation_for_moment" if same_component else "rotation_for_other_moment"
@@ -67,7 +75,10 @@ class ComplianceName:
 
     @property
     def meaning(self) -> str:
-        """Description of the compliance in words: its motion, its load and its joint."""
+        """Description of the compliance in words: its motion, its load and its joint.
+
+        For ``C_CXY`` it is "rotation about Z for a force along X, joint Y".
+        """
         axis_of = dict(zip(ROTARY, LINEAR, strict=True))
         motion = f"translation along {self.twist}"
         if self.twist in ROTARY:
@@ -79,10 +90,10 @@ class ComplianceName:
 
     @property
     def preference(self) -> tuple[bool, int, bool, bool, str]:
-        """Sort key by which one compliance is chosen to represent a set; the smallest is chosen.
+        """Sort key by which one compliance of a set is chosen to represent all of them.
 
         The compliances of a set change the readings proportionally, so that circles cannot separate
-        them. `kept_compliances` states the rules.
+        them. The compliance with the smallest key is chosen. `kept_compliances` states the rules.
         """
         translation_for_moment = self.wrench in ROTARY and self.twist not in ROTARY
         turned_plane = {axes.rotation: plane for plane, axes in PLANES.items()}
@@ -96,9 +107,10 @@ class GeometricName:
 
     component: str  #: direction of the error: X, Y or Z for a translation, A, B or C for a rotation
     axis: str  #: machine axis to which the error belongs; ``t`` for the tool
+    #: kind of the error: gain (scale error), straightness, squareness, or offset (of the tool)
     kind: GeometricKind
-    reference: str = ""  #: reference axis of a squareness error
-    setup: int = 0  #: set-up of a tool offset if there are several, else 0
+    reference: str = ""  #: reference axis of a squareness error; empty for other errors
+    setup: int = 0  #: number of the set-up of a tool offset if there are several set-ups, else 0
 
     @property
     def label(self) -> str:
@@ -113,7 +125,10 @@ class GeometricName:
 
     @property
     def order(self) -> int:
-        """Power of the axis' coordinate that multiplies the geometric error: 0, 1 or 2."""
+        """Power of the axis' coordinate that multiplies the geometric error.
+
+        It is 1 for a gain, 2 for a quadratic straightness deviation, and 0 for other errors.
+        """
         return _ORDERS.get(self.kind, 0)
 
     @property
@@ -135,10 +150,11 @@ class GeometricName:
 
 
 def wrench_names(machine: Machine) -> tuple[ComplianceName, ...]:
-    """Return the names of all planar compliances, 18 for one plane.
+    """Return the names of all planar compliances of a machine, 18 for one tested plane.
 
-    These are displacements and rotations in the tested plane, caused by forces and moments in it.
-    They are sorted by joint, then by displacement or rotation, then by force or moment.
+    These are displacements and rotations in a tested plane, caused by forces and moments in the
+    same plane. They are sorted by plane, then by joint, then by displacement or rotation, then by
+    force or moment.
     """
     names: dict[ComplianceName, None] = {}
     for plane in machine.planes:
@@ -150,7 +166,11 @@ def wrench_names(machine: Machine) -> tuple[ComplianceName, ...]:
 
 
 def joint_names(machine: Machine) -> tuple[ComplianceName, ...]:
-    """Return the names of all compliances of all joints, 6 × 6 = 36 for each joint."""
+    """Return the names of all compliances of the joints of a machine, 6 × 6 = 36 for each joint.
+
+    Each of three displacements and three rotations may be caused by each of three forces and three
+    moments. The joints are those that move in any tested plane.
+    """
     names = []
     for joint in machine.joints:
         for twist in COMPONENTS:
