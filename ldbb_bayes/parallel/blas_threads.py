@@ -17,15 +17,15 @@ __all__ = ["ONE_THREAD", "one_blas_thread"]
 P = ParamSpec("P")
 R = TypeVar("R")
 
-# Environment variables that make BLAS (the linear algebra library behind NumPy) start with one
-# thread.
+# Environment variables, with their values, that make BLAS (the linear algebra library behind NumPy)
+# start with one thread in a new process.
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 
 
 def one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:
     """Return a function that does the same as ``function``, with a single thread of BLAS.
 
-    BLAS is the linear algebra library behind NumPy.
+    BLAS is the linear algebra library behind NumPy. One thread is faster for small matrices.
 
     Parameters
     ----------

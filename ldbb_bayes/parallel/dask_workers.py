@@ -1,9 +1,9 @@
 """Executor that runs jobs in worker processes of Dask, on this computer or on a cluster.
 
 Dask is a library that distributes computations over several computers. Its own executor,
-`distributed.Client.get_executor()`, cannot be used. If a result is lost after it arrived and before
-it is used, that executor raises a ValueError. This looks like an error raised by the job itself, so
-that the job could not be run again.
+`distributed.Client.get_executor()`, cannot be used. If the result of a job is lost after it arrived
+and before it is used, that executor raises a ValueError. This looks like an error raised by the job
+itself, so that the job would not be run again.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ __all__ = ["ANSWER_S", "dask_executor", "dask_setup"]
 
 # Time [s] after which a Dask scheduler that does not answer counts as missing.
 ANSWER_S = 10.0
-# Number of threads that wait for results of Dask workers. It limits the number of jobs that are
-# submitted at once.
+# Number of threads of this process that wait for results of Dask workers. It limits the number of
+# jobs that are submitted at once.
 _WAITING_THREADS = 64
 # Names of Dask's loggers that are silenced, because their messages are also raised as exceptions.
 _LOGGERS = (
@@ -73,7 +73,10 @@ _CLUSTER_OPTIONS: dict[str, Any] = {
 
 
 def dask_setup(_: Any) -> None:
-    """Prepare a worker process on this computer; Dask calls this when the worker starts."""
+    """Make a worker process ignore Ctrl-C; Dask calls this function when the worker starts.
+
+    The process that started the worker handles Ctrl-C.
+    """
     ignore_interruption()
 
 
@@ -86,9 +89,9 @@ def dask_executor(scheduler: str | None = None, workers: int = 0) -> Iterator[Ex
 
     Parameters
     ----------
-    scheduler : address of a scheduler (tcp://10.0.0.1:8786); None: start a cluster on this
-        computer, which ends with the ``with`` block.
-    workers : number of workers of a cluster on this computer; 0: one per core.
+    scheduler : address of a Dask scheduler that is running (tcp://10.0.0.1:8786); None: start a
+        cluster on this computer, which ends with the ``with`` block.
+    workers : number of workers of a cluster on this computer; 0: one per processor core.
 
     Raises
     ------
@@ -137,11 +140,17 @@ class _DaskExecutor(Executor):
         self.workers = _WAITING_THREADS
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Submit a call to one of the workers, and return a future that will hold its result."""
+        """Submit the call ``fn(*args, **kwargs)`` to one of the Dask workers.
+
+        Return a future (of ``concurrent.futures``) that will hold the result of the call.
+        """
         return self._threads.submit(self._call_in_worker, partial(fn, *args, **kwargs))
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Accept no more jobs; by default wait for the jobs that were already submitted."""
+        """Accept no more jobs, and wait for the jobs that were already submitted if ``wait``.
+
+        With ``cancel_futures``, jobs that have not begun are cancelled.
+        """
         self._threads.shutdown(wait, cancel_futures=cancel_futures)
 
     def _call_in_worker(self, call: Callable[[], Any]) -> Any:
@@ -156,10 +165,11 @@ class _DaskExecutor(Executor):
 
 @contextmanager
 def _local_cluster(workers: int) -> Iterator[Any]:
-    """Yield a Dask cluster of worker processes on this computer.
+    """Yield a Dask cluster of worker processes on this computer; it ends with the ``with`` block.
 
-    If a worker died, closing the cluster may take long. It is not waited for beyond a time limit,
-    because all results have arrived by then.
+    ``workers`` is the number of processes; 0: one per processor core. If a worker died, closing the
+    cluster may take long. After ten seconds it is no longer waited for, because all results have
+    arrived by then.
     """
     from distributed import LocalCluster  # imported here, because Dask need not be installed
 
@@ -177,7 +187,9 @@ def _local_cluster(workers: int) -> Iterator[Any]:
 def _check_workers(client: Any, scheduler: str) -> None:
     """Raise an `InputError` for Dask workers that would fail or give other results than here.
 
-    These are workers with several threads or with other versions of the libraries.
+    These are workers with several threads, or with other versions of this package and its libraries
+    than in this process. ``client`` is Dask's connection to the scheduler, and ``scheduler`` the
+    address of the scheduler for messages.
     """
     versions_by_worker = client.run(partial(versions, python=True), on_error="return")
     if not versions_by_worker:
@@ -198,7 +210,8 @@ def _check_workers(client: Any, scheduler: str) -> None:
 def _check_versions(address: str, worker_versions: Any) -> None:
     """Raise an `InputError` if the library versions of a worker differ from those of this process.
 
-    A worker that answered with an exception is refused too.
+    ``address`` is the address of the worker. ``worker_versions`` are its versions by library; an
+    exception that the worker returned instead is refused too.
     """
     if not isinstance(worker_versions, dict):
         worker_versions = {}

@@ -1,4 +1,7 @@
-"""Executors, which run jobs in other processes, as the options of a command choose them."""
+"""Executors that run jobs in other processes, chosen by the options of a command.
+
+They are executors of the standard library ``concurrent.futures``.
+"""
 
 from __future__ import annotations
 
@@ -12,15 +15,16 @@ from ldbb_bayes.parallel.process_pool import process_executor, usable_cores
 
 __all__ = ["EXECUTORS", "executor_named", "second_process"]
 
-# Possible values of the command-line option --executor.
+# Possible values of the command-line option --executor: worker processes on this computer, or the
+# library Dask, which distributes jobs over several computers.
 EXECUTORS = ("process", "dask")
 
 
 @contextmanager
 def second_process() -> Iterator[Executor | None]:
-    """Yield an executor with one process in addition to this one.
+    """Yield an executor that runs jobs in one process in addition to this one.
 
-    Yield None if the computer has one processor core only.
+    Yield None if this process may use only one processor core.
     """
     if usable_cores() == 1:
         yield None
@@ -37,13 +41,14 @@ def executor_named(
 
     Parameters
     ----------
-    kind : "process" or "dask".
+    kind : "process" for worker processes on this computer, or "dask" for the library Dask.
     workers : number of worker processes; 0: one per processor core.
-    scheduler : address of a Dask scheduler, which distributes jobs to workers.
+    scheduler : address of a Dask scheduler, which distributes jobs to workers on other computers;
+        None: workers on this computer.
 
     Returns
     -------
-    The executor; None if one process would do all jobs, so that they run in this process.
+    The executor; None if there would be one worker process only, so that jobs run in this process.
 
     Raises
     ------

@@ -23,13 +23,14 @@ __all__ = ["Lost", "done", "start_early"]
 R = TypeVar("R")
 T = TypeVar("T")
 
-# Number of jobs submitted per worker process, so that no worker waits while results are processed.
+# Number of jobs submitted at once per worker process, so that no worker waits while this process
+# handles results.
 _JOBS_PER_WORKER = 4
 # Number of jobs submitted at once to an executor whose number of workers is not known.
 _JOBS_IN_FLIGHT = 64
-# Lock that lets jobs in threads of one process run one at a time. These threads share BLAS (the
-# linear algebra library behind NumPy) and the filters of warnings. A job may itself run jobs, so
-# that one thread must be able to take the lock twice.
+# Lock that lets jobs in threads of one process run one at a time, because these threads share BLAS
+# (the linear algebra library behind NumPy) and the filters of warnings. A job may itself run jobs;
+# one thread must therefore be able to take the lock twice.
 _TURN = threading.RLock()
 
 
@@ -45,11 +46,11 @@ class Lost:
 
 @dataclass(frozen=True)
 class _Attempt(Generic[T]):
-    """Attempt at running a job; ``index`` is the number of the job, counted from 0."""
+    """Attempt to run a job; a job whose worker process dies gets a second and last attempt."""
 
-    index: int
-    job: T
-    is_last: bool
+    index: int  # index of the job, from 0
+    job: T  # argument with which the function is called
+    is_last: bool  # whether this is the second attempt
 
 
 def done(
@@ -58,16 +59,16 @@ def done(
     """Yield the index (from 0) and the result of every job, in the order in which jobs finish.
 
     Each job has one thread of BLAS, the linear algebra library behind NumPy. A job whose worker
-    dies (killed, out of memory) is tried once more after all other jobs, alone; if its worker dies
-    again, its result is `Lost`. Jobs in threads of one process run one at a time, so processes are
-    faster. For processes, the function must be importable, and jobs and results are pickled. Jobs
-    are taken from the iterable only as needed. When the iterator is closed, pending jobs are
-    cancelled.
+    process dies (killed, out of memory) is tried once more after all other jobs, alone; if its
+    worker dies again, its result is `Lost`. If an executor has threads of one process, jobs run one
+    at a time; an executor with processes is faster. For processes, the function must be importable,
+    and jobs and results must be picklable. Jobs are taken from the iterable only as needed. When
+    the iterator is closed, pending jobs are cancelled.
 
     Parameters
     ----------
-    function : function called with each job as its argument.
-    jobs : arguments, one for each call.
+    function : function that is called once for each job, with the job as its argument.
+    jobs : the jobs.
     executor : executor that makes the calls; None: this process, one job after the other.
 
     Raises
@@ -122,18 +123,18 @@ def done(
 
 
 def start_early(call: Callable[[], R], executor: Executor | None) -> Callable[[], R]:
-    """Begin a call on an executor, and return a function that waits for the result of the call.
+    """Begin a call in another process, and return a function that waits for its result.
 
     Parameters
     ----------
-    call : function without arguments to be called.
-    executor : executor that makes the call. None: this process makes the call when the returned
-        function is called.
+    call : function without arguments that is called.
+    executor : executor whose process makes the call. None: this process makes the call when the
+        returned function is called.
 
     Returns
     -------
-    A function that returns the result. If the call failed on the executor, this function repeats it
-    in this process.
+    A function without arguments that returns the result. If the call failed in the other process,
+    this function repeats it in this process.
     """
     if executor is None:
         return call

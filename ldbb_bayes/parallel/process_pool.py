@@ -48,10 +48,11 @@ class WorkerDiedError(RuntimeError):
 
 @contextmanager
 def process_executor(workers: int = 0) -> Iterator[Executor]:
-    """Yield an executor of worker processes on this computer.
+    """Yield an executor that runs jobs in worker processes on this computer.
 
-    Each process has one thread of BLAS, the linear algebra library behind NumPy. If the ``with``
-    block is interrupted or raises an error, the processes are killed.
+    Each process has one thread of BLAS, the linear algebra library behind NumPy. When the ``with``
+    block ends, the jobs that were already submitted are finished. If the block is interrupted or
+    raises an error, the processes are killed instead.
 
     Parameters
     ----------
@@ -92,16 +93,17 @@ def refuse_to_nest() -> None:
 def ignore_interruption() -> None:
     """Make this worker process ignore Ctrl-C.
 
-    A terminal sends Ctrl-C to all of its processes; the process that started the worker handles it.
+    A terminal sends Ctrl-C to all processes of a program. The process that started the worker
+    handles it.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 class _Answer(NamedTuple):
-    """Outcome of a job in a worker: the result of the job, or the exception that it raised."""
+    """Outcome of a job in a worker process: its result, or the exception that it raised."""
 
-    succeeded: bool
-    content: Any
+    succeeded: bool  # whether the job raised no exception
+    content: Any  # result of the job, or the exception
 
 
 class _ProcessPool(Executor):
@@ -115,11 +117,17 @@ class _ProcessPool(Executor):
         self._killed = False
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Submit a call to a worker process, and return a future that will hold its result."""
+        """Submit the call ``fn(*args, **kwargs)`` to a worker process.
+
+        Return a future (of ``concurrent.futures``) that will hold the result of the call.
+        """
         return self._threads.submit(self._call_in_process, partial(fn, *args, **kwargs))
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Accept no more jobs; by default wait for the jobs that were already submitted."""
+        """Accept no more jobs, and wait for the jobs that were already submitted if ``wait``.
+
+        With ``cancel_futures``, jobs that have not begun are cancelled.
+        """
         self._threads.shutdown(wait, cancel_futures=cancel_futures)
 
     def kill(self) -> None:
@@ -169,9 +177,10 @@ class _ProcessPool(Executor):
 
 
 def _serve(connection: Connection) -> None:
-    """Run jobs in a worker process until the pipe to the starting process is closed.
+    """Run jobs in a worker process until its pipe is closed.
 
-    The pipe also closes if the starting process dies.
+    ``connection`` is the worker's end of the pipe to the process that started the worker. The pipe
+    also closes if that process dies.
     """
     ignore_interruption()
     os.environ.update(ONE_THREAD)
@@ -187,9 +196,9 @@ def _serve(connection: Connection) -> None:
 
 
 def _run_next_job(connection: Connection) -> _Answer | None:
-    """Run the next job that comes through the pipe, and return the job's result or error.
+    """Run the next job that comes through the pipe, and return the job's result or exception.
 
-    Return None if the pipe is closed.
+    ``connection`` is the worker's end of the pipe. Return None if the pipe is closed.
     """
     try:
         call = connection.recv()

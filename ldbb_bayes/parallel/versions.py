@@ -10,7 +10,7 @@ import ldbb_bayes
 
 __all__ = ["versions"]
 
-# Names of libraries whose version may change the last digits of a result.
+# Names of the libraries whose versions may change the last digits of a result.
 _PACKAGES = ("numpy", "scipy", "emcee")
 
 
