@@ -17,27 +17,31 @@ from ldbb_bayes.model.prior import Prior
 
 __all__ = ["Meaning", "same_meaning", "stands_for"]
 
-# Meaning of one fitted compliance, which is a weighted sum: the weights of the joints' compliances,
-# by label.
+# A fitted compliance stands for a weighted sum of the compliances of single joints. Its meaning is
+# the weight of each joint's compliance in this sum, by the label of the joint's compliance.
 Meaning = Mapping[str, float]
-# Number of significant digits to which the weights in a sum of compliances are rounded.
+# A fitted compliance stands for a weighted sum of joints' compliances. This is the number of
+# significant digits to which the weights are rounded.
 _DIGITS = 7
-# Largest difference of two sums of compliances that count as the same, in units of the default
-# prior sd. It is a quarter of the default standard deviation of a change in a trend.
+# A fitted compliance stands for a weighted sum of joints' compliances. Two such sums count as the
+# same if they differ by no more than this, in units of the compliance's default prior sd. It is a
+# quarter of the default prior standard deviation of a change in a trend.
 _NEGLIGIBLE = 0.05
 
 
 def stands_for(campaign: Campaign) -> dict[str, dict[str, float]]:
     """Return the weighted sum of joint compliances that every fitted compliance stands for.
 
+    The readings of circles cannot resolve the compliance of every joint, only some weighted sums.
+
     Parameters
     ----------
-    campaign : campaign or plan.
+    campaign : campaign or plan whose circles decide which sums these are.
 
     Returns
     -------
-    Mapping from the label of each fitted compliance to the weights in its sum. The weights are a
-    mapping from the labels of the joints' compliances.
+    Mapping from the label of each fitted compliance, such as C_XXX, to its sum. A sum is a mapping
+    from the labels of the joints' compliances to their weights.
     """
     circles = dict.fromkeys(test.circle for test in campaign.scope)
     compliances = kept_compliances(campaign.machine(), *circles)
@@ -58,15 +62,17 @@ def stands_for(campaign: Campaign) -> dict[str, dict[str, float]]:
 
 
 def same_meaning(name: str, one: Meaning, other: Meaning) -> bool:
-    """Return whether two sums of compliances differ by less than 5 % of the default prior sd.
+    """Return whether a fitted compliance stands for the same sum of joint compliances twice.
 
-    For this comparison, each joint's compliance is as large as its prior sd. A work ball mounted a
-    millimetre higher, for example, changes a sum by less.
+    Two weighted sums count as the same if they differ by at most 5 % of the compliance's default
+    prior sd. For this comparison, each joint's compliance is independent of the others and has its
+    default prior sd. A work ball mounted a millimetre higher, for example, changes a sum by less.
 
     Parameters
     ----------
-    name : label of the fitted compliance that both sums belong to; its default prior sd is used.
-    one, other : sums that the compliance stands for in two campaigns.
+    name : label of the fitted compliance that both sums belong to, such as C_XXX.
+    one, other : weights of the joints' compliances, by their labels, in the sums that the
+        compliance stands for in two campaigns.
     """
     labels = sorted(set(one) | set(other))
     names = [ComplianceName(*label[2:]) for label in (name, *labels)]

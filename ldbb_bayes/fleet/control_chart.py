@@ -87,16 +87,25 @@ def draw_control_chart(trend: Trend) -> Figure:
 class _PanelData(NamedTuple):
     """Values that the panel of one parameter shows for n campaigns, in the unit of its axis."""
 
-    place: Array  #: positions of the n campaigns on the horizontal axis, 1 to n
-    estimate: Array  #: estimate of the parameter from each campaign alone, shape (n,)
-    interval: Array  #: lower and upper ends of the estimates' credible intervals, shape (2, n)
-    limits: Array  #: lower and upper control limits, shape (2, n), NaN at the first campaign
-    is_outside: Array  #: whether each estimate is outside its control limits, shape (n,)
-    change_probability: Array  #: probability of a change just before each campaign, shape (n,)
+    place: Array  #: positions of the n campaigns on the panel's horizontal axis, 1 to n
+    estimate: Array  #: estimate of the parameter from each of n campaigns alone, shape (n,)
+    #: lower and upper ends of the credible intervals of the estimates from n campaigns, shape (2,
+    #: n)
+    interval: Array
+    #: lower and upper control limits of the estimates from n campaigns, shape (2, n); NaN at the
+    #: first campaign
+    limits: Array
+    #: whether the estimate from each of n campaigns is outside its control limits, shape (n,)
+    is_outside: Array
+    #: probability that the parameter changed just before each of n campaigns, shape (n,)
+    change_probability: Array
 
     @property
     def edges(self) -> Array:
-        """Return the borders between campaigns on the horizontal axis, shape (n + 1,)."""
+        """Return the borders of the n campaigns on the panel's horizontal axis, shape (n + 1,).
+
+        The borders are midway between the campaigns.
+        """
         return np.append(self.place - 0.5, self.place[-1] + 0.5)
 
 
@@ -138,7 +147,10 @@ def _draw_panel(axes: Axes, trend: Trend, name: str) -> None:
 
 
 def _draw_limits(axes: Axes, data: _PanelData) -> None:
-    """Shade the range between the control limits of each campaign but the first."""
+    """Shade the range between the control limits of the parameter in a panel of a control chart.
+
+    Every campaign but the first has such limits.
+    """
     steps = [np.append(limit, limit[-1]) for limit in data.limits]
     label = f"limits from those before, {100 * LIMITS:g} %"
     band(axes, data.edges, steps, LIGHT, 0.6, step="post", label=label)
@@ -161,10 +173,10 @@ def _draw_points(
 
 
 def _vertical_range(data: _PanelData) -> tuple[float, float]:
-    """Return the lower and upper end of a panel's vertical axis.
+    """Return the lower and upper end of the vertical axis of a panel of a control chart.
 
-    All intervals are within these ends. Control limits beyond the intervals may widen the range by
-    up to half of the intervals' range on each side.
+    All credible intervals of the panel's estimates are within these ends. Control limits beyond the
+    intervals widen the range, by up to half of the range of the intervals on each side.
     """
     low = float(data.interval[0].min())
     high = float(data.interval[1].max())

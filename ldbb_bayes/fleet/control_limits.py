@@ -20,25 +20,33 @@ from ldbb_bayes.results import Array
 
 __all__ = ["LIMITS", "ChartPoints", "chart_points"]
 
-# Probability that an estimate lies within its control limits if the machine does not change. A
-# normal distribution has this probability within three standard deviations.
+# Probability that the estimate of a parameter from one campaign lies within its control limits if
+# the machine does not change. A normal distribution has this probability within three standard
+# deviations.
 LIMITS = 0.997
-# Smallest standard deviation of a predicted estimate; it prevents divisions by zero.
+# Smallest standard deviation of the estimate that earlier campaigns predict for a campaign. It
+# prevents divisions by zero.
 _SMALLEST_SD = 1e-300
 
 
 class ChartPoints(NamedTuple):
     """Points and limits of a control chart for n campaigns in order of time and p parameters.
 
-    The instrument's errors are fixed at their posterior mean. All values are in units of the
-    parameters' prior sd.
+    A point is the estimate of a parameter from one campaign alone. The errors of the instrument are
+    fixed at their posterior mean. All values are in units of the parameters' prior sd.
     """
 
-    estimate: Array  #: estimate of each parameter from each campaign alone, shape (n, p)
-    sd: Array  #: standard deviations of the estimates, shape (n, p)
-    limits: Array  #: lower and upper control limits, shape (2, n, p); NaN at the first campaign
-    #: standard uncertainty due to the instrument's errors, which shift the estimates from all
-    #: campaigns together, shape (p,)
+    #: estimate of each of p parameters from each of n campaigns alone, in units of the parameters'
+    #: prior sd, shape (n, p)
+    estimate: Array
+    #: standard deviations of the estimates of p parameters from n campaigns, in units of the
+    #: parameters' prior sd, shape (n, p)
+    sd: Array
+    #: lower and upper control limits of the estimates of p parameters from n campaigns, in units of
+    #: the parameters' prior sd, shape (2, n, p); NaN at the first campaign
+    limits: Array
+    #: standard uncertainty of each of p parameters due to the errors of the instrument, which shift
+    #: the estimates from all campaigns together; in units of the parameters' prior sd, shape (p,)
     common_sd: Array
 
 
@@ -53,15 +61,20 @@ def chart_points(
 ) -> ChartPoints:
     """Return the points of a control chart, and the limits that earlier campaigns predict for each.
 
-    In the shapes of arrays, n is the number of campaigns, q that of parameters and instrument
-    errors, s that of instrument errors, and r that of values of the machine's scatter.
+    A point is the estimate of a parameter from one campaign alone. The machine's scatter is the
+    standard deviation of its parameters from campaign to campaign. In the shapes of arrays, n is
+    the number of campaigns, q that of parameters and instrument errors, s that of instrument
+    errors, and r that of values of the scatter. All values are in units of the prior sd.
 
     Parameters
     ----------
-    series : likelihoods of campaigns in order of time, shape (n, q).
-    carried : the same likelihoods with the machine's scatter integrated out, shape (r, n, q).
-    scatter, scatter_weight : nodes of the scatter and their prior weights, each of shape (r,).
-    instrument : posterior mean (s,) and covariance (s, s) of the instrument's errors.
+    series : likelihoods of parameters and instrument errors from the campaigns in order of time,
+        shape (n, q).
+    carried : the same likelihoods for each value of the scatter, with the deviations that it causes
+        integrated out, shape (r, n, q).
+    scatter, scatter_weight : values of the scatter and their prior probabilities, each of shape
+        (r,).
+    instrument : posterior mean (s,) and covariance (s, s) of the errors of the instrument.
     limits : probability that a point lies within its limits if the machine does not change.
     """
     instrument_mean, instrument_covariance = instrument
@@ -100,10 +113,12 @@ def chart_points(
 
 
 def _history(carried: Gaussian) -> Gaussian:
-    """Return the distribution of level c and instrument errors b given the earlier campaigns.
+    """Return the distribution of parameters and instrument errors given the earlier campaigns.
 
-    ``carried`` holds the likelihoods of n campaigns for each of r values of the scatter. The result
-    has the shape (r, n − 1, q), one Gaussian of the q quantities for each campaign but the first.
+    ``carried``, shape (r, n, q), holds the likelihoods of q parameters and instrument errors from n
+    campaigns in order of time, for each of r values of the machine's scatter from campaign to
+    campaign. The result has the shape (r, n − 1, q): one Gaussian of the q quantities for each
+    campaign but the first, from all campaigns before it and the prior N(0, I).
     """
     precision = np.cumsum(carried.precision[:, :-1], axis=1)
     shift = np.cumsum(carried.shift[:, :-1], axis=1)

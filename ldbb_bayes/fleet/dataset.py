@@ -34,16 +34,20 @@ __all__ = [
 JOURNAL = "batch.sqlite"
 DATASET = "campaigns.parquet"
 PART = f".{DATASET}.part"
-# Version of the schema of a batch's table, and the key of this version in the file's metadata.
+# Version of the layout of a batch's table, and the key under which the metadata of the Parquet file
+# state it.
 _SCHEMA = 4
 _METADATA_KEY = b"ldbb_bayes"
-# Values of every parameter in a batch's table. Each value has a column of its own.
+# Numbers that a batch's table holds of every parameter. Each number has a column of its own, such
+# as C_XXX.mean.
 _PARAMETER_COLUMNS = ("mean", "sd", "median", "ci_low", "ci_high")
-# Columns for every quantity with a tolerance in a batch's table, and their Arrow types.
+# Values that a batch's table holds of every quantity with a tolerance, and their Arrow types. Each
+# value has a column of its own, such as C_XXX.decision.
 _CONFORMITY_TYPES = {"probability": "double", "decision": "string"}
-# Number of rows in one row group of the Parquet file; each group is written at once.
+# Number of rows in one row group of the Parquet file with a batch's table; each group is written at
+# once.
 _ROWS_PER_GROUP = 1024
-# Longest part of a library's error text that a message on an unreadable file quotes [characters].
+# Largest number of characters that a message on an unreadable file quotes from a library's error.
 _LONGEST_REASON = 120
 # Contents of columns.toml: the names of the columns of a batch's table, and their Arrow types.
 _TABLE: Mapping[str, Any] = tomllib.loads(
@@ -110,7 +114,11 @@ def write_dataset(
 
 
 def _schema(rows: Iterable[Mapping[str, Any]], about: Mapping[str, Any]) -> pa.Schema:
-    """Return the Arrow schema of a table with these rows: columns, types, units and metadata."""
+    """Return the Arrow schema of a batch's table: names, types and units of columns, and metadata.
+
+    ``rows`` are the rows of the table, which decide on the columns of parameters and tolerances;
+    ``about`` is information on the batch for the metadata.
+    """
     import pyarrow as pa  # an optional dependency
 
     unit_by_parameter: dict[str, str] = {}
@@ -142,15 +150,20 @@ def _field(name: str, kind: str, unit: str = "") -> pa.Field:
 
 
 def _unit_in(column: str) -> str:
-    """Return the unit at the end of a column's name, N or um; empty if there is no such unit."""
+    """Return the unit at the end of a column's name, N or um; empty if it ends in neither.
+
+    The column ``force_min_N``, for example, has the unit N.
+    """
     unit = column.rpartition("_")[2]
     return unit if column.endswith(("_N", "_um")) else ""
 
 
 def _flatten(row: dict[str, Any]) -> dict[str, Any]:
-    """Return a row without nested values: each value of each parameter gets its own column.
+    """Return a campaign's row in which each number of each parameter has a column of its own.
 
-    The same holds for quantities with a tolerance.
+    In the row given, the entry ``parameters`` holds the numbers of each parameter, and the entry
+    ``conformity`` the probability and decision of each quantity with a tolerance. The columns are
+    called, for example, C_XXX.mean and C_XXX.decision.
     """
     flat = dict(row)
     for name, numbers in row.get("parameters", {}).items():
@@ -273,7 +286,10 @@ class _Dataset(NamedTuple):
 
 
 def _read_table(path: Path, columns: Sequence[str] | None) -> _Dataset:
-    """Return the requested columns that a batch's table has; refuse a file of another kind."""
+    """Return the requested columns of a batch's table; raise an `InputError` for any other file.
+
+    Columns that the table does not have are left out; None requests all columns.
+    """
     import pyarrow as pa  # an optional dependency
     import pyarrow.parquet as pq
 

@@ -27,15 +27,18 @@ __all__ = ["Estimates", "deviating", "estimate_separately", "whitened"]
 def whitened(likelihood: Gaussian, spread: Array, *, inverse: bool = False) -> Array:
     """Return the matrix (Lᵀ | L⁻¹ s (Λ_c, η_c)), from which deviations w are integrated out.
 
-    L is the Cholesky factor of I + s Λ_cc s = L Lᵀ, the precision matrix of w / s. Here s stands
-    for diag s, with the standard deviations s of w; the vertical bar puts matrices side by side.
-    Λ_c, Λ_cc and η_c are the parts of a likelihood's precision matrix Λ and shift η for the c
-    parameters.
+    w are the deviations of a campaign's or machine's c parameters from their common level, with the
+    standard deviations s; in the formulae s stands for diag s, and the vertical bar puts matrices
+    side by side. L is the Cholesky factor of I + s Λ_cc s = L Lᵀ, the precision matrix (inverse
+    covariance) of w / s. A likelihood has the precision matrix Λ and the shift η, which is Λ times
+    the estimate. Λ_c are the rows of Λ for the parameters, Λ_cc is its block for them alone, and
+    η_c is the part of η for them.
 
     Parameters
     ----------
-    likelihood : likelihoods g, shape (n, q).
-    spread : standard deviations s, shape (k, c).
+    likelihood : likelihoods of q parameters and instrument errors from n campaigns or machines,
+        shape (n, q).
+    spread : k values of the standard deviations s of the c parameters, shape (k, c).
     inverse : whether to append L⁻¹ as further columns.
 
     Returns
@@ -63,12 +66,16 @@ def whitened(likelihood: Gaussian, spread: Array, *, inverse: bool = False) -> A
 def deviating(likelihood: Gaussian, spread: Array) -> Gaussian:
     """Return likelihoods with the deviations integrated out: ∫ g(c + w, b) N(w; 0, diag s²) dw.
 
-    The result has the shape (k, n, q): n campaigns or machines, each for k values of s.
+    g is the likelihood of a campaign or machine. c is the common level of the parameters, b are the
+    errors of the instrument, and w are the deviations of this campaign or machine from the level,
+    with the standard deviations s. The result has the shape (k, n, q): n campaigns or machines,
+    each for k values of s.
 
     Parameters
     ----------
-    likelihood : likelihoods g of parameters c and instrument errors b, shape (n, q).
-    spread : standard deviations s of the parameters' deviations w, shape (k, c).
+    likelihood : likelihoods g of q parameters and instrument errors, shape (n, q).
+    spread : k values of the standard deviations s of the parameters, shape (k, number of
+        parameters).
     """
     c = spread.shape[1]
     q = likelihood.shift.shape[-1]
@@ -83,33 +90,40 @@ def deviating(likelihood: Gaussian, spread: Array) -> Gaussian:
 
 
 class Estimates(NamedTuple):
-    """Estimates t of the parameters c from each campaign or machine alone.
+    """Estimates t of the parameters c from each of n campaigns or machines alone.
 
-    t = S η_c with the posterior covariance S = (I + Λ_cc)⁻¹. Given c and the errors b of the
-    instrument, t ~ N(H (c, b), S Λ_cc S) with the sensitivity H = S Λ_c. Λ_c, Λ_cc and η_c are the
-    parts for the parameters of the likelihood's precision matrix Λ and shift η.
+    t = S η_c with the posterior covariance S = (I + Λ_cc)⁻¹ for the prior c ~ N(0, I). Given c and
+    the errors b of the instrument, t ~ N(H (c, b), S Λ_cc S) with the sensitivity H = S Λ_c. Λ is
+    the precision matrix (inverse covariance) of the likelihood, η its shift (Λ times the estimate).
+    Λ_c are the rows of Λ for the parameters, Λ_cc is its block for them alone, and η_c is the part
+    of η for them.
     """
 
-    #: posterior covariance of the c parameters given the instrument's errors, shape (n, c, c)
+    #: posterior covariance of the c parameters, given the errors of the instrument, from each of n
+    #: campaigns or machines alone, shape (n, c, c)
     covariance: Array
-    #: sensitivity of the estimates to the true parameters and instrument errors, shape (n, c, q)
+    #: derivatives of the estimates from each of n campaigns or machines with respect to the q true
+    #: parameters and instrument errors, shape (n, c, q)
     response: Array
-    #: estimates of the c parameters if the instrument's errors are zero, shape (n, c)
+    #: estimates of the c parameters from each of n campaigns or machines alone, if the errors of
+    #: the instrument are zero, shape (n, c)
     value: Array
 
 
 def estimate_separately(likelihood: Gaussian, parameters: int) -> Estimates:
     """Return estimates of the parameters from each campaign or machine alone.
 
-    Each estimate is the posterior mean from its own likelihood and the prior c ~ N(0, I), as a
-    function of the errors b of the instrument.
+    An estimate is the posterior mean of the parameters c from the likelihood of one campaign or
+    machine and the prior c ~ N(0, I), as a function of the errors b of the instrument. All values
+    are in units of the prior sd.
 
     Parameters
     ----------
     likelihood
-        Likelihoods g of n campaigns or machines, for q quantities each.
+        Likelihoods of n campaigns or machines for q quantities, shape (n, q): parameters, then
+        errors of the instrument.
     parameters
-        Number c of parameters, which come first among the quantities.
+        Number of parameters.
     """
     c = parameters
     covariance = np.linalg.inv(np.eye(c) + likelihood.precision[:, :c, :c])
