@@ -83,9 +83,10 @@ class AssumptionLog:
         return tuple(assumptions)
 
     def layout(self, stated: Layout) -> Layout:
-        """Return the layout ``stated`` by the user, completed by the values found in the sheets.
+        """Return the layout of the tables, from what the user states and what the sheets hold.
 
-        A field for which sheets have different values stays as the user states it.
+        It is the layout ``stated`` by the user, completed by the values that were found in the
+        sheets. A field for which sheets have different values stays as the user states it.
         """
         common = {}
         for key, values in self._layout_values.items():

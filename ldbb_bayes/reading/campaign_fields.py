@@ -27,7 +27,7 @@ _OPTIONS = {
     "feed_mm_per_min": "--feed-mm-per-min",
     **{key: option_for(key) for key in LABELS},
 }
-# Fields in which the tests of one campaign may differ.
+# Fields for which files may state a different value for each test of a campaign.
 _FIELDS_OF_EACH = ("plane", "date")
 # Fields of a campaign that name people, places and instruments. If its files state several values
 # for one of them, the campaign lists all.
@@ -56,7 +56,7 @@ _ASSUMED = {
     "resolution_um": ("0.24 µm", "--resolution-um"),
     "mount": ("readings compensated for its deflection", "--raw"),
 }
-# Number of characters of a list of forces that a note shows.
+# Largest number of characters of a list of forces that a note shows.
 _LIST_SHOWN = 200
 
 
@@ -350,8 +350,8 @@ def note_assumed_fields(
 def _note_force_law(tests: Sequence[CircularTest], log: AssumptionLog) -> None:
     """Add to the log how the stated forces and pressures of the tests fit the usual force law.
 
-    Stated forces that differ by more than 5 % from the law are noted, and so is that forces are
-    computed by the law for tests that state a pressure alone.
+    Stated forces that differ by more than 5 % from the law are noted. If tests state a pressure
+    alone, it is noted that the law gives their forces.
     """
     law = ForceLaw()
     options = "--force-slope, --force-offset"

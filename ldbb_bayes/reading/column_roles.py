@@ -99,7 +99,8 @@ def _stated_unit(name: str, texts: Sequence[str], is_scaled: bool) -> str:
     """
     is_german_angle = comparable(name).startswith("winkel")
     if is_german_angle and len(texts) == 1 and comparable(texts[0]) == "grad":
-        return "deg"  # in other languages a grad is a hundredth of a right angle
+        # In German, Grad means degree; in other languages a grad is a hundredth of a right angle.
+        return "deg"
     units = {unit_named(text) for text in texts} - {""}
     if len(units) == 1 and not is_scaled:
         return units.pop()

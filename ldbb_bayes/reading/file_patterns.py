@@ -88,7 +88,7 @@ def _is_hidden(path: Path) -> bool:
 
 
 def _natural_order(name: object) -> list[str | int]:
-    """Return a sort key for names that puts 2 N before 10 N."""
+    """Return a sort key for names that orders numbers in them by value: 2 N before 10 N."""
     key: list[str | int] = []
     for piece in re.split(r"([0-9]+)", str(name).casefold()):
         key.append(piece)

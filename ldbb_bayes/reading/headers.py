@@ -36,11 +36,11 @@ _BLOCK_ROWS = 9
 _BRACKETED = re.compile(r"[\[({].*[\])}]")
 # In a row of units, a cell that is no known unit may have at most this many characters.
 _LONGEST_UNIT = 4
-# Number of cells of a row that an error message shows.
+# Largest number of cells of a row that an error message shows.
 _CELLS_SHOWN = 6
-# Number of characters of a cell that an error message shows.
+# Largest number of characters of a cell that an error message shows.
 _CELL_SHOWN = 30
-# Number of characters of a whole row that an error message shows.
+# Largest number of characters of a whole row that an error message shows.
 _ROW_SHOWN = 60
 
 
@@ -392,7 +392,7 @@ def _holds_only_units(cells: Sequence[str]) -> bool:
             uncertain.append(cell)
     n_certain = n_known + n_bracketed
     n_needed = min(2, n_certain + len(uncertain))
-    if "grad" in [comparable(cell) for cell in uncertain]:  # the German word for degree
+    if "grad" in [comparable(cell) for cell in uncertain]:  # Grad is the German word for degree
         n_needed = min(1, n_needed)
     if n_known == 0 or n_certain < n_needed:
         return False

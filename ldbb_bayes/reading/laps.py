@@ -25,7 +25,7 @@ def angles_from_time(
     overshoot_deg: float,
     sense: int,
 ) -> Array:
-    """Return the angle of every reading of a test that was recorded over time.
+    """Return the angle of every reading of a test whose table has times instead of angles.
 
     The angles continue beyond 360°. The machine moves at constant feed F along the circle of radius
     R. The angle at time t is therefore θ(t) = start + sense · (F (t − t0) / R − overshoot), with t0

@@ -38,7 +38,7 @@ class TestLayout(TestFields):
     """
 
     file: str  #: name of the test's file or sheet, or its label in the column that names tests
-    #: angle at which the circle begins, for a test that was recorded over time
+    #: angle at which the circle begins, for a table with times instead of angles
     start_deg: Number | None = None
 
     def stated(self) -> dict[str, Any]:

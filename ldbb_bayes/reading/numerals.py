@@ -66,7 +66,8 @@ _MISSING = (
     "null",
     "none",
 )
-# Mark that may separate thousands if the decimal mark is the point, or the comma.
+# Mark that may separate thousands, by decimal mark: the comma if the decimal mark is a point, and
+# the point if it is a comma.
 OTHER_MARK = {".": ",", ",": "."}
 # Largest value, by quantity, for which a mark before three digits may separate thousands: 1,000 N
 # may be 1000 N, but 150.000 mm is not 150 000 mm.

@@ -35,9 +35,9 @@ _ROUNDED_IN_NAME = 0.02
 # Relative tolerance within which the forces, or the pressures, in all rows of a test count as
 # equal.
 _CONSTANT = 1e-9
-# Number of characters of a text from a file that an error message shows.
+# Largest number of characters of a text from a file that an error message shows.
 _TEXT_SHOWN = 60
-# Number of characters of a unit from a file that an error message shows.
+# Largest number of characters of a unit from a file that an error message shows.
 _UNIT_SHOWN = 40
 
 
@@ -51,6 +51,9 @@ class _Evidence(NamedTuple):
 
 def quantity_of(recording: Recording, key: str, column_value: float | None = None) -> float | None:
     """Return a quantity of a test, such as its radius; None if nothing states it.
+
+    Values that the user or a column of the table states count before those in lines above the table
+    and in names.
 
     Parameters
     ----------

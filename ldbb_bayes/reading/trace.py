@@ -41,7 +41,7 @@ _SMALLEST_SCATTER = 0.01
 # A test whose angles cover more than this number of turns holds several laps, or a run-in and
 # run-out beside its circle.
 _MORE_THAN_A_TURN = 1.02
-# Number of characters of a list of columns that an error message shows.
+# Largest number of characters of a list of columns that an error message shows.
 _LIST_SHOWN = 200
 
 
