@@ -1,10 +1,11 @@
 """The hybrid model: `HybridModel` for any campaign, `BoundModel` for one campaign.
 
 The reading is ρ = Σ_k F (F − F0)^k j_C·C_k + j_G·E + nuisances + ε. F is the force and F0 the
-reference force; C_0 are the compliances, C_1 and C_2 their slopes, and E the geometric errors, with
-columns j_C and j_G. Nuisances are effects that are modelled but not of interest; ε is white noise.
-The parameters β = (C_0 …, E) have a Gaussian prior. The nuisances are Gaussian given the
-hyper-parameters φ (σ, δ, κ, τ …), which are their scales and that of the noise.
+reference force; C_0 are the compliances at F0, C_1 and C_2 their slopes (linear and quadratic
+change with force), and E the geometric errors. j_C is the reading per unit force and compliance,
+j_G the reading per unit geometric error. Nuisances are effects that are modelled but not of
+interest; ε is white noise. The parameters β = (C_0 …, E) have a Gaussian prior. The nuisances are
+Gaussian given the hyper-parameters φ (σ, δ, κ, τ …), which are the scales of noise and nuisances.
 
 The two classes refer to each other (`HybridModel.bind`, `BoundModel.model`) and share a module.
 """
@@ -61,13 +62,13 @@ __all__ = ["BoundModel", "HybridModel", "Preset", "Simulation"]
 
 Preset = Literal["default", "first", "paper"]
 _SIGMA = Scale("sigma", "sigma_um", "σ", "white noise")
-# Order of the hyper-parameters (scales of the noise and of other effects) in every array. The
-# scales of terms not listed here follow, and last the factors λ of single circles.
+# Order of the hyper-parameters (scales of the noise and of other effects) in all arrays and lists.
+# Hyper-parameters of terms not listed here follow; the noise factors λ of single circles are last.
 _HYPER_ORDER = ("sigma", "delta", "delta_0", "delta_1", "kappa", "tau", "decay", "omega", "eta")
 # In campaigns with fewer circles than this, no circle has a noise factor λ of its own.
 _FEWEST_SCALED_CIRCLES = 4
-# Error tolerance [nat] of the log prior probability that compliances are not negative. It applies
-# to each group of compliances that share parameters.
+# Largest error [nat] of the log prior probability that compliances are not negative. It applies to
+# each group of compliances that depend on common parameters.
 _TRUNCATION_TOLERANCE = 1e-4
 
 
@@ -81,15 +82,17 @@ class HybridModel(Result):
     """Model for any campaign: its nuisance terms and its priors.
 
     A reading is ρ = Σ_k F (F − F0)^k j_C·C_k + j_G·E + nuisances + ε. F is the force, F0 the
-    reference force, C_0 the compliances, C_1 and C_2 their slopes, E the geometric errors, j_C and
-    j_G their columns, and ε white noise. Nuisances are effects that are modelled but not of
-    interest. Start from ``default``, from ``first`` (the model of the first edition) or from
-    ``paper`` (least squares as in the paper), and change it by methods that return another model.
+    reference force, C_0 the compliances at F0, C_1 and C_2 their slopes (linear and quadratic
+    change with force), E the geometric errors, and ε white noise. j_C is the reading per unit force
+    and compliance, j_G the reading per unit geometric error. Nuisances are effects that are
+    modelled but not of interest. Start from ``default``, from ``first`` (the model of the first
+    edition) or from ``paper`` (least squares as in the paper), and change it by methods that return
+    another model.
 
     Raises
     ------
     InputError
-        If the settings contradict each other.
+        If a setting is out of its range, or settings contradict each other.
 
     Examples
     --------
@@ -103,15 +106,18 @@ class HybridModel(Result):
 
     #: degree of the compliance as a polynomial in force: 0 constant, 1 linear, 2 quadratic
     degree: int = 1
-    #: effects modelled but not of interest
+    #: terms for effects that are modelled but not of interest, such as the form of the balls
     nuisances: Sequence[Term] = field(default_factory=_default_terms)
-    prior: Prior = field(default_factory=Prior.default)  #: prior of parameters and hyper-parameters
-    #: reference force F0, at which compliances are stated; by default the middle of the campaign's
-    #: forces. With F0 = 0 the model is Eq. 33 of the paper.
+    #: prior of the parameters of interest and of the hyper-parameters (scales of noise and other
+    #: effects)
+    prior: Prior = field(default_factory=Prior.default)
+    #: reference force F0 [N], at which compliances are stated; by default the middle between the
+    #: campaign's smallest and largest force. With F0 = 0 the model is Eq. 33 of the paper.
     reference_force_N: float | None = None
-    preset: Preset = "default"  #: name of the preset that the model was derived from
-    #: names of the parameters fixed at zero, such as C_XYX_1; they are checked when a campaign is
-    #: given
+    #: name of the preset from which the model was made: default, first or paper
+    preset: Preset = "default"
+    #: names of the parameters of interest that are fixed at zero, such as C_XYX_1; unknown names
+    #: are refused when the model is bound to a campaign
     fixed: Sequence[str] = ()
 
     def __post_init__(self) -> None:
@@ -165,17 +171,20 @@ class HybridModel(Result):
 
     @classmethod
     def default(cls, degree: int = 1) -> HybridModel:
-        """Return the default model: all nuisances, proper priors and no negative compliances.
+        """Return the default model, with proper priors and without negative compliances.
 
-        Nuisances are effects that are modelled but not of interest.
+        It has all nuisances (effects that are modelled but not of interest) except those that are
+        only added on request. ``degree`` is the degree of the compliance as a polynomial in force,
+        0, 1 or 2.
         """
         return cls(degree)
 
     @classmethod
     def first(cls, degree: int = 1) -> HybridModel:
-        """Return the model of the software's first edition, which has fewer effects.
+        """Return the model of the software's first edition, which has fewer effects than today's.
 
-        The prior sd of the form of the balls falls as 1/n with its order n.
+        The prior sd of the form of the balls falls as 1/n with its order n (waves in a turn).
+        ``degree`` is the degree of the compliance as a polynomial in force, 0, 1 or 2.
         """
         return cls(degree, first_edition(), Prior.first(), preset="first")
 
@@ -183,24 +192,28 @@ class HybridModel(Result):
     def paper(cls, degree: int = 0) -> HybridModel:
         """Return the model whose point estimate is that of the paper (Eq. 31).
 
-        It has flat priors, no nuisances, and no truncation: compliances may be negative.
+        It has flat priors and no nuisances (effects modelled but not of interest), and its
+        compliances may be negative. ``degree`` is the degree of the compliance as a polynomial in
+        force, 0, 1 or 2.
         """
         return cls(degree, (), Prior.paper(), preset="paper")
 
     @classmethod
     def from_preset(cls, preset: str, degree: int) -> HybridModel:
-        """Return the model of a preset, named ``default``, ``first`` or ``paper``.
+        """Return the model of a preset, whose name is ``default``, ``first`` or ``paper``.
 
-        Raise an `InputError` for another name.
+        ``degree`` is the degree of the compliance as a polynomial in force, 0, 1 or 2. Raise an
+        `InputError` for another name.
         """
         presets = {"default": cls.default, "first": cls.first, "paper": cls.paper}
         check_known("preset", [preset], presets)
         return presets[preset](degree)
 
     def with_degree(self, degree: int) -> HybridModel:
-        """Return the same model with another degree of compliance in force, 0, 1 or 2.
+        """Return the same model with another degree of the compliance as a polynomial in force.
 
-        Settings of slopes that the new degree does not have are dropped.
+        The degree is 0, 1 or 2. If it is smaller than before, the priors that the user gave for
+        slopes that no longer exist are dropped, and so is the fixing of such slopes at zero.
         """
         fixed = tuple(name for name in self.fixed if degree_of(name) <= degree)
         overrides = {
@@ -210,9 +223,10 @@ class HybridModel(Result):
         return replace(self, degree=degree, fixed=fixed, prior=prior)
 
     def with_slope_scale(self, scale: float) -> HybridModel:
-        """Return the same model with another ``slope_scale``.
+        """Return the same model with another ``slope_scale``, a factor without unit.
 
-        The prior sds of all slopes are proportional to this number, also those that a user gave.
+        The prior sds of all slopes (changes of compliances with force) are proportional to this
+        factor. Those that a user gave are scaled in the same ratio.
         """
         factor = scale / self.prior.slope_scale
         overrides = dict(self.prior.overrides)
@@ -238,9 +252,9 @@ class HybridModel(Result):
     ) -> HybridModel:
         """Return the same model with other priors of parameters and hyper-parameters.
 
-        A parameter gets a mean and a sd; if it was fixed at zero, it is free again. The mean of a
-        slope must be 0. Each value is a text with its unit or a number in internal units (mm, N,
-        rad). Names of parameters are checked when the model is bound to a campaign.
+        A parameter of interest gets a mean and a sd; if it was fixed at zero, it is free again. The
+        mean of a slope must be 0. Each value is a text with its unit or a number in internal units
+        (mm, N, rad). Whether a parameter exists is checked when the model is bound to a campaign.
 
         Parameters
         ----------
@@ -259,7 +273,8 @@ class HybridModel(Result):
         Raises
         ------
         InputError
-            For other names, and for values without mean and sd or with a unit that does not fit.
+            For a name that is neither that of a parameter nor that of a field of `Prior`, for a
+            parameter without mean and sd, and for a value whose unit does not fit.
 
         Examples
         --------
@@ -298,7 +313,9 @@ class HybridModel(Result):
         return replace(self, fixed=fixed, prior=prior)
 
     def with_term(self, *terms: Term) -> HybridModel:
-        """Return the same model with these terms added; a term of the same class is replaced.
+        """Return the same model with the given nuisance terms added.
+
+        A term of the same class that the model already has is replaced.
 
         Examples
         --------
@@ -316,10 +333,11 @@ class HybridModel(Result):
         return self.with_term(*terms)
 
     def without(self, *names: str) -> HybridModel:
-        """Return the same model without the named terms.
+        """Return the same model without the named effects.
 
-        Names are those of terms, such as ``ball-form`` and ``hysteresis``, and ``truncation``, the
-        condition that compliances are not negative. Raise an `InputError` for other names.
+        Names are those of nuisance terms as on the command line, such as ``ball-form`` and
+        ``hysteresis``, and ``truncation``, which is the condition that compliances are not
+        negative. Raise an `InputError` for other names.
         """
         check_known("term", names, (*(kind.key() for kind in Term.kinds.values()), "truncation"))
         prior = replace(self.prior, truncated=False) if "truncation" in names else self.prior
@@ -328,9 +346,10 @@ class HybridModel(Result):
 
     @property
     def rivals(self) -> tuple[str, ...]:
-        """Names of the model's effects that resemble a change of compliance with force.
+        """Names of the model's rivals: effects that resemble a change of compliance with force.
 
-        Such rivals of the slopes are joint load, curved mount and curved force law.
+        They are those of ``joint load``, ``curved mount`` and ``curved force law`` that the model
+        has.
         """
         term_by_kind = {type(term): term for term in self.nuisances}
         names = []
@@ -341,7 +360,11 @@ class HybridModel(Result):
         return tuple(names)
 
     def with_rivals(self, *names: str) -> HybridModel:
-        """Return the same model, keeping only the named ones of its `rivals` of the slopes."""
+        """Return the same model with only the named ones of its `rivals`.
+
+        Rivals are effects that resemble a change of compliance with force, such as ``joint load``.
+        All rivals that are not named are removed.
+        """
         model = self
         for name in self.rivals:
             if name in names:
@@ -356,7 +379,10 @@ class HybridModel(Result):
 
     @property
     def scales(self) -> tuple[Scale, ...]:
-        """Hyper-parameters of the model: the sd σ of white noise, then the scales of its terms."""
+        """Hyper-parameters of the model: the sd σ of white noise, then those of its terms.
+
+        A term has as hyper-parameters the scales (sds) of its effect, or numbers without unit.
+        """
         scales = [_SIGMA]
         for term in self.nuisances:
             scales.extend(term.scales)
@@ -365,7 +391,9 @@ class HybridModel(Result):
     def scales_in(self, setting: Setting) -> tuple[Scale, ...]:
         """Return the hyper-parameters that act under the conditions of a campaign's tests.
 
-        They include the noise factors λ of single circles, if the campaign has these.
+        Hyper-parameters are the scales of the noise and of other effects. They include the noise
+        factors λ of single circles, if the circles have such factors. ``setting`` are the
+        conditions of the tests.
         """
         scales = [_SIGMA]
         acting = {_SIGMA.name}
@@ -378,14 +406,17 @@ class HybridModel(Result):
 
     @property
     def terms(self) -> tuple[str, ...]:
-        """Class names of all terms, with Compliance and GeometricErrors first."""
+        """Names of all parts of the model: Compliance, GeometricErrors, then its nuisance terms.
+
+        Nuisance terms (effects modelled but not of interest) have the names of their classes.
+        """
         return ("Compliance", "GeometricErrors", *(type(term).__name__ for term in self.nuisances))
 
     def bind(self, campaign: Campaign) -> BoundModel:
-        """Return the model of one campaign or plan, with numerical columns and priors.
+        """Return the model of one campaign or plan, with its parameters, columns and priors.
 
-        Raise an `InputError` if the campaign has too few levels of force for the model's degree or
-        for flat priors.
+        Raise an `InputError` if the campaign has too few different forces for the model's degree or
+        for flat priors, or if the model names a parameter that the campaign does not have.
         """
         require_campaign(campaign)
         return BoundModel(self, campaign)
@@ -399,19 +430,20 @@ class HybridModel(Result):
         hyper_um: Mapping[str, float] | None = None,
         exact: bool = False,
     ) -> Simulation:
-        """Simulate the readings of a plan (or replace those of a campaign).
+        """Simulate the readings of a plan, or readings that replace those of a campaign.
 
         Parameters
         ----------
         plan : Campaign
-            Forces, angles, set-ups and machine.
+            Plan or campaign, which states forces, angles, set-ups and machine.
         seed : int
             Seed of the random numbers.
         parameters : mapping of str to float, optional
-            True values in internal units (mm, N, rad), zero if not named. By default a random draw
-            from the prior.
+            True compliances, slopes and geometric errors by name, in internal units (mm, N, rad);
+            those not named are zero. By default, all are drawn at random from the prior.
         hyper_um : mapping of str to float, optional
-            True hyper-parameters [µm]; those not named are drawn at random from their priors.
+            True hyper-parameters (scales of noise and other effects) by name [µm]; those not named
+            are drawn at random from their priors.
         exact : bool, default False
             Whether geometric errors act through the exact forward model (Eq. 1-14 of the paper)
             instead of the linear one.
@@ -419,12 +451,13 @@ class HybridModel(Result):
         Returns
         -------
         Simulation
-            The simulated ``campaign`` and the true values.
+            The simulated ``campaign`` and the true values from which it was simulated.
 
         Raises
         ------
         InputError
-            For unknown names, negative hyper-parameters, or a flat prior without parameters.
+            For unknown names, for negative hyper-parameters, and if the prior is flat and no
+            ``parameters`` are given.
 
         Examples
         --------
@@ -461,9 +494,10 @@ class HybridModel(Result):
 
 
 def _ordered(scales: Sequence[Scale]) -> tuple[Scale, ...]:
-    """Return the hyper-parameters without repetition, in the order of ``_HYPER_ORDER``.
+    """Return the hyper-parameters ``scales`` without repetition, in the order of ``_HYPER_ORDER``.
 
-    Scales not named there follow, and the factors λ of single circles are last.
+    Hyper-parameters not named in ``_HYPER_ORDER`` follow, and the noise factors λ of single circles
+    are last.
     """
 
     def place(scale: Scale) -> int:
@@ -475,7 +509,11 @@ def _ordered(scales: Sequence[Scale]) -> tuple[Scale, ...]:
 
 
 def _values_by_name(parameters: Mapping[str, float], names: Sequence[str]) -> Array:
-    """Return the values of parameters in the order of ``names``; a missing value is zero."""
+    """Return the values of parameters of interest in the order of ``names``, shape (p,).
+
+    A parameter that ``parameters`` does not state is zero. Raise an `InputError` for an unknown
+    name.
+    """
     values = {inside_name(name): value for name, value in parameters.items()}
     check_known("parameter", values, names)
     return np.array([values.get(name, 0.0) for name in names], dtype=float)
@@ -486,7 +524,8 @@ def _draw_hyper_parameters(
 ) -> dict[str, float]:
     """Return the value of every hyper-parameter by its name; lengths are in mm.
 
-    Values given in ``hyper_um`` [µm] are used; the others are drawn at random from the prior.
+    Values given in ``hyper_um`` [µm for lengths] are used. All other hyper-parameters are drawn at
+    random from their priors. Raise an `InputError` for an unknown name or a negative value.
     """
     prior = bound.hyper_prior
     check_known("hyper-parameter", hyper_um, prior.names)
@@ -508,40 +547,48 @@ class Simulation(Result):
     """Simulated campaign and the true values from which it was simulated."""
 
     campaign: Campaign
-    parameters: dict[str, float]  #: true values in internal units (mm, N, rad)
-    hyper_um: dict[str, float]  #: true hyper-parameters, lengths in µm
-    units: dict[str, str]  #: internal unit of each parameter, by name
+    #: true compliances, slopes and geometric errors by name, in internal units (mm, N, rad)
+    parameters: dict[str, float]
+    #: true hyper-parameters (scales of noise and other effects) by name; lengths in µm
+    hyper_um: dict[str, float]
+    units: dict[str, str]  #: internal unit of each parameter of interest, by name
 
 
-# Cache of every campaign's readings, reduced to Fourier coefficients. Comparisons combine one
-# campaign with hundreds of models, and the reduction is the same for all of them.
+# Cache of the reduced readings of every campaign (at most 25 numbers for each test). Comparisons
+# combine one campaign with hundreds of models, and the reduction is the same for all of them.
 _REDUCED_READINGS: WeakKeyDictionary[Campaign, tuple[Reduced, ...]] = WeakKeyDictionary()
 
 
 class BoundModel(Shown):
     """The model of one campaign: ρ = H β + nuisances + ε, with numerical columns and priors.
 
-    ρ are the readings, β the parameters of interest (compliances, slopes and geometric errors), H
-    their columns and ε white noise. Nuisances are effects that are modelled but not of interest.
+    ρ are the readings, β the p parameters of interest (compliances, slopes and geometric errors), H
+    the readings per unit of each of them, and ε white noise. Nuisances are effects that are
+    modelled but not of interest.
 
     Parameters
     ----------
-    keep : names of the tests to use. The reference force F0, the force range, the truncation, the
-        estimate Ĉ of the compliances and the choice of one or two ball forms stay those of the
-        whole campaign.
+    model : model for any campaign.
+    campaign : campaign or plan.
+    keep : names of the tests to use; by default all. The reference force F0, the force range, the
+        region of physical compliances, the estimate Ĉ of the compliances and the choice of one or
+        two ball forms stay those of the whole campaign.
     pilot : for a plan, the campaign whose F0, force range and Ĉ are used instead of the plan's own.
 
     Attributes
     ----------
     parameters, names, prior_sd, prior_mean : tuples, and ndarrays of shape (p,)
-        Compliances, their slopes degree by degree, geometric errors. With a flat prior the sd is
-        infinite and the mean zero.
+        Parameters of interest that are not fixed: compliances, their slopes degree by degree, and
+        geometric errors; with their names, prior sds and prior means in mm, N and rad. With a flat
+        prior the sd is infinite and the mean zero.
     test_names, reduced, setting : tuple of str, tuple of Reduced, Setting
+        Names, reduced readings and conditions of the tests that are used.
     interest : ndarray, shape (tests, 25, p)
-        H: columns of the parameters of interest.
+        H: reading per unit of each parameter of interest, as 25 Fourier coefficients.
     physical, truncation : Truncation
-        ``physical`` is the region of physical compliances, C(F) ≥ 0. ``truncation`` is the same
-        region if the prior is truncated to it, else it imposes nothing.
+        ``physical`` is the region of parameters in which compliances C(F) that must not be negative
+        are not. ``truncation`` is the same region if the prior is restricted to it; otherwise it
+        permits all parameters.
     """
 
     shown = ("model", "campaign", "test_names", "names", "setting")
@@ -588,7 +635,11 @@ class BoundModel(Shown):
         self.interest = self._interest_columns()
 
     def _setting_of_campaign(self, reduced: Sequence[Reduced]) -> Setting:
-        """Return the conditions of all tests, linearised about estimated parameters."""
+        """Return the conditions of all tests, with effects linearised about an estimated machine.
+
+        The machine's parameters are estimated from ``reduced``, the reduced readings of all tests,
+        or from the pilot campaign if there is one.
+        """
         setting = setting_of(
             self.campaign, self.compliances, self.model.reference_force_N, pilot=self.pilot
         )
@@ -610,8 +661,8 @@ class BoundModel(Shown):
     def _estimate_of_pilot(self, pilot: Campaign) -> MachineEstimate:
         """Return the compliances and geometric errors estimated from a pilot campaign.
 
-        Compliances that the pilot's circles do not determine get the values assumed for a plan;
-        such geometric errors get zero.
+        Compliances that the model of the pilot does not have get the values assumed for a plan.
+        Geometric errors that it does not have get zero.
         """
         bound = BoundModel(self.model, pilot)
         compliance_of = dict(zip(bound.compliances, bound.setting.compliance_estimate, strict=True))
@@ -625,10 +676,11 @@ class BoundModel(Shown):
         return MachineEstimate(np.array(compliances), np.array(geometric))
 
     def _physical_rows(self, reference_force_N: float) -> Array:
-        """Return the matrix A whose product A β is not negative if compliances are physical.
+        """Return the matrix A of the region A β ≥ 0 of physical parameters, shape (rows, p).
 
-        β are the p parameters; A β holds compliances C(F) at tested forces F. For compliances
-        linear in force, the smallest and the largest force suffice. A has shape (rows, p).
+        β are the p parameters of interest; A β holds the compliances C(F) at tested forces F that
+        must not be negative. For compliances linear in force, the smallest and the largest force
+        suffice.
         """
         forces = distinct_forces(self.campaign.forces_N)
         if self.model.degree == 0:
@@ -639,11 +691,12 @@ class BoundModel(Shown):
         return physical_rows(self._of_interest, self.parameters, levers, reference_force_N)
 
     def _interest_columns(self) -> Array:
-        """Return the columns of the p free parameters, shape (tests, 25, p).
+        """Return the reading per unit of each of p free parameters, shape (tests, 25, p).
 
-        Compliances and slopes of degree k have the columns F (F − F0)^k j_C; geometric errors
-        follow with j_G. F is the force, F0 the reference force, j_C the reading per unit force and
-        compliance, and j_G the reading per unit geometric error.
+        The reading is given as 25 Fourier coefficients. For compliances (k = 0) and their slopes of
+        degree k it is F (F − F0)^k j_C, and for geometric errors j_G. F is the force, F0 the
+        reference force, j_C the reading per unit force and compliance, and j_G the reading per unit
+        geometric error. Free parameters are those not fixed at zero.
         """
         setting = self.setting
         lever = setting.force_N - setting.reference_force_N
@@ -656,12 +709,15 @@ class BoundModel(Shown):
 
     @property
     def compliances(self) -> tuple[ComplianceName, ...]:
-        """Names of the compliances without their slopes; those fixed at zero are included."""
+        """Names of the compliances of the model, without slopes; those fixed at zero are included.
+
+        They are the compliances that the campaign's circles can separate.
+        """
         return self._of_interest.compliances
 
     @property
     def geometric_errors(self) -> tuple[GeometricName, ...]:
-        """Names of the geometric errors; those fixed at zero are included."""
+        """Names of the geometric errors of the model; those fixed at zero are included."""
         return self._of_interest.geometric_errors
 
     def keeping(self, names: Sequence[str]) -> BoundModel:
@@ -672,9 +728,10 @@ class BoundModel(Shown):
         return BoundModel(self.model, self.campaign, keep=names, pilot=self.pilot)
 
     def with_two_balls(self) -> BoundModel:
-        """Return the same model with a separate form for each ball, not one for their sum.
+        """Return the same model with a separate form error for each ball, not one for their sum.
 
-        Separate forms are needed when readings of another campaign used the same balls.
+        Separate form errors are needed when another campaign with the same balls is used together
+        with this one.
         """
         bound = self.keeping(self.test_names)
         bound.setting = replace(bound.setting, two_balls=True)
@@ -682,9 +739,10 @@ class BoundModel(Shown):
 
     @property
     def terms(self) -> tuple[str, ...]:
-        """Class names of the terms that act on this campaign.
+        """Names of the parts of the model that act on this campaign.
 
-        Hysteresis, for example, needs both directions of travel.
+        They are Compliance, GeometricErrors and the class names of nuisance terms (effects modelled
+        but not of interest). Hysteresis, for example, acts only on circles in both directions.
         """
         idle = []
         for kind, columns in self.columns_of.items():
@@ -697,18 +755,18 @@ class BoundModel(Shown):
     def compliance_at(self, force_N: float) -> Array:
         """Return the matrix A with C(F) = A β, shape (compliances, p), at one force F.
 
-        C(F) are the compliances at F, and β are the p parameters: compliances at the reference
-        force, slopes and geometric errors.
+        C(F) are the compliances at the force F = ``force_N`` [N], and β are the p parameters of
+        interest: compliances at the reference force, their slopes and geometric errors.
         """
         lever = force_N - self.setting.reference_force_N
         return compliance_rows(self.compliances, self.parameters, lever)
 
     @cached_property
     def scale(self) -> Array:
-        """Typical size of each of the p parameters, shape (p,).
+        """Typical size of each of the p parameters of interest, shape (p,), in mm, N and rad.
 
-        The size is the prior sd. If the prior is flat, it is the prior sd of the model's first
-        edition.
+        The size is the prior sd of the parameter. If the prior is flat, it is the prior sd in the
+        model's first edition.
         """
         if not self.model.prior.flat:
             return self.prior_sd
@@ -716,9 +774,10 @@ class BoundModel(Shown):
 
     @cached_property
     def centre(self) -> Array:
-        """Least-squares estimate of the p parameters, shape (p,); for a plan the prior mean.
+        """Least-squares estimate of the p parameters of interest, shape (p,), in mm, N and rad.
 
-        Densities are computed about this point, to lose fewer digits by rounding.
+        For a plan, which has no readings, it is the prior mean. Densities are computed for the
+        difference from this estimate, to lose fewer digits by rounding.
         """
         return fit_nearest(
             self.interest, self.prior_mean, self.scale, self.reduced, self.known_offset
@@ -728,21 +787,26 @@ class BoundModel(Shown):
     def known_offset(self) -> Array:
         """Nominal mount deflection that the readings contain, as Fourier coefficients [mm].
 
-        It has shape (tests, 25) and is zero if the readings are compensated for the mount.
+        The mount is that of the work ball. The coefficients have the shape (tests, 25), and are
+        zero if the readings are compensated for the mount.
         """
         return nominal_mount_offset(self.setting)
 
     @cached_property
     def columns_of(self) -> dict[type[Term], tuple[Columns | BasisNoise, ...]]:
-        """Columns of each nuisance term, by its class; none for a term that does not act here.
+        """Columns (readings per unit coefficient) of each nuisance term, by the class of the term.
 
-        Nuisances are effects that are modelled but not of interest.
+        Nuisances are effects that are modelled but not of interest. A term that does not act on
+        this campaign has an empty tuple.
         """
         return {type(term): tuple(term.columns(self.setting)) for term in self.model.nuisances}
 
     @property
     def nuisance_columns(self) -> tuple[Columns | BasisNoise, ...]:
-        """Columns of all nuisances (effects modelled but not of interest) in one tuple."""
+        """Columns (readings per unit coefficient) of all nuisance terms, in one tuple.
+
+        Nuisances are effects that are modelled but not of interest.
+        """
         columns: list[Columns | BasisNoise] = []
         for columns_of_term in self.columns_of.values():
             columns.extend(columns_of_term)
@@ -750,10 +814,11 @@ class BoundModel(Shown):
 
     @cached_property
     def coefficients(self) -> dict[str, tuple[float, float]]:
-        """Prior mean and sd of some coefficients by name: rivals of slopes, then parameters.
+        """Prior mean and sd by name of the rivals' coefficients and of the parameters of interest.
 
-        Rivals are effects that resemble a change of compliance with force. In this order these
-        coefficients are the last that all tests share in `collapsed`.
+        Rivals are effects that resemble a change of compliance with force, such as a curved force
+        law; their coefficients come first. In this order, these coefficients are the last ones of
+        `collapsed`. Means and sds are in internal units (mm, N, rad).
         """
         priors: dict[str, tuple[float, float]] = {}
         for columns in self.nuisance_columns:
@@ -768,9 +833,9 @@ class BoundModel(Shown):
     def given_interest(self) -> StructuredGaussian:
         """Density p(y | β, φ) of the readings y, with the nuisances integrated out.
 
-        Nuisances are effects modelled but not of interest. β are the parameters and φ the
-        hyper-parameters (scales of noise and nuisances). The argument is β − `centre`, the
-        difference from a least-squares estimate.
+        Nuisances are effects modelled but not of interest. β are the parameters of interest and φ
+        the hyper-parameters (scales of noise and nuisances). Methods of the object take β −
+        `centre` in place of β, where `centre` is a least-squares estimate.
         """
         return self._structured(self.nuisance_columns, self.interest)
 
@@ -778,8 +843,11 @@ class BoundModel(Shown):
     def collapsed(self) -> StructuredGaussian:
         """Density p(y | φ) of the readings y, with nuisances and parameters β integrated out.
 
-        φ are the hyper-parameters (scales of noise and nuisances). Compliances may be negative.
-        The last coefficients that all tests share are the rivals of slopes and β − `centre`.
+        Nuisances are effects modelled but not of interest, β are the parameters of interest, and φ
+        the hyper-parameters (scales of noise and nuisances). Negative compliances are not excluded.
+        The last coefficients that are the same in all tests are those of rivals (effects that
+        resemble a change of compliance with force), then β − `centre`, the difference from a
+        least-squares estimate.
         """
         nuisances = sorted(self.nuisance_columns, key=is_rival_of_slopes)
         interest = Columns(
@@ -801,16 +869,18 @@ class BoundModel(Shown):
     def log_likelihood(self, phi: Array, beta: Array) -> Array:
         """Return the log likelihood ln p(y | β, φ) of the readings y, shape (w,).
 
-        φ (w, h) [mm] are w values of the h hyper-parameters, the scales of noise and nuisances.
-        β (w, p) are the parameters: compliances, slopes and geometric errors.
+        φ (w, h) are w values of the h hyper-parameters, the scales of noise and nuisances, with
+        lengths in mm. β (w, p) are w values of the p parameters of interest (compliances, slopes
+        and geometric errors) in mm, N and rad.
         """
         return self.given_interest.log_density(phi, beta - self.centre)
 
     def log_prior(self, beta: Array) -> Array:
-        """Return the log prior density of parameters β (..., p), shape (...); 0 if it is flat.
+        """Return the log prior density of the p parameters of interest β (..., p), shape (...).
 
-        If compliances must not be negative, the density is −inf where one is, and it is normalised
-        over the allowed region.
+        The parameters are in mm, N and rad. If the prior is flat, the log density is 0. If the
+        prior excludes negative compliances, the log density is −inf where a compliance is negative,
+        and the density is normalised over all other parameters.
         """
         if self.model.prior.flat:
             return np.zeros(beta.shape[:-1])
@@ -824,8 +894,8 @@ class BoundModel(Shown):
     def truncation_prior(self) -> tuple[float, float]:
         """Log prior probability that no compliance is negative, and its numerical error [nat].
 
-        Both numbers are 0 if negative compliances are allowed. Compliances without a common
-        parameter are independent, so that their log probabilities add.
+        Both numbers are 0 if the prior allows negative compliances. Groups of compliances that
+        depend on no common parameter are independent, so that their log probabilities add.
         """
         if not self.truncation.active:
             return 0.0, 0.0
@@ -841,15 +911,18 @@ class BoundModel(Shown):
 
     @property
     def log_prob_truncation_prior(self) -> float:
-        """Log prior probability that no compliance is negative; 0 if negative ones are allowed."""
+        """Log prior probability that no compliance is negative.
+
+        It is 0 if the prior allows negative compliances.
+        """
         return self.truncation_prior[0]
 
     def given(self, phi: Array) -> tuple[Array, ParameterConditional]:
         """Return the log evidence ln p(y | φ), shape (w,), and the density p(β | y, φ).
 
-        y are the readings, β the parameters, and φ (w, h) [mm] are w values of the h
-        hyper-parameters (scales of noise and nuisances). With a flat prior, the evidence lacks its
-        normalising constant.
+        y are the readings, β the p parameters of interest, and φ (w, h) are w values of the h
+        hyper-parameters (scales of noise and nuisances), with lengths in mm. Negative compliances
+        are not excluded. With a flat prior of β, the evidence lacks its normalising constant.
         """
         log_evidence, shifted = self.collapsed.conditional(phi, last=len(self.names))
         conditional = ParameterConditional.factored(
@@ -861,15 +934,17 @@ class BoundModel(Shown):
     def log_evidence(self, phi: Array) -> Array:
         """Return the log evidence ln p(y | φ) of the readings y, shape (w,), as `given` does.
 
-        φ (w, h) [mm] are w values of the h hyper-parameters (scales of noise and nuisances).
+        φ (w, h) are w values of the h hyper-parameters (scales of noise and nuisances), with
+        lengths in mm. Parameters and nuisances are integrated out, and negative compliances are not
+        excluded.
         """
         return self.collapsed.log_density(phi)
 
     def draw_parameters(self, size: int, rng: np.random.Generator) -> Array:
-        """Return random draws of the p parameters from their prior, shape (size, p).
+        """Return random draws of the p parameters of interest from their prior, shape (size, p).
 
-        If the prior excludes negative compliances, no draw has one. Raise an `InputError` if the
-        prior is flat.
+        The parameters are in mm, N and rad. If the prior excludes negative compliances, no draw has
+        one. Raise an `InputError` if the prior is flat.
         """
         require(
             not self.model.prior.flat,
@@ -890,8 +965,8 @@ class BoundModel(Shown):
     def draw_machine(self, rng: np.random.Generator) -> Array:
         """Return the p parameters of a machine drawn at random from the prior, shape (p,).
 
-        If the prior sd of a slope is proportional to the size of its compliance, the drawn
-        compliance gives this size.
+        In the default model, the prior sd of a slope is proportional to the size of its compliance;
+        this size is then that of the drawn compliance. The parameters are in mm, N and rad.
         """
         prior = self.model.prior
         if not prior.slopes_of_estimate:
@@ -904,7 +979,10 @@ class BoundModel(Shown):
                 return np.asarray(beta)
 
     def linearised_at(self, beta: Array) -> Setting:
-        """Return the conditions of the tests, linearised about the p parameters β, shape (p,)."""
+        """Return the conditions of the tests, with effects linearised about the machine of β.
+
+        β (p,) are the parameters of interest, in mm, N and rad.
+        """
         every_parameter = np.zeros(len(self._free))
         every_parameter[self._free] = beta
         first_geometric = len(every_parameter) - len(self.geometric_errors)
@@ -917,7 +995,7 @@ class BoundModel(Shown):
         """Return the linearisation error of one test's n readings, shape (n,) [mm].
 
         It is the exact effect of the geometric errors on the reading (Eq. 1-14 of the paper) minus
-        the linear effect, at the parameters β (p,).
+        the linear effect, for the p parameters of interest β (p,), in mm, N and rad.
         """
         values = dict(zip(self.names, beta.tolist(), strict=True))
         angle = test.angles_rad()
@@ -934,7 +1012,8 @@ class BoundModel(Shown):
     def largest_linearisation_error_mm(self, beta: Array) -> float:
         """Return the largest absolute linearisation error of all readings [mm].
 
-        β (p,) are the parameters at which the error is computed.
+        The error is the exact effect of the geometric errors on the reading minus the linear
+        effect. It is computed for the p parameters of interest β (p,), in mm, N and rad.
         """
         errors = []
         for test in self.campaign.tests:
@@ -944,14 +1023,18 @@ class BoundModel(Shown):
 
 
 def _rows_of_tests(campaign: Campaign, names: Sequence[str] | None) -> list[int]:
-    """Return the indices of the named tests in a campaign; without names, of all tests."""
+    """Return the indices of the named tests in a campaign, or of all tests if ``names`` is None."""
     selected = campaign if names is None else campaign.select(names)
     selected_names = {test.name for test in selected.tests}
     return [r for r, test in enumerate(campaign.tests) if test.name in selected_names]
 
 
 def _check_levels(model: HybridModel, campaign: Campaign) -> None:
-    """Raise an `InputError` if a campaign has too few levels of force for the model's degree."""
+    """Raise an `InputError` if a campaign has too few different forces for a model.
+
+    A model of degree 1 or 2 in force needs two; with flat priors, the number needed is the degree
+    plus two.
+    """
     levels = campaign.force_levels
     degree = model.degree
     require(
@@ -970,7 +1053,7 @@ def _check_levels(model: HybridModel, campaign: Campaign) -> None:
 
 
 def _reduced_readings(campaign: Campaign) -> tuple[Reduced, ...]:
-    """Return the readings of every test, reduced to Fourier coefficients; cached by campaign."""
+    """Return the readings of every test, reduced to at most 25 numbers; cached by campaign."""
     if campaign not in _REDUCED_READINGS:
         reduce = _reduce_plan if campaign.is_plan else _reduce_campaign
         _REDUCED_READINGS[campaign] = reduce(campaign)
@@ -982,7 +1065,10 @@ def _reduce_campaign(campaign: Campaign) -> tuple[Reduced, ...]:
 
 
 def _reduce_plan(campaign: Campaign) -> tuple[Reduced, ...]:
-    """Return the tests of a plan, reduced to their angles; equal angles share one result."""
+    """Return the reduced form of every test of a plan, which has angles but no readings.
+
+    Tests with equal angles get the same object.
+    """
     reduced_by_angles: dict[bytes, Reduced] = {}
     for test in campaign.tests:
         angles = test.angle_deg.tobytes()

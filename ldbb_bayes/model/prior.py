@@ -32,10 +32,12 @@ __all__ = ["EXAMPLES", "Prior", "compliance_unit", "degree_of", "geometric_unit"
 
 
 class _Kind(NamedTuple):
-    """Unit and default prior of all parameters of one kind, such as direct compliances."""
+    """Internal unit and default prior of all parameters of one kind, such as direct compliances."""
 
     unit: str
-    sd_field: str  #: name of the field of `Prior` that holds the prior sd of these parameters
+    #: name of the field of `Prior` that holds the prior sd of all parameters of the kind, such as
+    #: direct_mm_per_N
+    sd_field: str
 
 
 _COMPLIANCES: dict[ComplianceKind, _Kind] = {
@@ -51,7 +53,8 @@ _GEOMETRIC: dict[GeometricKind, _Kind] = {
     "squareness": _Kind("rad", "squareness_rad"),
     "offset": _Kind("mm", "offset_mm"),
 }
-# Examples of parameters' names. An error message about an unknown name suggests the nearest one.
+# Examples of names of compliances and geometric errors. An error message about an unknown name
+# suggests the nearest of these.
 EXAMPLES = [
     "C_XXX",
     "C_XYX",
@@ -67,34 +70,43 @@ EXAMPLES = [
     "E_Xt0",
     "E_Yt0",
 ]
-# A prior mean is refused if it is more than this many default prior sds from zero: its unit is then
-# probably wrong.
+# A prior mean of a parameter is refused if its absolute value is more than this number of default
+# prior sds, because its unit is then probably wrong.
 _LARGEST_MEAN_PER_SD = 1000.0
-# Kind of a geometric error, by the order in its name: E_XX1 has order 1. Names of squareness errors
-# state no order.
+# Kind of a geometric error, by the order in its name: E_XX1 has order 1 and is a gain (scale error
+# of an axis). Names of squareness errors, such as E_C0YX, state no order.
 _KIND_OF_ORDER: dict[str, GeometricKind] = {"0": "offset", "1": "gain", "2": "straightness"}
-# Pattern of parameter names, such as C_XXX, C_XXX_1 (a slope), E_XX1, E_Xt0, E_Xt0_2 (of set-up 2)
-# and E_C0YX.
+# Pattern of the names of parameters of interest, such as C_XXX (a compliance), C_XXX_1 (its slope),
+# E_XX1 (a scale error), E_Xt0 (an offset), E_Xt0_2 (an offset in set-up 2) and E_C0YX (squareness).
 _PARAMETER_NAME = re.compile(r"C_([A-Z])([A-Z])(.)(?:_\d)?|E_(?:.(.)([012])(?:_\d+)?|.0..)")
 
 
 def compliance_unit(name: ComplianceName, degree: int = 0) -> str:
-    """Return the internal unit of a compliance, or of its slope of degree 1 or 2 in force."""
+    """Return the internal unit of a compliance, or of its slope, such as mm/N or mm/N/N.
+
+    ``degree`` is 0 for the compliance itself, and 1 or 2 for its linear or quadratic slope with
+    force. Units are made of mm, N and rad.
+    """
     return _COMPLIANCES[name.kind].unit + ("", "/N", "/N^2")[degree]
 
 
 def geometric_unit(kind: GeometricKind) -> str:
-    """Return the internal unit of a kind of geometric error, such as rad for squareness."""
+    """Return the internal unit of a kind of geometric error, such as rad for squareness.
+
+    Units are made of mm, N and rad.
+    """
     return _GEOMETRIC[kind].unit
 
 
 def parameter_to_inside(parameter: str, value: float | str, words: str) -> float:
     """Return a value of a parameter in internal units (mm, N, rad).
 
+    Raise an `InputError` for a value that is no number, or whose unit does not fit.
+
     Parameters
     ----------
     parameter
-        Name of the parameter.
+        Name of the parameter, such as C_XXX.
     value
         Number in internal units, or text with a unit, such as "5 nm/N".
     words
@@ -117,9 +129,10 @@ def parameter_to_inside(parameter: str, value: float | str, words: str) -> float
 
 
 def _kind_of(parameter: str) -> _Kind | None:
-    """Return the unit of a parameter, and the field with its prior sd, from the parameter's name.
+    """Return internal unit and field of the default prior sd of a parameter, from its name.
 
-    Return None if no parameter can have this name.
+    The field is one of `Prior`, such as direct_mm_per_N for C_XXX. Return None if no parameter can
+    have the name.
     """
     degree = degree_of(parameter)
     match = _PARAMETER_NAME.fullmatch(parameter)
@@ -133,9 +146,10 @@ def _kind_of(parameter: str) -> _Kind | None:
 
 
 def degree_of(parameter: str) -> int:
-    """Return the degree of a parameter from its name: 1 for the slope C_XXX_1, 2 for C_XXX_2.
+    """Return the degree in force of a parameter, from its name.
 
-    The degree is 0 for compliances and geometric errors.
+    It is 1 for a linear slope of a compliance with force (C_XXX_1), 2 for a quadratic one (C_XXX_2)
+    and 0 for compliances and geometric errors.
     """
     stem, _, suffix = parameter.rpartition("_")
     return int(suffix) if stem.startswith("C_") and suffix.isdigit() else 0
@@ -145,9 +159,10 @@ def degree_of(parameter: str) -> int:
 class Prior(Shown):
     """Gaussian priors of the parameters of interest and half-normal priors of the scales.
 
-    The defaults are wide for any machine tool: a compliance of 1e-4 mm/N is a stiffness of 10 N/µm,
-    a scale gain of 2e-4 is 200 µm/m. Give your own by `HybridModel.with_prior` or in TOML; every
-    value may be text with its unit.
+    Parameters of interest are compliances, their slopes with force and geometric errors. Scales are
+    the standard deviations of the noise and of other effects. The defaults are wide for any machine
+    tool: a compliance of 1e-4 mm/N is a stiffness of 10 N/µm, a scale error of 2e-4 is 200 µm/m.
+    Give your own by `HybridModel.with_prior` or in TOML; every value may be text with its unit.
 
     The prior mean is zero for every parameter that ``means`` does not name. The prior mean of a
     slope with force is always zero, because constant compliance is the linear model with its slopes
@@ -171,43 +186,63 @@ class Prior(Shown):
     {'E_XX1': 0.0001}
     """
 
-    direct_mm_per_N: float = 1e-4  #: prior sd of direct compliances, such as C_XXX
-    cross_mm_per_N: float = 1e-5  #: prior sd of cross compliances, such as C_XYX
-    #: prior sd of rotations caused by a force, such as C_CXY
+    #: prior sd of direct compliances, such as C_XXX (displacement along an axis per force along it)
+    #: [mm/N]
+    direct_mm_per_N: float = 1e-4
+    #: prior sd of cross compliances, such as C_XYX (displacement along one axis per force along
+    #: another) [mm/N]
+    cross_mm_per_N: float = 1e-5
+    #: prior sd of rotations caused by a force, such as C_CXY (rotation about Z per force along X)
+    #: [rad/N]
     rotation_for_force_rad_per_N: float = 1e-7
-    #: prior sd of rotations caused by a moment, such as C_CCY
+    #: prior sd of rotations caused by a moment, such as C_CCY (rotation about Z per moment about Z)
+    #: [rad/(N mm)]
     rotation_for_moment_rad_per_N_mm: float = 1e-9
-    #: factor of the prior sd of slopes: a slope of degree k has the prior sd slope_scale · size /
-    #: (F_max − F_min)^k. F_min and F_max are the campaign's extreme forces; ``slopes_of_estimate``
-    #: states which size of the compliance is used.
+    #: factor of the prior sd of slopes (changes of a compliance with force), without unit: a slope
+    #: of degree k has the prior sd slope_scale · size / (F_max − F_min)^k. F_min and F_max are the
+    #: campaign's smallest and largest force; ``slopes_of_estimate`` states which size of the
+    #: compliance is used.
     slope_scale: float = 0.3
-    gain: float = 2e-4  #: prior sd of scale errors of axes, such as E_XX1
-    squareness_rad: float = 5e-5  #: prior sd of squareness errors, such as E_C(0Y)X
-    straightness_per_mm: float = 1e-6  #: prior sd of quadratic straightness, such as E_YX2
-    offset_mm: float = 0.02  #: prior sd of offsets of the tool ball, such as E_Xt0
-    sigma_um: float = 1.0  #: scale of the half-normal prior of σ, the sd of white noise
-    delta_um: float = 1.0  #: scale of the half-normal prior of δ, the sd of set-up shifts
-    kappa_um: float = 1.0  #: scale of the half-normal prior of κ, the sd of discrepancy
-    #: scale of the half-normal prior of τ, the sd of the balls' form at order 6
+    gain: float = 2e-4  #: prior sd of scale errors of axes, such as E_XX1, without unit
+    squareness_rad: float = 5e-5  #: prior sd of squareness errors, such as E_C(0Y)X [rad]
+    #: prior sd of quadratic straightness errors, such as E_YX2 [1/mm]
+    straightness_per_mm: float = 1e-6
+    offset_mm: float = 0.02  #: prior sd of offsets of the tool ball, such as E_Xt0 [mm]
+    sigma_um: float = 1.0  #: scale of the half-normal prior of σ, the sd of white noise [µm]
+    #: scale of the half-normal prior of δ, the sd of shifts of zero and centre between circles [µm]
+    delta_um: float = 1.0
+    #: scale of the half-normal prior of κ, the sd of the discrepancy (model inadequacy and change
+    #: from circle to circle) [µm]
+    kappa_um: float = 1.0
+    #: scale of the half-normal prior of τ, the sd of the balls' form error at 6 waves in a turn
+    #: [µm]
     tau_um: float = 1.5
-    #: scale of the half-normal prior of ω, the sd of the machine's pattern at order 6
+    #: scale of the half-normal prior of ω, the sd of the machine's pattern (geometric and cyclic
+    #: errors of higher orders) at 6 waves in a turn [µm]
     omega_um: float = 1.5
-    eta_um: float = 2.0  #: scale of the half-normal prior of η, the sd of hysteresis
-    #: prior mean of the power by which the sd of the balls' form falls with its order; the prior is
-    #: Gaussian, restricted to [0.5, 3.5]
+    #: scale of the half-normal prior of η, the sd of hysteresis that does not depend on force [µm]
+    eta_um: float = 2.0
+    #: prior mean of the power by which the sd of the balls' form, and of the machine's pattern,
+    #: falls with the order (waves in a turn); the prior is Gaussian, restricted to [0.5, 3.5]
     decay: float = 2.0
-    decay_sd: float = 0.7  #: prior sd of the power by which the balls' form falls with its order
+    #: prior sd of the power by which the sd of the balls' form, and of the machine's pattern, falls
+    #: with the order (waves in a turn)
+    decay_sd: float = 0.7
     #: whether the prior sd of a slope is proportional to the estimate of its compliance. If true,
     #: the size that ``slope_scale`` multiplies is max(|Ĉ|, sd(C)/20), where Ĉ is the least-squares
     #: estimate and sd(C) the prior sd. If false, it is sd(C), as in the model's first edition.
     slopes_of_estimate: bool = True
-    #: whether C_XXX, C_YYY and C_CCY must not be negative at the tested forces, because they are
-    #: deflections in the direction of the load itself
+    #: whether compliances that are deflections in the direction of the load itself (such as C_XXX,
+    #: C_YYY and C_CCY) must not be negative at the tested forces
     truncated: bool = True
-    flat: bool = False  #: whether parameters have flat priors, as in the paper's least squares
-    #: prior sds that replace the defaults, by name of the parameter, in internal units (mm, N, rad)
+    #: whether all parameters of interest have flat (constant) priors, as in the paper's least
+    #: squares
+    flat: bool = False
+    #: prior sds that replace the defaults, by name of the parameter of interest, in internal units
+    #: (mm, N, rad)
     overrides: Mapping[str, float] = field(default_factory=dict)
-    #: prior means that are not zero, by name of the parameter, in internal units (mm, N, rad)
+    #: prior means that are not zero, by name of the parameter of interest, in internal units
+    #: (mm, N, rad)
     means: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -226,7 +261,10 @@ class Prior(Shown):
             _check_mean(name, mean)
 
     def _convert_settings(self) -> None:
-        """Convert every numerical setting to a number in the unit that its name states."""
+        """Convert every numerical setting of the prior to a number in the unit its name states.
+
+        Settings may be given as texts with a unit: "5 nm/N" for direct_mm_per_N becomes 5e-6.
+        """
         for name, value in vars(self).items():
             if isinstance(value, int | float | str) and not isinstance(value, bool):
                 number = setting_to_inside(name, value, f"prior {name}")
@@ -237,16 +275,21 @@ class Prior(Shown):
                 object.__setattr__(self, name, float(number))
 
     def _convert_table(self, table: str, words: str) -> None:
-        """Convert every value of ``overrides`` or ``means`` to internal units (mm, N, rad)."""
+        """Convert every value of ``overrides`` or ``means`` to internal units (mm, N, rad).
+
+        ``table`` is the name of one of these two fields. ``words`` describe its values in error
+        messages, such as "prior sd of".
+        """
         values = {inside_name(name): value for name, value in getattr(self, table).items()}
         for name, value in values.items():
             values[name] = parameter_to_inside(name, value, words)
         object.__setattr__(self, table, MappingProxyType(values))
 
     def _check_flat(self) -> None:
-        """Raise an `InputError` if a flat prior has settings that contradict it.
+        """Raise an `InputError` if the prior is flat and has settings that contradict it.
 
-        These are the exclusion of negative compliances, prior sds and prior means.
+        Such settings are the exclusion of negative compliances (``truncated``), prior sds
+        (``overrides``) and prior means (``means``).
         """
         if not self.flat:
             return
@@ -275,7 +318,8 @@ class Prior(Shown):
     def first(cls) -> Prior:
         """Return the prior of the software's first edition.
 
-        The form of the balls has a wider prior, and prior sds of slopes do not depend on readings.
+        In contrast to the default prior, the form of the balls has a wider prior, and the prior sds
+        of slopes do not depend on the readings.
         """
         return cls(tau_um=5.0, slopes_of_estimate=False)
 
@@ -288,16 +332,30 @@ class Prior(Shown):
         return cls(truncated=False, flat=True)
 
     def compliance_sd(self, names: Sequence[ComplianceName]) -> Array:
-        """Return the prior sd of every compliance, shape (compliances,)."""
+        """Return the prior sd of each named compliance, shape (compliances,), in mm, N and rad.
+
+        It is the sd that the user gave for the compliance, else the default for its kind.
+        """
         return self._overridden([name.label for name in names], self._usual_sd(names))
 
     def slope_sd(
         self, names: Sequence[ComplianceName], degree: int, force_range_N: float, size: Array
     ) -> Array:
-        """Return the prior sd of every compliance's slope of one degree, shape (compliances,).
+        """Return the prior sd of the slope of each named compliance, shape (compliances,).
 
-        It is proportional to ``size``, the typical size of each compliance. Degree 1 is the linear
-        change with force, degree 2 the quadratic one.
+        It is the sd that the user gave for the slope, else slope_scale · size / force range^degree,
+        in mm, N and rad.
+
+        Parameters
+        ----------
+        names
+            Names of the compliances.
+        degree
+            Degree of the slope: 1 for linear, 2 for quadratic change of the compliance with force.
+        force_range_N
+            Largest minus smallest force of the campaign [N].
+        size
+            Typical size of each compliance, shape (compliances,).
         """
         return self._overridden(
             [f"{name.label}_{degree}" for name in names],
@@ -305,10 +363,10 @@ class Prior(Shown):
         )
 
     def compliance_size(self, names: Sequence[ComplianceName]) -> Array:
-        """Return the typical size of each compliance, shape (compliances,).
+        """Return the typical size of each named compliance, shape (compliances,), in mm, N and rad.
 
-        The size is the prior sd of the compliance. If the user gave a prior mean, the size is the
-        default prior sd of this kind of compliance.
+        The size is the prior sd of the compliance. If the user gave a prior mean for the
+        compliance, the size is the default prior sd of its kind instead.
         """
         has_mean = [name.label in self.means for name in names]
         return np.where(has_mean, self._usual_sd(names), self.compliance_sd(names))
@@ -317,7 +375,10 @@ class Prior(Shown):
         return np.array([getattr(self, _COMPLIANCES[name.kind].sd_field) for name in names])
 
     def geometric_sd(self, names: Sequence[GeometricName]) -> Array:
-        """Return the prior sd of every geometric error, shape (geometric errors,)."""
+        """Return the prior sd of each named geometric error, shape (errors,), in mm and rad.
+
+        It is the sd that the user gave for the error, else the default for its kind.
+        """
         return self._overridden(
             [name.label for name in names],
             [getattr(self, _GEOMETRIC[name.kind].sd_field) for name in names],
@@ -332,16 +393,17 @@ class Prior(Shown):
     def hyper(self, scales: Sequence[Scale], resolution_um: float) -> HyperPrior:
         """Return the joint prior of the hyper-parameters, with lengths in mm.
 
-        Hyper-parameters are the scales of the noise and of other effects.
+        Hyper-parameters are the scales (standard deviations) of the noise and of other effects, and
+        numbers without unit such as the decay of form with its order.
 
         Parameters
         ----------
         scales
-            Hyper-parameters. Each states the scale of its prior [µm], or the name of the field of
-            this object that holds the scale.
+            Hyper-parameters of the model. Each states the scale of its prior [µm], or the name of
+            the field of this object that holds the scale.
         resolution_um
-            Resolution of the readout. The white noise σ is at least resolution/√12; the other
-            hyper-parameters are at least zero.
+            Resolution of the readout [µm]. The sd σ of white noise is at least resolution/√12; the
+            other hyper-parameters are at least zero.
         """
         prior_scales = []
         lower_bounds = []
@@ -352,7 +414,8 @@ class Prior(Shown):
             lower_bound = 0.0
             if scale.name == "sigma":
                 lower_bound = resolution_um / np.sqrt(12.0)
-            # Hyper-parameters with a half-normal prior are lengths; the others have no unit.
+            # Hyper-parameters with a half-normal prior are lengths, converted from µm to mm; the
+            # others have no unit.
             mm_per_unit = 1e-3 if scale.law == "half-normal" else 1.0
             prior_scales.append(prior_scale * mm_per_unit)
             lower_bounds.append(lower_bound * mm_per_unit)
@@ -366,7 +429,11 @@ class Prior(Shown):
 
 
 def _check_mean(name: str, mean: float) -> None:
-    """Raise an `InputError` if a prior mean is not finite, belongs to a slope, or is too large."""
+    """Raise an `InputError` if the prior mean of a named parameter is not permitted.
+
+    It is not permitted if it is not finite, belongs to a slope, or is more than 1000 default prior
+    sds from zero.
+    """
     require(
         bool(np.isfinite(mean)),
         f"prior mean of {name} must be a finite number, got {mean}. Correct it or leave it out.",

@@ -1,8 +1,9 @@
 """Forces, geometry and other conditions of a campaign's tests, as the model needs them.
 
-A `Setting` holds forces, radii, clockings of the balls and directions of travel, one entry per
-test. It also holds the effect of each compliance and geometric error on the reading, as 25 Fourier
-coefficients (1, cos θ, sin θ, …, cos 12θ, sin 12θ) with the angle θ on the circle.
+A `Setting` holds forces, radii, clockings (angles by which the balls are turned in their holders)
+and directions of travel, one entry for each test. It also holds the effect of each compliance and
+geometric error on the reading, as 25 Fourier coefficients (1, cos θ, sin θ, …, cos 12θ, sin 12θ)
+with the angle θ on the circle.
 """
 
 from __future__ import annotations
@@ -32,28 +33,32 @@ __all__ = [
     "setting_of",
 ]
 
-# Sign of each direction of travel: clockwise is positive.
+# Sign of each direction of travel along a circle: clockwise (CW) is positive, counterclockwise
+# (CCW) negative.
 TRAVEL_SIGNS = {"CW": 1.0, "CCW": -1.0}
-# Direction of travel for each sign: clockwise is positive.
+# Direction of travel along a circle for each sign: clockwise (CW) is positive, counterclockwise
+# (CCW) negative.
 TRAVEL_NAMES = {1.0: "CW", -1.0: "CCW"}
 _SECONDS_PER_HOUR = 3600.0
-# Fourier coefficients of powers of the bar's direction below this are rounding errors and set to
-# zero.
+# Fourier coefficients of powers |u|^a of a component u of the bar's direction are set to zero if
+# they are below this size, because they are then rounding errors.
 _POWER_ROUNDING = 1e-12
-# Fourier coefficients of rotated harmonics below this are rounding errors and set to zero.
+# Fourier coefficients of rotated harmonics cos n(θ − ψ), sin n(θ − ψ) are set to zero if they are
+# below this size, because they are then rounding errors.
 _ROTATION_ROUNDING = 1e-14
-# Two clocking angles of a ball count as equal if their points on the unit circle are closer than
-# this.
+# Two clocking angles (by which a ball is turned in its holder) count as equal if their points on
+# the unit circle are closer than this.
 _SAME_CLOCKING = 1e-9
 
 
 class GroupOfTests(NamedTuple):
     """Tests of a campaign that have the plane, the radius or the set-up in common."""
 
-    #: The plane, radius [mm] or number of the set-up that these tests have in common.
+    #: Plane (such as XY), radius [mm] or number of the set-up that the tests of the group have in
+    #: common.
     value: Any
-    #: End of the names of these tests' coefficients, such as ``_XY``; empty if the campaign has one
-    #: plane, radius or set-up only.
+    #: Text at the end of the names of coefficients that belong to the group, such as ``_XY`` for a
+    #: plane; empty if the campaign has only one plane, radius or set-up.
     suffix: str
     #: Whether each test of the campaign belongs to the group, shape (tests,).
     tests: NDArray[np.bool_]
@@ -61,10 +66,10 @@ class GroupOfTests(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """Conditions of a campaign's tests; most arrays have one row per test.
+    """Conditions of a campaign's tests, as the model needs them.
 
-    Functions of the angle θ on the circle are held as 25 coefficients of the Fourier basis
-    1, cos θ, sin θ, …, cos 12θ, sin 12θ.
+    Most arrays have one row for each test. Functions of the angle θ on the circle are held as the
+    25 coefficients of 1, cos θ, sin θ, …, cos 12θ, sin 12θ.
     """
 
     force_N: Array
@@ -74,42 +79,55 @@ class Setting:
     tool_ball_rad: Array
     plane: Array
     setup: Array
-    travel: Array  #: direction of travel: +1 clockwise or not stated, −1 counterclockwise
-    time_h: Array  #: time of each test minus the campaign's mean time; NaN where not recorded
-    #: temperature of each test minus the campaign's mean temperature; NaN where not recorded
+    #: direction of travel along each test's circle: +1 for clockwise or not stated, −1 for
+    #: counterclockwise, shape (tests,)
+    travel: Array
+    #: time of each test minus the campaign's mean time [h], shape (tests,); NaN where not recorded
+    time_h: Array
+    #: temperature of each test minus the campaign's mean temperature [K], shape (tests,); NaN where
+    #: not recorded
     temperature_K: Array
-    #: Fourier coefficients of the components X, Y, Z of the bar's direction, (tests, 25, 3)
+    #: Fourier coefficients of the components X, Y, Z of the unit vector along the bar, as functions
+    #: of the angle on the circle, shape (tests, 25, 3)
     direction: Array
-    #: Fourier coefficients of the reading per unit force and unit of each compliance, shape
-    #: (tests, 25, compliances)
+    #: Fourier coefficients of the reading per unit force and per unit of each compliance, as a
+    #: function of the angle on the circle, shape (tests, 25, compliances)
     elastic: Array
-    #: Fourier coefficients of the reading per unit of each geometric error, shape
-    #: (tests, 25, geometric errors)
+    #: Fourier coefficients of the reading per unit of each geometric error, as a function of the
+    #: angle on the circle, shape (tests, 25, geometric errors)
     geometric: Array
-    # The following fields describe the whole campaign, and `select` keeps them unchanged. Only
-    # `circle` and `fitted` have one row per test.
-    #: reference force F0: compliances are stated at it, and slopes multiply F − F0
+    # The following fields describe the whole campaign, and the method `select` keeps them
+    # unchanged. Only `circle` and `fitted` have one row for each test, which `select` selects too.
+    #: reference force F0 [N]: compliances are stated at it, and slopes multiply F − F0
     reference_force_N: float
-    force_range_N: float  #: largest minus smallest force of the campaign
-    two_balls: bool  #: whether each of the two balls has a separate form, not one for their sum
-    clocked: bool  #: whether the clocking angle of a ball differs between tests
-    radii_mm: tuple[float, ...]  #: the different nominal radii of the circles
-    setups: tuple[int, ...]  #: number of each set-up, such as 1 and 2
-    planes: tuple[str, ...]  #: the machine's planes, such as XY
+    force_range_N: float  #: largest minus smallest force of the campaign [N]
+    #: whether the form of work ball and tool ball is modelled separately, instead of their sum
+    two_balls: bool
+    #: whether the clocking angle, by which a ball is turned in its holder, differs between tests
+    clocked: bool
+    radii_mm: tuple[float, ...]  #: the different nominal radii of the campaign's circles [mm]
+    setups: tuple[int, ...]  #: numbers of the campaign's set-ups, such as 1 and 2
+    planes: tuple[str, ...]  #: planes in which the machine runs circles, such as XY
     both_ways: tuple[str, ...]  #: planes in which circles run in both directions of travel
-    largest_force_N: float  #: largest force of the whole campaign
-    #: name of the hyper-parameter λ (noise factor) of each test's circle; "" if circles have none
+    largest_force_N: float  #: largest force of the whole campaign [N]
+    #: name of the hyper-parameter λ, the noise factor of each test's circle, shape (tests,); empty
+    #: text if circles have no factor of their own
     circle: Array
-    #: least-squares estimate of each compliance [internal units], used only to linearise
+    #: least-squares estimate of each compliance in internal units (mm, N, rad), about which effects
+    #: are linearised, shape (compliances,)
     compliance_estimate: Array
-    #: sums of estimated direct compliances along X, Y, Z [mm/N]; zero where there is none
+    #: sums of the estimated direct compliances along each of X, Y, Z [mm/N], shape (3,); zero for
+    #: an axis without a direct compliance
     axial_estimate: Array
     #: Fourier coefficients of the readings that the estimated compliances and geometric errors
     #: predict, shape (tests, 25) [mm]
     fitted: Array
-    compensated: bool  #: whether the readings are compensated for the deflection of the mount
-    deflection_um_per_bar: float  #: nominal deflection of the work ball's mount
-    instrument: Instrument  #: values and uncertainties that certificates state
+    #: whether the readings are compensated for the deflection of the work ball's mount
+    compensated: bool
+    #: nominal deflection of the work ball's mount per pressure of the regulator [µm/bar]
+    deflection_um_per_bar: float
+    #: values and uncertainties that certificates state for bar, balls, mount, force and angle
+    instrument: Instrument
 
     @property
     def tests(self) -> int:
@@ -117,7 +135,7 @@ class Setting:
         return len(self.force_N)
 
     def select(self, rows: Sequence[int]) -> Setting:
-        """Return the conditions of the tests with these indices.
+        """Return the conditions of the tests with the indices ``rows``.
 
         Properties of the whole campaign, such as its range of forces, do not change.
         """
@@ -129,15 +147,15 @@ class Setting:
 
     @property
     def travels(self) -> tuple[float, ...]:
-        """The different directions of travel: 1 for clockwise, −1 for counterclockwise."""
+        """The different directions of travel of the tests: 1 clockwise, −1 counterclockwise."""
         return tuple(sorted({*self.travel.tolist()}, reverse=True))
 
     @property
     def bow(self) -> Array:
-        """Parabola over force, 4 (F/F_max)(1 − F/F_max), at every test's force, shape (tests,).
+        """Parabola 4 (F/F_max)(1 − F/F_max) at the force F of every test, shape (tests,).
 
-        F_max is the largest force of the campaign. The parabola is 0 at F = 0 and F_max, and 1
-        halfway.
+        F_max is the largest force of the campaign. The parabola is 0 at F = 0 and at F = F_max, and
+        1 at half of F_max.
         """
         share = self.force_N / self.largest_force_N
         return np.asarray(4.0 * share * (1.0 - share))
@@ -145,8 +163,9 @@ class Setting:
     def driven_axes(self) -> list[tuple[int, float]]:
         """Return the machine axes that the circles drive, with their estimated compliance [mm/N].
 
-        Each axis is an index: X is 0, Y is 1, Z is 2. The compliance is the absolute direct one.
-        Axes without a direct compliance are left out.
+        Each axis is an index: X is 0, Y is 1, Z is 2. The compliance is the absolute value of the
+        axis' direct compliance (displacement along the axis per force along it). Axes without a
+        direct compliance are left out.
         """
         moves = np.abs(self.direction).max(axis=(0, 1)) > 0.0
         axes = []
@@ -162,19 +181,20 @@ class Setting:
         *,
         signed: bool = False,
     ) -> Array:
-        """Return Fourier coefficients of a power |u|^a of the bar's direction, to order 12.
+        """Return Fourier coefficients of a power |u|^a of the bar's direction u, to order 12.
 
-        u = A cos(θ − ϑ) is the component of the bar's direction along a machine axis, with
-        amplitude A and phase ϑ. The series is A^a Σ s_n cos n(θ − ϑ) over even n (odd n if signed).
-        Its coefficients are s_n = 2^(1−a) Γ(a+1) / (Γ(1+(a+n)/2) Γ(1+(a−n)/2)), where Γ is the
-        gamma function; s_0 is half of that.
+        u = A cos(θ − ϑ) is the component along a machine axis of the unit vector along the bar,
+        with amplitude A and phase ϑ; θ is the angle on the circle. The series is
+        |u|^a = A^a Σ s_n cos n(θ − ϑ), summed over even n, or over odd n if |u|^a is multiplied by
+        the sign of u. Its coefficients are s_n = 2^(1−a) Γ(a+1) / (Γ(1+(a+n)/2) Γ(1+(a−n)/2)),
+        where Γ is the gamma function; s_0 is half of that.
 
         Parameters
         ----------
         axis
             Index of the machine axis: X is 0, Y is 1, Z is 2.
         power
-            Exponent a.
+            Exponent a of |u|^a.
         signed
             Whether |u|^a is multiplied by the sign of u.
 
@@ -196,7 +216,10 @@ class Setting:
         return np.where(np.abs(values) > _POWER_ROUNDING, values, 0.0)
 
     def each(self, kind: Literal["plane", "radius", "setup"]) -> Iterator[GroupOfTests]:
-        """Yield one group of tests for every plane, radius or set-up of the campaign."""
+        """Yield one group of tests for every plane, radius or set-up of the campaign.
+
+        ``kind`` states by which of the three the tests are grouped.
+        """
         of_tests: Array
         of_campaign: Sequence[Any]
         if kind == "plane":
@@ -218,20 +241,22 @@ class Setting:
         orders: Sequence[int],
         turned_rad: Array | float = 0.0,
     ) -> Array:
-        """Return columns cos n(θ − ψ) and sin n(θ − ψ) alternately, for every order n.
+        """Return cos n(θ − ψ) and sin n(θ − ψ) of several orders n, as Fourier coefficients.
 
-        θ is the angle on the circle.
+        θ is the angle on the circle, and ψ the clocking angle by which a ball is turned in its
+        holder.
 
         Parameters
         ----------
         orders
-            The orders n.
+            Orders n of the harmonics.
         turned_rad
-            Angle ψ of every test by which the ball is clocked [rad].
+            Angle ψ of every test [rad], shape (tests,), or one number for all tests.
 
         Returns
         -------
-        Fourier coefficients, shape (tests, 25, 2 orders).
+        Fourier coefficients, shape (tests, 25, 2 · number of orders). The last dimension holds
+        cosine and sine of the first order, then of the second, and so on.
         """
         values = np.zeros((self.tests, SIZE, 2 * len(orders)))
         for j, n in enumerate(orders):
@@ -244,14 +269,14 @@ class Setting:
         return np.where(np.abs(values) < _ROTATION_ROUNDING, 0.0, values)
 
     def constant(self, values: Array) -> Array:
-        """Return p columns that are constant over the circle, as Fourier coefficients.
+        """Return p effects that are constant over the circle, as Fourier coefficients.
 
-        The result has shape (tests, 25, p).
+        The result has the shape (tests, 25, p); only the first of the 25 coefficients is not zero.
 
         Parameters
         ----------
         values
-            Constant of every test, shape (tests, p), or (tests,) for one column.
+            Constants of every test, shape (tests, p), or (tests,) for a single effect.
         """
         columns_of_tests = values[:, None] if values.ndim == 1 else values
         columns = np.zeros((self.tests, SIZE, columns_of_tests.shape[1]))
@@ -260,10 +285,11 @@ class Setting:
 
 
 class _MachineColumns(NamedTuple):
-    """Fourier coefficients of a circle's functions of angle, each of shape (..., 25, columns).
+    """Fourier coefficients of functions of the angle on a circle, each of shape (..., 25, columns).
 
-    ``direction`` is the bar's direction, ``elastic`` the reading per unit force and compliance, and
-    ``geometric`` the reading per unit geometric error.
+    ``direction`` is the unit vector along the bar, with the columns X, Y, Z. ``elastic`` is the
+    reading per unit force and per unit of each compliance, and ``geometric`` the reading per unit
+    of each geometric error.
     """
 
     direction: Array
@@ -274,7 +300,8 @@ class _MachineColumns(NamedTuple):
 def geometric_errors_of(campaign: Campaign) -> tuple[GeometricName, ...]:
     """Return the names of the geometric errors of a campaign's machine.
 
-    Each set-up has its own tool offsets. From the second set-up on, their names end in its number.
+    Each set-up has its own offsets of the tool ball. From the second set-up on, the names of these
+    offsets end in the number of the set-up.
     """
     names: list[GeometricName] = []
     for name in geometric_names(campaign.machine()):
@@ -301,11 +328,12 @@ def setting_of(
     campaign
         Campaign or plan.
     compliances
-        Names of the compliances.
+        Names of the compliances of the model.
     reference_force_N
-        Reference force F0; None means the middle of the range of forces.
+        Reference force F0 [N]; None means the middle of the range of forces.
     pilot
-        Campaign from which a plan takes F0, force range and the zero of time and temperature.
+        Campaign from which a plan takes F0, range and largest value of the forces, and the zero of
+        time and temperature. None if these are those of ``campaign`` itself.
     """
     machine = campaign.machine()
     tests = campaign.tests
@@ -353,7 +381,8 @@ def setting_of(
 def _machine_columns(campaign: Campaign, compliances: Sequence[ComplianceName]) -> _MachineColumns:
     """Return bar direction and readings per unit parameter for every test's circle.
 
-    They are Fourier coefficients of shape (tests, 25, columns).
+    The parameters are the named compliances and all geometric errors of the machine. Results are
+    Fourier coefficients of shape (tests, 25, columns).
     """
     machine = campaign.machine()
     by_circle = {}
@@ -374,8 +403,9 @@ def _machine_columns(campaign: Campaign, compliances: Sequence[ComplianceName]) 
 def _by_setup(campaign: Campaign, columns: Array) -> Array:
     """Return the columns of the campaign's geometric errors, from the columns of the machine's.
 
-    The machine's tool offsets become separate ones for every set-up, and each acts in its own
-    set-up only. Columns have shape (tests, 25, errors).
+    A column is the reading per unit of one error, as Fourier coefficients; ``columns`` and the
+    result have the shape (tests, 25, errors). Each offset of the machine's tool ball becomes
+    separate offsets for every set-up, of which each acts in its own set-up only.
     """
     machine_errors = [name.label for name in geometric_names(campaign.machine())]
     names = geometric_errors_of(campaign)
@@ -395,8 +425,10 @@ def _relative_to_mean(
 ) -> Array:
     """Return time or temperature of every test minus the mean, shape (tests,).
 
-    The mean is that of the campaign, or for a plan that of its pilot campaign. Planned tests
-    without a value are assumed to be at the mean.
+    ``field`` is the name of the field of a test, time_s or temperature_C. If a pilot campaign is
+    given, the mean is that of the pilot, and tests without a value are assumed to be at the mean.
+    Otherwise the mean is that of the campaign, and tests without a value get NaN. All values are
+    NaN if nothing is recorded in the tests that give the mean.
     """
     values = _recorded(field, campaign)
     reference = _recorded(field, pilot or campaign)
@@ -409,13 +441,19 @@ def _relative_to_mean(
 
 
 def _recorded(field: str, campaign: Campaign) -> Array:
-    """Return time or another recorded number of every test, shape (tests,); NaN where missing."""
+    """Return the field ``field`` of every test, such as time_s, shape (tests,).
+
+    The number is NaN for tests in which the field is not recorded.
+    """
     values = [getattr(test, field) for test in campaign.tests]
     return np.array([np.nan if value is None else value for value in values], dtype=float)
 
 
 def _planes_run_both_ways(campaign: Campaign) -> tuple[str, ...]:
-    """Return the planes in which circles run, or are planned, in both directions of travel."""
+    """Return the planes in which circles run, or are planned, in both directions of travel.
+
+    Raise an `InputError` if a test in such a plane does not state its direction.
+    """
     both = []
     for plane in dict.fromkeys(str(test.plane) for test in campaign.scope):
         directions = {test.direction for test in campaign.scope if test.plane == plane}
