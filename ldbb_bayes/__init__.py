@@ -23,7 +23,8 @@ def __getattr__(name: str) -> Any:
 
     The first call also makes ``print`` show results as tables and sentences.
     """
-    from ldbb_bayes.results import register_when_displayed  # imported late: it loads NumPy
+    # This is imported here, because it loads NumPy, which takes time.
+    from ldbb_bayes.results import register_when_displayed
 
     register_when_displayed(_load_words)
     if name in NEW_NAMES:

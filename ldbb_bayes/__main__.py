@@ -18,7 +18,8 @@ def run() -> None:
     for variable in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(variable, "1")
     try:
-        from ldbb_bayes.cli import main  # imported late: it loads NumPy
+        # This is imported here, because it loads NumPy, which takes time.
+        from ldbb_bayes.cli import main
 
         main()
     except KeyboardInterrupt:

@@ -161,7 +161,8 @@ def plain_reason(error: BaseException) -> str | None:
             f"the numbers must be within reach of double precision, got: {error}. Check units and"
             " magnitudes."
         )
-    if type(error).__name__ == "LinAlgError":  # an error of NumPy, which is not imported here
+    # The error LinAlgError of NumPy is recognised by its name, because NumPy is not imported here.
+    if type(error).__name__ == "LinAlgError":
         return (
             f"the campaign must determine the model, got a numerical breakdown ({error}). Look for"
             " forces or angles that hardly differ, readings or priors of an impossible size"

@@ -460,9 +460,10 @@ def _cells_of(names: Sequence[Hashable], values: Sequence[Any]) -> list[Any]:
 
 
 def _decimals_of(row: Mapping[Hashable, Any], factor: float) -> int | None:
-    """Return the number of decimals that gives a row's standard uncertainty two digits.
+    """Return the number of decimals that gives a row's standard uncertainty two significant digits.
 
-    Return None for a row without a standard uncertainty.
+    ``row`` holds the cells of the row by column, and ``factor`` converts their unit to the display
+    unit. Return None for a row without a standard uncertainty.
     """
     for name in _STANDARD_UNCERTAINTIES:
         u = row.get(name)

@@ -85,8 +85,8 @@ class _Size(NamedTuple):
     """
 
     factor: float  # size of the unit in mm, N and rad; 1e-3 for µm
-    length: int  # power of length
-    force: int  # power of force
+    length: int  # power of length in the dimension of the unit: 1 for mm/N
+    force: int  # power of force in the dimension of the unit: −1 for mm/N
 
 
 # Factors of the prefixes that a user may write before m, N and rad.
@@ -304,10 +304,11 @@ def _position(entry: _Ranked) -> int:
 
 
 def round_uncertainty(uncertainty: float, digits: int = 2) -> tuple[str, int]:
-    """Return an uncertainty rounded to significant digits, and its number of decimals.
+    """Return an uncertainty rounded to significant digits as text, and its number of decimals.
 
-    The number of decimals is negative if digits left of the decimal point are rounded: −1 means
-    rounded to tens.
+    ``digits`` is the number of significant digits. The number of decimals is negative if digits
+    left of the decimal point are rounded: −1 means rounded to tens. An uncertainty that is negative
+    or not finite gives a question mark.
     """
     if uncertainty == 0:
         return "0", digits
@@ -372,7 +373,7 @@ class Statement:
     value: str  #: value, rounded to the decimal place of the standard uncertainty
     u: str  #: standard uncertainty with two significant digits
     #: expanded uncertainty (k = 2); for a skewed distribution the distances from the value to the
-    #: ends of the credible interval, written +a / −b
+    #: ends of the credible interval, written +a / −b, or "see interval" if the value is outside it
     expanded: str
     ends: tuple[str, str]  #: lower and upper limit of the credible interval
     unit: str  #: display unit of value, uncertainties and limits
@@ -384,10 +385,10 @@ class Statement:
 
 
 def state(mean: float, sd: float, interval: tuple[float, float], unit: str) -> Statement:
-    """Return a result as metrologists write it in the display unit, from internal numbers.
+    """Return a result with its uncertainty as texts in the display unit, such as nm/N.
 
-    ``mean``, ``sd`` and the credible ``interval`` are in the internal unit ``unit`` (of mm, N and
-    rad).
+    ``mean`` is the value, ``sd`` its standard uncertainty and ``interval`` its credible interval,
+    all in the internal unit ``unit`` (of mm, N and rad).
     """
     factor, label = display_unit(unit)
     middle = mean * factor
@@ -441,8 +442,9 @@ def stiffness(median: float, interval: tuple[float, float]) -> str:
 def plus_minus(mean: float, sd: float, interval: tuple[float, float], unit: str) -> str:
     """Return value ± expanded uncertainty (k = 2) with the display unit, as text.
 
-    ``unit`` is the internal unit of the arguments. For a skewed distribution, the text is the value
-    and the credible interval instead.
+    ``mean`` is the value, ``sd`` its standard uncertainty and ``interval`` its credible interval,
+    all in the internal unit ``unit`` (of mm, N and rad). If the interval is skewed about the value,
+    the text is the value and the interval instead.
     """
     factor, label = display_unit(unit)
     if is_skewed(mean, interval):

@@ -56,7 +56,7 @@ class Desk:
         Returns
         -------
         dict
-            Result of `ldbb_bayes.app.worker.answer`.
+            Result of the function, or ``{"refused": message}``.
         """
         if self._waiting >= MOST_WAITING:
             return {"refused": session.word("busy")}

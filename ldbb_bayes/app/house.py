@@ -54,7 +54,7 @@ class House:
         return session
 
     def end(self, session: Session) -> None:
-        """Stop the computations of a session and delete the files of the session."""
+        """Stop the computations of a session (one browser tab) and delete the session's files."""
         self.sessions.pop(session.key, None)
         session.stop()
         shutil.rmtree(session.folder, ignore_errors=True)
@@ -87,7 +87,9 @@ class House:
                 session.outcome = {"refused": session.word("gave_way")}
 
     async def fit(self, session: Session) -> None:
-        """Write the report of a session in a separate process, from a copy of its files.
+        """Write the report of a session (one browser tab) in a separate process.
+
+        The process reads a copy of the session's files.
 
         The report replaces an earlier one only when it is complete. A refusal is stored as the
         outcome of the session.

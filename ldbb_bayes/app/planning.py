@@ -103,7 +103,7 @@ def _test_sliders(settings: Mapping[str, Any], pilot: lb.Campaign) -> dict[str, 
 
 
 class _Report(NamedTuple):
-    """Identity of a session's report, used as the key of cached computations."""
+    """Identity of the report of a session (one browser tab): the key of cached computations."""
 
     folder: Path  #: Folder of the session (one browser tab).
     #: Time at which the report was written [ns].

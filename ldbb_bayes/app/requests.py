@@ -30,7 +30,7 @@ from ldbb_bayes.app.worth import worth
 
 __all__ = ["ROUTES", "Answer", "file_name", "refused"]
 
-LARGEST_SESSION = 4 * 2**26  # largest total size of the files of a session [bytes]
+LARGEST_SESSION = 4 * 2**26  # largest total size of the files of one browser tab [bytes]
 LARGEST_FORM = 2**17  # largest total size of the entries of a form on the page [bytes]
 _LONGEST_ENTRY = 20_000  # largest length of one entry that a user types on the page [characters]
 _LONGEST_NAME = 120  # largest length of the name of a stored file [bytes]
@@ -156,7 +156,10 @@ def file_name(sent: str) -> str:
 
 
 async def _add_file(house: House, session: Session, request: Request) -> Response:
-    """Store a file that the browser sends, completely or not at all."""
+    """Store a file that the browser sends for a session (one browser tab).
+
+    It is stored completely or not at all.
+    """
     sent_name = request.path_params["name"]
     name = file_name(sent_name)
     if not name or not session.folder.exists():
@@ -180,7 +183,7 @@ async def _add_file(house: House, session: Session, request: Request) -> Respons
             path.replace(session.folder / FILES / name)
             session.names[name] = sent_name
             session.update_after_file_change()
-        except (ClientDisconnect, OSError):  # OSError: the session has ended
+        except (ClientDisconnect, OSError):  # an OSError means that the session has ended
             return refused(session.word("broken_off", name=name), 400)
         finally:
             path.unlink(missing_ok=True)
@@ -203,13 +206,13 @@ async def _receive(request: Request, path: Path, most_bytes: int) -> bool:
 
 
 async def _remove_file(house: House, session: Session, request: Request) -> Response:
-    """Delete one file of the session, or all files if the name is ``*``."""
+    """Delete one file of the session (one browser tab), or all files if its name is ``*``."""
     session.drop(request.path_params["name"])
     return JSONResponse({})
 
 
 async def _take_example(house: House, session: Session, request: Request) -> Response:
-    """Replace the session's files by those of the published experiment, as an example."""
+    """Replace the files of the session (one browser tab) by those of the published experiment."""
     session.drop()
     for path in Path(lb.embedded_campaign()).iterdir():
         if path.suffix in (".csv", ".toml"):
@@ -233,7 +236,7 @@ async def _take_choices(house: House, session: Session, request: Request) -> Res
     if "language" in sent:
         if sent["language"] in LANGUAGES and sent["language"] != session.language:
             session.language = sent["language"]
-            session.edition += 1  # the sheets must be written in the new language
+            session.edition += 1  # the report must be written again, in the new language
         return JSONResponse({})
     choices = {}
     for name, text in sent.items():

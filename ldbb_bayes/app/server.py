@@ -48,7 +48,7 @@ _STATIC_FILES = {"app.js": "text/javascript", "app.css": "text/css"}
 
 
 async def _begin_session(request: Request) -> Response:
-    if request.method == "HEAD":  # a browser's advance check needs no session
+    if request.method == "HEAD":  # a browser asks only whether the page exists
         return Response()
     language = _language_of(request)
     session = request.app.state.house.begin(language)
@@ -155,7 +155,7 @@ def _delete_folders_of_dead_servers() -> None:
 
 def _is_running(process: int) -> bool:
     if os.name != "posix":
-        return True  # unknown: on Windows os.kill would end the process
+        return True  # this cannot be found out: on Windows os.kill would end the process
     try:
         os.kill(process, 0)
     except OSError as error:
@@ -236,7 +236,7 @@ def serve(port: int, *, show: bool, say: Callable[[str], object] = print) -> Non
         def end(signal_number: int, frame: FrameType | None) -> None:
             server.should_exit = True
 
-        if hasattr(signal, "SIGHUP"):  # SIGHUP: the terminal was closed
+        if hasattr(signal, "SIGHUP"):  # the signal SIGHUP means that the terminal was closed
             signal.signal(signal.SIGHUP, end)
         say(address)
         with suppress(KeyboardInterrupt):

@@ -19,7 +19,7 @@ from ldbb_bayes.app.worker import PROGRESS_NAME
 
 __all__ = ["JOB", "Session", "kill_process"]
 
-JOB = "job"  # subfolder of a session in which its report is written before it is complete
+JOB = "job"  # subfolder of a session (one browser tab) for its report until it is complete
 # Times without a request after which a session ends [s]. The first is for closed browser tabs (a
 # page that is reloaded closes only for a moment), the second for tabs that were never opened. The
 # third is for open tabs, since tabs in the background may send no requests.
@@ -66,8 +66,8 @@ class Session:
     def is_over(self) -> bool:
         """Whether the session has ended.
 
-        A session ends if its browser tabs were closed, have sent no request for too long, or were
-        never opened.
+        A session ends some time after its browser tabs were closed, if they send no request for an
+        hour, or if no browser tab was opened.
         """
         limit_s = CLOSED_S
         if self.tabs is None:
@@ -78,13 +78,13 @@ class Session:
 
     @property
     def held(self) -> dict[str, int]:
-        """Sizes of the session's files [bytes] by name, in the order in which they are read."""
+        """Sizes of the files that the user added [bytes] by name, in the order of their reading."""
         paths = sorted((self.folder / FILES).iterdir(), key=_import_order)
         return {path.name: path.stat().st_size for path in paths}
 
     @property
     def certificates(self) -> list[str]:
-        """Names of the session's files that may be calibration certificates (suffix .xml)."""
+        """Names of the added files that may be calibration certificates: those ending in .xml."""
         return [name for name in self.held if name.lower().endswith(".xml")]
 
     @property
@@ -93,7 +93,7 @@ class Session:
         return self.task is not None and not self.task.done()
 
     def drop(self, name: str = "*") -> None:
-        """Delete one file of the session, or all files if the name is ``*``."""
+        """Delete one file that the user added, or all added files if the name is ``*``."""
         for stored_name in self.held:
             if name in (stored_name, "*"):
                 (self.folder / FILES / stored_name).unlink(missing_ok=True)
@@ -102,8 +102,8 @@ class Session:
     def update_after_file_change(self) -> None:
         """Remove typed entries that no longer apply, and count one more change of the files.
 
-        Entries that no longer apply are names of deleted certificates. If the files include a
-        campaign.toml, entries that this file states itself no longer apply either.
+        These are the names of deleted certificates. If the files include a ``campaign.toml``, they
+        are also the entries about the campaign and its tables, which this file states itself.
         """
         file_sizes = self.held
         has_campaign_file = TOML in file_sizes

@@ -34,7 +34,7 @@ def words_of_page(language: str) -> Mapping[str, Any]:
     Returns
     -------
     dict
-        Texts by the section of the page and a short name.
+        Texts by short names; those of a section of the page are in a dictionary of their own.
     """
     return tomllib.loads((PAGES / f"words_{language}.toml").read_text(encoding="utf-8"))
 

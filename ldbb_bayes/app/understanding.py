@@ -19,13 +19,16 @@ from ldbb_bayes.units import two_digits
 
 __all__ = ["refusal", "understand"]
 
-_MOST_POINTS = 360  # approximate largest number of points of a drawn trace; more cannot be seen
+# Approximate largest number of points with which the readings of a test are drawn in a polar plot;
+# more cannot be seen.
+_MOST_POINTS = 360
 # Radius at which the lowest reading is drawn in a polar plot [units of the SVG drawing].
 _INNER_RADIUS = 22.0
 # Difference of the radii at which the highest and the lowest reading are drawn in a polar plot
 # [units of the SVG drawing]; the highest reading is thus drawn at the radius 100.
 _WIDTH = 78.0
-_RINGS = 4  # approximate number of rings with labels between the lowest and the highest reading
+# Approximate number of labelled rings of a polar plot between the lowest and the highest reading.
+_RINGS = 4
 # Smallest range of readings that a polar plot shows, so that equal readings can be drawn [µm].
 _SMALLEST_RANGE_UM = 1e-3
 

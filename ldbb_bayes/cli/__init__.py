@@ -92,7 +92,8 @@ def app_(
     runs until Ctrl-C. It needs libraries that the extra "app" of this package installs.
     """
     try:
-        from ldbb_bayes.app.server import serve  # its libraries are optional
+        # This is imported here, because the libraries that the page needs are optional.
+        from ldbb_bayes.app.server import serve
     except ModuleNotFoundError as error:
         raise InputError(
             f"app must find the library {error.name}, got none. Install it with pip install"

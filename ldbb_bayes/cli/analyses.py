@@ -27,7 +27,8 @@ from ldbb_bayes.results import Passage, parts_of
 
 __all__ = ["compare", "design", "identify", "validate"]
 
-_DEGREES = ("constant", "linear", "quadratic")  # model names: compliance as a function of force
+# Names of the models by the degree of compliance in force: 0, 1 and 2.
+_DEGREES = ("constant", "linear", "quadratic")
 _PARAMETER_COLUMNS = ["unit", "prior_sd", "sd", "contraction", "information_gain", "verdict"]
 _COMPARISON_FIGURES = ("evidence", "compliance_with_local_fits", "geometry_with_local_fits")
 
@@ -42,7 +43,7 @@ def identify(
 
     The campaign may be a plan (without readings), so that this can be found before the experiment.
     """
-    # Import only this module of words, and only here: it imports the analysis, which takes long.
+    # This module is imported here, because it loads the analysis, which takes long.
     from ldbb_bayes.report import identifiability_text
 
     output.check(
@@ -230,7 +231,8 @@ def design(
     are written into --out DIR as a plan, in the order in which to run them, with the model for
     their analysis. Exit code 1: the tests are not proven to be the best.
     """
-    from ldbb_bayes.model.specification import model_to_toml  # slow, since it loads SciPy
+    # This is imported here, because it loads SciPy, which takes long.
+    from ldbb_bayes.model.specification import model_to_toml
 
     output.check(
         "campaign.toml",

@@ -135,9 +135,9 @@ def campaign_fields(
     Parameters
     ----------
     raw
-        Whether the readings are not compensated for the mount of the work ball.
+        Whether the readings are not compensated for the deflection of the work ball's mount.
     mount_um_per_bar
-        Deflection of the mount [µm/bar].
+        Deflection of the work ball's mount per pressure [µm/bar].
     force_slope, force_offset
         Force per pressure [N/bar] and force at zero pressure [N].
     **options
@@ -266,7 +266,8 @@ JSON = _SHARED["json"]
 QUIET = _SHARED["quiet"]
 PRIOR_FROM = _SHARED["prior_from"]
 
-# Argument types are quoted, so that the help of a command does not import them, which takes long.
+# Types of arguments are written as texts, so that the help of a command does not import them, which
+# takes long.
 CampaignArgument = Annotated[
     Path,
     typer.Argument(help="A campaign folder, a campaign.toml or a tidy CSV.", metavar="CAMPAIGN"),

@@ -81,7 +81,7 @@ def machine(
     c = cos θ and s = sin θ, where θ is the angle of the bar from the first axis of the plane, and
     with lengths in mm.
     """
-    # Import only this module of words, and only here: it imports the analysis, which takes long.
+    # This module is imported here, because it loads the analysis, which takes long.
     from ldbb_bayes.report import machine_text
 
     chain = lb.Machine(topology, settings["plane"], settings.get("frames_mm", {}))

@@ -45,7 +45,8 @@ def import_(
     Prints what it assumed about the tables. An option, or the file of --layout, can state every
     assumed value instead.
     """
-    from ldbb_bayes.reading.layout import layout_to_toml  # only this command needs it
+    # This is imported here, because only this command needs it.
+    from ldbb_bayes.reading.layout import layout_to_toml
 
     output = Output(out, force, as_json, quiet=False)
     output.check(*files_of(out))
@@ -98,7 +99,8 @@ def simulate(
     True values of parameters and noise are drawn at random from the priors unless a TOML file
     states them.
     """
-    from ldbb_bayes.model.specification import Truths, is_truths, read_truths  # slow: SciPy
+    # This is imported here, because it loads SciPy, which takes long.
+    from ldbb_bayes.model.specification import Truths, is_truths, read_truths
 
     if is_truths(source):
         require(

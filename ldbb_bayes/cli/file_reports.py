@@ -83,7 +83,8 @@ def report_files(
     source
         The files, and options that describe their tables and the instrument.
     output
-        Output of the report. Its folder is by default beside the first file.
+        Output of the command ``report``. If it has no folder, this is set to one beside the first
+        file.
     settings
         Options of the report by name.
     model
@@ -116,8 +117,8 @@ def report_files(
         fit_result = fit_tables.full_result(fit, settings["prob"])
         stated_result = fit_tables.full_result(stated_posterior, settings["prob"])
         if campaign.tolerances:
-            # State the same decisions on conformity in both records: those from the results and at
-            # the force that the report states.
+            # State the same decisions on conformity in the summary of the fit and in that of the
+            # stated posterior. They are those at the force that the report states.
             decisions = lb.assess_conformity(stated_posterior, force_N=settings.get("force_N"))
             conformity = {name: decision.as_dict() for name, decision in decisions.items()}
             fit_result["conformity"] = conformity
@@ -228,7 +229,10 @@ def _analyse(
 
 
 def _import_in_worker(executor: Executor | None) -> None:
-    """Start the second process now, so that it imports the package during the fit."""
+    """Start a second process now, so that it imports the package while this one computes the fit.
+
+    ``executor`` is the executor with this process; for None nothing is done.
+    """
     start_early(partial(callable, lb.compare), executor)
 
 

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Output", "drawing", "figure_files", "show", "write_files"]
 
-_WIDTH = 120  # width of tables if stdout is not a terminal [columns]
-_NARROWEST = 40  # smallest width of tables [columns]; narrower terminals wrap lines
+_WIDTH = 120  # width of printed tables if stdout is not a terminal [characters]
+_NARROWEST = 40  # smallest width of printed tables [characters]; narrower terminals break lines
 
 
 def show(*parts: Any) -> None:
@@ -127,7 +127,7 @@ class Output:
     force
         Whether files of an earlier result may be replaced.
     as_json
-        Whether to print only the record, as JSON.
+        Whether to print only the dictionary of the result, as JSON.
     quiet
         Whether to omit the message that names the written folder.
     files

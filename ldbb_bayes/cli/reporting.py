@@ -51,7 +51,8 @@ def report(
     fit is written into the folder of the fit. Exit code 1: the random draws of a fit did not reach
     the wanted effective number; the page then says so at its top.
     """
-    from ldbb_bayes.cli.report_making import make_report  # slow: Matplotlib, fpdf2
+    # These are imported here, because they load Matplotlib and fpdf2, which takes long.
+    from ldbb_bayes.cli.report_making import make_report
     from ldbb_bayes.cli.sources import ReportSource
 
     source = ReportSource(files, matching(files), layout, table, certificates)

@@ -41,7 +41,8 @@ def check_target(target: Path, *, force: bool, ours: Collection[str] = ()) -> No
         is_file = False
         names: list[str] | None = None
         try:
-            names = os.listdir(target)  # read once: another run may replace the folder
+            # Read the folder only once, because another run of the program may replace it.
+            names = os.listdir(target)
         except FileNotFoundError:
             pass
         except NotADirectoryError:

@@ -49,8 +49,8 @@ __all__ = [
 
 # Number of angles of a full circle at which the effects of compliances are compared.
 _ANGLES = 64
-# The effects of two compliances are proportional if the cosine of the angle between their columns
-# differs from ±1 by at most this.
+# The effects of two compliances on the readings are proportional if the cosine of the angle between
+# their columns, the readings per unit of each compliance, differs from ±1 by at most this.
 _PARALLEL = 1e-10
 # A compliance has no effect if the norm of its column, the readings per unit of the compliance, is
 # smaller than this share of the largest norm.
