@@ -1,6 +1,6 @@
-"""The public names; `__init__.py` imports each when it is first asked for.
+"""The public names of this package; `__init__.py` imports each when it is first used.
 
-The names of the main job stand here; the others in their rooms, such as `lb.terms.Drift`.
+Names that most analyses need are listed here; others are in subpackages, such as `lb.terms.Drift`.
 """
 
 from . import analysis as analysis

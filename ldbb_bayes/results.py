@@ -209,7 +209,7 @@ class Shown:
     returns all tables and sentences, which notebooks show too.
     """
 
-    #: names of the attributes that are displayed; if empty, all fields of a dataclass are
+    # Names of the attributes that are displayed; if empty, all fields of a dataclass are displayed.
     shown: ClassVar[tuple[str, ...]] = ()
 
     def __init_subclass__(cls) -> None:

@@ -1,4 +1,7 @@
-"""Description of a session's files before the fit: tests, traces, assumptions, instrument."""
+"""Description of a session's files before the fit: tests, traces, assumptions, instrument.
+
+A session is one browser tab, and traces are polar plots of the readings.
+"""
 
 from __future__ import annotations
 

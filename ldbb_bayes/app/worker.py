@@ -1,4 +1,7 @@
-"""Functions that the server's processes run: answer a request, or write a session's report."""
+"""Functions that processes of the server run: answer a request, or write a session's report.
+
+A session is one browser tab of ``ldbb-bayes app``.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Arguments that several commands make from their options: campaign, instrument and model."""
+"""Arguments of several commands, made from their options: campaign, instrument and model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Commands ``import``, ``check`` and ``simulate`` of ``ldbb-bayes``: campaigns before a fit."""
+"""Commands ``import``, ``check`` and ``simulate`` of ``ldbb-bayes``, which make no fit.
+
+They read, examine and simulate campaigns, that is sets of circular tests.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Public names of `lb.machine`; each is imported when it is first asked for."""
+"""Public names of `lb.machine`; each is imported when it is first used."""
 
 from .chain import Circle as Circle
 from .exact import exact_reading_mm as exact_reading_mm

@@ -8,8 +8,9 @@ An error motion e of joint k, with three displacements and three rotations about
 changes the reading by g_k · e if the joint carries the tool, and by −g_k · e if it carries the
 workpiece (Eq. 16-23). If all lever arms lie in the plane, this is the paper's planar model.
 
-Circles cannot separate all compliances (Table 2). Some never change a reading (null columns), and
-some change readings proportionally (proportional sets). One representative of each set is kept.
+Circles cannot separate all compliances (Table 2 of the paper). Some never change a reading (null
+columns), and some change readings proportionally (proportional sets). One representative of each
+set is kept.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Names, units and meaning of compliances and geometric errors."""
+"""Names, kinds and meaning of compliances and geometric errors, as the paper defines them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Import of foreign files, such as spreadsheets and exports of instruments, as campaigns."""
+"""Import of foreign files, such as spreadsheets and exports of instruments, as campaigns.
+
+Foreign files are tables in any format, which this package did not write.
+"""
 
 import lazy_loader
 

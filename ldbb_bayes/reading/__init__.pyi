@@ -1,4 +1,4 @@
-"""Public names of `lb.reading`; each is imported when it is first asked for."""
+"""Public names of `lb.reading`; each is imported when it is first used."""
 
 from .importing import Imported as Imported
 from .layout import Layout as Layout

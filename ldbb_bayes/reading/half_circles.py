@@ -1,4 +1,4 @@
-"""Joining of two half circles that come from separate files into one test."""
+"""Joining of two half circles, which come from separate files, into one circular test."""
 
 from __future__ import annotations
 
