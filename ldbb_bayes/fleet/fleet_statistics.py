@@ -47,29 +47,32 @@ _SLOPE = re.compile(r"(C_.+)_([12])")
 class FleetStatistics:
     """Gaussian likelihoods of n campaigns, free of the priors used in their fits.
 
-    In the shapes of arrays, c is the number of parameters and s that of instrument errors. A
-    likelihood has a precision matrix Λ (inverse covariance) and a shift η (Λ times the estimate).
-    If the model of a campaign lacks an instrument error, its Λ and η have zeros for that error.
+    They are likelihoods of the c parameters to analyse and of s errors of the instrument, such as
+    mount and force gain. A likelihood has a precision matrix Λ (inverse covariance) and a shift η
+    (Λ times the estimate). If the model of a campaign lacks an instrument error, its Λ and η have
+    zeros for that error.
     """
 
     campaigns: tuple[str, ...]
     machines: tuple[str, ...]
     dates: tuple[datetime | None, ...]
     parameters: tuple[str, ...]  #: names of the c parameters to analyse
-    units: tuple[str, ...]  #: internal unit (mm, N, rad) of each parameter
+    units: tuple[str, ...]  #: internal unit (of mm, N and rad) of each of the c parameters
     #: names of the s instrument errors that all campaigns share; empty if the campaigns used
     #: different instruments
     instrument: tuple[str, ...]
-    #: prior sds of the c parameters of a machine about zero (see `reference_sd`), then of the s
-    #: instrument errors, shape (c + s,)
+    #: reference sds of the c parameters (see `reference_sd`), then prior sds of the s instrument
+    #: errors, in internal units (mm, N, rad), shape (c + s,)
     prior_sd: Array
-    #: likelihoods of the n campaigns for parameters and instrument errors, in units of
+    #: likelihoods of the c parameters and s instrument errors from the n campaigns, in units of
     #: ``prior_sd``, shape (n, c + s)
     likelihood: Gaussian
-    reference_force_N: float  #: force at which the compliances are stated
-    forces_N: tuple[float, float]  #: lowest and highest force of the range that all campaigns cover
+    reference_force_N: float  #: force at which the compliances of all campaigns are stated [N]
+    #: lowest and highest force of the range that the tests of every campaign cover [N]
+    forces_N: tuple[float, float]
     topology: str
-    #: weighted sum of joint compliances that each compliance stands for, if the batch states it
+    #: weighted sum of joint compliances that each fitted compliance stands for, by its name; empty
+    #: if the batch does not state it
     compliances: Mapping[str, Meaning] = field(default_factory=dict)
 
     def __len__(self) -> int:
@@ -77,7 +80,10 @@ class FleetStatistics:
 
     @property
     def caveats(self) -> list[Caveat]:
-        """Return a caveat if the reference force is outside the tested range of some campaign."""
+        """Return a list with a caveat if compliances are extrapolated in force, else an empty list.
+
+        They are if the reference force is outside the range of the tests' forces in some campaign.
+        """
         lowest, highest = self.forces_N
         if lowest <= self.reference_force_N <= highest:
             return []
@@ -91,11 +97,11 @@ def fleet_statistics(
     reference_force_N: float | None = None,
     one_instrument: bool = True,
 ) -> FleetStatistics:
-    """Return the likelihoods of campaigns of a batch.
+    """Return the likelihoods of the machines' parameters from the campaigns of a batch.
 
     Parameters
     ----------
-    rows : rows of the campaigns to use, see `choose`.
+    rows : rows, in the table of a batch, of the campaigns to use; see `choose`.
     parameters : names of the parameters to analyse; default: all constant compliances (those at the
         reference force).
     reference_force_N : force at which the compliances are stated; default: the median of the
@@ -144,7 +150,10 @@ def fleet_statistics(
 
 
 def _common_topology(rows: pd.DataFrame) -> str:
-    """Return the topology (chain of joints) of all campaigns; refuse different topologies."""
+    """Return the topology (chain of joints) that the machines of all campaigns have.
+
+    Raise an `InputError` if their topologies differ. ``rows`` are rows of the table of a batch.
+    """
     topology, *others = sorted(set(rows["topology"]))
     if others:
         raise InputError(
@@ -155,7 +164,11 @@ def _common_topology(rows: pd.DataFrame) -> str:
 
 
 def _choose_parameters(rows: pd.DataFrame, parameters: Sequence[str] | None) -> tuple[str, ...]:
-    """Return the names of the parameters to analyse; every campaign must have all of them."""
+    """Return the names of the parameters to analyse; every campaign must have all of them.
+
+    ``parameters`` are the names that the user gives. By default all compliances at the reference
+    force are chosen. ``rows`` are rows of the table of a batch.
+    """
     common_names = _common_parameters(rows)
     if parameters is None:
         chosen = [name for name in common_names if name.startswith("C_")]
@@ -173,7 +186,11 @@ def _choose_parameters(rows: pd.DataFrame, parameters: Sequence[str] | None) -> 
 
 
 def _common_parameters(rows: pd.DataFrame) -> list[str]:
-    """Return the names of parameters that all campaigns have, except slopes and curvatures."""
+    """Return the names of the parameters that all campaigns have.
+
+    Slopes and curvatures of compliances with force are left out. ``rows`` are rows of the table of
+    a batch.
+    """
     names_by_campaign = [list(names) for names in rows["gaussian_names"]]
     common_names = []
     for name in names_by_campaign[0]:
@@ -186,7 +203,8 @@ def _common_parameters(rows: pd.DataFrame) -> list[str]:
 def _instrument_errors(rows: pd.DataFrame) -> tuple[str, ...]:
     """Return the names of the instrument errors in the model of at least one campaign.
 
-    They are in the order of the model's terms.
+    Instrument errors, such as those of mount and force gain, may be the same in several campaigns.
+    They are in the order of the model's terms. ``rows`` are rows of the table of a batch.
     """
     names = set[str]().union(*rows["gaussian_names"])
     errors = [name for name in sorted(names) if Term.owner(name) is not Term]
@@ -219,15 +237,16 @@ def reference_sd(
 ) -> Array:
     """Return the reference sd of every parameter, shape (c,), in internal units (mm, N, rad).
 
-    The reference sd is the sd of the default prior, or, if that is larger, the median sd of the
-    priors about zero in the fits. Priors may be wider because a compliance stands for those of
-    several joints, or because the user knows of more compliant machines. Priors about another mean
-    than zero are left out: they state how well a parameter is known, not how large it may be.
+    It is the sd of the parameter's default prior or, if that is larger, the median sd of those of
+    its priors in the fits that have the mean zero. Priors in the fits may be wider than the default
+    because a compliance stands for those of several joints, or because the user knows of more
+    compliant machines. Priors with another mean than zero are left out: they state how well a
+    parameter is known, not how large it may be.
 
     Parameters
     ----------
-    names, units : names and units of the c parameters.
-    prior_mean, prior_sd : prior means and sds in n fits, each of shape (n, c).
+    names, units : names and internal units of the c parameters.
+    prior_mean, prior_sd : prior means and sds of the parameters in n fits, each of shape (n, c).
     """
     prior = Prior.first()
     kind_by_unit = {geometric_unit(kind): kind for kind in get_args(GeometricKind)}
@@ -245,12 +264,19 @@ def reference_sd(
 
 
 class _Likelihood(NamedTuple):
-    """Likelihood of one campaign for q quantities, and the prior that was divided out of it."""
+    """Likelihood of q quantities from one campaign, and the prior that was divided out of it.
 
-    precision: Array  #: precision matrix Λ (inverse covariance) of the likelihood, shape (q, q)
-    shift: Array  #: shift η of the likelihood, Λ times the estimate, shape (q,)
-    prior_mean: Array  #: prior means of the q quantities in the fit, shape (q,)
-    prior_sd: Array  #: prior standard deviations of the q quantities in the fit, shape (q,)
+    The quantities are parameters of the machine and errors of the instrument.
+    """
+
+    #: precision matrix Λ (inverse covariance) of the likelihood of q quantities, shape (q, q)
+    precision: Array
+    #: shift η of the likelihood of q quantities: its precision matrix times the estimate, shape
+    #: (q,)
+    shift: Array
+    prior_mean: Array  #: prior means of the q quantities in the campaign's fit, shape (q,)
+    #: prior standard deviations of the q quantities in the campaign's fit, shape (q,)
+    prior_sd: Array
 
 
 def _likelihood(row: Mapping[Any, Any], wanted: Sequence[str], force_N: float) -> _Likelihood:
@@ -259,9 +285,10 @@ def _likelihood(row: Mapping[Any, Any], wanted: Sequence[str], force_N: float) -
     Parameters
     ----------
     row
-        Statistics of the campaign, a row of a batch's table.
+        Row of the campaign in the table of a batch, with its posterior moments and priors.
     wanted
-        Names of the q quantities. Those that the campaign does not have get zeros.
+        Names of the q quantities: parameters and instrument errors. Those that the campaign does
+        not have get zeros.
     force_N
         Common reference force [N], to which compliances are extrapolated along their slopes.
     """
@@ -296,11 +323,12 @@ def _likelihood(row: Mapping[Any, Any], wanted: Sequence[str], force_N: float) -
 def _divide_out_prior(
     *, mean: Array, covariance: Array, prior_mean: Array, prior_covariance: Array
 ) -> tuple[Array, Array]:
-    """Return the precision and shift of a Gaussian posterior divided by its prior.
+    """Return precision (q, q) and shift (q,) of a likelihood: a Gaussian posterior over its prior.
 
-    The precision (inverse covariance) is that of the posterior minus that of the prior. Negative
-    eigenvalues are set to zero: in these directions the readings add nothing to the prior. The
-    shift is the precision times the estimate.
+    All are densities of q quantities, with means of shape (q,) and covariances of shape (q, q). The
+    precision (inverse covariance) of the likelihood is that of the posterior minus that of the
+    prior. Negative eigenvalues of it are set to zero: in these directions the readings add nothing
+    to the prior. The shift is the precision times the estimate.
     """
     scale = np.sqrt(np.diag(prior_covariance))
     squared_scale = scale[:, None] * scale
@@ -317,7 +345,7 @@ def _divide_out_prior(
 
 
 def _full_covariance(lower_triangle: Sequence[float], q: int) -> Array:
-    """Return the covariance matrix (q, q) whose lower triangle is listed row by row."""
+    """Return the covariance matrix (q, q) of q quantities, given its lower triangle row by row."""
     covariance = np.zeros((q, q))
     covariance[np.tril_indices(q)] = lower_triangle
     covariance += np.tril(covariance, -1).T
@@ -327,9 +355,9 @@ def _full_covariance(lower_triangle: Sequence[float], q: int) -> Array:
 def _map_to_force(names: Sequence[str], wanted: Sequence[str], force_change_N: float) -> Array:
     """Return the matrix that converts a campaign's quantities to another reference force.
 
-    The rows are the quantities ``wanted``, the columns the campaign's quantities ``names``. A
-    compliance changes by its slope times the change of force, plus its curvature times the square
-    of this change.
+    Its rows are for the quantities ``wanted``, its columns for the quantities ``names`` that the
+    campaign has. The reference force changes by ``force_change_N``. A compliance then changes by
+    its slope times this change, plus its curvature times the square of this change.
     """
     matrix = np.zeros((len(wanted), len(names)))
     for i, name in enumerate(wanted):
@@ -342,8 +370,9 @@ def _map_to_force(names: Sequence[str], wanted: Sequence[str], force_change_N: f
 def _meanings(rows: pd.DataFrame, chosen: Sequence[str]) -> dict[str, Meaning]:
     """Return the weighted sum of joint compliances that every chosen compliance stands for.
 
-    The sums must be the same in all campaigns. A campaign that does not state a sum is assumed to
-    agree with the others.
+    The result is by the name of the compliance. ``rows`` are rows of the table of a batch, which
+    states the sums of each campaign. Raise an `InputError` if they differ between campaigns. A
+    campaign that does not state a sum is assumed to agree with the others.
     """
     meanings: dict[str, Meaning] = {}
     first_campaigns: dict[str, str] = {}

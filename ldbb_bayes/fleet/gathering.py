@@ -55,7 +55,11 @@ def gather(given: Iterable[str | os.PathLike[str]]) -> tuple[str, ...]:
 
 
 def _expand_all(entries: Iterable[str | os.PathLike[str]]) -> Iterator[str]:
-    """Yield the file path of every campaign that the entries, lists or folders stand for."""
+    """Yield the file path of every campaign that the entries of the user stand for.
+
+    An entry is the path of a campaign, of a folder of campaigns, or of a text file that lists such
+    paths (``@FILE`` or .txt).
+    """
     for entry in entries:
         path = os.fspath(entry)
         if _is_list(path):
@@ -83,9 +87,10 @@ def _read_list(file: Path) -> list[str]:
 
 
 def _expand_folder(path: str) -> list[str]:
-    """Return the file paths of the campaigns directly in a folder of campaigns.
+    """Return the sorted file paths of the campaigns directly in a folder of campaigns.
 
-    Any other path is returned unchanged.
+    If the path is not a folder, is itself the folder of a campaign, or contains no campaigns, it is
+    returned unchanged as the only one.
     """
     if not os.path.isdir(path) or _has_toml(path):
         return [path]
@@ -110,7 +115,7 @@ def _may_be_campaign(path: str) -> bool:
 
 
 def _check_fits_a_line(path: str) -> None:
-    """Refuse a file path that could not be written on one line of a list of campaigns."""
+    """Raise an `InputError` for a file path that could not be one line of a list of campaigns."""
     fits = path.isprintable() and path == path.strip() and path and path[0] != "#"
     if not fits:
         raise InputError(

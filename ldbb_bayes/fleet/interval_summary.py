@@ -14,13 +14,17 @@ __all__ = ["Summary", "name_intervals"]
 class Summary(Result):
     """Mean, sd and equal-tailed credible interval of a quantity, in internal units (mm, N, rad)."""
 
-    mean: float  #: mean of the distribution
-    sd: float  #: standard deviation of the distribution
-    interval: tuple[float, float]  #: lower and upper end of the credible interval
+    mean: float  #: mean of the quantity's distribution, in internal units (mm, N, rad)
+    sd: float  #: standard deviation of the quantity's distribution, in internal units (mm, N, rad)
+    #: lower and upper end of the quantity's equal-tailed credible interval, in internal units (mm,
+    #: N, rad)
+    interval: tuple[float, float]
 
 
 def name_intervals(record: Any, prob: float) -> Any:
-    """Return a record in which every key ``interval`` is renamed to state its probability: ci95.
+    """Return a record in which keys of credible intervals state the probability, such as ci95.
+
+    In every key of the record, the word ``interval`` is replaced.
 
     Parameters
     ----------

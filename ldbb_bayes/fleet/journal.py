@@ -26,7 +26,8 @@ from ldbb_bayes.parallel import versions
 
 __all__ = ["batch_identity", "begin_batch", "open_journal", "save_row"]
 
-# Name of the text file, in the folder of a batch, that lists all campaigns of the batch.
+# Name of the text file, in the folder of a batch, that lists the file paths of all campaigns of the
+# batch.
 _LIST = "campaigns.txt"
 # Names of all files that the folder of a batch may hold: the journal, SQLite's temporary files for
 # the journal, the list of campaigns, and the table, finished or not.
@@ -49,7 +50,10 @@ CREATE TABLE IF NOT EXISTS campaigns (
 
 @contextmanager
 def open_journal(out: Path) -> Iterator[sqlite3.Connection]:
-    """Yield the journal of a folder, locked against other runs until the ``with`` block ends.
+    """Yield the journal of a batch, locked against other runs until the ``with`` block ends.
+
+    The journal is an SQLite database in the folder of the batch, in which every campaign's row is
+    saved.
 
     Parameters
     ----------
@@ -91,7 +95,10 @@ def open_journal(out: Path) -> Iterator[sqlite3.Connection]:
 
 
 def _check_folder(out: Path) -> None:
-    """Refuse a path that is a file, or a folder that holds anything other than a batch."""
+    """Raise an `InputError` if the folder ``out`` cannot be that of a batch.
+
+    It must not be a file, and not hold anything other than a batch. It need not exist.
+    """
     if not out.exists():
         return
     if not out.is_dir():
@@ -116,7 +123,7 @@ def batch_identity(settings: Settings) -> dict[str, Any]:
 
     Parameters
     ----------
-    settings : how campaigns are fitted.
+    settings : settings with which the campaigns of the batch are fitted.
 
     Returns
     -------
@@ -244,10 +251,10 @@ def save_row(journal: sqlite3.Connection, number: int, row: Mapping[str, Any]) -
 
 
 def _plain(value: Any) -> Any:
-    """Return a value, which may be nested, in a form that JSON and Parquet can hold.
+    """Return a value of a campaign's row, which may be nested, as JSON and Parquet can hold it.
 
-    Numbers that are not finite become null. Characters that UTF-8 cannot encode, which file names
-    may contain, become question marks.
+    Numbers that are not finite become None (null in JSON), tuples become lists. Characters that
+    UTF-8 cannot encode, which file names may contain, become question marks.
     """
     if isinstance(value, Mapping):
         return {name: _plain(entry) for name, entry in value.items()}

@@ -36,14 +36,16 @@ from ldbb_bayes.results import Array
 
 __all__ = ["JudgedMachines", "judge_machines"]
 
-# Number of new random draws of the spreads for a machine for which the weights of the first draws
-# cannot be trusted. Spreads are standard deviations of machines about the population's mean.
+# Spreads are the standard deviations of machines about the mean of their population. If the weights
+# that convert random draws of the spreads to draws without one machine cannot be trusted, this
+# number of new draws is made without that machine.
 _DRAWS_WITHOUT = 512
-# Largest number of machines for which new random draws of the spreads are made. The most outlying
-# machines come first. Spreads are standard deviations of machines about the population's mean.
+# Largest number of machines for which new random draws of the spreads (standard deviations of
+# machines about the mean of their population) are made without the machine. The most outlying
+# machines come first.
 _MOST_REDRAWN = 200
-# Smallest p-value of a machine's parameter. For a smaller one, the corresponding quantile of the
-# normal distribution would not be finite.
+# p-values of a machine's parameters are raised to at least this. For smaller ones, the
+# corresponding quantile of the normal distribution would not be finite.
 _SMALLEST_P = 1e-300
 
 
@@ -51,14 +53,19 @@ _SMALLEST_P = 1e-300
 class JudgedMachines:
     """Comparison of each of n machines with the other machines, for c parameters."""
 
-    #: p-value of each machine, corrected for the numbers of parameters (Bonferroni) and of machines
-    #: (Holm), shape (n,). If all machines belong to one population, the probability that any of
-    #: them stands out this much is at most this p-value.
+    #: p-value of each of n machines, corrected for the numbers of parameters (Bonferroni) and of
+    #: machines (Holm), shape (n,). If all machines belong to one population, the probability that
+    #: any of them stands out this much is at most this p-value.
     p_value: Array
-    parameter_p_value: Array  #: two-sided p-value of each parameter, uncorrected, shape (n, c)
-    z: Array  #: signed quantile of the normal distribution for parameter_p_value, shape (n, c)
-    #: whether a machine's p-values cannot be trusted, because the weights of the random draws are
-    #: unreliable (Pareto's k̂ is too high), shape (n,)
+    #: two-sided p-value of each of c parameters of n machines, not corrected for the number of
+    #: comparisons, shape (n, c)
+    parameter_p_value: Array
+    #: deviation of each of c parameters of n machines from what the other machines predict, as the
+    #: quantile of the normal distribution that has the same two-sided p-value; positive above the
+    #: prediction; shape (n, c)
+    z: Array
+    #: whether the p-values of each of n machines cannot be trusted, because the weights of the
+    #: random draws of the spreads are unreliable (Pareto's k̂ is too high), shape (n,)
     doubtful: Array
 
 
@@ -72,18 +79,18 @@ def judge_machines(
 ) -> JudgedMachines:
     """Return a comparison of every machine with what the other machines predict for it.
 
-    The spreads s are the standard deviations of the machines about their mean μ. Random draws of s
-    are made from the posterior with all machines. For each machine, weights convert them to draws
-    without this machine. If these weights cannot be trusted, new draws are made without the
-    machine.
+    The spreads s are the standard deviations of the machines' parameters about the mean μ of the
+    population. Random draws of s are made from the posterior with all machines. For each machine,
+    weights convert them to draws without this machine. If these weights cannot be trusted, new
+    draws are made without the machine.
 
     Parameters
     ----------
     density : posterior density of ln s with all machines.
     spreads : random draws of s from this density.
-    shared : Gaussian of the mean μ and instrument errors b given each draw, see
-        `shared_quantities`.
-    seed : seed of new draws.
+    shared : Gaussian of the mean μ and of the errors b of the instrument, given each draw of s and
+        all machines; see `shared_quantities`.
+    seed : seed of new draws of s.
     progress : function called with two numbers of machines: those for which new draws have been
         made, and all those for which new draws are needed.
     """
@@ -115,12 +122,17 @@ def judge_machines(
 
 
 class _LeftOut(NamedTuple):
-    """Comparison of each of n machines with the other machines, given each of k random draws."""
+    """Comparison of each of n machines with the other machines, for k random draws of the spreads.
+
+    Spreads are the standard deviations of the machines about the mean of their population.
+    """
 
     #: ln p(y_m | y_−m, s), the log density of the readings of machine m given those of all other
-    #: machines and the spreads s, up to a constant, shape (k, n)
+    #: machines, up to a constant, for each of n machines and k random draws of the spreads s, (k,
+    #: n)
     log_density: Array
-    #: standardised difference of each of c parameters from its prediction, shape (c, k, n)
+    #: difference of each of c parameters from what the other machines predict for it, divided by
+    #: its standard deviation, for n machines and k random draws of the spreads, shape (c, k, n)
     z: Array
 
 
@@ -151,10 +163,13 @@ def _leave_out_each(
 def _draw_without(
     density: SpreadDensity, separate: Estimates, mode: Array, m: int, seed: int
 ) -> tuple[Spreads, Array]:
-    """Return spreads drawn without machine m, and z of machine m for each draw, shape (c, k, 1).
+    """Return k draws of the spreads without machine m, and z of machine m, shape (c, k, 1).
 
-    The c values of z are the differences of machine m's parameters from the prediction of the other
-    machines, in units of their standard deviation.
+    Spreads are the standard deviations of the machines about the mean of their population; they are
+    drawn from their posterior density given all machines but the one with the index m. For each
+    draw, z holds the differences of the c parameters of machine m from what the other machines
+    predict, divided by their standard deviations. ``density`` is that with all machines, ``mode``
+    its mode in ln s, and ``separate`` holds the estimates from each machine alone.
     """
     likelihood = density.likelihood
     stays = np.arange(len(likelihood.shift)) != m
@@ -177,10 +192,14 @@ def _compare(
 ) -> tuple[Array, Array]:
     """Return a log integral for the other machines, and z of each machine left out.
 
-    Given are the precision (q, q, k, n) and shift (q, k, n) of the Gaussian that the other machines
-    give for the mean μ and the instrument errors b. The first result, shape (k, n), is the log
-    integral of this Gaussian over μ and b, up to a constant. The second, shape (c, k, n), is z, the
-    difference of each parameter from its prediction in units of the standard deviation.
+    For each of n machines left out and each of k draws of the spreads, the other machines give a
+    Gaussian of the population's mean μ and the instrument's errors b: ``precision`` (q, q, k, n),
+    its inverse covariance, and ``shift`` (q, k, n), the precision times its mean. The first result,
+    shape (k, n), is the log integral of this Gaussian over μ and b, up to a constant. The second,
+    shape (c, k, n), is z: the difference of each of the machine's c parameters, estimated from it
+    alone (``separate``), from what the Gaussian and the spreads predict, divided by its standard
+    deviation. ``spread``, shape (k, c), holds the draws of the spreads (standard deviations of the
+    machines about μ).
     """
     q = len(shift)
     c = spread.shape[1]
@@ -202,11 +221,13 @@ def _compare(
 
 
 def _two_sided_p_value(weights: Array, z: Array) -> tuple[Array, Array]:
-    """Return two-sided p-values of n machines and c parameters, and the sides of the deviations.
+    """Return two-sided p-values of c parameters of n machines, and the sides of the deviations.
 
-    A p-value is twice the smaller tail probability, averaged over the k random draws of the
-    spreads. The side is 1 above and −1 below the prediction. ``weights`` of the draws have the
-    shape (n, k), the standardised deviations ``z`` the shape (c, k, n), the results (n, c).
+    The tail probabilities of the deviations ``z`` from the prediction, divided by their standard
+    deviations, shape (c, k, n), are averaged over k random draws of the machines' spreads.
+    ``weights``, shape (n, k), are those of the draws for each machine. A p-value is twice the
+    smaller of the two averages. The side is 1 above and −1 below the prediction. Both results have
+    the shape (n, c).
     """
     above = np.einsum("mk,jkm->mj", weights, ndtr(-z))
     below = np.einsum("mk,jkm->mj", weights, ndtr(z))

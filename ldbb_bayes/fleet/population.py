@@ -77,27 +77,37 @@ _FEWEST_MACHINES = 6
 _FALSE_ALARMS = 0.05
 # Pattern of the names of compliances at the reference force, without their slopes.
 _CONSTANT_COMPLIANCE = re.compile(r"C_...")
-# Text of empty cells in the table of a population's parameters.
+# Text of empty cells in the printed table of a population's parameters.
 _NOTHING = "–"
 
 
 class _DrawLimits(NamedTuple):
-    """Limits from which the number of random draws of the machines' spreads follows."""
+    """Limits from which the number of random draws of the machines' spreads follows.
 
-    pairs: int  #: largest product of the number of random draws and the number of machines
+    Spreads are the standard deviations of the machines about the mean of their population.
+    """
+
+    #: largest product of the number of random draws and the number of machines, unless ``lowest``
+    #: draws exceed it
+    pairs: int
     lowest: int  #: smallest number of random draws, for any number of machines
     highest: int  #: largest number of random draws, for any number of machines
 
     def size(self, machines: int) -> int:
-        """Return the number of random draws, a power of two, for a number of machines."""
+        """Return the number of random draws of the spreads, a power of two, for some machines.
+
+        ``machines`` is the number of machines.
+        """
         count = min(max(self.pairs / machines, self.lowest), self.highest)
         return int(2 ** int(np.log2(count)))
 
 
-# Limits of the number of random draws from which the population's spreads are summarised.
+# Limits of the number of random draws from which the spreads of a population (standard deviations
+# of the machines about the mean) are summarised.
 _SPREAD_DRAWS = _DrawLimits(pairs=4_000_000, lowest=2048, highest=8192)
-# Limits of the number of random draws from which every machine's numbers are computed. These are
-# the first of the draws from which the spreads are summarised.
+# Limits of the number of random draws of the population's spreads from which the estimates for
+# every machine are computed. These draws are the first of those from which the spreads are
+# summarised.
 _MACHINE_DRAWS = _DrawLimits(pairs=1_000_000, lowest=256, highest=2048)
 
 
@@ -105,13 +115,16 @@ _MACHINE_DRAWS = _DrawLimits(pairs=1_000_000, lowest=256, highest=2048)
 class PooledParameter(Result):
     """Distribution of one parameter over the machines of a population."""
 
-    unit: str  #: internal unit of the parameter, of mm, N and rad
-    prior_sd: float  #: prior sd of the parameter's mean over the population; the prior mean is zero
+    unit: str  #: internal unit of the parameter, made of mm, N and rad
+    #: prior sd, in ``unit``, of the parameter's mean over the population; the prior mean is zero
+    prior_sd: float
     mean: Summary  #: mean of the parameter over the machines of the population
-    spread: Summary  #: standard deviation of the machines about the population's mean
-    next: Summary  #: prediction for a machine of the population that was not measured
-    #: part of the mean's sd due to errors of the instrument that all campaigns used; measuring more
-    #: machines does not reduce it
+    #: standard deviation of the parameter of the machines about the population's mean
+    spread: Summary
+    #: prediction of the parameter for a machine of the population that was not measured
+    next: Summary
+    #: part of the posterior sd of the parameter's mean, in ``unit``, that is due to errors of the
+    #: instrument that all campaigns used; measuring more machines does not reduce it
     instrument_sd: float
 
 
@@ -121,18 +134,22 @@ class PooledMachine(Result):
 
     name: Annotated[str, Field(exclude=True)]  #: machine_id of the machine
     campaigns: int  #: number of campaigns of this machine
-    #: estimates from the machine's campaigns and from the population, by parameter
+    #: estimates of the machine's parameters from its own campaigns and from the population, by name
+    #: of the parameter
     estimate: dict[str, Summary]
-    #: estimates from the machine's own campaigns and the reference prior, without the population,
-    #: by parameter; only the instrument's errors are estimated from all campaigns
+    #: estimates of the machine's parameters from its own campaigns and a wide prior, without the
+    #: population, by name of the parameter; only the instrument's errors are estimated from the
+    #: campaigns of all machines
     alone: dict[str, Summary]
-    #: p-value corrected for the numbers of parameters (Bonferroni) and of machines (Holm). If all
-    #: machines belong to one population, the probability that any of them stands out this much is
-    #: at most this p-value. None if there are too few machines.
+    #: p-value of the hypothesis that the machine belongs to the population of the others, corrected
+    #: for the numbers of parameters (Bonferroni) and of machines (Holm). If all machines belong to
+    #: one population, the probability that any of them stands out this much is at most this
+    #: p-value. None if there are fewer than six machines.
     p_value: float | None = None
     flag: bool = False  #: whether the machine's p-value is below 5 %
-    #: deviation of each parameter from what the other machines predict, as a quantile of the normal
-    #: distribution, by parameter
+    #: deviation of each parameter of the machine from what the other machines predict, by name of
+    #: the parameter: the quantile of the normal distribution with the same two-sided p-value.
+    #: Empty if there are fewer than six machines.
     z: dict[str, float] = field(default_factory=dict)
 
 
@@ -156,32 +173,46 @@ class Population(Result):
     ((), False)
     """
 
-    #: mean, spread and prediction for the next machine, by parameter
+    #: distribution of each parameter over the machines (mean, spread, prediction for a further
+    #: machine), by name of the parameter
     parameters: dict[str, PooledParameter]
     machine: dict[str, PooledMachine]  #: estimates for each machine, by machine_id
     campaigns: int  #: number of campaigns of all machines in the population
     reference_force_N: float  #: force at which the compliances are stated [N]
-    #: lowest and highest force of the range that all campaigns cover [N]
+    #: lowest and highest force of the range that the tests of every campaign cover [N]
     forces_N: tuple[float, float]
     topology: str  #: topology of the machines: the chain of joints from workpiece to tool
-    #: weighted sum of joint compliances that each compliance stands for, if the batch states it
+    #: weighted sum of joint compliances that each fitted compliance stands for, by its name; empty
+    #: if the batch does not state it
     compliances: Mapping[str, Meaning]
-    instrument: tuple[str, ...]  #: names of the instrument errors common to all campaigns
-    spread_scale: float  #: scale of a spread's prior, HalfNormal(spread_scale · prior_sd)
-    seed: int  #: seed of the random draws
-    #: Pareto's k̂ of the weights of the random draws of the spreads; the lower, the more reliable
+    #: names of the instrument errors that all campaigns have in common, such as that of the mount
+    instrument: tuple[str, ...]
+    #: scale of the prior of each parameter's spread (sd of the machines about the mean), which is
+    #: HalfNormal(spread_scale · prior_sd)
+    spread_scale: float
+    seed: int  #: seed of the random draws of the spreads
+    #: Pareto's k̂ of the weights of the random draws of the spreads (standard deviations of the
+    #: machines about the mean); the lower it is, the more reliable are the draws
     pareto_k: float
-    trusted: bool  #: whether Pareto's k̂ is low enough for the random draws to be trusted
+    #: whether Pareto's k̂ of the weights is low enough for the random draws of the spreads to be
+    #: trusted
+    trusted: bool
     caveats: tuple[Caveat, ...]  #: limitations of the population and of its campaigns
     prob: Annotated[float, Field(exclude=True)]  #: probability of the credible intervals
-    #: whether every machine could be reliably compared with the others
+    #: whether every machine could be reliably compared with the others, to see if it belongs to
+    #: their population
     judged: Annotated[bool, Field(exclude=True)]
-    #: SHA-256 of each campaign; by it, a prior made from a campaign's own readings is refused
+    #: SHA-256 of the readings of each campaign; by it, the population is refused as the prior of a
+    #: campaign that is already part of it
     readings: Annotated[tuple[str, ...], Field(alias="readings_sha256")] = ()
 
     @property
     def not_belonging(self) -> tuple[str, ...]:
-        """Return the machines that stand out from the others, the most deviating machine first."""
+        """Return the machine_id of each machine that stands out from the others.
+
+        A machine stands out if its corrected p-value is below 5 %. The machine with the largest
+        deviation of a parameter comes first.
+        """
         flagged = sorted(machine.name for machine in self.machine.values() if machine.flag)
         return tuple(ranked(flagged, self._largest_z))
 
@@ -189,9 +220,10 @@ class Population(Result):
         return max(abs(z) for z in self.machine[name].z.values())
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the content of population.json.
+        """Return the content of the file population.json, except its sentences and its digest.
 
-        `read_population_prior` makes a prior from its entry ``next``.
+        From its entry ``next``, the prediction for a further machine, `read_population_prior` makes
+        a prior.
         """
         next_machine = {}
         for name, parameter in self.parameters.items():
@@ -211,7 +243,13 @@ class Population(Result):
         }
 
     def machines_table(self) -> pd.DataFrame:
-        """Return a table with one row per machine, in internal units (mm, N, rad)."""
+        """Return a table with one row per machine, in internal units (mm, N, rad).
+
+        Columns are the number of campaigns, p_value, flag and, for each parameter, the estimate
+        with the population (such as C_XXX.mean, .sd, .ci_low, .ci_high), the estimate from the
+        machine's campaigns alone (.alone_mean, .alone_sd), and the deviation z from what the other
+        machines predict.
+        """
         rows: dict[str, dict[str, Any]] = {}
         for name, machine in self.machine.items():
             rows[name] = {
@@ -242,7 +280,10 @@ def _population_record(result: Population) -> dict[str, Any]:
 
 @parts_of.register
 def _population_parts(result: Population) -> tuple[Table | str, ...]:
-    """Return a table with a row per parameter, then sentences on the findings and limitations."""
+    """Return a population for print: a table of its parameters, then sentences.
+
+    The table has a row per parameter; the sentences state the findings and the limitations.
+    """
     heads = (
         "parameter",
         "unit",
@@ -441,18 +482,28 @@ def pool(
 
 
 class _Moments(NamedTuple):
-    """Means, sds and credible intervals of several quantities, in units of the prior sd."""
+    """Means, sds and credible intervals of several parameters, in units of their prior sd.
 
-    mean: Array  #: mean of each quantity, shape (…)
-    sd: Array  #: standard deviation of each quantity, the shape of ``mean``
-    interval: Array  #: lower and upper ends of the credible intervals, shape (2, …)
+    Arrays have one element per parameter, shape (c,), or per machine and parameter, shape (n, c).
+    """
+
+    #: mean of each parameter in units of its prior sd, shape (c,), or (n, c) for n machines
+    mean: Array
+    #: standard deviation of each parameter in units of its prior sd, shape (c,), or (n, c) for n
+    #: machines
+    sd: Array
+    #: lower and upper ends of the credible intervals of the parameters in units of their prior sd,
+    #: shape (2, c), or (2, n, c) for n machines
+    interval: Array
 
 
 def _mix(weight: Array, mean: Array, sd: Array, tails: tuple[float, float]) -> _Moments:
     """Return moments and intervals of Gaussians averaged over weighted draws of the spreads.
 
-    The draws are the first array axis of ``mean`` and ``sd``; the spreads are the standard
-    deviations of the machines. ``tails`` are the probabilities of the ends of the intervals.
+    Spreads are the standard deviations of the machines about the mean of their population. For each
+    of k draws of them, a parameter has a Gaussian distribution. ``mean`` and ``sd`` of these have
+    the shape (k, c), or (k, n, c) for n machines; ``weight``, shape (k,), holds the weights of the
+    draws. ``tails`` are the cumulative probabilities of the two ends of the credible intervals.
     """
     mixture_mean, mixture_sd = mixture_moments(weight, mean, sd)
     return _Moments(mixture_mean, mixture_sd, mixture_quantiles(weight, mean, sd, tails))
@@ -461,7 +512,8 @@ def _mix(weight: Array, mean: Array, sd: Array, tails: tuple[float, float]) -> _
 def _summarize(scale: Array, moments: _Moments) -> list[Summary]:
     """Return the summary of each of the c parameters, in internal units (mm, N, rad).
 
-    The moments, shape (c,), are in units of ``scale``, the prior sds of the parameters.
+    A summary is mean, sd and credible interval. The ``moments`` of the c parameters are in units of
+    ``scale``, shape (c,), which holds the prior sds of the parameters in internal units.
     """
     mean = (scale * moments.mean).tolist()
     sd = (scale * moments.sd).tolist()
@@ -477,12 +529,14 @@ def _pool_parameters(
     shared: Gaussian,
     tails: tuple[float, float],
 ) -> dict[str, PooledParameter]:
-    """Return mean, spread and prediction for the next machine of every parameter.
+    """Return the distribution of every parameter over the machines, by name of the parameter.
 
-    The spreads are the standard deviations of the machines about their mean; they are summarised
-    from all random draws. The distributions of the mean and of the next machine are averages of
-    Gaussians over the first draws, for which ``shared`` holds the Gaussians of the mean and the
-    instrument's errors.
+    It consists of the mean, the spread and the prediction for a further machine. Spreads are the
+    standard deviations of the machines about their mean; they are summarised from all random draws
+    ``spreads``. The distributions of the mean and of a further machine are averages of Gaussians
+    over the draws ``first_spreads``, for each of which ``shared`` holds the Gaussian of the mean
+    and the instrument's errors. ``tails`` are the cumulative probabilities of the two ends of the
+    credible intervals.
     """
     c = len(statistics.parameters)
     scale = statistics.prior_sd[:c]
@@ -515,7 +569,13 @@ def _pool_parameters(
 def _instrument_sd(
     statistics: FleetStatistics, weight: Array, shared: Gaussian, sd: Array
 ) -> Array:
-    """Return, for each of c parameters, the part of the mean's sd due to instrument errors."""
+    """Return the part of the sd of the population's mean that is due to instrument errors, (c,).
+
+    It is given for each of c parameters in units of the parameter's prior sd. ``weight``, shape
+    (k,), holds the weights of k random draws of the machines' spreads. For each draw, ``shared``
+    is the Gaussian of the mean and the instrument's errors, and ``sd``, shape (k, c), the standard
+    deviation of the mean.
+    """
     c = len(statistics.parameters)
     if not statistics.instrument:
         return np.zeros(c)
@@ -533,9 +593,14 @@ def _pool_machines(
     judged: JudgedMachines | None,
     tails: tuple[float, float],
 ) -> dict[str, PooledMachine]:
-    """Return the estimates for every machine, and the machine's comparison with the others.
+    """Return estimates for every machine and its comparison with the others, by machine_id.
 
     One set of estimates uses the population, another only the machine's own campaigns.
+    ``likelihood`` holds the likelihoods of the ``machines``. ``spreads`` are random draws of the
+    machines' standard deviations about the population's mean; for each draw, ``shared`` is the
+    Gaussian of the mean and the instrument's errors. ``judged`` is the comparison, None if there
+    are too few machines. ``tails`` are the cumulative probabilities of the two ends of the credible
+    intervals.
     """
     names = statistics.parameters
     scale = statistics.prior_sd[: len(names)]
@@ -575,7 +640,11 @@ def _estimate_machines_separately(
 ) -> _Moments:
     """Return estimates from each machine's own campaigns, shape (n, c): n machines, c parameters.
 
-    Only the instrument's errors are estimated from all campaigns together.
+    They do not use the population; only the errors of the instrument are estimated from the
+    campaigns of all machines. ``weight``, shape (k,), holds the weights of k random draws of the
+    machines' spreads; for each draw, ``shared`` is the Gaussian of the population's mean and the
+    instrument's errors. ``tails`` are the cumulative probabilities of the two ends of the credible
+    intervals. All values are in units of the prior sd.
     """
     c = parameters
     b_mean, b_covariance = mixture_covariance(
@@ -616,7 +685,8 @@ def _instrument_caveat(
 ) -> Caveat:
     """Return a caveat that names the parameter most affected by the instrument's errors.
 
-    The variance of this parameter's mean has the largest share due to these errors.
+    Of all ``parameters``, it is the one for which these errors cause the largest share of the
+    variance of the population's mean. The caveat also states this share in per cent.
     """
     shares = {}
     for name, parameter in parameters.items():

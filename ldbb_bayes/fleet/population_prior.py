@@ -21,7 +21,8 @@ from ldbb_bayes.results import Shown, read_result
 
 __all__ = ["PopulationPrior", "digest_of", "read_population_prior"]
 
-# Largest relative difference of two reference forces that count as equal (rounding errors only).
+# Two reference forces count as equal if their relative difference is at most this, so that rounding
+# errors do not matter.
 _SAME_FORCE = 1e-9
 
 
@@ -45,24 +46,30 @@ class PopulationPrior(Shown):
     """
 
     reference_force_N: float  #: force at which the compliances are stated [N]
-    machines: int  #: number of machines in the population
-    campaigns: int  #: number of campaigns in the population
-    means: Mapping[str, float]  #: prior mean of each compliance, by name [mm/N, rad/N, …]
-    sds: Mapping[str, float]  #: prior standard deviation of each compliance, by name
-    sha256: str  #: SHA-256 of the contents of the population's result
+    machines: int  #: number of machines in the population from which the prior was made
+    campaigns: int  #: number of campaigns in the population from which the prior was made
+    #: prior mean of each compliance, by name, in internal units (mm, N, rad)
+    means: Mapping[str, float]
+    #: prior standard deviation of each compliance, by name, in internal units (mm, N, rad)
+    sds: Mapping[str, float]
+    #: SHA-256 of the content of population.json, the result from which the prior was made
+    sha256: str
     topology: str  #: topology of the machines: the chain of joints from workpiece to tool
     #: weighted sum of joint compliances that each compliance stands for, by name; a compliance
     #: without entry is taken to have the same sum as in the campaign to be fitted
     compliances: Mapping[str, Meaning] = field(default_factory=dict)
-    machine_ids: frozenset[str] = frozenset()  #: machine_id of each machine in the population
-    readings: frozenset[str] = frozenset()  #: SHA-256 of each campaign in the population
-    population_doubts: tuple[str, ...] = ()  #: sentences on the limitations of the population
+    #: machine_id of each machine in the population from which the prior was made
+    machine_ids: frozenset[str] = frozenset()
+    #: SHA-256 of the readings of each campaign in the population from which the prior was made
+    readings: frozenset[str] = frozenset()
+    #: sentences on the limitations of the population from which the prior was made
+    population_doubts: tuple[str, ...] = ()
 
     def model(self, model: HybridModel) -> HybridModel:
-        """Return a model with the population's priors for its compliances.
+        """Return a model whose compliances have this prior, which a population gives.
 
-        Slopes keep the prior standard deviations of the given model. The compliances of the
-        returned model are stated at the population's reference force.
+        The slopes of compliances keep the prior standard deviations of the given model. The
+        compliances of the returned model are stated at the population's reference force.
 
         Parameters
         ----------
@@ -163,7 +170,11 @@ class PopulationPrior(Shown):
 
 
 def _check_takes_prior(model: HybridModel, name: str) -> None:
-    """Refuse a model that fixes the named compliance, or that states another prior for it."""
+    """Raise an `InputError` if a compliance of a model cannot have the prior of a population.
+
+    ``name`` is the name of the compliance. It cannot if the model fixes it at zero, or states
+    another prior for it.
+    """
     if name in model.fixed:
         raise InputError(
             f"{name} must be free to have the population's prior, got one fixed at zero. Free it."
@@ -234,11 +245,11 @@ def _prior_of(record: Mapping[str, Any]) -> PopulationPrior:
 
 
 def digest_of(record: Mapping[str, Any]) -> str:
-    """Return the SHA-256 of the contents of a population.json, without its entry ``sha256``.
+    """Return the SHA-256 of the content of the file population.json, without its entry ``sha256``.
 
     Parameters
     ----------
-    record : contents of the file; the digest is that of compact JSON with sorted keys.
+    record : content of the file, by key; the digest is that of compact JSON with sorted keys.
     """
     content = {name: value for name, value in record.items() if name != "sha256"}
     text = json.dumps(content, sort_keys=True, separators=(",", ":"))
