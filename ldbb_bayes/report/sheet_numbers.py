@@ -30,12 +30,12 @@ if TYPE_CHECKING:
 
 __all__ = ["SheetNumbers", "StatedQuantity", "ValueAndU", "remark"]
 
-# Share of a quantity's variance. Effects with at least this share are named as confounded with the
-# quantity, and effects with smaller shares are then not named.
+# If effects that a quantity is confounded with have at least this share of its variance, only these
+# effects are named on the certificate.
 _INSEPARABLE = 0.5
 _MOST_NAMES = 2  # largest number of effects that a remark names as confounded with a quantity
-# Share of a compliance's median. If the interval of the compliance begins below this share, only a
-# limit of its stiffness is stated.
+# If the credible interval of a compliance begins below this share of its median, only a limit of
+# the stiffness 1 / C is stated.
 _HARDLY_POSITIVE = 0.2
 _ROTATED_AXIS = str.maketrans("ABC", "XYZ")  # linear axis about which each rotation A, B, C turns
 _SHEET_1_KINDS = (
@@ -73,7 +73,7 @@ class StatedQuantity:
         Verdict on how far the readings determine the quantity, or for a stiffness its compliance.
         None for a quantity that is computed from several parameters.
     limit
-        The limit in words, if only a limit of the quantity is stated.
+        If only a limit of the quantity is stated, the limit in words; otherwise empty.
     hangs_on
         For a quantity that is computed from several parameters: effects that these parameters are
         confounded with.
@@ -102,14 +102,14 @@ class StatedQuantity:
 
     @property
     def is_undetermined(self) -> bool:
-        """Whether the readings leave the quantity undetermined; False if it has no verdict."""
+        """Whether the readings leave the quantity undetermined; False for one without verdict."""
         return self.entry is not None and not is_determined(self.entry)
 
     @property
     def unmodelled_partners(self) -> list[str]:
-        """Effects which the model leaves out and with which the quantity is confounded.
+        """Names of the effects that the quantity is confounded with and that the model leaves out.
 
-        The list is empty if the quantity is also confounded with effects in the model.
+        The list is empty if the quantity is confounded with an effect in the model, too.
         """
         if self.entry is None or self.entry.verdict != "confounded":
             return []
@@ -121,8 +121,9 @@ class StatedQuantity:
     def inseparable_partners(self) -> list[str]:
         """Names of the effects that an undetermined quantity is confounded with.
 
-        These are the effects with at least half of the quantity's variance, or all effects if none
-        has so large a share. The list is empty if the readings determine the quantity.
+        These are the effects with at least half of the quantity's variance. If none has so large a
+        share, they are all effects that the quantity is confounded with. The list is empty if the
+        readings determine the quantity.
         """
         if self.entry is None or self.entry.verdict != "confounded" or not self.is_undetermined:
             return []
@@ -138,9 +139,9 @@ class SheetNumbers:
     Parameters
     ----------
     findings
-        Findings of the fit.
+        All results of the fit that the report shows.
     words
-        Words of the language of the sheets.
+        Texts of the sheets in their language.
     force_N
         Force at which compliances and circular deviations are stated [N].
     """
@@ -151,10 +152,10 @@ class SheetNumbers:
 
     @cached_property
     def parameters(self) -> dict[str, StatedQuantity]:
-        """Compliances at the stated force, their slopes, and geometric errors, by name.
+        """Compliances at the force ``force_N``, their slopes, and geometric errors, by name.
 
-        Slopes are stated only if a change of compliance with force is more probable than none. Tool
-        offsets are never stated.
+        Slopes (changes of compliance with force) are stated only if a change with force has a
+        probability above one half. Offsets of the tool ball are never stated.
         """
         bound = bound_of(self.findings.numbers)
         names = _names_by_label(bound)
@@ -180,7 +181,7 @@ class SheetNumbers:
     def _draws(self) -> Mapping[str, Any]:
         """Random draws of each parameter from the posterior, in internal units (mm, N, rad).
 
-        Compliances are those at the stated force.
+        Compliances are those at the force ``force_N``.
         """
         return draws_at(self.findings.numbers, self.force_N)
 
@@ -191,7 +192,11 @@ class SheetNumbers:
         return {name: interval_numbers(draws, prob) for name, draws in self._draws.items()}
 
     def _quantity_words(self, name: Any, degree: int) -> str:
-        """Return the name of a parameter (compliance, its slope, geometric error) in words."""
+        """Return the name of a parameter in words, in the language of the sheets.
+
+        ``name`` is a compliance or geometric error, split into its parts. ``degree`` is 0 for the
+        parameter itself, 1 for the slope and 2 for the curvature of a compliance in force.
+        """
         key = str(name.kind)
         if degree == 1:
             key = "slope"
@@ -213,8 +218,8 @@ class SheetNumbers:
     def stiffnesses(self) -> dict[str, StatedQuantity]:
         """Stiffness of every axis: 1 / C at the median of its direct compliance C.
 
-        Keys are the labels of C. If C may be as small as a fifth of its median, only a lower limit
-        of the stiffness is stated.
+        Keys are the labels of C, such as ``C_XXX``. If the credible interval of C begins below a
+        fifth of its median, only a lower limit of the stiffness is stated.
         """
         stated = {}
         for compliance in bound_of(self.findings.numbers).compliances:
@@ -225,9 +230,9 @@ class SheetNumbers:
     def _stiffness(self, compliance: Any) -> StatedQuantity:
         """Return the stiffness 1/C of a direct compliance C.
 
-        The stiffness has a value and an uncertainty if the interval of C begins well above zero.
-        Otherwise it has a lower limit, which is the stiffness at the upper end of the interval. If
-        this end is not positive, no stiffness is stated.
+        The stiffness has a value and an uncertainty if the credible interval of C begins above a
+        fifth of the median. Otherwise it has a lower limit: the stiffness at the upper end of the
+        interval. If this end is not positive, no stiffness is stated.
         """
         summary = self._summaries[compliance.label]
         median = summary["median"]
@@ -237,7 +242,8 @@ class SheetNumbers:
         limit = ""
         sd = np.nan
         if low > smallest > 0.0:
-            # Limit the compliance from below: rare draws near zero would dominate the sd of 1 / C.
+            # Raise the few draws of the compliance C that are near zero: they would dominate the
+            # standard deviation of 1 / C.
             draws = np.maximum(self._draws[compliance.label], 0.5 * smallest)
             sd = float(np.std(1.0 / draws))
         elif high > 0.0:
@@ -257,7 +263,10 @@ class SheetNumbers:
 
     @cached_property
     def further(self) -> dict[str, StatedQuantity]:
-        """Quantities of sheet 1 other than stiffnesses: some compliances, and squareness."""
+        """Quantities of sheet 1 other than stiffnesses and circular deviations, by label.
+
+        They are cross compliances, rotations caused by forces or moments, and squareness errors.
+        """
         names = _names_by_label(bound_of(self.findings.numbers))
         stated = {}
         for label, quantity in self.parameters.items():
@@ -267,9 +276,10 @@ class SheetNumbers:
 
     @cached_property
     def path(self) -> dict[str, StatedQuantity]:
-        """Circular deviations G, F_max and F_min of the tool path in every plane.
+        """Circular deviations G, F_max and F_min of the tool path in every plane, by symbol.
 
-        Effects that the geometric errors are confounded with change these deviations too.
+        They are those at the force ``force_N``. Effects that the geometric errors are confounded
+        with change these deviations, too.
         """
         prob = self.findings.prob
         table = predict_circularity(self.findings.numbers, [self.force_N], prob=prob)
@@ -294,18 +304,21 @@ class SheetNumbers:
         return stated
 
     def _partners_of_geometry(self) -> tuple[str, ...]:
-        """Return the effects that undetermined geometric errors are confounded with."""
+        """Return the effects that undetermined geometric errors are confounded with, by name."""
         partners: dict[str, None] = {}
         for name, quantity in self.parameters.items():
             if name.startswith("E_") and quantity.is_undetermined:
                 partners |= dict.fromkeys(quantity.inseparable_partners)
-        # Leave out the bar's length: its error makes the circle larger, but not less round.
+        # Leave out the error of the bar's length, which makes the circle larger but not less round.
         partners.pop(BarLength.__name__, None)
         return tuple(partners)
 
 
 def _names_by_label(bound: BoundModel) -> dict[str, Any]:
-    """Return the names of compliances and geometric errors, split into parts, by label."""
+    """Return the names of compliances and geometric errors as objects, by label such as ``C_XXX``.
+
+    An object has the parts of the name, such as the axis, as attributes.
+    """
     names: list[Any] = [*bound.compliances, *geometric_errors_of(bound.campaign)]
     return {name.label: name for name in names}
 
@@ -318,12 +331,12 @@ def remark(quantity: StatedQuantity, words: Words) -> str:
     quantity
         Quantity that a sheet states.
     words
-        Words of the language of the sheet.
+        Texts of the sheet in its language.
 
     Returns
     -------
     str
-        The remark; empty if none is needed.
+        The remark, in the language of the sheet; empty if none is needed.
     """
     entry = quantity.entry
     if entry is None:

@@ -25,8 +25,8 @@ __all__ = ["sheets"]
 
 _MOST_REASONS = 2  # largest number of reasons in the banner on whether the numbers can be used
 _MOST_UNDETERMINED = 12  # largest number of undetermined quantities that sheet 1 lists
-_LONGEST_ENTRY = 70  # longest text of a form field [characters]
-_LONGEST_CERTIFICATE = 32  # longest name of a calibration certificate [characters]
+_LONGEST_ENTRY = 70  # largest number of characters of a text in a form field
+_LONGEST_CERTIFICATE = 32  # largest number of characters of the name of a calibration certificate
 _DEGREES = ("constant", "linear", "quadratic")
 _CAMPAIGN_ENTRIES = ("machine_type", "serial_number", "date", "operator", "place")
 _DEVICE_ENTRIES = ("ball_bar", "ball_bar_calibrated", "force_device")
@@ -40,7 +40,7 @@ def sheets(
     Parameters
     ----------
     findings
-        Findings of a fit.
+        All results of a fit that a report shows.
     language
         Code of the language, such as en; the package must have a catalogue of words for it.
     force_N
@@ -112,7 +112,10 @@ def _first_sheet(numbers: SheetNumbers) -> Iterator[Block]:
 
 
 def _undetermined(numbers: SheetNumbers) -> list[str]:
-    """Return texts on the quantities that the readings do not determine, with the reasons."""
+    """Return texts on the quantities that the readings do not determine, each with the reason.
+
+    If there are none, the only text states this.
+    """
     words = numbers.words
     items = []
     if 0.05 < numbers.findings.varying < 0.95:
@@ -136,7 +139,10 @@ def _undetermined(numbers: SheetNumbers) -> list[str]:
 
 
 def _averaged_models(findings: Findings, words: Words) -> str:
-    """Return a sentence on the model or the average over models that gave the sheets' numbers."""
+    """Return a sentence on the model that the numbers of the sheets are from.
+
+    If they are averages over models, it states the probabilities of the models.
+    """
     probabilities = findings.probabilities
     if not probabilities:
         degree = _DEGREES[findings.result["model"]["degree"]]
@@ -183,7 +189,11 @@ def _second_sheet(numbers: SheetNumbers) -> Iterator[Block]:
 
 
 def _meanings_of_partners(numbers: SheetNumbers) -> list[str]:
-    """Return explanations of the effects (model terms) that parameters are confounded with."""
+    """Return explanations of the effects that are named with the verdicts on parameters.
+
+    The effects are model terms, such as the mount, that a parameter is confounded with or that
+    contribute to its variance. Each explanation is a text in the language of the sheets.
+    """
     words = numbers.words
     partners: dict[str, None] = {}
     for quantity in numbers.parameters.values():
@@ -240,7 +250,11 @@ def _table_with_intervals(numbers: SheetNumbers, quantities: Sequence[StatedQuan
 def _table(
     numbers: SheetNumbers, caption: str, keys: Sequence[str], rows: Sequence[Sequence[str]]
 ) -> Table:
-    """Return a table with column headings in the language of the sheet, one heading per key."""
+    """Return a table with column headings in the language of the sheet.
+
+    ``keys`` name the headings in the catalogue of words, such as ``value``; ``rows`` are the texts
+    of the cells.
+    """
     words = numbers.words
     percent = words.number(f"{100 * numbers.findings.prob:g}")
     heads = {key: words(f"heads.{key}", percent=percent) for key in keys}
@@ -249,7 +263,10 @@ def _table(
 
 
 def _conformity(numbers: SheetNumbers) -> Iterator[Table | str]:
-    """Yield a table of tolerances with the decision on each, if there are tolerances."""
+    """Yield a table of tolerances with the decision on each, and a note on the decisions.
+
+    Yield nothing if there are no tolerances.
+    """
     words = numbers.words
     quantities = dict(numbers.parameters)
     for label, quantity in numbers.stiffnesses.items():
@@ -317,8 +334,8 @@ def _banner(numbers: SheetNumbers) -> Banner:
     forces_N = campaign_of(findings.numbers).forces_N
     if not forces_N.min() <= numbers.force_N <= forces_N.max():
         outside = words("state.outside", force=words.number(f"{numbers.force_N:.4g}"))
-        # A force outside the tested range is the first reason, or the second if the numbers cannot
-        # be used for another reason.
+        # A stated force outside the tested range is the first reason for caution. If the numbers
+        # cannot be used for another reason, it is the second.
         reasons.insert(1 if is_unusable else 0, outside)
 
     kind = "usable"
@@ -338,7 +355,11 @@ def _banner(numbers: SheetNumbers) -> Banner:
 
 
 def _missing_certificates(findings: Findings, words: Words) -> str:
-    """Return a note on parts of the instrument without certificate; empty if all have one."""
+    """Return a note that some or all parts of the instrument have no certificate.
+
+    The note is empty if all have one, or for a fit by least squares, which assumes nothing of the
+    instrument.
+    """
     if findings.flat:
         return ""
     is_stated = [piece.is_stated for piece in _instrument(findings)]
@@ -353,7 +374,10 @@ def _missing_certificates(findings: Findings, words: Words) -> str:
 
 
 def _entries(findings: Findings, words: Words) -> Iterator[tuple[str, str]]:
-    """Yield names and texts of form fields; a text that the campaign does not state is empty."""
+    """Yield the name and the text of each form field of sheet 1, such as operator and place.
+
+    A text that the campaign does not state is empty.
+    """
     campaign = bound_of(findings.posterior).campaign
     for key in _CAMPAIGN_ENTRIES:
         yield words(f"fields.{key}"), _shorten(str(getattr(campaign, key) or ""))
@@ -401,7 +425,10 @@ def _entries(findings: Findings, words: Words) -> Iterator[tuple[str, str]]:
 
 
 def _certificate_name(findings: Findings, key: str) -> str:
-    """Return the name of an instrument part's certificate in brackets; empty if it has none."""
+    """Return the name of the certificate of a part of the instrument, in brackets.
+
+    ``key`` names the part, such as ``bar``. The text is empty if the part has no certificate.
+    """
     certificates = campaign_of(findings.posterior).instrument.certificates
     for name, certificate in certificates.items():
         if name.startswith(key):
@@ -410,15 +437,20 @@ def _certificate_name(findings: Findings, key: str) -> str:
 
 
 class _InstrumentPiece(NamedTuple):
-    """A part of the instrument with its certified or assumed uncertainty."""
+    """A part of the instrument with its certified or assumed uncertainty.
+
+    ``key`` names the part, such as ``bar``. ``is_stated`` is whether a certificate states its
+    uncertainty.
+    """
 
     key: str
-    #: Text of the part's certified value or grade, or of its assumed uncertainty U (k = 2).
+    #: text of the part's certified value or grade, or of its assumed uncertainty U (k = 2)
     size: str
     is_stated: bool
 
 
-# Name of the instrument error whose uncertainty the sheets state, by part of the instrument.
+# Names of the errors of the instrument whose uncertainties the sheets of the certificate state, by
+# part of the instrument.
 _UNCERTAINTY_OF_PIECE = {
     "bar": "bar_length",
     "work": "work_form_2",
@@ -444,9 +476,10 @@ def _instrument(findings: Findings) -> list[_InstrumentPiece]:
 
 
 def _ball_size(findings: Findings, key: str) -> str:
-    """Return the stated grade or sphericity of a ball as text; empty if it is not stated.
+    """Return the stated grade or sphericity of a ball as text, such as G10 or 0.2 µm.
 
-    ``key`` names a part of the instrument; for parts other than balls the text is empty too.
+    ``key`` names a part of the instrument. The text is empty if the grade is not stated, or if the
+    part is not a ball.
     """
     if key not in ("work", "tool"):
         return ""
@@ -459,7 +492,8 @@ def _ball_size(findings: Findings, key: str) -> str:
 def _size(key: str, uncertainty: Uncertainty) -> str:
     """Return the uncertainty U (k = 2) of a part of the instrument as text.
 
-    For the bar, its length error comes first if it is stated.
+    ``key`` names the part. A certified uncertainty is written as U = …, an assumed one as ± …. For
+    the bar, the error of its length precedes the uncertainty if it is not zero.
     """
     if uncertainty.unit == "1" or key == "mount":
         size = f"{two_digits(2.0 * uncertainty.sd / (uncertainty.value or 1.0), 100.0)} %"

@@ -45,10 +45,17 @@ from ldbb_bayes.units import (
 
 __all__ = ["comparison_parts", "parts_of"]
 
-_SMALL_SHARE = 0.005  # contributions with smaller shares of the variance share one row of a budget
-_NEGLIGIBLE_SHARE = 5e-4  # smallest share of the variance for which a budget has this common row
-_LARGE_SHARE = 0.05  # smallest share of the variance for which a source is named as limiting u
-_MOST_SOURCES = 3  # largest number of uncertainty sources named as limiting a parameter's u
+# Contributions to an uncertainty budget with smaller shares of the variance than this have no rows
+# of their own; one row states their sum.
+_SMALL_SHARE = 0.005
+# Smallest share of the variance at which an uncertainty budget has a row for the sum of its small
+# contributions.
+_NEGLIGIBLE_SHARE = 5e-4
+# Smallest share of a parameter's variance at which a source is named among the largest sources of
+# the parameter's standard uncertainty u.
+_LARGE_SHARE = 0.05
+# Largest number of sources that are named as the largest of a parameter's standard uncertainty u.
+_MOST_SOURCES = 3
 
 
 # ---- import of a campaign
@@ -56,7 +63,10 @@ _MOST_SOURCES = 3  # largest number of uncertainty sources named as limiting a p
 
 @parts_of.register
 def _passages_of_imported(result: Imported) -> tuple[Passage, ...]:
-    """Return a heading with the numbers of tests and readings, and a list of assumptions."""
+    """Return a heading with the numbers of tests and readings of an imported campaign, and a list.
+
+    The list has the assumptions that the import made, each with the option that changes it.
+    """
     campaign = result.campaign
     heading = (
         f"{campaign.name}: {len(campaign.tests)} tests, {campaign.readings} readings. Assumed"
@@ -116,7 +126,7 @@ def _passages_of_simulation(simulation: Simulation) -> tuple[Passage, ...]:
 
 @parts_of.register
 def _passages_of_fit(fit: Fit) -> tuple[Passage, ...]:
-    # Leave out the concern that the sampler missed its target: the verdict already states it.
+    # Leave out the concern that the sampler missed its target: the verdict on the fit states it.
     concerns = tuple(concern for concern in fit.concerns if concern.kind != "not-converged")
     return (wording.fit_verdict(fit), *wording.concern_sentences(concerns, {}))
 
@@ -149,8 +159,9 @@ def _passages_of_least_squares(result: LeastSquares) -> tuple[Passage, ...]:
 def _passages_of_validation(validation: Validation) -> tuple[Passage, ...]:
     """Return a table of how often credible intervals hold the true values in simulations.
 
-    The table also states whether the ranks of the true values among the random draws of their
-    posteriors are uniform. The standard uncertainty of the shares and a verdict follow.
+    The table also states, for each quantity, whether the ranks of the true values among the random
+    draws from their posteriors are uniformly distributed. Sentences with the standard uncertainty
+    of the shares and a verdict follow.
     """
     coverage = validation.coverage()
     intervals = [name for name in coverage.columns if not name.startswith("u")]
@@ -177,7 +188,11 @@ def _record_of_validation(result: Validation) -> dict[str, Any]:
 
 @parts_of.register(ByName)
 def _decisions_or_budgets(results: ByName[Any]) -> tuple[Passage, ...]:
-    """Return a table of uncertainty budgets by parameter, or of decisions on conformity."""
+    """Return a table of several uncertainty budgets, or of several decisions on conformity.
+
+    ``results`` holds budgets by parameter, or decisions by quantity. The table has one row for
+    each.
+    """
     if not all(isinstance(result, Budget) for result in results.values()):
         return (conformity_table({name: result.as_dict() for name, result in results.items()}),)
     rows = []
@@ -259,13 +274,16 @@ def _budget_row(contribution: Any, factor: float) -> tuple[str, ...]:
 
 class _BudgetSource(NamedTuple):
     words: str
-    #: Factor from the internal unit of the source's uncertainty to the unit shown.
+    #: factor from the internal unit of the source's uncertainty (mm, N, rad) to the unit shown
     factor: float
     unit: str
 
 
 def _budget_source(contribution: Any) -> _BudgetSource:
-    """Return the name of the source of a contribution to a budget, and the unit shown."""
+    """Return the name of the source of a contribution in words, and the unit of its uncertainty.
+
+    ``contribution`` is a line of an uncertainty budget.
+    """
     term_words = wording.source_words(contribution.term)
     if contribution.source == contribution.term:
         if contribution.unit == "N":
@@ -280,7 +298,10 @@ def _budget_source(contribution: Any) -> _BudgetSource:
 
 @wording.with_words.register
 def _record_of_budget(result: Budget) -> dict[str, Any]:
-    """Return the JSON record of an uncertainty budget, with what would reduce u most."""
+    """Return the JSON record of an uncertainty budget, with a measure that would reduce u most.
+
+    u is the standard uncertainty of the budget's parameter.
+    """
     return {**result.as_dict(), "improve": wording.remedy_words(result)}
 
 
@@ -334,7 +355,7 @@ def _record_of_comparison(result: Comparison) -> dict[str, Any]:
 
 @parts_of.register
 def _passages_of_design(design: Design) -> tuple[Passage, ...]:
-    """Return tables of the tests to run and of expected uncertainties, with explanations."""
+    """Return tables of the tests to run and of the uncertainties to expect, and sentences."""
     heads = [wording.PAGE["tests"].get(name, name) for name in ("force_N", *design.columns)]
     rows = []
     for row in design.table.to_numpy(dtype=object).tolist():
@@ -360,8 +381,9 @@ def _design_cell(value: Any) -> str:
 def _expected_table(design: Design) -> Table:
     """Return a table of the expected standard uncertainty u of every parameter.
 
-    Further columns state u under the other designs compared, the limit of u for ever more
-    repetitions of the tests, and the prior sd.
+    The first column of values is for the recommended tests. Further columns state u for the other
+    designs that were compared, the limit of u for ever more repetitions of the recommended tests,
+    and the prior standard deviation.
     """
     rows = []
     for name, expected in design.expected.items():

@@ -22,7 +22,7 @@ _TEMPLATES = files("ldbb_bayes.report") / "templates"
 
 @dataclass(frozen=True)
 class Words:
-    """Words of the sheets in one language.
+    """Texts of the certificate's sheets in one language.
 
     Parameters
     ----------
@@ -36,26 +36,32 @@ class Words:
     table: Mapping[str, Any]
 
     def __call__(self, key: str, **values: str) -> str:
-        """Return the text with a key such as ``heads.value``, with the given values filled in."""
+        """Return the text with a key such as ``heads.value``, with values filled in.
+
+        ``values`` replace the names in braces in the text, such as ``{force}``.
+        """
         words: Any = self.table
         for name in key.split("."):
             words = words[name]
         return str(words).format(**values)
 
     def number(self, text: str) -> str:
-        """Return a text with the decimal mark of its numbers changed to that of the language."""
+        """Return a text with the decimal mark of its numbers in the language, as in "1,5"."""
         return re.sub(r"(?<=\d)\.(?=\d)", str(self.table["decimal"]), text)
 
     def joined(self, items: Sequence[str]) -> str:
-        """Return items joined to one text with the language's word for and: a, b and c."""
+        """Return items joined to one text with the language's word for "and": "a, b and c"."""
         return joined(items, str(self.table["and"]).strip())
 
     def unit(self, label: str) -> str:
-        """Return the label of a unit with the word per translated into the language."""
+        """Return the label of a unit with the word " per " translated into the language."""
         return label.replace(" per ", str(self.table["per"]))
 
     def percent(self, probability: float) -> str:
-        """Return a probability in per cent as text; ``< 1`` below 1 %, ``> 99`` above 99 %."""
+        """Return a probability in per cent as text, such as "40 %".
+
+        It is written as "< 1 %" below 1 %, and as "> 99 %" above 99 %.
+        """
         shown = min(max(100.0 * probability, 1.0), 99.0)
         sign = ""
         if probability < 0.01:
@@ -65,8 +71,9 @@ class Words:
         return self("percent", value=f"{sign}{shown:.0f}")
 
     def term(self, name: str) -> str:
-        """Return the name of a model term or parameter in the language.
+        """Return the name of a model term or parameter in the language of the sheets.
 
+        ``name`` is the class name of the term, such as ``BarLength``, or the name of the parameter.
         Names of terms that a user defined are not translated.
         """
         if name in self.table["terms"]:
@@ -77,7 +84,7 @@ class Words:
 
 
 def languages() -> tuple[str, ...]:
-    """Return the codes of the languages that have a catalogue."""
+    """Return the codes, such as ``en``, of the languages that have a catalogue of words."""
     codes = []
     for entry in _TEMPLATES.iterdir():
         match = re.fullmatch(r"words_(\w+)\.toml", entry.name)
@@ -88,7 +95,7 @@ def languages() -> tuple[str, ...]:
 
 @cache
 def words_of(language: str) -> Words:
-    """Return the words of a language.
+    """Return the texts of the certificate's sheets in a language.
 
     Parameters
     ----------
@@ -102,7 +109,7 @@ def words_of(language: str) -> Words:
     Raises
     ------
     InputError
-        The language has no catalogue.
+        The language has no catalogue of words.
     """
     check_known("language", [language], languages())
     catalogue = _TEMPLATES / f"words_{language}.toml"

@@ -125,22 +125,29 @@ MORE = "All of it: print(result.details()). For programs: lb.report.with_words(r
 NONE_ALIKE = "The readings determine every combination of what the model contains."
 
 # Limits at which the wording of sentences changes; no result depends on them.
-_EQUAL_RATIOS = 2e-3  # ratios of expected uncertainties that differ by less count as equal
+# Ratios of expected uncertainties, of one design to another, count as equal if they differ by less.
+_EQUAL_RATIOS = 2e-3
 _MOST_CHECKS = 3  # largest number of failed checks that a sentence on a fit names
 # Natural logarithm of the posterior probability that no compliance is negative. Below this value,
 # ln 1e-6, sentences say that the readings contradict non-negative compliance.
 _CONTRADICTED = -13.815510557964274
-_SURE = 0.95  # probability that a slope is not zero, from which on sentences call it certain
+# Sentences call a slope (change of a compliance with force) certain if the probability that it is
+# not zero is at least this.
+_SURE = 0.95
 _MOST_NAMES = 5  # largest number of campaigns or tests that a sentence names
-_MOST_JOINED = 3  # largest number of campaigns named as outside their control limits
+_MOST_JOINED = 3  # largest number of campaigns that a sentence names as outside control limits
 _MOST_LISTED_TESTS = 12  # largest number of tests to run that a sentence lists
-_UNLIKELY = 5e-4  # smallest probability stated as a number with three decimals, not as < 0.001
+# Smallest probability that is stated as a number with three decimals; smaller ones are stated as
+# "< 0.001".
+_UNLIKELY = 5e-4
 # p-value below which two campaigns are said to disagree about an error of their common instrument.
 _CONFLICT = 0.01
-_NARROWER = 0.9  # certificates that reduce u to less than this share are mentioned
+# Certificates of the instrument are mentioned with a parameter if they would reduce its standard
+# uncertainty u to less than this share.
+_NARROWER = 0.9
 _STRENGTHS = (
-    # Each entry: an upper limit of |ln B|, with the Bayes factor B, and the words for values up to
-    # it. Source: Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773.
+    # Each entry is an upper limit of |ln B|, where B is a Bayes factor, and the words for values
+    # below this limit. Source: Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773.
     (1.0, "not worth more than a bare mention"),
     (3.0, "positive evidence"),
     (5.0, "strong evidence"),
@@ -196,13 +203,19 @@ def _point_words(point: Sequence[float]) -> str:
 
 
 def _sentences(macro: str, *findings: Any) -> tuple[str, ...]:
-    """Return the sentences that a macro of the template sentences.j2 makes from results."""
+    """Return the sentences that a macro of the template sentences.j2 makes from results.
+
+    ``macro`` is the name of the macro; ``findings`` are its arguments.
+    """
     module = _environment().get_template("sentences.j2").module
     return tuple(_lines(getattr(module, macro)(*findings)))
 
 
 def _sentence(macro: str, *findings: Any) -> str:
-    """Return the one-line text that a macro of the template sentences.j2 makes from results."""
+    """Return the one-line text that a macro of the template sentences.j2 makes from results.
+
+    ``macro`` is the name of the macro; ``findings`` are its arguments.
+    """
     return " ".join(_sentences(macro, *findings))
 
 
@@ -238,14 +251,14 @@ def with_words(result: Any) -> dict[str, Any]:
 
 
 def joined(items: Sequence[str], word: str = "and") -> str:
-    """Return items joined to one text by commas and a last word, such as: a, b and c."""
+    """Return items joined to one text by commas and a word before the last, as in "a, b and c"."""
     if len(items) < 3:
         return f" {word} ".join(items)
     return f"{', '.join(items[:-1])} {word} {items[-1]}"
 
 
 def _first_names(names: Sequence[str]) -> str:
-    """Return the first few names as one text, with the number of names not listed."""
+    """Return names as one text; from the sixth on, only their number is stated ("and 3 more")."""
     text = ", ".join(names[:_MOST_NAMES])
     if len(names) > _MOST_NAMES:
         text += f" and {len(names) - _MOST_NAMES} more"
@@ -253,7 +266,7 @@ def _first_names(names: Sequence[str]) -> str:
 
 
 def _joined_parameters(names: Sequence[str]) -> str:
-    """Return the names of parameters, in the notation of the paper, joined to one text."""
+    """Return parameters in the notation of the paper, joined to one text: "C_XXX and C_YYY"."""
     return joined([display_name(name) for name in names])
 
 
@@ -263,8 +276,8 @@ def _joined_parameters(names: Sequence[str]) -> str:
 def unit_words(name: str) -> tuple[float, str]:
     """Return the unit in which a nuisance coefficient is shown: its size and its label.
 
-    The size is in internal units (mm, N, rad). A nuisance coefficient is an effect that is modelled
-    but not of interest.
+    The size is in internal units (mm, N, rad); for example, it is 1e-3 with the label "µm". A
+    nuisance coefficient is an effect that is modelled but not of interest.
     """
     inside_unit, one, label = Term.owner(name).unit_of(name)
     if inside_unit.endswith("/N"):
@@ -274,7 +287,9 @@ def unit_words(name: str) -> tuple[float, str]:
 
 
 def nuisance_words(name: str) -> str:
-    """Return the name of a nuisance coefficient in words: 2-lobe form (cos 2θ) for form_cos2.
+    """Return the name of a nuisance coefficient in words.
+
+    For example, ``form_cos2`` is "2-lobe form (cos 2θ)".
 
     A nuisance coefficient is an effect that is modelled but not of interest.
     """
@@ -282,7 +297,7 @@ def nuisance_words(name: str) -> str:
 
 
 def term_words(term: str) -> str:
-    """Return the name of an effect in words: ball form for BallForm.
+    """Return the name of an effect in words, such as "ball form" for the model term ``BallForm``.
 
     The name of a parameter is returned in the notation of the paper.
     """
@@ -294,14 +309,21 @@ def term_words(term: str) -> str:
 
 
 def source_words(term: str) -> str:
-    """Return the name of a source of uncertainty in words, as an uncertainty budget shows it."""
+    """Return the name of a source of uncertainty in words, as an uncertainty budget shows it.
+
+    ``term`` is the class name of a model term, or the name of the parameters' own priors.
+    """
     if term == OWN:
         return "prior of the parameters"
     return term_words(term)
 
 
 def _amount_words(value: float, factor: float, label: str, name: str, plus: str = "+") -> str:
-    """Return the amount of a parameter or effect in words, such as +6.67 µm/m of E_XX1."""
+    """Return the amount of a parameter or effect in words, such as "+6.67 µm/m of E_XX1".
+
+    ``value`` times ``factor`` is the amount in the unit ``label``. ``plus`` is the sign before a
+    positive amount.
+    """
     size = abs(value) * factor
     if size < 0.01 and label.startswith("µ"):
         size *= 1e3
@@ -335,10 +357,10 @@ def statement(degeneracy: Degeneracy) -> str:
 
 
 def _effect_words(degeneracy: Degeneracy) -> str:
-    """Return in words the amounts of effects that change the readings as some parameters do.
+    """Return in words the amounts of the nuisance effects in a degeneracy.
 
-    The effects and parameters are those of one degeneracy, that is, of one combination that no
-    reading can resolve.
+    A degeneracy is a combination of parameters and other effects that no reading can resolve: its
+    effects together change the readings as its parameters do.
     """
     amounts = []
     for name in degeneracy.nuisances:
@@ -353,9 +375,10 @@ def _effect_words(degeneracy: Degeneracy) -> str:
 
 
 def cure_words(degeneracy: Degeneracy, cures: Sequence[Cure]) -> str:
-    """Return a sentence on measures, such as other tests, that would remove a degeneracy.
+    """Return a sentence on measures that would remove a degeneracy.
 
-    A degeneracy is a combination of parameters that no reading can resolve.
+    A degeneracy is a combination of parameters and other effects that no reading can resolve.
+    ``cures`` are the kinds of measures, such as other forces or a calibration.
     """
     calibration = "a calibration of it"
     if degeneracy.term in Term.kinds:
@@ -371,7 +394,8 @@ def degeneracy_items(
 ) -> tuple[str, ...]:
     """Return a text on every degeneracy, with the measures that would remove the degeneracy.
 
-    A degeneracy is a combination of parameters that no reading can resolve.
+    A degeneracy is a combination of parameters and other effects that no reading can resolve.
+    ``cures`` are the measures for each degeneracy.
     """
     items = []
     for degeneracy, cures_of_it in zip(degeneracies, cures, strict=True):
@@ -380,9 +404,10 @@ def degeneracy_items(
 
 
 def alias_sentences(degeneracies: Sequence[Degeneracy]) -> Iterator[str]:
-    """Yield sentences on parameters that readings cannot separate from each other or from effects.
+    """Yield sentences on parameters that the readings cannot separate.
 
-    The effects may be in the model, or may be left out of it.
+    The parameters cannot be separated from each other, from nuisance effects in the model, or from
+    effects that the model leaves out.
 
     Parameters
     ----------
@@ -422,7 +447,10 @@ def _confounding_sentence(degeneracies: Sequence[Degeneracy], meaning: str) -> I
 
 
 def standing_words(standing: Standing) -> str:
-    """Return a sentence on parameters that look like another effect, such as drift."""
+    """Return a sentence on parameters that look like an effect such as drift or friction.
+
+    ``standing`` is the kind of effect and the names of the parameters.
+    """
     names = _joined_parameters(standing.parameters)
     return str(_SENTENCES["standing"][standing.kind].format(names=names))
 
@@ -441,7 +469,11 @@ def expectation(fit: Fit) -> str:
 
 
 def check_notes(fit: Fit) -> tuple[str, ...]:
-    """Return notes on unexpected features of the readings that hardly affect any interval."""
+    """Return notes on features of the readings that the fitted model does not expect.
+
+    Features that make the fit a misfit are left out, so that those noted hardly affect any credible
+    interval.
+    """
     return _sentences("check_notes", fit)
 
 
@@ -461,10 +493,10 @@ def sampler_words(sampler: Mapping[str, Any]) -> str:
 
 
 def check_words(check: Check) -> str:
-    """Return the subject of a check in words, such as order 4 of f520.
+    """Return the subject of a check in words, such as "order 4 of f520".
 
-    Order 4 is the Fourier component of the readings at four times the angle; f520 is the name of a
-    test.
+    In this example, order 4 is the Fourier component of the readings at four times the angle, and
+    f520 is the name of a test.
     """
     kinds = {"noise": "white noise", "autocorrelation": "autocorrelation"}
     kind = kinds.get(check.kind, f"order {check.order}")
@@ -527,7 +559,7 @@ def assumption_words(assumption: Any) -> str:
 
 
 def remark_words(remark: Remark) -> str:
-    """Return a remark on a campaign or one of its tests in words."""
+    """Return a remark on a campaign, or on one of its tests, in words."""
     if remark.kind in _SENTENCES["remarks"]:
         return str(_SENTENCES["remarks"][remark.kind].format(**remark.values))
     template = _environment().from_string(_SENTENCES["choices"][remark.kind])
@@ -535,7 +567,7 @@ def remark_words(remark: Remark) -> str:
 
 
 def look_sentences(preview: CampaignPreview) -> list[str]:
-    """Return a sentence on each oddity of a campaign's readings, with the names of the tests."""
+    """Return a sentence on each kind of oddity in a campaign's readings, with names of tests."""
     tests_by_words: dict[str, list[str]] = {}
     for test in preview.tests:
         for remark in test.remarks:
@@ -559,7 +591,11 @@ def _add_remarks(record: dict[str, Any], remarks: Sequence[Remark]) -> None:
 
 
 def assumed_words(uncertainty: Uncertainty) -> tuple[str, str]:
-    """Return the name of an assumed instrument error, and where campaign.toml states it."""
+    """Return the name of an error of the instrument in words, and its place in campaign.toml.
+
+    The place is where a certificate's value of the error can be stated. If there is none, the text
+    names the model term that assumes the error.
+    """
     table, _, key = uncertainty.certificate.partition("_")
     if key:
         place = f"[{table}] {key}"
@@ -577,15 +613,16 @@ def assumed_words(uncertainty: Uncertainty) -> tuple[str, str]:
 def machine_sentences(machine: Any) -> tuple[str, ...]:
     """Return sentences on a machine's joints and on the parameters that circular tests can show.
 
-    They also state the rank of the design matrix, and parameters without effect on the readings.
+    They also state the rank of the matrix of derivatives of the readings by the compliances, and
+    the parameters without effect on the readings.
     """
     return _sentences("machine_sentences", machine)
 
 
 def sum_in_words(parameter: VisibleParameter) -> str:
-    """Return the sum of parameters that one parameter stands for as text: C_XXX + C_XXY.
+    """Return the sum of parameters that one parameter represents as text: "C_XXX + C_XXY".
 
-    Weights in the sum are written if they differ from one; their units are mm and mm².
+    Weights in the sum are written if they differ from one, in mm or mm².
     """
     text = ""
     for name, weight in parameter.members.items():
@@ -604,10 +641,11 @@ def sum_in_words(parameter: VisibleParameter) -> str:
 
 
 def joined_sizes(hyper_um: Mapping[str, float], equals: str) -> str:
-    """Return hyper-parameters (scales of the noise and other effects) with values as one text.
+    """Return hyper-parameters with their values as one text, such as "sigma = 0.2 µm".
 
-    The hyper-parameters λ, each the ratio of one circle's noise to that of the other circles, are
-    left out.
+    Hyper-parameters are scales of the noise and of other effects [µm]. Those named λ, each the
+    ratio of one circle's noise to that of the other circles, are left out. ``equals`` is the text
+    between name and value.
     """
     sizes = []
     for name, value in hyper_um.items():
@@ -669,9 +707,10 @@ def identifiability_sentences(result: Identifiability) -> tuple[str, ...]:
 
 
 def _worth_of_certificates(result: Identifiability) -> dict[str, list[str]]:
-    """Return texts on the parameters whose uncertainty a certificate reduces, by certificate.
+    """Return texts on the parameters whose uncertainty a certificate would reduce, by certificate.
 
-    Standard uncertainties u that decrease by no more than a tenth are left out.
+    The certificates are those of the instrument that could be obtained. A text is such as "u of
+    C_XXX to 60 %". Standard uncertainties u that decrease by no more than a tenth are left out.
     """
     sd_by_certificate = dict(result.certificates)
     sd_without = sd_by_certificate.pop("none of these", {})
@@ -702,7 +741,7 @@ def cure_items(
 ) -> tuple[str, ...]:
     """Return texts on effects that are confounded, with measures that would separate them.
 
-    Effects for which the same measures help share one text.
+    Each text names the effects for which the same measures help, and these measures.
 
     Parameters
     ----------
@@ -735,7 +774,10 @@ def cure_items(
 
 
 def partners_with_shares(entry: ParameterIdentifiability) -> list[str]:
-    """Return the effects that a parameter is confounded with, and their shares of its variance."""
+    """Return the effects that are named with the verdict on a parameter, as texts.
+
+    Each text has the effect's share of the parameter's variance, as in "mount 39 %".
+    """
     partners = []
     for partner in entry.partners:
         share = "(left out)"
@@ -746,9 +788,10 @@ def partners_with_shares(entry: ParameterIdentifiability) -> list[str]:
 
 
 def short_verdict_words(entry: ParameterIdentifiability, partners: Sequence[str]) -> str:
-    """Return a short verdict on a parameter, such as confounded: mount 39 %, bar length 9 %.
+    """Return a short verdict on a parameter, such as "confounded: mount 39 %, bar length 9 %".
 
-    ``partners`` are effects that the parameter is confounded with, as texts.
+    ``partners`` are the effects to name, as texts. An ellipsis follows if the parameter is
+    confounded with more effects. A verdict other than confounded names no effects.
     """
     if str(entry.verdict) != "confounded":
         return str(entry.verdict)
@@ -760,7 +803,10 @@ def short_verdict_words(entry: ParameterIdentifiability, partners: Sequence[str]
 
 
 def validation_verdict(validation: Validation) -> str:
-    """Return a sentence on whether the ranks of true values among posterior draws are uniform."""
+    """Return a sentence on the result of simulation-based calibration.
+
+    It states whether the ranks of true values among posterior draws are uniformly distributed.
+    """
     return _sentence("validation_verdict", validation)
 
 
@@ -768,7 +814,11 @@ def validation_verdict(validation: Validation) -> str:
 
 
 def comparison_sentences(comparison: Comparison) -> tuple[str, ...]:
-    """Return sentences on the evidence for each model, its robustness, and further findings."""
+    """Return sentences on a comparison of models.
+
+    They are on the evidence for each model, on its dependence on assumptions, and on the other
+    results of the comparison.
+    """
     return _sentences("comparison_sentences", comparison)
 
 
@@ -778,9 +828,10 @@ def comparison_screen(comparison: Comparison) -> tuple[str, ...]:
 
 
 def strength_words(log_bayes_factor: float) -> str:
-    """Return words for the strength of evidence of a log Bayes factor, whatever its sign.
+    """Return words for the strength of evidence of a log Bayes factor [nat].
 
-    The words are those of Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773-795.
+    The words, such as "strong evidence", depend on its absolute value. They are those of Kass and
+    Raftery, J. Am. Stat. Assoc. 90 (1995) 773-795.
     """
     for limit, words in _STRENGTHS:
         if abs(log_bayes_factor) < limit:
@@ -825,7 +876,10 @@ def design_notes(design: Design) -> tuple[str, ...]:
 
 
 def _tests_to_run(design: Design, most: int = _MOST_LISTED_TESTS) -> str:
-    """Return the tests of a design in words, such as 6 circles: 2 × 36 N and 4 × 742 N."""
+    """Return the tests of a design in words, such as "6 circles: 2 × 36 N and 4 × 742 N".
+
+    If there are more than ``most`` different tests, the text refers to the table of tests.
+    """
     table = design.table
     varied = _varied_settings(design)
     tests = []
@@ -848,7 +902,8 @@ def _tests_to_run(design: Design, most: int = _MOST_LISTED_TESTS) -> str:
 def _varied_settings(design: Design) -> list[str]:
     """Return the names of the settings, such as radius, in which the tests of a design differ.
 
-    If a ball is turned about its stem in any test, the angles of both balls are included.
+    If a ball is turned from its original position in any test, the angles of both balls are
+    included.
     """
     table = design.table
     clockings = list(design.columns)[:2]
@@ -873,7 +928,10 @@ def remedy_words(budget: Budget) -> str:
 
 
 def caveat_words(caveat: Any) -> str:
-    """Return one or two sentences on a limitation of the result of a trend or a population."""
+    """Return one or two sentences on a limitation of a trend's or a population's result.
+
+    A trend is that of one machine over its campaigns; a population is of several machines.
+    """
     template = _SENTENCES["caveats"][caveat.kind]
     return str(
         template.format(
@@ -886,7 +944,10 @@ def caveat_words(caveat: Any) -> str:
 
 
 def probability_words(probability: float) -> str:
-    """Return a probability as text with three decimals; < 0.001 or > 0.999 near 0 or 1."""
+    """Return a probability as text with three decimals.
+
+    Near 0 the text is "< 0.001", near 1 it is "> 0.999".
+    """
     if probability < _UNLIKELY:
         return "< 0.001"
     if probability > 1.0 - _UNLIKELY:
@@ -895,12 +956,12 @@ def probability_words(probability: float) -> str:
 
 
 def limit_words(lower: float | None, upper: float | None, factor: float = 1.0) -> str:
-    """Return tolerance limits as text, such as ≤ 60, ≥ 18, ± 20, or −20 to 40.
+    """Return tolerance limits as text, such as "≤ 60", "≥ 18", "± 20" or "−20 to 40".
 
     Parameters
     ----------
     lower, upper
-        Limits; None where there is no limit.
+        Lower and upper limit; None if there is no such limit.
     factor
         Factor from the unit of the limits to the unit shown.
 
@@ -922,7 +983,8 @@ def limit_words(lower: float | None, upper: float | None, factor: float = 1.0) -
 def trend_sentences(trend: Any) -> tuple[str, ...]:
     """Return sentences on the findings of a machine's trend, the most important first.
 
-    Sentences on the limitations of the trend are not included.
+    A trend is the change of one machine's parameters over its campaigns. Sentences on the
+    limitations of the trend are not included.
     """
     estimates = trend.estimates
     probability_of_time = 0.0
@@ -951,7 +1013,10 @@ def population_sentences(population: Any) -> tuple[str, ...]:
 
 
 def population_doubts(doubts: Any) -> tuple[str, ...]:
-    """Return sentences on the limitations of a population, above all as a prior for a machine."""
+    """Return sentences on the limitations of a population of machines.
+
+    They are above all limitations of its use as a prior for another machine.
+    """
     return _sentences("population_doubts", doubts)
 
 
@@ -959,30 +1024,44 @@ def population_doubts(doubts: Any) -> tuple[str, ...]:
 
 
 def annex_words(degree: int, averaged: bool) -> str:
-    """Return a sentence on the model that gave the numbers after the certificate's sheets."""
+    """Return a sentence on the model that the numbers of the annex are from.
+
+    The annex is the sections of the report that follow the two sheets of the certificate.
+    ``degree`` is the model's degree of compliance in force; ``averaged`` states whether the numbers
+    of the sheets are averages over models.
+    """
     return _sentence("annex_words", degree, averaged)
 
 
 def instrument_words(force_N: float, same_instrument: bool) -> str:
-    """Return a sentence on the force and the instrument assumed in comparing two campaigns."""
+    """Return sentences on what a comparison of two campaigns assumes.
+
+    They state the force at which parameters are compared, and whether both campaigns were run with
+    the same instrument.
+    """
     return _sentence("instrument_words", force_N, same_instrument)
 
 
 def difference_doubts(
     first: str, other: str, converged: bool, conflict: tuple[str, float] | None
 ) -> tuple[str, ...]:
-    """Return sentences on the reasons not to use the difference between two campaigns."""
+    """Return sentences on reasons not to use the differences between two campaigns, if any.
+
+    ``first`` and ``other`` are the names of the campaigns. ``converged`` states whether the fit of
+    the other one converged. ``conflict`` is the error of a common instrument about which the
+    campaigns disagree most, and the p-value; None if there is no such error.
+    """
     return _sentences("difference_doubts", first, other, converged, conflict)
 
 
 def interval_of(entry: Mapping[str, Any]) -> tuple[float, float]:
-    """Return the credible interval in the JSON record of a parameter."""
+    """Return both ends of the credible interval in the JSON record of a parameter."""
     low, high = entry[_interval_key(entry)]
     return low, high
 
 
 def percent_of(result: Mapping[str, Any]) -> str:
-    """Return the probability of the intervals in the JSON record of a fit, such as 95 %."""
+    """Return the probability of the credible intervals in the JSON record of a fit: "95 %"."""
     entry = next(iter(result["parameters"].values()))
     return f"{_interval_key(entry).removeprefix('ci')} %"
 
@@ -1004,7 +1083,12 @@ def alert_sentences(fit: Fit, result: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def change_sentence(first: str, other: str, table: pd.DataFrame, prob: float) -> str:
-    """Return a sentence on the parameters in which a campaign differs from the first one."""
+    """Return a sentence on the parameters in which a campaign differs from the first one.
+
+    ``first`` and ``other`` are the names of the campaigns; ``table`` holds the differences of all
+    parameters. A parameter is named if the credible interval of its difference, with the
+    probability ``prob``, excludes zero.
+    """
     tail = 0.5 - 0.5 * prob
     probability = table["probability_of_increase"]
     sizes = []

@@ -1,7 +1,7 @@
 """Figures: functions that take a posterior or another result and return a Matplotlib Figure.
 
-PALETTE, force_colours, new_figure and styled help users to make their own figures in the same
-style.
+PALETTE (colours), force_colours, new_figure and styled help users to make their own figures in the
+same style.
 """
 
 import lazy_loader

@@ -28,10 +28,15 @@ from ldbb_bayes.results import Array
 __all__ = ["residuals", "traces"]
 
 _DRAWS = 600
-_MOST_DOTS = 2400  # largest number of readings drawn as dots in a figure, over all its traces
-_MOST_BANDS = 12  # largest number of tests drawn with 95 % bands; more bands would overlap too much
-_MOST_NAMED_FORCES = 9  # largest number of labels on the scale of forces
-_MOST_RESIDUALS = 10  # largest number of tests whose residuals are drawn
+# Largest number of readings drawn as dots in a figure of polar traces, over all its tests.
+_MOST_DOTS = 2400
+# Largest number of tests that a figure of polar traces shows with 95 % bands; more bands would
+# overlap too much.
+_MOST_BANDS = 12
+# Largest number of labels on the colour scale of forces in a figure of polar traces.
+_MOST_NAMED_FORCES = 9
+# Largest number of tests whose residuals (reading minus prediction) are drawn in a figure.
+_MOST_RESIDUALS = 10
 _ANGLE = np.linspace(0.0, 2 * np.pi, 361)
 _DASHED = (0, (4, 3))
 _BOX = MappingProxyType({"facecolor": "white", "edgecolor": "none", "pad": 0.5, "alpha": 0.85})
@@ -39,7 +44,11 @@ _BOX = MappingProxyType({"facecolor": "white", "edgecolor": "none", "pad": 0.5, 
 
 @dataclass(frozen=True, eq=False)
 class _Traces:
-    """Readings, predictions and radial scale of a figure with one polar panel for each plane."""
+    """Readings, predictions and radial scale of a figure of polar traces, one panel for each plane.
+
+    ``beta`` and ``phi`` are posterior draws of the parameters, shape (draws, p), and of the
+    hyper-parameters, shape (draws, h). ``words`` are the labels of the figure by name.
+    """
 
     bound: BoundModel
     beta: Array
@@ -69,7 +78,7 @@ class _Traces:
 
     @property
     def zero_radius(self) -> float:
-        """Radius in a polar panel at which a reading of zero is drawn [µm]."""
+        """Distance from the centre of a polar panel at which a zero reading is drawn [µm]."""
         return 0.9 * self.span - self.low
 
     @property
@@ -82,7 +91,7 @@ class _Traces:
 
     @property
     def stride(self) -> int:
-        """Step through the readings: only every ``stride``-th reading is drawn."""
+        """Step through the readings of a test: only every ``stride``-th reading is drawn."""
         return -(-sum(map(len, self.readings_um)) // _MOST_DOTS)
 
     @cached_property
@@ -92,11 +101,11 @@ class _Traces:
 
 @styled
 def traces(posterior: xr.DataTree, words: Mapping[str, str] = WORDS) -> Figure:
-    """Draw polar traces of all tests, plane by plane.
+    """Draw polar traces of the readings of all tests, in one panel for each plane.
 
-    The figure shows readings, the prediction (machine, bar and balls), rings in µm, and a colour
-    scale of forces in the order of the traces. If there are few tests, it also shows the 95 % band
-    for the readings of a new circle.
+    The figure shows readings, the prediction of the model (effects of machine, bar and balls),
+    rings in µm, and a colour scale of forces in the order of the traces. If there are at most 12
+    tests, it also shows the 95 % band for the readings of a new circle.
 
     Parameters
     ----------
@@ -149,7 +158,7 @@ def traces(posterior: xr.DataTree, words: Mapping[str, str] = WORDS) -> Figure:
 
 
 def _draw_trace(axes: Any, shown: _Traces, r: int) -> None:
-    """Draw the readings and the prediction of test number ``r`` in a polar panel."""
+    """Draw the readings and the prediction of the test with index ``r`` in a polar panel."""
     test = shown.bound.campaign.tests[r]
     colour = shown.colours[r]
     dots = slice(None, None, shown.stride)
@@ -167,7 +176,10 @@ def _draw_trace(axes: Any, shown: _Traces, r: int) -> None:
 
 
 def _draw_rings(axes: Any, shown: _Traces, plane: str) -> None:
-    """Draw the circle of zero readings, rings in µm, angles, and the names of the machine axes."""
+    """Draw the scale of the polar panel of one plane.
+
+    It has the circle of zero readings, rings in µm, angles, and the names of the machine axes.
+    """
     zero = shown.zero_radius
     circle = np.full_like(_ANGLE[::2], zero)
     axes.plot(_ANGLE[::2], circle, color="black", linewidth=0.8, linestyle=_DASHED)
@@ -198,7 +210,10 @@ def _draw_rings(axes: Any, shown: _Traces, plane: str) -> None:
 
 
 def _panel_head(shown: _Traces, plane: str) -> str:
-    """Return the heading of the polar panel of one plane, which explains the panel's marks."""
+    """Return the heading of the polar panel of one plane.
+
+    It explains the panel's dots, lines, band and rings, in the language of ``shown.words``.
+    """
     words = shown.words
     setting = shown.bound.setting
     readings = words["readings"]
@@ -225,7 +240,10 @@ def _panel_head(shown: _Traces, plane: str) -> str:
 
 
 def _draw_force_scale(figure: Figure, shown: _Traces) -> None:
-    """Draw the colour scale of forces, in the order of the traces from the innermost outwards."""
+    """Draw the colour scale of forces at the right of the figure.
+
+    From bottom to top, the forces are in the order of the traces from the innermost outwards.
+    """
     forces_N = shown.bound.setting.force_N
     levels = np.unique(forces_N)
     count = len(levels)
@@ -253,7 +271,10 @@ def _draw_force_scale(figure: Figure, shown: _Traces) -> None:
 
 
 def _mean_reading(shown: _Traces, force_N: float) -> float:
-    """Return the mean reading of all tests at one force [µm]; each test counts equally."""
+    """Return the mean reading of all tests at the force ``force_N`` [µm].
+
+    It is the mean of the tests' mean readings.
+    """
     means = []
     for readings, force in zip(shown.readings_um, shown.bound.setting.force_N, strict=True):
         if force == force_N:
@@ -262,7 +283,10 @@ def _mean_reading(shown: _Traces, force_N: float) -> float:
 
 
 def _round_step(size: float) -> float:
-    """Return the step of 1, 2, 5 or 10 times a power of ten that is nearest to a size."""
+    """Return the round step of a scale that is nearest to ``size``.
+
+    Round steps are 1, 2, 5 or 10 times a power of ten.
+    """
     power = 10.0 ** np.floor(np.log10(size))
     steps = power * np.array([1.0, 2.0, 5.0, 10.0])
     return float(steps[np.argmin(np.abs(steps - size))])
@@ -270,7 +294,10 @@ def _round_step(size: float) -> float:
 
 @styled
 def residuals(posterior: xr.DataTree) -> Figure:
-    """Draw reading minus prediction (machine, bar and balls) against angle for up to ten tests.
+    """Draw the residuals, reading minus prediction, against angle for up to ten tests.
+
+    The prediction has the effects of machine, bar and balls. Each circle's own set-up shift and
+    discrepancy are left in the residuals.
 
     Parameters
     ----------

@@ -22,7 +22,8 @@ from ldbb_bayes.results import Array
 __all__ = ["compliance_with_local_fits", "evidence", "geometry_with_local_fits"]
 
 _LINES = ("-", "--", ":")  # Matplotlib line styles of the models, used in turn
-_MIDDLE_NAT = 20.0  # smallest |ln B| (log Bayes factor) at which the scale may be broken [nat]
+# The scale of log Bayes factors ln B is never broken at an absolute value below this [nat].
+_MIDDLE_NAT = 20.0
 _BREAK_MARK = ((-0.6, -1.0), (0.6, 1.0))  # end points of the stroke that marks a broken scale
 
 
@@ -30,13 +31,17 @@ _BREAK_MARK = ((-0.6, -1.0), (0.6, 1.0))  # end points of the stroke that marks 
 
 
 class _Assumption(NamedTuple):
-    """Log Bayes factor under one assumption, and how well the readings support the assumption."""
+    """Log Bayes factor of two models under one assumption, and how well the readings support it.
+
+    ``error`` is that of the log Bayes factor [nat]. ``is_allowed`` states whether the readings do
+    not reject the assumption.
+    """
 
     name: str
     log_bayes_factor: float
     error: float
-    #: Log evidence for the assumption, relative to that of the models [nat]; None if the assumption
-    #: is a width of the slopes' prior.
+    #: log evidence for the assumption, minus that for the models' own assumption [nat]; None if the
+    #: assumption is a width of the slopes' prior
     gain: float | None
     is_allowed: bool
 
@@ -45,14 +50,15 @@ class _Assumption(NamedTuple):
 def evidence(comparison: Comparison) -> Figure:
     """Draw the log Bayes factor ln B under every width of the slopes' prior and every assumption.
 
-    Bars on the dots are 95 % intervals of the numerical error. The numbers at the right state how
-    well the readings support each assumption. The scale is linear; it is broken where values under
-    assumptions that the readings reject lie far out.
+    ln B is that of the second model over the first; the assumptions are about how circles differ
+    from one another. Bars on the dots are 95 % intervals of the numerical error. The numbers at the
+    right are the log evidences of the assumptions minus that of the models' own assumption. The
+    scale is linear. It is broken if values under assumptions that the readings reject lie far out.
 
     Parameters
     ----------
     comparison : Comparison
-        Comparison of two models that `compare` returns.
+        Comparison of models that `compare` returns.
 
     Returns
     -------
@@ -116,9 +122,9 @@ def _assumptions(comparison: Comparison) -> list[_Assumption]:
 
 
 class _Stretch(NamedTuple):
-    """One stretch of the broken scale of the log Bayes factor [nat].
+    """One stretch of the broken scale of the log Bayes factor, from ``low`` to ``high`` [nat].
 
-    Outer stretches lie left or right of the middle one.
+    Outer stretches lie to the left or to the right of the middle one, which contains zero.
     """
 
     low: float
@@ -127,10 +133,11 @@ class _Stretch(NamedTuple):
 
 
 def _stretches(value: Array, allowed: Array) -> list[_Stretch]:
-    """Return the stretches of the broken scale that contain values, from left to right.
+    """Return the stretches of the broken scale of log Bayes factors that contain values.
 
-    ``value`` are log Bayes factors; ``allowed`` marks those under assumptions that the readings do
-    not reject. The middle stretch contains all of these.
+    They are returned from left to right. ``value``, shape (n,), are the log Bayes factors under n
+    assumptions; ``allowed``, shape (n,), states which assumptions the readings do not reject. The
+    middle stretch contains the values under all of these.
     """
     near = max(_MIDDLE_NAT, 1.2 * float(np.abs(value[allowed]).max(initial=0.0)))
     left = value[value < -near]
@@ -210,13 +217,15 @@ def compliance_with_local_fits(comparison: Comparison) -> Figure:
     """Draw compliance C against force F: model average, mean of every model, and local fits.
 
     The figure corresponds to Fig. 15 of the paper. The average is over models in which each slope
-    is present or absent. A local fit, with its own geometric errors, estimates the tangent
-    d(F C)/dF rather than C, so the tangent of the average is drawn too.
+    is present or absent. A local fit uses only the tests at two neighbouring forces. It has its own
+    geometric errors and therefore estimates the tangent d(F C)/dF rather than C, so that the
+    tangent of the average is drawn, too.
 
     Parameters
     ----------
     comparison : Comparison
-        Comparison that `compare` returns; without local fits if made with ``evidence_only``.
+        Comparison that `compare` returns. If it was made with ``evidence_only``, it has no local
+        fits, and the figure shows none.
 
     Returns
     -------
@@ -252,14 +261,16 @@ def compliance_with_local_fits(comparison: Comparison) -> Figure:
 
 @styled
 def geometry_with_local_fits(comparison: Comparison) -> Figure:
-    """Draw geometric errors of every model and of local fits against force.
+    """Draw the geometric errors of every model and of local fits against force.
 
-    The figure corresponds to Fig. 16 of the paper.
+    A local fit uses only the tests at two neighbouring forces. The figure corresponds to Fig. 16 of
+    the paper.
 
     Parameters
     ----------
     comparison : Comparison
-        Comparison that `compare` returns; without local fits if made with ``evidence_only``.
+        Comparison that `compare` returns. If it was made with ``evidence_only``, it has no local
+        fits, and the figure shows none.
 
     Returns
     -------
@@ -282,7 +293,7 @@ def geometry_with_local_fits(comparison: Comparison) -> Figure:
 
 
 def _draw_nothing(axes: Axes, name: str, factor: float) -> None:
-    """Draw nothing beneath the curves; a stand-in for functions that draw intervals there."""
+    """Draw nothing beneath the curves of a panel, which then show no credible band."""
 
 
 def _draw_against_force(
@@ -293,8 +304,9 @@ def _draw_against_force(
 ) -> Figure:
     """Draw a panel for every parameter: its mean in each model against force, and local fits.
 
-    A local fit uses only the tests at two neighbouring forces. ``draw_beneath`` draws into each
-    panel before the curves are drawn.
+    A local fit uses only the tests at two neighbouring forces. ``names`` are the parameters.
+    ``draw_beneath`` is called before the curves are drawn, with the panel, the parameter and the
+    factor from its internal unit to the unit shown.
     """
     first = next(iter(comparison.models.values()))
     figure, all_axes = panels(len(names), 3, 1.7, 0.9)
@@ -314,7 +326,10 @@ def _draw_against_force(
 
 
 def _mean_curve(model: Any, name: str) -> tuple[Array, Array]:
-    """Return forces [N], and the posterior mean of a parameter at each force."""
+    """Return forces [N] and the posterior mean of a parameter in one model at each force.
+
+    The mean is in the internal unit (mm, N, rad).
+    """
     curves = model.compliance_against_force
     if name in curves:
         return np.asarray(curves[name].force_N), curves[name].mean
@@ -325,7 +340,8 @@ def _mean_curve(model: Any, name: str) -> tuple[Array, Array]:
 def _draw_local_fits(axes: Axes, local_fits: pd.DataFrame, name: str, factor: float) -> None:
     """Draw the local fits of one parameter, that is, fits to the tests at two neighbouring forces.
 
-    A least-squares estimate that lies beyond the panel's range appears as an arrow at its edge.
+    ``factor`` converts the parameter's internal unit to the unit shown. A least-squares estimate
+    that lies beyond the panel's range appears as an arrow at the edge of the panel.
     """
     if local_fits.empty:
         return

@@ -18,12 +18,16 @@ from ldbb_bayes.units import display_name, display_unit, round_uncertainty
 
 __all__ = ["expected_widths"]
 
-_COLUMNS = 3  # number of parameters beside one another in one row of the figure
-_LONGEST_BAR = 0.72  # length of the longest bar, as a share of a column's width
+_COLUMNS = 3  # number of parameters in one row of the figure of expected uncertainties
+# Length of the longest bar in the figure of expected uncertainties, as a share of a column's width.
+_LONGEST_BAR = 0.72
 
 
 class _PlanBars(NamedTuple):
-    """Bars of one plan: its name, expected sd by parameter (in mm, N, rad), and colour."""
+    """Bars of one plan of tests in the figure of expected uncertainties.
+
+    ``sd`` holds the expected standard deviation of each parameter, by name, in mm, N and rad.
+    """
 
     name: str
     sd: Mapping[str, float]
@@ -32,11 +36,11 @@ class _PlanBars(NamedTuple):
 
 @styled
 def expected_widths(design: Design, today: Mapping[str, float] = MappingProxyType({})) -> Figure:
-    """Draw the expected uncertainty of every parameter under each plan.
+    """Draw the uncertainty of every parameter to expect of each plan of tests, as bars.
 
-    The standard uncertainty u is shown for the recommended tests, for the plans compared with them,
-    and in the limit of ever more repetitions of the recommended tests. Each parameter has its own
-    scale of bars.
+    The expected standard uncertainty u is shown for the recommended tests, for the plans compared
+    with them, and in the limit of ever more repetitions of the recommended tests. Each parameter
+    has its own scale of bars.
 
     Parameters
     ----------
@@ -115,7 +119,10 @@ def _expected_sd(expected: Mapping[str, Any]) -> dict[str, float]:
 
 
 def _sizes(design: Design, plans: list[_PlanBars]) -> Array:
-    """Return expected standard uncertainties in the units shown, shape (plans, parameters)."""
+    """Return the expected standard uncertainties of all plans, shape (plans, parameters).
+
+    They are in the units shown, such as nm/N.
+    """
     factors = [display_unit(expected.unit)[0] for expected in design.expected.values()]
     rows = []
     for plan in plans:

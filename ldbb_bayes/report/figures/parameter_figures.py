@@ -26,15 +26,16 @@ from ldbb_bayes.units import display_unit, inside_name, plus_minus
 __all__ = ["WORDS", "compliance_against_force", "corner", "forest"]
 
 _CATALOGUE = files("ldbb_bayes.report") / "templates" / "words_en.toml"
-#: English labels of figures on the certificate's sheets; other languages have their own labels.
+#: English labels of the figures that the certificate's sheets show, by name of the label.
 WORDS: Mapping[str, str] = MappingProxyType(
     tomllib.loads(_CATALOGUE.read_text(encoding="utf-8"))["figures"]
 )
-# Patterns of the names of parameters that a corner plot shows by default: direct compliances,
-# rotations due to moments, scale gains, squareness.
+# Regular expressions for the names of parameters that a corner plot (of pairs of parameters) shows
+# by default: direct compliances, rotations caused by moments, scale errors, and squareness.
 _CORNER_PARAMETERS = (r"C_([XYZ])\1.", r"C_([ABC])\1.", r"E_([XYZ])\1\d", r"E_[ABC]0..")
 _MOST_IN_CORNER = 8
-_MOST_WITHOUT_PATTERN = 6  # largest number of parameters in a corner plot if none is a default
+# Largest number of parameters in a corner plot if no parameter matches ``_CORNER_PARAMETERS``.
+_MOST_WITHOUT_PATTERN = 6
 _CURVE_DRAWS = 1500
 
 
@@ -43,9 +44,10 @@ _CURVE_DRAWS = 1500
 
 @styled
 def forest(posterior: xr.DataTree) -> Figure:
-    """Draw 95 % and 50 % intervals of every parameter, a panel for each unit.
+    """Draw the 95 % and 50 % credible intervals of every parameter, in one panel for each unit.
 
-    Faint lines show 95 % intervals of the priors; the texts at the right state value ± U.
+    Faint lines show the 95 % intervals of the priors. The texts at the right state value ± U
+    (k = 2), or the 95 % interval of a skewed distribution.
 
     Parameters
     ----------
@@ -87,7 +89,10 @@ def forest(posterior: xr.DataTree) -> Figure:
 def _draw_intervals(
     axes: Axes, posterior: xr.DataTree, names: Sequence[str], factor: float
 ) -> None:
-    """Draw the credible intervals of parameters that have the same unit, one row per parameter."""
+    """Draw the credible intervals of parameters that have the same unit, one row per parameter.
+
+    ``factor`` converts the internal unit of the parameters ``names`` to the unit shown.
+    """
     group = posterior["posterior"]
     rows = style.name_rows(axes, names)
     texts = []
@@ -104,7 +109,8 @@ def _draw_intervals(
         unit = group[name].attrs["unit"]
         texts.append(plus_minus(summary["mean"], summary["sd"], interval, unit))
     axes.axvline(0.0, color=GREY, linewidth=0.8)
-    # Keep the axis limits of the posterior's intervals: those of a prior may be much wider.
+    # Keep the limits of the scale that suit the posterior's intervals, because intervals of priors
+    # may be much wider.
     axes.set_xlim(axes.get_xlim())
     prior_sd, _ = priors_of(posterior)
     for row, name in zip(rows, names, strict=True):
@@ -120,7 +126,7 @@ def _draw_intervals(
 
 @styled
 def compliance_against_force(posterior: xr.DataTree, words: Mapping[str, str] = WORDS) -> Figure:
-    """Draw C(F) of every compliance with its 95 % band over the tested forces.
+    """Draw every compliance C(F) against force F, with its 95 % band, over the tested forces.
 
     Parameters
     ----------
@@ -200,8 +206,8 @@ def corner(posterior: xr.DataTree, names: Sequence[str] | None = None) -> Figure
     posterior : DataTree
         Posterior from `sample`, `load` or `average`.
     names : sequence of str, optional
-        Names of the parameters. Default: those of the model among the direct compliances, C_CCY,
-        and the geometric errors whose effects on the readings have the same pattern.
+        Names of the parameters. Default: up to eight of the direct compliances, the rotations
+        caused by moments such as C_CCY, the scale errors and the squareness errors.
 
     Returns
     -------

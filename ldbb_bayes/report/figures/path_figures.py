@@ -26,8 +26,10 @@ from ldbb_bayes.units import display_name, round_like, round_uncertainty
 __all__ = ["circularity", "contributions", "parameter_contributions"]
 
 _DRAWS = 500
-_FORCES = 13  # number of forces at which the curves of circular-test quantities are computed
-_MOST_FORCES = 6  # largest number of panels, one per force, in the figure of contributions
+# Number of forces at which the curves of circular-test quantities against force are computed.
+_FORCES = 13
+# Largest number of forces, one panel each, in the figure of contributions to the tool path.
+_MOST_FORCES = 6
 _EXPLANATION = "Line: mean, band: 95 %\nAbove: peak to peak {}, median and 95 % interval"
 
 
@@ -90,7 +92,8 @@ def circularity(posterior: xr.DataTree) -> Figure:
         panel = _PANELS[k % len(_PANELS)]
         plane = planes[k // len(_PANELS)]
         rows = table[table["plane"] == plane]
-        # The tool path depends on the radius: use only readings at the radius that is drawn.
+        # The tool path depends on the radius of the circle: use only readings of tests at the
+        # radius for which the curves are drawn.
         is_same_radius = measured["radius_mm"] == rows["radius_mm"].iloc[0]
         readings = measured[(measured["plane"] == plane) & is_same_radius]
         _draw_quantities(axes, panel.quantities, rows, readings)
@@ -119,8 +122,9 @@ def _draw_quantities(
 def contributions(posterior: xr.DataTree) -> Figure:
     """Draw the contributions of compliance and geometry to the tool path, at up to six forces.
 
-    The contributions of both together are drawn too, with 95 % bands and their peak-to-peak value.
-    Offsets of the tool ball are left out. The figure corresponds to Fig. 8 of the paper.
+    The sum of the two contributions is drawn, too. All have 95 % bands; the title of each panel
+    states the peak-to-peak value of the sum. Offsets of the tool ball are left out. The figure
+    corresponds to Fig. 8 of the paper.
 
     Parameters
     ----------
@@ -210,8 +214,9 @@ def _paths(
 ) -> Mapping[str, Array]:
     """Return contributions to the tool path on the first circle of a plane [µm], by source.
 
-    Each array has the shape (random draws, 360 angles). The random draws are from the posterior,
-    the same as `decompose_deviation` uses.
+    ``sources`` are the names of the parameters, or groups of parameters, that contribute. Each
+    array has the shape (draws, 360), for random draws from the posterior and the angles 0° … 359°.
+    The random draws are those that `decompose_deviation` uses.
     """
     circle = first_circle(bound, plane)
     beta, _ = draws_of(posterior, bound, path_contributions.DRAWS)
@@ -219,7 +224,7 @@ def _paths(
 
 
 def _peak_to_peak_words(path: Array) -> str:
-    """Return the peak-to-peak value of tool paths as text, such as 17.2 [11.5, 39.8] µm.
+    """Return the peak-to-peak value of tool paths as text, such as "17.2 [11.5, 39.8] µm".
 
     ``path`` has one tool path [µm] per random draw from the posterior, shape (draws, angles). The
     text states the median and the 95 % interval over the draws.

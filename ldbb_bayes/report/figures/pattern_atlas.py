@@ -1,4 +1,7 @@
-"""Atlases: the patterns of a machine's compliances and geometric errors on a circle."""
+"""Atlases: the patterns of a machine's compliances and geometric errors on a circle.
+
+The pattern of a compliance or error is its effect on the reading against the angle of the circle.
+"""
 
 from __future__ import annotations
 
@@ -26,13 +29,13 @@ _DASHED = (0, (4, 3))
 def compliance_atlas(machine: Machine, circle: Circle | None = None) -> Figure:
     """Draw the patterns of all joint compliances, that is, their effects on readings of a circle.
 
-    Compliances with proportional patterns have the same colour; the one that the model keeps of
-    them is bold.
+    Compliances with proportional patterns have the same colour. Of these, the model keeps one,
+    which is drawn bold.
 
     Parameters
     ----------
     machine : Machine
-        The machine; of its planes, that of the circle is drawn.
+        The machine. Only patterns in the plane of the circle are drawn.
     circle : Circle, optional
         Circle of the test. Default: a circle about the origin, in the machine's first plane.
 
@@ -75,7 +78,7 @@ def geometric_atlas(machine: Machine, circle: Circle | None = None) -> Figure:
     Parameters
     ----------
     machine : Machine
-        The machine; of its planes, that of the circle is drawn.
+        The machine. Only patterns in the plane of the circle are drawn.
     circle : Circle, optional
         Circle of the test. Default: a circle about the origin, in the machine's first plane.
 

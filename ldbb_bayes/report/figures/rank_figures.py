@@ -22,7 +22,8 @@ _COLUMNS = 4
 def rank_ecdf(validation: Validation) -> Figure:
     """Draw the empirical distribution of every quantity's ranks, minus the uniform distribution.
 
-    The band is for all quantities together: uniform ranks leave it nowhere with the stated
+    The ranks are those of true values among posterior draws in simulated campaigns. If they are
+    uniformly distributed, the curves of all quantities stay inside the grey band with the stated
     probability.
 
     Parameters

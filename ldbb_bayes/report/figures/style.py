@@ -1,6 +1,7 @@
 """Common style of all figures, and functions for elements that several figures have.
 
-Colour-blind readers can tell the colours apart, and every axis states its unit. pyplot is not used.
+Colour-blind readers can tell the colours apart, and every axis states its unit. Matplotlib's
+interface pyplot is not used.
 """
 
 from __future__ import annotations
@@ -26,15 +27,16 @@ __all__ = ["PALETTE", "force_colours", "new_figure", "save_figure", "styled"]
 
 P = ParamSpec("P")
 
-WIDTH = 6.3  # width of a figure [inch]; its letters are readable on a screen of 390 pixels
+# Width of a figure [inch], at which its letters are readable on a screen 390 pixels wide.
+WIDTH = 6.3
 #: Colours for lines and points, in turn; colour-blind readers can distinguish them.
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 ACCENT = PALETTE[0]
 GREY = "#8C8C8C"
 FAINT = "#B8B8B8"
 LIGHT = "#D9D9D9"
-# Colour of each term (source of uncertainty), the same in all figures. Terms that a user defines
-# get spare colours.
+# Colour of each model term (source of uncertainty) by class name, the same in all figures. Terms
+# that a user defines get colours from ``_SPARE``.
 _TERM_COLOURS = {
     "BallForm": PALETTE[1],
     "BarLength": PALETTE[3],
@@ -64,7 +66,8 @@ def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
     Returns
     -------
     callable
-        The function; the caller's Matplotlib settings are unchanged after each call.
+        The same function, which now draws in the common style. The Matplotlib settings of its
+        caller are unchanged after each call.
 
     Examples
     --------
@@ -92,7 +95,7 @@ def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """Return an empty figure whose panels keep clear of one another.
+    """Return an empty figure, whose panels will not overlap.
 
     Parameters
     ----------
@@ -143,7 +146,11 @@ def force_colours(forces_N: Sequence[float]) -> list[Any]:
 
 
 def axis_label(name: str, unit: str) -> tuple[float, str]:
-    """Return the factor to the unit shown, and the label, of a figure's axis for a parameter."""
+    """Return factor and label for a figure's axis that shows a parameter.
+
+    The factor converts the internal ``unit`` to the unit shown; the label is such as "C_XXX
+    (nm/N)".
+    """
     factor, label = display_unit(unit)
     return factor, f"{display_name(name)} ({label})"
 
@@ -153,7 +160,8 @@ def panels(
 ) -> tuple[Figure, list[Axes]]:
     """Return a figure with ``count`` panels in rows of at most ``columns``.
 
-    Each row is ``height`` inches high; the figure is ``extra`` inches higher than its rows.
+    Each row is ``height`` inches high; the figure is ``extra`` inches higher than its rows. Further
+    ``options`` are passed to ``Figure.subplots``.
     """
     columns = min(count, columns)
     rows = -(-count // columns)
@@ -168,7 +176,10 @@ def panels(
 
 
 def name_rows(axes: Axes, names: Sequence[str]) -> Array:
-    """Label a panel's rows with parameter names, from the top, and return their positions."""
+    """Label the rows of a panel with parameter names, the first at the top.
+
+    Return the vertical positions of the rows, in the order of ``names``.
+    """
     rows = np.arange(len(names))[::-1]
     axes.set_yticks(rows, [display_name(name) for name in names])
     axes.set_ylim(-0.6, len(names) - 0.4)
@@ -177,13 +188,16 @@ def name_rows(axes: Axes, names: Sequence[str]) -> Array:
 
 
 def right_labels(axes: Axes, rows: Any, texts: Sequence[str]) -> None:
-    """Write a text at the right end of each row of a panel."""
+    """Write a text at the right of each row of a panel; ``rows`` are the rows' positions."""
     for row, text in zip(rows, texts, strict=True):
         axes.text(1.015, row, text, fontsize=8, va="center", transform=axes.get_yaxis_transform())
 
 
 def term_colours(terms: Iterable[str]) -> dict[str, str]:
-    """Return a colour for every term (source of uncertainty), in the order of stacked bars."""
+    """Return a colour for every model term (source of uncertainty), by class name.
+
+    The terms are in the order in which their bars are stacked.
+    """
     distinct_terms = list(dict.fromkeys(terms))
     user_terms = [term for term in distinct_terms if term not in _TERM_COLOURS]
     colours = {term: colour for term, colour in _TERM_COLOURS.items() if term in distinct_terms}
@@ -191,7 +205,7 @@ def term_colours(terms: Iterable[str]) -> dict[str, str]:
 
 
 def band(axes: Axes, x: Any, limits: Any, colour: Any, alpha: float = 0.2, **options: Any) -> None:
-    """Shade the area between the lower and the upper curve of ``limits``."""
+    """Shade the area between two curves over ``x``: the lower and the upper one of ``limits``."""
     axes.fill_between(x, limits[0], limits[1], color=colour, alpha=alpha, linewidth=0, **options)
 
 
@@ -209,7 +223,9 @@ def save_figure(
     *,
     formats: Sequence[str] = ("png", "svg"),
 ) -> list[Path]:
-    """Write one figure into a folder, the same bytes for the same figure.
+    """Write one figure into a folder, in one file for each format.
+
+    The same figure gives the same bytes.
 
     Parameters
     ----------

@@ -23,17 +23,23 @@ from ldbb_bayes.units import display_name, display_unit, round_uncertainty
 
 __all__ = ["budget_bars", "prior_and_posterior"]
 
-_SMALLEST_SHARE = 0.5  # sources with smaller shares of all parameters' variances are not drawn [%]
-_SHARE_PER_LETTER = 1.75  # smallest share of the variance per letter of a bar's name [%]
-_LUMINANCE = (0.2126, 0.7152, 0.0722)  # weights of red, green and blue in a colour's brightness
+# A source of uncertainty is not drawn if its share of the variance is below this for every
+# parameter [%].
+_SMALLEST_SHARE = 0.5
+# The bar of a source of uncertainty has the source's name on it if the share of the variance that
+# it shows, divided by the number of letters of the name, is above this [%].
+_SHARE_PER_LETTER = 1.75
+# Weights of red, green and blue in the brightness of a colour.
+_LUMINANCE = (0.2126, 0.7152, 0.0722)
 _VERDICT_COLOURS = {"identified": PALETTE[2], "prior-limited": PALETTE[4], "confounded": PALETTE[1]}
 
 
 @styled
 def prior_and_posterior(identifiability: Identifiability) -> Figure:
-    """Draw the density of every parameter before and after the readings.
+    """Draw the prior and the posterior density of every parameter, in one panel each.
 
-    Each panel has the unit of its parameter; its colour shows the verdict on the parameter.
+    Both are normal densities without the condition that compliances are not negative. The colour of
+    the posterior shows the verdict on the parameter: how far the readings determine it.
 
     Parameters
     ----------
@@ -99,9 +105,10 @@ def _uncertainty_words(u: float, unit: str) -> str:
 
 @styled
 def budget_bars(budgets: Mapping[str, Budget]) -> Figure:
-    """Draw the share of every source in the variance of every parameter.
+    """Draw the share of every source of uncertainty in the variance of every parameter.
 
-    The texts at the right state the standard uncertainty u of each parameter.
+    The texts at the right state the standard uncertainty u of each parameter. Sources whose shares
+    are all below 0.5 % are left out.
 
     Parameters
     ----------
@@ -148,8 +155,9 @@ def _draw_source(
 ) -> None:
     """Draw the bars of one source of uncertainty, one bar per parameter.
 
-    Bars that are wide enough have the source's name on them, so that the figure can also be read
-    without colours.
+    ``start`` and ``shares``, one value per parameter, are the left ends and the lengths of the bars
+    [% of the variance]; ``rows`` are their vertical positions. Bars that are long enough have the
+    source's name, ``words``, on them, so that the figure can also be read without colours.
     """
     axes.barh(
         rows,
