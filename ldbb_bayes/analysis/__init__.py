@@ -1,4 +1,4 @@
-"""Analyses of a posterior or a plan: verdicts on parameters, comparisons, previews of campaigns."""
+"""Analyses of a posterior or a plan, such as verdicts on parameters, comparisons and designs."""
 
 import lazy_loader
 

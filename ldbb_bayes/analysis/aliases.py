@@ -33,29 +33,34 @@ _ANGLE_DECIMALS = 9
 # A degeneracy names only parameters whose effect on the readings is more than this share of the
 # largest effect of any of its coefficients.
 _NAMED_SHARE = 0.02
-# An effect on the readings below this share of the largest effect is a rounding error.
+# The effect of a coefficient on the readings is a rounding error if it is below this share of the
+# largest effect of any coefficient in the same combination.
 _ROUNDING = 1e-9
-# The pattern of friction in the readings counts as a combination of the parameters' patterns where
-# these leave less than this share of it unexplained.
+# Friction counts as hidden if a combination of the parameters can change the readings in the same
+# way, except for less than this share of the change.
 _UNEXPLAINED_SHARE = 1e-3
-# Singular values below this share of the largest count as zero when the pattern of friction is
-# fitted by the patterns of the parameters.
+# Singular values below this share of the largest count as zero when the change of the readings by
+# friction is fitted by changes of the parameters.
 _RANK_TOLERANCE = 1e-10
-# A change of a reading below this share of the resolution of the instrument cannot be seen.
+# A change of a reading below this share of the resolution of the readings cannot be seen.
 _VISIBLE_SHARE = 0.1
 # One micrometre in millimetres.
 _MICROMETRE = 1e-3
-# A form error of the balls with this number of lobes per turn looks like the rotation of the
-# machine under a moment.
+# Number of lobes per turn of a form error of the balls that looks like a rotation of the machine
+# caused by a moment.
 _LOBES = 4
 
 
 @dataclass(frozen=True, eq=False)
 class Degeneracy:
-    """A combination of parameters and nuisance coefficients that no reading resolves."""
+    """A combination of parameters and nuisance coefficients that no reading resolves.
 
-    #: class name of the model term that the first nuisance coefficient belongs to; empty where the
-    #: degeneracy combines parameters alone
+    Nuisance coefficients are effects that are modelled but not of interest, or are left out of the
+    model.
+    """
+
+    #: class name of the model term that the first nuisance coefficient of the degeneracy belongs
+    #: to; empty if a parameter comes first
     term: str
     #: changes of coefficients, by name, that compensate one another in every reading; in internal
     #: units (mm, N, rad); nuisance coefficients come before parameters

@@ -59,8 +59,8 @@ _LARGEST_ERROR = 0.1
 class _Combination(NamedTuple):
     """One model of the average: the name that the caller gave it, and its rival explanations.
 
-    ``rivals`` are the rival explanations that the model includes: effects other than a compliance
-    that changes with force which change the readings like it.
+    ``rivals`` are the names of the rival explanations that the model includes. These are effects,
+    such as a nonlinear mount, that change the readings like a compliance that changes with force.
     """
 
     name: str
@@ -89,7 +89,10 @@ class _WeightedModels:
 
     @property
     def log_evidence_error(self) -> float:
-        """Return the largest error of log evidence among models that are not negligible [nat]."""
+        """Return the largest error of a log evidence among the models that count [nat].
+
+        Models with a posterior probability below 0.001 do not count.
+        """
         errors = np.array([nodes.evidence.error for nodes in self.nodes])
         return float(errors[self.probability > _NEGLIGIBLE_PROBABILITY].max())
 
@@ -107,9 +110,9 @@ def average(
 
     The average is p(β, φ | y) = Σ_M p(M | y) p(β, φ | y, M): the posterior of the parameters β and
     hyper-parameters φ under each model M, weighted by the probability of the model given the
-    readings y. Rival explanations are effects other than a change of compliance with force which
-    change the readings like it. Every model, with every subset of its rival explanations, has the
-    same prior probability.
+    readings y. Rival explanations are effects, such as a nonlinear mount, that change the readings
+    like a compliance that changes with force. Every model, with every subset of its rival
+    explanations, has the same prior probability.
 
     Parameters
     ----------
@@ -283,7 +286,10 @@ def _draw_posteriors(
 def _draw_priors(
     weighted: _WeightedModels, draws: int, rng: np.random.Generator
 ) -> list[ModelDraws]:
-    """Return random draws from the prior of each model, the same number for every model."""
+    """Return random draws from the prior of each model, the same number for every model.
+
+    ``draws`` is the number of draws from all models together.
+    """
     size = -(-draws // len(weighted.nodes))
     draws_of_models = []
     for bound in weighted.bounds:
@@ -337,7 +343,7 @@ def _log_prob_truncation(weighted: _WeightedModels) -> tuple[float, float]:
 
 
 def _free_coordinates(beta: Array, phi: Array) -> Array:
-    """Return the draws of those parameters β and hyper-parameters φ that vary between the draws.
+    """Return the draws of those parameters β and hyper-parameters φ that are not constant.
 
     β has the shape (chains, draws, p), φ the shape (chains, draws, h). The result has the shape
     (chains, draws, at most p + h).

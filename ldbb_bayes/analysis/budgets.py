@@ -79,8 +79,8 @@ class Budget(Result):
     unit: str
     u: float  #: standard uncertainty of the parameter: its posterior standard deviation
     contributions: tuple[Contribution, ...]
-    #: model term with the largest share of the variance; chosen among terms of type B (GUM 2.3.3)
-    #: where these have more than half of the variance
+    #: model term with the largest share of the parameter's variance; if the terms of type B (GUM
+    #: 2.3.3) together have more than half of the variance, the largest of these
     heaviest: str
     #: standard uncertainty of the parameter if the term ``heaviest`` were known exactly; None if it
     #: cannot be known (noise of the readings, or the parameters' own priors)

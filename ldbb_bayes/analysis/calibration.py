@@ -149,7 +149,7 @@ class Validation(Result):
         table = pd.DataFrame(index=list(self.names))
         for prob in _INTERVALS:
             limit = prob * (self.draws + 1)
-            # A rank exactly at an end of the interval counts half.
+            # A true value whose rank is exactly at an end of the credible interval counts half.
             inside = 0.5 * (distance < limit - 1e-9) + 0.5 * (distance < limit + 1e-9)
             table[_percent(prob)] = inside.mean(axis=0)
             table[f"u{_percent(prob)}"] = np.sqrt(prob * (1.0 - prob) / self.replicates)
@@ -229,8 +229,8 @@ def calibrate(
     Returns
     -------
     Validation
-        Ranks, and whether they are uniform. ``failures`` are the error messages of replicates that
-        gave no draws.
+        Ranks, and whether they are uniformly distributed. ``failures`` are the error messages of
+        replicates that gave no posterior draws.
 
     Raises
     ------

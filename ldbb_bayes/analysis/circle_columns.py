@@ -50,8 +50,10 @@ class SecondOrderFactors(NamedTuple):
     The second harmonic of the radial deviation has an amplitude of cos 2θ and one of sin 2θ.
     """
 
-    scale_mismatch: float  #: scale mismatch per amplitude of cos 2θ [µm/m per µm]
-    squareness: float  #: squareness per amplitude of sin 2θ [µm/m per µm]
+    #: scale mismatch of the plane's two axes per µm of the amplitude of cos 2θ [µm/m per µm]
+    scale_mismatch: float
+    #: squareness of the plane's two axes per µm of the amplitude of sin 2θ [µm/m per µm]
+    squareness: float
 
 
 def machine_columns(bound: BoundModel, r: int, force_N: float) -> MachineColumns:

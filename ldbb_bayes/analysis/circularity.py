@@ -50,9 +50,9 @@ __all__ = [
     "summarise_draws",
 ]
 
-# Units of circular-test quantities by name. QUANTITIES are those of every tool path; BIDIRECTIONAL
-# are those of planes run both clockwise and counterclockwise; MINIMUM_ZONES are the deviations
-# about the centre of the minimum zone.
+# Circular-test quantities of ISO 230-4 and their units. QUANTITIES are those of every tool path;
+# BIDIRECTIONAL are those of planes run both clockwise and counterclockwise; MINIMUM_ZONES are the
+# deviations about the centre of the minimum zone.
 QUANTITIES = {
     "G": "µm",
     "F_max": "µm",
@@ -136,9 +136,8 @@ class PathDraws(NamedTuple):
     """Posterior draws of the quantities of a tool path in one plane at one force."""
 
     place: dict[str, Any]  #: plane, radius [mm] and force [N] of the path, by name of the column
-    quantities: dict[
-        str, Array
-    ]  #: posterior draws of each quantity of `predict_circularity`, by name, shape (draws,)
+    #: posterior draws of each quantity of `predict_circularity`, by name, shape (draws,)
+    quantities: dict[str, Array]
 
 
 def path_draws(

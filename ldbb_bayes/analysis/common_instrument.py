@@ -38,8 +38,8 @@ class Conflict(NamedTuple):
     """The nuisance coefficient of a common instrument about which two campaigns disagree most."""
 
     coefficient: str
-    #: probability of a larger disagreement by chance, times the number of coefficients compared
-    #: (Bonferroni)
+    #: p-value of the disagreement: probability of a larger disagreement by chance, times the number
+    #: of coefficients compared (Bonferroni); at most 1
     p_value: float
 
 
@@ -91,8 +91,8 @@ def joint_difference(
     common = _common_coefficients(first, second)
     all_names = [*first.names, *(name for name in second.names if name not in common)]
     size = len(all_names)
-    # The prior of the common coefficients is in the posteriors of both campaigns but must count
-    # once.
+    # The prior of the coefficients of the common instrument is in the posteriors of both campaigns.
+    # Subtract it once, because it must count only once.
     common_places = np.array([first.names.index(name) for name in common], dtype=int)
     prior_precision = np.zeros((size, size))
     prior_precision[common_places, common_places] = first.information.scale[common_places] ** -2.0
@@ -147,13 +147,15 @@ def _share_hypers(bounds: Sequence[BoundModel], phi: Sequence[Array]) -> list[Ar
 
 
 def _information_and_means(bound: BoundModel, phi: Array) -> _Campaign:
-    """Return the information about a campaign's coefficients, and their posterior means.
+    """Return the information of a campaign's readings about its coefficients, and their means.
 
-    Coefficients are the parameters and the nuisance coefficients that tests share. ``phi`` are the
-    hyper-parameters of the campaign, shape (h,) [mm].
+    The means are those of the posterior. Coefficients are the parameters and the nuisance
+    coefficients that tests share. ``phi`` are the hyper-parameters of the campaign, shape (h,)
+    [mm].
     """
     information = information_of(bound, phi)
-    # The bar length is common to both campaigns only if their radii are the same.
+    # The error of the bar's length is common to both campaigns only if their radii are the same.
+    # Name it by the radius, so that the names differ otherwise.
     bar_length = f"bar_length_{bound.setting.radii_mm[0]:g}"
     names = []
     for name in information.names:

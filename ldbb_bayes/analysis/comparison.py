@@ -208,8 +208,8 @@ class Comparison(Result):
     'depends on assumptions that the readings allow'
     """
 
-    campaign: ComparedCampaign  #: name and digest of the campaign
-    models: dict[str, ComparedModel]  #: models by the names that the caller gave
+    campaign: ComparedCampaign  #: name and digest of the campaign that models were compared on
+    models: dict[str, ComparedModel]  #: results of each model, by the name that the caller gave
     #: log Bayes factor ln B of each later model over the first [nat]; keys are such as
     #: "linear/constant", the later model's name before the first's
     log_bayes_factor: dict[str, float]
@@ -237,7 +237,8 @@ class Comparison(Result):
     slope_subsets: tuple[SlopeSubset, ...]
     #: compliance C(F) against force F, by name, averaged over the models with subsets of slopes
     compliance_against_force: dict[str, Curve]
-    tests: dict[str, ComparedTest]  #: tests by name; empty for a campaign of one test
+    #: every test predicted from the other tests, by name of the test; empty if no test was left out
+    tests: dict[str, ComparedTest]
     #: fits of constant compliance to every two neighbouring forces: the table that `local_fits`
     #: returns
     local_fits: Records
@@ -278,7 +279,10 @@ class Comparison(Result):
 
     @property
     def within_tolerance(self) -> bool:
-        """Return whether the error of every log evidence is within the tolerance."""
+        """Return whether the error of every log evidence is within the tolerance asked for.
+
+        Assumptions whose log evidence is more than 10 nat lower than the best do not count.
+        """
         return self.largest_error <= self.tolerance
 
     def gain(self, assumed: Assumed) -> float:
@@ -588,7 +592,7 @@ def _plan_comparison(
     by_assumption = sensitivity.changed(
         pair.values(), sensitivity.discrepancy_assumptions(pair.values())
     )
-    # The first entry of by_assumption is the models' own assumption.
+    # The first entry of ``by_assumption`` is the models' own assumption about how circles differ.
     unchanged_label = next(iter(by_assumption))
     unchanged = {unchanged_label: by_assumption.pop(unchanged_label)}
     constant = models[second].with_degree(0)

@@ -41,7 +41,8 @@ __all__ = ["Conformity", "Decision", "assess_conformity", "draws_at", "normal_co
 _FEWEST_DRAWS = 10
 # Number of posterior draws for which the machine's circular path is computed.
 _PATH_DRAWS = 2000
-# Least value of a posterior standard deviation in a divisor, to avoid a division by zero.
+# Least value that a quantity's posterior standard deviation is given in a divisor, to avoid a
+# division by zero.
 _LEAST_SD = 1e-300
 
 
@@ -99,8 +100,9 @@ def assess_conformity(
     """Decide whether a machine conforms with its tolerances.
 
     The probability of conformance is p = P(lower ≤ η ≤ upper | y) of JCGM 106, for a quantity η
-    given the readings y. By ISO 14253-1 the quantity conforms where p is at least ``confidence``,
-    does not conform where 1 − p is at least ``confidence``, and in between nothing is decided.
+    with tolerance limits ``lower`` and ``upper``, given the readings y. By ISO 14253-1 the quantity
+    conforms if p is at least ``confidence``. It does not conform if 1 − p is at least
+    ``confidence``. Otherwise nothing is decided.
 
     Parameters
     ----------

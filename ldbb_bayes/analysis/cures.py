@@ -24,7 +24,7 @@ _FULL_CIRCLE_DEG = 355.0
 # A test with readings at fewer different angles than this does not count as a full circle, because
 # its readings do not resolve all Fourier orders.
 _FEWEST_ANGLES = 36
-# Angles of the full circles that are tried as further tests [°].
+# Angles of the readings in full circles that are tried as further tests [°].
 _FULL_CIRCLE_ANGLES_DEG = np.arange(120) * 3.0
 # Angles of readings [°] that agree to this number of decimals count as one angle.
 _ANGLE_DECIMALS = 6
@@ -92,7 +92,7 @@ def cures(bound: BoundModel, aliases: Sequence[Degeneracy]) -> tuple[tuple[Cure,
 
 
 def _is_among(degeneracy: Degeneracy, remaining: Sequence[Degeneracy]) -> bool:
-    """Return whether a degeneracy is among those that remain in a longer plan."""
+    """Return whether a degeneracy of a plan is among those that remain in a longer plan."""
     return any(_is_same(degeneracy, candidate) for candidate in remaining)
 
 

@@ -75,11 +75,11 @@ def compare_posteriors(
     -------
     DataFrame
         One row per parameter that both posteriors have, without offsets of the tool ball, in
-        internal units (mm, N, rad). Columns are unit, first, second (posterior means, of both at
-        the reference force of the first), difference, sd (of the difference), ci_low, ci_high and
-        probability_of_increase. With the same instrument,
-        ``attrs["conflict"]`` is the instrument's coefficient about which the campaigns disagree
-        most, and the p-value of the disagreement (Bonferroni); otherwise it is None.
+        internal units (mm, N, rad). Columns are unit, first and second (posterior means, of both
+        campaigns at the reference force of the first), difference, sd (of the difference), ci_low,
+        ci_high and probability_of_increase. With the same instrument, ``attrs["conflict"]`` is the
+        instrument's coefficient about which the campaigns disagree most, and the p-value of the
+        disagreement (Bonferroni); otherwise it is None.
 
     Raises
     ------

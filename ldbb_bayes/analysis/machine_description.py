@@ -53,14 +53,15 @@ class VisibleParameter:
     name: str
     unit: str
     meaning: str
-    #: formula by plane: change of the reading [mm] per unit of the parameter, for a compliance also
-    #: per N; c = cos θ, s = sin θ, R is the radius in mm
+    #: formula for the effect of the parameter on the reading, by plane: change of the reading [mm]
+    #: per unit of the parameter, for a compliance also per N; c = cos θ and s = sin θ for the angle
+    #: θ of the circle, and R is its radius in mm
     pattern: Mapping[str, str]
     #: whether the parameter cannot be negative, whatever the compliances of the joints are; the
     #: prior excludes negative values of such parameters only
     not_negative: bool
-    #: the parameters of which this parameter represents the weighted sum: weights by name; empty
-    #: where it represents itself only
+    #: weights, by name, of the parameters of which this parameter represents the weighted sum;
+    #: empty if it represents itself only
     members: Mapping[str, float]
 
 
@@ -70,7 +71,8 @@ class DescribedMachine(Result):
 
     topology: str
     planes: tuple[str, ...]
-    #: joints in words, with branch and frame, from the workpiece to the tool
+    #: the machine's joints in words, each with axis, branch and frame, from the workpiece to the
+    #: tool
     joints: tuple[str, ...]
     centres_mm: tuple[tuple[float, ...], ...]
     compliances: tuple[VisibleParameter, ...]
@@ -101,8 +103,8 @@ def describe_machine(machine: Machine, circles: Sequence[Circle] = ()) -> Descri
     -------
     DescribedMachine
         Parameters with units, meanings and patterns, in internal units (mm, N, rad). A pattern is
-        the change of the reading with the angle θ of the circle: c = cos θ, s = sin θ, R is the
-        radius.
+        formula for the change of the reading with the angle θ of the circle, in which c = cos θ,
+        s = sin θ, and R is the radius in mm.
 
     Raises
     ------

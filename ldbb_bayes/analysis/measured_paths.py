@@ -21,8 +21,8 @@ from ldbb_bayes.results import Array, readable
 
 __all__ = ["measure_circularity"]
 
-# A circle whose arc is at least this angle [°] counts as full, so that it shows squareness and
-# scale mismatch.
+# A test whose arc is at least this angle [°] counts as a full circle, from which squareness and
+# scale mismatch are computed.
 _FULL_CIRCLE_DEG = 350.0
 
 

@@ -26,7 +26,8 @@ _SPARSE_LIMIT_SHARE = 0.5
 # A preferred coefficient becomes a pivot only if its row of an orthonormal basis of the null space
 # is longer than this. The directions of pivots chosen before are first projected out of the row.
 _LEAST_PIVOT_LENGTH = 0.05
-# Singular values of a least-squares problem below this share of the largest count as zero.
+# When the effect of one coefficient on the readings is fitted by those of others, singular values
+# below this share of the largest count as zero.
 _RANK_TOLERANCE = 1e-12
 # Decimals to which lengths of rows of the null space's basis are compared, so that rounding errors
 # do not decide which coefficient becomes a pivot.
@@ -34,7 +35,10 @@ _LENGTH_DECIMALS = 6
 
 
 class NullSpace:
-    """Combinations of scaled coefficients that change no reading by more than a limit.
+    """Combinations of coefficients of a model that change no reading by more than a limit.
+
+    Coefficients are parameters of interest and nuisance coefficients, in units of their prior
+    standard deviations.
 
     Parameters
     ----------
@@ -57,10 +61,11 @@ class NullSpace:
     def sparse_basis(self) -> list[tuple[int, Array]]:
         """Return the basis as pairs of pivot and vector; pairs with a nuisance as pivot come first.
 
-        A pivot is the index of the coefficient that has the value one in the vector; it is zero in
-        all other vectors. Three kinds of vectors are found in turn: combinations of parameters
-        alone, then each nuisance that the remaining parameters can imitate, then the remaining null
-        space. A nuisance that alone changes no reading noticeably is left out.
+        A vector is a combination of the m coefficients that no reading resolves, shape (m,). Its
+        pivot is the index of a coefficient that has the value one in it and zero in all other
+        vectors. Three kinds of vectors are found in turn: combinations of parameters alone, then
+        each nuisance that the remaining parameters can imitate, then the remaining null space. A
+        nuisance that alone changes no reading noticeably is left out.
         """
         columns = np.arange(len(self.largest))
         is_parameter = columns < self.parameters
@@ -81,11 +86,12 @@ class NullSpace:
     def _independent_vectors(
         self, columns: NDArray[np.intp], *, preferred: NDArray[np.bool_]
     ) -> dict[int, Array]:
-        """Return a basis of the null space of these columns, by the index of the pivot.
+        """Return a basis of the unresolved combinations of some coefficients, by index of pivot.
 
-        Columns are indices of coefficients. Each vector has the value one at its pivot, and values
-        at columns that are no pivots, so that their effects on the readings cancel. ``preferred``
-        states which columns should be pivots where possible.
+        ``columns`` are the indices of these coefficients. Each vector of the basis has the value
+        one at its pivot. It has values at coefficients that are no pivots, so that their effects on
+        the readings cancel. ``preferred`` states which of the coefficients should be pivots where
+        possible.
         """
         pivots = columns[_choose_pivots(self._orthonormal_basis(columns), preferred)]
         imitators = np.setdiff1d(columns, pivots)
@@ -136,7 +142,7 @@ class NullSpace:
 
 
 def _choose_pivots(basis: Array, preferred: NDArray[np.bool_]) -> list[int]:
-    """Return indices of k well-conditioned rows of a basis of k vectors.
+    """Return the indices of k rows of a basis of k vectors that are as independent as possible.
 
     ``basis`` has the shape (c, k), with one row for each of c coefficients. ``preferred``, shape
     (c,), states which rows are chosen before other rows.

@@ -63,14 +63,16 @@ class JudgedTest:
     nothing tells which of them is wrong.
     """
 
-    #: probability that a circle of the same machine deviates as much in any Fourier order
+    #: probability that another circle of the same machine deviates as much, in any Fourier order,
+    #: from what the other tests predict
     p_value: float
     family_wise_p_value: float  #: p-value adjusted for the number of tests (Holm)
     order_p_values: tuple[float, ...]  #: p-value of each single Fourier order, 0 … 12
     worst_order: int  #: Fourier order in which the test deviates most
     #: whether the family-wise p-value is below 2 % and more than half of the tests remain unflagged
     flag: bool
-    #: −ln of the upper tail of χ² in the worst Fourier order; it ranks tests with equal p-values
+    #: deviation in the worst Fourier order, as −ln of the probability that χ² is larger; it ranks
+    #: tests with equal p-values
     distance: float
 
 
@@ -294,7 +296,9 @@ def _replicates(
 
 
 def judge_circle(observed: Array, replicates: Array) -> JudgedTest:
-    """Return a circle compared with its replicates, before adjustment for the number of tests.
+    """Return one test's circle compared with its replicates (simulated circles).
+
+    The p-value is not adjusted for the number of tests.
 
     Parameters
     ----------

@@ -123,7 +123,7 @@ def contribution_paths(
     The circle is that of the test with index ``r``, at the force ``force_N``. Each contribution has
     the shape (draws, 360) [µm], for the angles 0°, 1° … 359°. ``beta``, shape (draws, p), are
     posterior draws of the p parameters. Sources are those of `decompose_deviation`; if ``only`` is
-    not empty, the sources in it. Sources without any effect are left out.
+    not empty, only the sources in it are returned. Sources without any effect are left out.
     """
     turn = basis(ANGLE_RAD).T * 1e3
     paths = {}

@@ -12,13 +12,16 @@ from ldbb_bayes.results import Array
 
 __all__ = ["Zone", "least_squares_zone", "minimum_zone_width"]
 
-# Least number of angles of a circle: three determine its centre and radius.
+# Least number of angles from which a circle is computed: three determine its centre and radius.
 _FEWEST_ANGLES = 3
 
 
 @dataclass(frozen=True)
 class Zone:
-    """Radial deviations of a tool path about the centre of its least-squares circle."""
+    """Range of the radial deviations of a tool path about the centre of its least-squares circle.
+
+    All values are in the unit of the deviations.
+    """
 
     lower: float  #: smallest radial deviation from the nominal radius
     upper: float  #: largest radial deviation from the nominal radius
@@ -55,7 +58,8 @@ def minimum_zone_width(angle_rad: Array, deviation: Array) -> float:
     ones = columns[:, :1]
     zeros = 0.0 * ones
     centre = columns[:, 1:]
-    # The unknowns are the centre (a, b) and the limits lower and upper.
+    # The unknowns of the linear programme are the centre (a, b) and the limits of the zone, lower
+    # and upper.
     below_upper = -np.column_stack([centre, zeros, ones])
     above_lower = np.column_stack([centre, ones, zeros])
     limits = np.concatenate([-deviation, deviation]) / scale

@@ -18,8 +18,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["ecdf", "simultaneous_band"]
 
-# Number of bisections by which the probability of a single interval of the band is found; enough
-# for double precision.
+# Number of bisections by which the probability of the band's single intervals, one for each rank,
+# is found; enough for double precision.
 _BISECTIONS = 40
 
 

@@ -36,7 +36,7 @@ class Explained:
     """One combination of explanations of a change of the readings with force."""
 
     by: tuple[str, ...]  #: names of the explanations that are combined, such as "slopes"
-    log_evidence: float  #: log evidence of the combination [nat]
+    log_evidence: float  #: log evidence of the model with this combination [nat]
     log_evidence_error: Finite  #: error of the log evidence [nat]
     probability: float  #: posterior probability of the combination
 
@@ -70,7 +70,7 @@ class Explanations:
 
 
 def subsets(names: Sequence[str]) -> list[tuple[str, ...]]:
-    """Return every combination of names; the combination of all names comes first."""
+    """Return every subset of ``names``, from the set of all names to the empty set."""
     choices = itertools.product((True, False), repeat=len(names))
     return [tuple(itertools.compress(names, choice)) for choice in choices]
 
@@ -125,8 +125,8 @@ def compare_explanations(pair: Mapping[str, HybridModel], evidences: Evidences) 
     for name in names:
         includes = [name in combination for combination in combinations]
         inclusion_probability[name] = float(probability[includes].sum())
-    # By the order of `subsets`, the first row has the models with slopes, and the last column those
-    # without rival explanations.
+    # By the order of `subsets`, the first row has the models with slopes and the second those
+    # without slopes. The last column has the models without rival explanations.
     log_evidence_by_slopes = log_evidence.reshape(2, -1)
     error_by_slopes = error.reshape(2, -1)
     rival_combinations = log_evidence_by_slopes.shape[1]

@@ -14,8 +14,8 @@ from ldbb_bayes.results import Finite
 
 __all__ = ["WHITE_NOISE", "Assumed", "Change", "changed", "discrepancy_assumptions", "under"]
 
-# Function that takes a model and returns it changed to another assumption, such as another
-# assumption about how circles differ from one another.
+# Function that takes a model and returns it under another assumption, for example one about how
+# circles differ from one another.
 Change = Callable[[HybridModel], HybridModel]
 # Label of the assumption that circles differ from one another by white noise only. Compliances may
 # then be negative.
@@ -25,7 +25,7 @@ _UNCHANGED = "as in the model"
 
 
 class _Alternative(NamedTuple):
-    """Another assumption about how circles differ from one another."""
+    """Another assumption about how circles differ from one another: a model term is changed."""
 
     label: str
     kind: type[Term]  #: class of the model term that is replaced or left out
@@ -47,7 +47,11 @@ _ALTERNATIVES = (
 
 @dataclass(frozen=True)
 class Assumed:
-    """Log evidences of two models and their log Bayes factor under one assumption [nat]."""
+    """Log evidences of two models and their log Bayes factor under one assumption [nat].
+
+    The Bayes factor is that of the second model over the first. ``assumption`` is a text, such as
+    "without set-up shift"; ``log_evidence`` holds the log evidences by name of the model.
+    """
 
     assumption: str
     log_bayes_factor: float
@@ -56,7 +60,7 @@ class Assumed:
 
     @property
     def best(self) -> float:
-        """The larger of the two models' log evidences [nat]."""
+        """The larger of the two models' log evidences under the assumption [nat]."""
         return max(self.log_evidence.values())
 
 

@@ -35,8 +35,8 @@ PATH_QUANTITIES = {"G": _UPPER, "F_max": _UPPER, "F_min": _LOWER}
 # stiffnesses and the circular deviation G.
 _DIRECT_COMPLIANCE = re.compile(r"C_(.)\1.")
 _NEVER_NEGATIVE = re.compile(_DIRECT_COMPLIANCE.pattern + r"|stiffness_.|G(_..)?")
-# A compliance may be stated at forces between these multiples of the smallest and of the largest
-# force tested.
+# A compliance may be stated at forces from the first number times the smallest force tested to the
+# second number times the largest force tested.
 _LEAST_FORCE_SHARE = 0.1
 _LARGEST_FORCE_SHARE = 1.5
 # Signs before the number of a tolerance, such as ≤, and the limits, upper or lower, that they
@@ -129,7 +129,11 @@ def quantities(units: Mapping[str, str], planes: Collection[str] = ()) -> dict[s
 
 
 def quantities_of(bound: BoundModel) -> dict[str, Quantity]:
-    """Return the quantities of a bound model that may have a tolerance, by name."""
+    """Return the quantities of a bound model that may have a tolerance, by name.
+
+    They are its parameters, stiffnesses such as ``stiffness_X``, and G, F_max and F_min of the
+    machine's circular path.
+    """
     units = {parameter.name: parameter.unit for parameter in bound.parameters}
     return quantities(units, bound.setting.planes)
 

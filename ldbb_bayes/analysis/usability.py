@@ -46,7 +46,7 @@ class Reason(Result):
     """One reason why values on a certificate cannot be used, or only with reservation."""
 
     kind: ReasonKind
-    names: tuple[str, ...] = ()  #: names of the parameters or tests concerned
+    names: tuple[str, ...] = ()  #: names of the parameters or tests that the reason is about
     #: model terms or parameters that the readings cannot distinguish from the parameters in
     #: ``names``
     partners: tuple[str, ...] = ()

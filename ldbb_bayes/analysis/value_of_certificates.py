@@ -31,8 +31,9 @@ CERTIFICATES: Mapping[str, Mapping[str, Any]] = {
 def uncertainty_with(bound: BoundModel, instrument: Instrument, weight: Array, phi: Array) -> Array:
     """Return the standard uncertainty of every parameter, given an instrument's certificates.
 
-    The variance given the hyper-parameters φ (the scales of the noise and of other effects) is
-    averaged over their posterior without the certificates.
+    The variance of each parameter, given the hyper-parameters φ (the scales of the noise and of
+    other effects), is averaged over values of φ. These are from the posterior without the
+    certificates.
 
     Parameters
     ----------

@@ -59,7 +59,7 @@ class SlopeSubset:
 
 @dataclass(frozen=True)
 class VaryingSlope:
-    """Posterior probability that a compliance changes with force."""
+    """Posterior probability, ``inclusion_probability``, that a compliance changes with force."""
 
     inclusion_probability: float
 
@@ -194,7 +194,7 @@ def averaged_curves(
     seed : int
         Seed of the random draws.
     prob : float
-        Probability of the bands.
+        Probability of the credible bands of the curves.
     """
     rng = np.random.default_rng(seed)
     bound = weighed[0].bound

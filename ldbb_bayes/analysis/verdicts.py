@@ -63,7 +63,8 @@ __all__ = [
     "variance_share_removed",
 ]
 
-# Share of a parameter's posterior variance above which an effect holds most of the variance.
+# An effect counts as holding most of a parameter's posterior variance if its share of the variance
+# is above this.
 MAJORITY = 0.5
 # A parameter β is prior-limited where its contraction, 1 − Var(β | y) / Var(β) for readings y, is
 # below this.
@@ -88,7 +89,8 @@ _TERMS_LEFT_OUT = {StandingKind.FRICTION: "Hysteresis", StandingKind.DRIFT: "Dri
 class Verdict(StrEnum):
     """Verdict on how well one parameter is known.
 
-    The rules apply in this order:
+    Sd is the standard deviation. The contraction is one minus the ratio of posterior and prior
+    variance. The rules apply in this order:
 
     1. *confounded*, when a nuisance that the model leaves out looks exactly like the parameter:
        nothing bounds the nuisance then.
@@ -138,10 +140,10 @@ class ParameterIdentifiability(Result):
     #: parameter they are the model terms, then the parameters, from which it cannot be separated.
     #: For others they are the terms with more than 5 % of its variance.
     partners: Annotated[tuple[str, ...], Field(alias="with")]
-    #: share of the parameter's variance that vanishes if a partner is known, by name of the
-    #: partner; effects that the model leaves out have no share
+    #: share of the parameter's posterior variance that vanishes if an effect in ``partners`` is
+    #: known, by name of the effect; effects that the model leaves out have no share
     partner_shares: dict[str, float]
-    unit: str  #: internal unit of the parameter
+    unit: str  #: internal unit of the parameter (of mm, N, rad)
     prior_mean: Number  #: prior mean of the parameter; not a number for a flat prior
     #: prior standard deviation of the parameter; infinite for a flat prior
     prior_sd: Finite
@@ -153,7 +155,8 @@ class ParameterIdentifiability(Result):
     #: mutual information of parameter and readings, ½ ln(prior variance / posterior variance)
     #: [nat]; not a number for a flat prior
     information_gain: Number
-    #: share of the parameter's posterior variance that vanishes if a model term is known, by term
+    #: share of the parameter's posterior variance that vanishes if a model term is known, by class
+    #: name of the term
     confounding: dict[str, float]
     #: shares of model terms, reading noise and the parameters' own priors in the parameter's
     #: variance, as in `budget_uncertainty`; they sum to one
@@ -180,8 +183,9 @@ class Identifiability(Result):
     #: remedies for each degeneracy: further tests that resolve it when added to the plan, or a
     #: calibration
     cures: tuple[tuple[Cure, ...], ...]
-    #: parameters that look like effects which are no terms of the model, or from which only tests
-    #: at different forces separate them
+    #: kinds of effect, such as friction, that look like parameters, each with these parameters; the
+    #: effects are no terms of the model, or only tests at different forces separate them from the
+    #: parameters
     standing: tuple[Standing, ...]
     #: number of parameters that the readings determine: the sum of the contractions, or for a flat
     #: prior the number of all parameters
@@ -346,20 +350,20 @@ def variance_share_removed(information: Information, names: Sequence[str]) -> Ar
 
 
 def prior_dominated_share(information: Information, precision_ratio: float = 1.0) -> Array:
-    """Return the share of each parameter's variance that lies where priors dominate.
+    """Return the share of each parameter's variance along combinations that priors dominate.
 
-    Priors dominate a combination of coefficients where the readings add less than
-    ``precision_ratio`` times the precision of the prior. The combinations are the right singular
-    vectors of the whitened design matrix of all coefficients (parameters and nuisances), in units
-    of their prior standard deviations. Along each combination, the prior precision is one, and the
-    readings add the square of the singular value.
+    Priors dominate a combination of coefficients if the readings add less than ``precision_ratio``
+    times the precision of the prior. The combinations are the right singular vectors of the design
+    matrix of all coefficients (parameters and nuisances). The matrix is in units of the standard
+    deviations of the noise and of the coefficients' priors. Along each combination, the prior
+    precision is therefore one, and the readings add the square of the singular value.
 
     Parameters
     ----------
     information
-        Information of the readings.
+        Information of the readings about all coefficients, given the hyper-parameters.
     precision_ratio
-        Precision that the readings add, divided by that of the prior.
+        Limit of the precision that the readings add, divided by that of the prior.
 
     Returns
     -------
@@ -621,7 +625,7 @@ def _inseparable_partners(
 def _twins(names: Sequence[str], combinations: Sequence[Degeneracy]) -> tuple[str, ...]:
     """Return those of the named parameters that no reading separates from other parameters.
 
-    They are in a degeneracy of parameters alone: a combination that changes no reading.
+    They are in one of ``combinations``, a combination of parameters alone that changes no reading.
     """
     inseparable = set[str]()
     for degeneracy in combinations:

@@ -82,7 +82,7 @@ class ReportSheet:
     Parameters
     ----------
     key
-        Anchor of the sheet in the HTML page.
+        Anchor (id) of the sheet in the HTML page.
     title
         Title of the sheet.
     line

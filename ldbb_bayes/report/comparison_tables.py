@@ -27,7 +27,8 @@ def models_table(comparison: Comparison, *, rmse: bool = True, least_squares: bo
     comparison
         Comparison of models.
     rmse
-        Whether the RMSE of the posterior mean prediction of every model is shown.
+        Whether the RMSE (root-mean-square residual) of the posterior mean prediction of every model
+        is shown.
     least_squares
         Whether the RMSE of the paper's least-squares fit is shown.
 

@@ -82,7 +82,8 @@ class Findings:
     def probabilities(self) -> Mapping[str, float]:
         """Posterior probabilities of the averaged models and of rival explanations, by name.
 
-        A rival explanation is an effect other than compliance that may cause a change with force.
+        A rival explanation is an effect other than compliance that may explain a change of the
+        readings with force, such as a nonlinear mount.
         The mapping is empty if no average over models was computed.
         """
         averaged = record_of(self.numbers).get("averaged", {})
@@ -91,7 +92,10 @@ class Findings:
 
     @property
     def varying(self) -> float:
-        """Probability that compliance changes with force; 1 if no average over models was made."""
+        """Posterior probability that compliance changes with force.
+
+        It is 1 if no average over models was computed.
+        """
         return 1.0 - self.probabilities.get(DEGREES[0], 0.0)
 
     @cached_property

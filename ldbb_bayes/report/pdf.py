@@ -24,16 +24,16 @@ from ldbb_bayes.results import Table
 __all__ = ["fit_to_page", "pdf_of"]
 
 _WIDTH = 182.0  # width of the printed area of an A4 page [mm]
-_LEFT = 14.0  # left margin of a page [mm]
-_TOP = 14.0  # top margin of a page [mm]
+_LEFT = 14.0  # left margin of an A4 page [mm]
+_TOP = 14.0  # top margin of an A4 page [mm]
 # Lowest position at which the content of a sheet may end [mm from the top of the page]. The space
 # below it is a reserve, because lines of text are slightly higher if a browser prints the sheet.
 _BOTTOM = 272.0
 # The fields for signatures begin at this position or below it [mm from the top of the page].
 _SIGNATURES = 256.0
-_PAIRED_WIDTH = 104.0  # width of a figure with a list beside it [mm]
-_PAIRED_HEIGHT = 88.0  # largest height of a figure with a list [mm]
-_PICTURE_HEIGHT = 100.0  # largest height of a figure without a list [mm]
+_PAIRED_WIDTH = 104.0  # width of a figure of a sheet with a list beside it [mm]
+_PAIRED_HEIGHT = 88.0  # largest height of a figure of a sheet with a list beside or below it [mm]
+_PICTURE_HEIGHT = 100.0  # largest height of a figure of a sheet without a list [mm]
 _DPI = 300.0
 _MM_PER_INCH = 25.4
 _LINE_HEIGHT = 0.46  # height of a line of text per point of the size of its letters [mm]
@@ -43,7 +43,7 @@ _RULE = 150  # grey level of the lines of tables and fields, from 0 (black) to 2
 # Grey levels (0 black, 255 white) of a banner's background and of its letters, by kind of banner.
 _GROUND_AND_INK = {"usable": (255, 0), "reserved": (232, 0), "unusable": (0, 255)}
 _SMALLEST_TITLE_SCALE = 0.8
-_MOST_ATTEMPTS = 20  # largest number of attempts to make a sheet fit its page
+_MOST_ATTEMPTS = 20  # largest number of times that letters are reduced to make a sheet fit its page
 
 
 def pdf_of(sheets: Sequence[ReportSheet], title: str, language: str, created: datetime) -> bytes:

@@ -64,7 +64,7 @@ A paragraph of several lines is shown as code.
 
 @dataclass(frozen=True)
 class Section:
-    """A section of the HTML page: its anchor, heading and content."""
+    """A section of the HTML page: its anchor (id), heading and content."""
 
     key: str
     title: str
@@ -207,7 +207,11 @@ def plan(findings: Findings) -> Iterator[Part]:
 
 
 def fit(findings: Findings) -> Iterator[Part]:
-    """Yield the section on the quality of the fit: RMSE, fitness, posterior predictive checks."""
+    """Yield the section on the quality of the fit.
+
+    It states the RMSE (root-mean-square residual), and for each test the fitness (Eq. 35 of the
+    paper) and the p-values of posterior predictive checks.
+    """
     quality = findings.result["fit"]
     rows = []
     for test in findings.seen.tests:

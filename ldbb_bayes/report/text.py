@@ -316,7 +316,7 @@ def comparison_parts(comparison: Comparison, *, rmse: bool = True) -> tuple[Pass
     comparison
         Comparison of models.
     rmse
-        Whether the RMSE of every model is shown.
+        Whether the RMSE (root-mean-square residual) of every model is shown.
 
     Returns
     -------
@@ -338,7 +338,10 @@ def comparison_parts(comparison: Comparison, *, rmse: bool = True) -> tuple[Pass
 
 @parts_of.register
 def _passages_of_comparison(comparison: Comparison) -> tuple[Passage, ...]:
-    """Return the tables and sentences of a comparison of models, with the RMSE of each model."""
+    """Return all tables and sentences of a comparison of models.
+
+    The table of the models includes the RMSE (root-mean-square residual) of each model.
+    """
     return comparison_parts(comparison)
 
 

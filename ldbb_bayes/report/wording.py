@@ -124,12 +124,13 @@ TO_NARROW = "What would narrow them:"
 MORE = "All of it: print(result.details()). For programs: lb.report.with_words(result)."
 NONE_ALIKE = "The readings determine every combination of what the model contains."
 
-# Limits at which the wording of sentences changes; no result depends on them.
+# ---- limits at which the wording of sentences changes; no result depends on them
+
 # Ratios of expected uncertainties, of one design to another, count as equal if they differ by less.
 _EQUAL_RATIOS = 2e-3
 _MOST_CHECKS = 3  # largest number of failed checks that a sentence on a fit names
-# Natural logarithm of the posterior probability that no compliance is negative. Below this value,
-# ln 1e-6, sentences say that the readings contradict non-negative compliance.
+# Sentences say that the readings contradict non-negative compliances if the natural logarithm of
+# the posterior probability that no compliance is negative is below this value, ln 1e-6.
 _CONTRADICTED = -13.815510557964274
 # Sentences call a slope (change of a compliance with force) certain if the probability that it is
 # not zero is at least this.

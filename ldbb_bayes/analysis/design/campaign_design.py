@@ -43,7 +43,8 @@ __all__ = ["Certificate", "Design", "Judged", "Limits", "design", "read_design"]
 # A certificate that the shares of a design are optimal holds if the largest sensitivity of any
 # candidate exceeds its bound by no more than this relative amount.
 _CERTIFICATE_TOLERANCE = 1e-4
-# Candidate tests whose share of the tests is below this are not listed.
+# Candidate tests whose share (fraction) of the tests is below this are left out of the table of the
+# best shares.
 _LISTED_SHARE = 1e-4
 # More circles of the same kind count as useless for a parameter if very many of them would leave
 # more than this share of its expected standard uncertainty.
@@ -59,11 +60,11 @@ class Certificate(Result):
     """Proof that no other division of the tests among the candidates is better.
 
     A share is the fraction of the tests that are run at one candidate. The sensitivity of a
-    candidate is the rate at which the criterion grows with its share. By Kiefer and Wolfowitz
-    (1960), the shares are optimal if the largest sensitivity of all candidates does not exceed the
-    bound; 0.01 % more is tolerated. For criterion D with flat priors the bound is the number of
-    parameters. Where the criterion is not concave, the certificate is not ``global``: it rules out
-    only similar shares.
+    candidate is the rate at which the criterion grows with its share. The bound is the mean of the
+    sensitivities, weighted by the shares. By Kiefer and Wolfowitz (1960), the shares are optimal if
+    the largest sensitivity of all candidates does not exceed the bound; 0.01 % more is tolerated.
+    For criterion D with flat priors the bound is the number of parameters. If the criterion is not
+    concave, the certificate is not ``global``: it rules out only similar shares.
     """
 
     max_sensitivity: float
@@ -143,9 +144,10 @@ class Design(Forecast):
     [36.0, 742.0, 742.0]
     """
 
-    criterion: str  #: criterion that the design optimizes
+    criterion: str  #: criterion that the design optimizes, such as ``eig``
     parameters: tuple[str, ...]  #: names of the parameters of interest; others are nuisances
-    #: recommended tests, one row per different test: force_N, the columns `columns`, and count
+    #: recommended tests, one row per different test: force_N, the columns `columns`, and count, the
+    #: number of times to run the test
     table: Annotated[Records, Field(alias="tests")]
     #: whether the tests of the pilot, the campaign that the design starts from, count as run
     #: already

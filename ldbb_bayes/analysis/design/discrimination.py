@@ -36,7 +36,7 @@ class Discrimination(Result):
     Fields that end in ``_with`` hold if there are slopes, those in ``_without`` if there are none.
     """
 
-    size: float  #: size of the slopes, in prior standard deviations
+    size: float  #: root mean square of the slopes if they exist, in prior standard deviations
     #: whether tests already run are included. If so, the slopes are assumed to follow their
     #: posterior given these tests. If not, they are assumed to follow their prior, with standard
     #: deviations multiplied by ``size``.
@@ -102,7 +102,9 @@ def discrimination_of(
         slope_variance = size**2
     root = np.linalg.cholesky(covariance)
     remaining, axes = np.linalg.eigh(np.swapaxes(root, 1, 2) @ start.precision @ root)
-    remaining = np.clip(remaining, _LEAST_VARIANCE, 1.0)  # e: remaining share of the variance
+    # The eigenvalues e are the shares of variance that remain, after the tests, along combinations
+    # of the slopes.
+    remaining = np.clip(remaining, _LEAST_VARIANCE, 1.0)
     learnt = 1.0 - remaining
     to_components = np.linalg.solve(root @ axes, np.broadcast_to(np.eye(s), covariance.shape))
     mean = np.einsum("kij,kj->ki", to_components, start.mean)

@@ -36,8 +36,8 @@ _MEANS_PER_STATE = 4
 # Number of times that every test counts when the floor of a parameter's uncertainty is computed:
 # the standard deviation that remains after very many tests.
 _REPETITIONS_OF_FLOOR = 1e6
-# Singular values of the information matrix of the readings below this count as zero. The matrix is
-# in units of the prior standard deviations.
+# Singular values of the design matrix of the readings below this count as zero, when it is tested
+# whether the tests determine every parameter.
 _RANK_TOLERANCE = 1e-6
 
 
@@ -67,7 +67,8 @@ class Expected(Result):
 class Forecast(Result):
     """Forecast of planned tests: expected uncertainties, information gain, evidence on slopes."""
 
-    expected: dict[str, Expected]  #: expected uncertainty of each parameter, by name
+    #: prior and expected standard deviation of each parameter, by name
+    expected: dict[str, Expected]
     #: expected Kullback-Leibler divergence of the posterior from the prior [nat]; infinite for a
     #: flat prior
     information_gain: Finite

@@ -35,8 +35,9 @@ class Objective(Shown):
     A design is given by the number of tests of each candidate, ``counts``, shape (candidates,).
     """
 
-    #: derivatives G of m reduced readings with respect to p parameters, shape (K, candidates, m,
-    #: p), in standard deviations of the noise; one test of a candidate adds GᵀG to the precision
+    #: derivatives G of each candidate's readings by the p parameters, shape (K, candidates, m, p),
+    #: in standard deviations of the noise; the readings are reduced to m values that hold their
+    #: information, so that one test of a candidate adds GᵀG to the precision of the parameters
     rows: Array
     #: precision of the p parameters before these tests, shape (K, p, p), from the prior and tests
     #: already run; zeros where the prior is flat
@@ -52,7 +53,10 @@ class Objective(Shown):
         return int(self.rows.shape[1])
 
     def among(self, candidates: Array) -> Objective:
-        """Return the same objective for only those candidate tests that have these indices."""
+        """Return the same objective for a choice among fewer candidate tests.
+
+        ``candidates`` are the indices of these tests.
+        """
         return replace(self, rows=self.rows[:, candidates])
 
     def efficiency(self, value: float, best: float) -> float:

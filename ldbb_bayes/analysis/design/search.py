@@ -197,8 +197,10 @@ class ExactDesign:
 
     counts: Array  #: whole number of tests of each candidate, shape (candidates,)
     value: float  #: value Φ of the criterion for the design
-    optimum: Optimum  #: best shares of as many tests, which need not be whole numbers of tests
-    efficiency: float  #: efficiency of the design relative to the best shares
+    #: best division of as many tests among the candidates, not necessarily in whole numbers
+    optimum: Optimum
+    #: efficiency of the design by its criterion, relative to the division in ``optimum``
+    efficiency: float
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,10 +21,10 @@ from ldbb_bayes.results import Array
 
 __all__ = ["compliance_with_local_fits", "evidence", "geometry_with_local_fits"]
 
-_LINES = ("-", "--", ":")  # Matplotlib line styles of the models, used in turn
+_LINES = ("-", "--", ":")  # Matplotlib line styles of the models in a figure, used in turn
 # The scale of log Bayes factors ln B is never broken at an absolute value below this [nat].
 _MIDDLE_NAT = 20.0
-_BREAK_MARK = ((-0.6, -1.0), (0.6, 1.0))  # end points of the stroke that marks a broken scale
+_BREAK_MARK = ((-0.6, -1.0), (0.6, 1.0))  # ends (x, y) of the stroke that marks a broken scale
 
 
 # ---- figure of the evidence for each model

@@ -229,7 +229,8 @@ def corner(posterior: xr.DataTree, names: Sequence[str] | None = None) -> Figure
         ...
     ldbb_bayes.errors.InputError: ...
     """
-    from corner import corner as draw_corner  # import it only here: it loads pyplot
+    # Import the package corner only here, because it loads pyplot.
+    from corner import corner as draw_corner
 
     group = posterior["posterior"]
     if names is None:

@@ -21,7 +21,8 @@ from ldbb_bayes.units import display_name
 __all__ = ["compliance_atlas", "geometric_atlas"]
 
 _ANGLE = np.linspace(0.0, 2 * np.pi, 361)
-_SWING = 0.45  # amplitude of a drawn pattern, relative to the radius of the drawn circle
+# Largest deviation of a drawn pattern from the drawn circle, as a share of the circle's radius.
+_SWING = 0.45
 _DASHED = (0, (4, 3))
 
 

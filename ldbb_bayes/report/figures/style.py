@@ -114,7 +114,8 @@ def new_figure(width: float, height: float) -> Figure:
     >>> figure.get_size_inches().tolist()
     [6.3, 3.0]
     """
-    # The extra padding allows for letters that are a little wider at another resolution.
+    # The padding between panels is larger than Matplotlib's default, because letters may be a
+    # little wider at another resolution.
     return Figure(figsize=(width, height), layout=ConstrainedLayoutEngine(w_pad=0.08))
 
 

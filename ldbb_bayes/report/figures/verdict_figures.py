@@ -1,7 +1,7 @@
 """Figures of verdicts and uncertainty budgets.
 
-Verdicts state how far the readings determine each parameter: densities before and after the
-readings. Budgets show the sources of each uncertainty.
+Verdicts state how far the readings determine each parameter; the figure shows its densities before
+and after the readings. Budgets show the sources of each uncertainty.
 """
 
 from __future__ import annotations
