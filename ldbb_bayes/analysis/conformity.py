@@ -165,7 +165,8 @@ def draws_at(posterior: xr.DataTree, force_N: float) -> dict[str, Array]:
     """Return posterior draws of every parameter, by name, in mm, N and rad.
 
     Compliances are those at the force ``force_N`` of the bar; slopes and geometric errors do not
-    depend on it. Each array has the shape (draws,).
+    depend on it. Each array has the shape (draws,). In an average over models, draws of different
+    names must not be paired.
     """
     bound = bound_of(posterior)
     draws = dict(zip(bound.names, draws_of(posterior, bound)[0].T, strict=True))

@@ -145,14 +145,15 @@ def compare_explanations(pair: Mapping[str, HybridModel], evidences: Evidences) 
 
 
 def _compare_slopes(
-    label: str, pair: Mapping[str, HybridModel], log_evidence: Array, error: float
+    label: str, pair: Mapping[str, HybridModel], log_evidence_by_slopes: Array, error: float
 ) -> Assumed:
     """Return the log Bayes factor of slopes over no slopes, with both log evidences.
 
     ``label`` names the way in which rival explanations are treated; ``error`` is that of the log
-    Bayes factor [nat]. ``log_evidence`` has the value of the model with slopes first, but ``pair``
-    has that model last.
+    Bayes factor [nat]. ``log_evidence_by_slopes`` has the value of the model with slopes first, but
+    ``pair`` has that model last.
     """
-    with_slopes, without_slopes = log_evidence.tolist()
-    values = dict(zip(pair, (without_slopes, with_slopes), strict=True))
-    return Assumed(label, with_slopes - without_slopes, error, values)
+    with_slopes, without_slopes = log_evidence_by_slopes.tolist()
+    constant_name, linear_name = pair
+    log_evidence = {constant_name: without_slopes, linear_name: with_slopes}
+    return Assumed(label, with_slopes - without_slopes, error, log_evidence)

@@ -282,10 +282,10 @@ def source_from(folder: Path, choices: Mapping[str, str]) -> ReportSource:
     for group_name in ("name", "table", "labels"):
         stated |= _argument(group_name, dict, choices, folder)
     return ReportSource(
-        files=files,
+        typed_paths=files,
         paths=matching(files),
         layout=_argument("layout", LAYOUT_OPTIONS.make, choices, folder),
-        table=campaign_fields(**stated),
+        campaign_fields=campaign_fields(**stated),
         certificates=_argument("certificates", instrument_fields, choices, folder),
     )
 

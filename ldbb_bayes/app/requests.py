@@ -26,7 +26,7 @@ from ldbb_bayes.app.planning import PLAN, forecast, plan
 from ldbb_bayes.app.session import Session
 from ldbb_bayes.app.templates import LANGUAGES, LARGEST_FILE, MOST_FILES
 from ldbb_bayes.app.understanding import understand
-from ldbb_bayes.app.worth import worth
+from ldbb_bayes.app.worth import effects_of_certificates
 
 __all__ = ["ROUTES", "Answer", "file_name", "refused"]
 
@@ -93,7 +93,7 @@ async def _show_section(house: House, session: Session, request: Request) -> Res
         session.wrong = understood.get("wrong", [])
         values["found"] = understood
     elif name == "worth":
-        values["found"] = await house.desk.ask(worth, session, session.said())
+        values["found"] = await house.desk.ask(effects_of_certificates, session, session.said())
     elif name == "plan":
         values["found"] = await house.desk.ask(forecast, session, session.asked)
     elif name not in ("files", "fit", "sheets"):

@@ -15,11 +15,12 @@ from ldbb_bayes.analysis.verdicts import hyper_parameter_nodes
 from ldbb_bayes.app.fields import linear_model, read_files
 from ldbb_bayes.units import display_name, display_unit, two_digits
 
-__all__ = ["uncertainty_change", "worth"]
+__all__ = ["effects_of_certificates", "uncertainty_change"]
 
 _MOST_EFFECTS = 4  # largest number of reduced uncertainties U that are shown for a certificate
 _SMALLEST_EFFECT = 0.05  # smallest relative reduction of an uncertainty U that is shown
-_PIECES = {
+# Part of the instrument that a certificate covers, by the field of the instrument that it states.
+_PARTS = {
     "work": "balls",
     "bar_U_um": "bar",
     "mount_U_percent": "mount",
@@ -28,7 +29,7 @@ _PIECES = {
 }
 
 
-def worth(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
+def effects_of_certificates(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
     """Return the uncertainty U of every parameter, without and with each new certificate.
 
     U is the expanded uncertainty (k = 2) that is expected from a fit with linear compliance.
@@ -43,8 +44,10 @@ def worth(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``today``: U of every parameter with the certificates that are stated now. ``effects``: the
-        largest reductions of U, by the part of the instrument that a new certificate would cover.
+        ``today``: a row for every parameter with its U, given the certificates that are stated now.
+        ``effects``: the name of the new certificate and rows for the largest reductions of U, by
+        the part of the instrument that it would cover; the key ``all`` is for all certificates
+        together. Rows are those of `uncertainty_change`.
 
     Raises
     ------
@@ -61,15 +64,15 @@ def worth(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
     }
     effects = {}
     for certificate, sd in sd_by_certificate.items():
-        piece = "all"
+        part = "all"
         if certificate in CERTIFICATES:
-            piece = _PIECES[next(iter(CERTIFICATES[certificate]))]
+            part = _PARTS[next(iter(CERTIFICATES[certificate]))]
         reductions = sorted(((1.0 - sd[name] / today[name], name) for name in units), reverse=True)
         rows = []
         for reduction, name in reductions[:_MOST_EFFECTS]:
             if reduction > _SMALLEST_EFFECT:
                 rows.append(uncertainty_change(name, today[name], sd[name], units[name]))
-        effects[piece] = {"name": certificate, "rows": rows}
+        effects[part] = {"name": certificate, "rows": rows}
     rows_today = [
         uncertainty_change(name, today[name], today[name], unit) for name, unit in units.items()
     ]

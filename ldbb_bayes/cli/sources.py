@@ -49,22 +49,22 @@ class ReportSource:
 
     Parameters
     ----------
-    files
+    typed_paths
         Paths as typed by the user.
     paths
         The same paths with ``*`` and ``?`` expanded.
     layout
         Layout of the tables, as far as options state it.
-    table
+    campaign_fields
         Fields of the campaign that options state.
     certificates
         Fields of the instrument that options state.
     """
 
-    files: Sequence[Path]
+    typed_paths: Sequence[Path]
     paths: Sequence[Path]
     layout: lb.reading.Layout
-    table: Mapping[str, Any]
+    campaign_fields: Mapping[str, Any]
     certificates: Mapping[str, Any]
 
     @property
@@ -89,7 +89,7 @@ class ReportSource:
         InputError
             If an option of tables, machine or instrument is given.
         """
-        stated = self.layout != lb.reading.Layout() or self.table or self.certificates
+        stated = self.layout != lb.reading.Layout() or self.campaign_fields or self.certificates
         require(
             not stated,
             "options of tables, machine and instrument must go with files, got a fit,"
@@ -166,7 +166,7 @@ class ReportSource:
         )
         labels = {}
         fields = {}
-        for name, value in self.table.items():
+        for name, value in self.campaign_fields.items():
             if name == "name" or name in LABELS:
                 labels[name] = value
             else:
@@ -175,6 +175,10 @@ class ReportSource:
         return replace(campaign, **labels)
 
     def _import_tables(self) -> Imported:
+        """Return the campaign imported from the tables, with its assumptions.
+
+        Raise an `InputError` if the first path is a folder.
+        """
         first = self.paths[0]
         require(
             not first.is_dir(),
@@ -183,5 +187,5 @@ class ReportSource:
         )
         instrument = lb.Instrument(**self.certificates)
         return lb.import_campaign(
-            self.files, layout=self.layout, **self.table, instrument=instrument
+            self.typed_paths, layout=self.layout, **self.campaign_fields, instrument=instrument
         )

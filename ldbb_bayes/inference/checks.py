@@ -263,7 +263,7 @@ def centre_shift(bound: BoundModel, beta: Array) -> dict[str, float]:
     residuals = reduced_residuals(bound, machine_coefficients(bound, beta[None])[0])
     harmonics = [matrix_to_harmonics(bound, r) @ residual for r, residual in enumerate(residuals)]
     p_values: dict[str, float] = {}
-    for plane, _, in_plane in bound.setting.each("plane"):
+    for plane, _, in_plane in bound.setting.groups_by("plane"):
         force = bound.setting.force_N[in_plane]
         if len(force) < _FEWEST_TESTS or len(np.unique(force)) < _FEWEST_FORCES:
             continue
@@ -286,7 +286,7 @@ def in_order_of_force(bound: BoundModel) -> bool:
         time = np.arange(setting.tests)
     force_rank = _ranks(setting.force_N)
     time_rank = _ranks(time)
-    for _, _, in_plane in setting.each("plane"):
+    for _, _, in_plane in setting.groups_by("plane"):
         force = force_rank[in_plane]
         if np.ptp(force) > 0.0 and _p_value_of_no_slope(force, time_rank[in_plane]) < _IN_ORDER:
             return True

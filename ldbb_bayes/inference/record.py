@@ -122,7 +122,7 @@ def _by_name(bound: BoundModel, beta: Array, phi: Array) -> dict[str, Array]:
 def record_from(
     bound: BoundModel, sampler: Mapping[str, Any], fit: Fit, seed: int, started: datetime
 ) -> dict[str, Any]:
-    """Return the record that is kept in the group ``provenance`` of a posterior.
+    """Return the record that the group ``provenance`` of a posterior keeps as JSON text.
 
     It states the campaign, the model, how the sampler ran, the quality of the fit, the versions of
     the software, the seed of the random numbers and when sampling ``started``.

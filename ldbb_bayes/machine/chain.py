@@ -233,7 +233,7 @@ class Machine(Shown):
             branch = "workpiece"
         return Joint(axis, branch, self.frames_mm.get(axis, (0.0, 0.0, 0.0)))
 
-    def squared(self, plane: str) -> tuple[Joint, Joint]:
+    def squareness_joints(self, plane: str) -> tuple[Joint, Joint]:
         """Return the two joints between which the squareness error of a plane is defined.
 
         The first is the reference. If both joints carry the tool, or both the workpiece, it is the

@@ -182,19 +182,26 @@ def joint_names(machine: Machine) -> tuple[ComplianceName, ...]:
 def geometric_names(machine: Machine) -> tuple[GeometricName, ...]:
     """Return the names of the machine's geometric errors in the order of the paper.
 
-    For each plane these are the gains, quadratic straightness deviations and squareness error; the
-    tool offsets follow.
+    For each plane these are the gains, quadratic straightness deviations and squareness error. One
+    offset of the tool along every linear axis that a test moves follows.
     """
     names: list[GeometricName] = []
     for plane in machine.planes:
-        primary, secondary = machine.squared(plane)
+        reference_joint, turned_joint = machine.squareness_joints(plane)
         a, b, rotation = PLANES[plane]
         names += [
-            GeometricName(a, a, "gain"),
-            GeometricName(b, a, "straightness"),
-            GeometricName(a, b, "straightness"),
-            GeometricName(b, b, "gain"),
-            GeometricName(rotation, secondary.axis, "squareness", primary.axis),
+            GeometricName(component=a, axis=a, kind="gain"),
+            GeometricName(component=b, axis=a, kind="straightness"),
+            GeometricName(component=a, axis=b, kind="straightness"),
+            GeometricName(component=b, axis=b, kind="gain"),
+            GeometricName(
+                component=rotation,
+                axis=turned_joint.axis,
+                kind="squareness",
+                reference=reference_joint.axis,
+            ),
         ]
-    offsets = [GeometricName(joint.axis, "t", "offset") for joint in machine.joints]
+    offsets = []
+    for joint in machine.joints:
+        offsets.append(GeometricName(component=joint.axis, axis="t", kind="offset"))
     return tuple(dict.fromkeys([*names, *offsets]))

@@ -215,7 +215,7 @@ class Setting:
         values = amplitude * series[ORDERS] * basis(np.arctan2(sine, cosine))
         return np.where(np.abs(values) > _POWER_ROUNDING, values, 0.0)
 
-    def each(self, kind: Literal["plane", "radius", "setup"]) -> Iterator[GroupOfTests]:
+    def groups_by(self, kind: Literal["plane", "radius", "setup"]) -> Iterator[GroupOfTests]:
         """Yield one group of tests for every plane, radius or set-up of the campaign.
 
         ``kind`` states by which of the three the tests are grouped.

@@ -139,18 +139,18 @@ def _note_stated(recording: Recording, key: str, stated: _StatedValue) -> None:
         recording.fields[key] = stated.value
 
 
-def _stated_values(recording: Recording, key: str) -> dict[Any, _StatedValue]:
+def _stated_values(recording: Recording, field: str) -> dict[Any, _StatedValue]:
     """Return the values that lines above a table state for a field, each with its line.
 
-    The field has the name ``key``. The result is a dictionary from the value to the value with its
-    line. The names of test, column, sheet and file may also state a plane.
+    The result is a dictionary from the value to the value with its line. The names of test, column,
+    sheet and file may also state a plane.
     """
     values: dict[Any, _StatedValue] = {}
-    if key == "plane":
+    if field == "plane":
         plane = plane_in_name(recording.names())
         if plane is not None:
             values[plane] = _StatedValue(plane, "its name", "its name")
-    for statement in recording.statements.get(key, ()):
+    for statement in recording.statements.get(field, ()):
         value = statement.value
         if not isinstance(value, str):
             if math.isnan(value):
@@ -158,6 +158,7 @@ def _stated_values(recording: Recording, key: str) -> dict[Any, _StatedValue]:
             value = round(value, _COMPARED_PLACES)
         source = f"line {statement.line}"
         place = source
+        # A line of another sheet is written with its sheet, such as "3 of sheet 'Setup'".
         if " of " not in source:
             place = f"{source} of {recording.sheet.place}"
         values[value] = _StatedValue(value, source, place)

@@ -130,7 +130,8 @@ def left_out_tests_table(comparison: Comparison) -> Table:
     It has one row per test. The columns are the force, the p-value of the test's readings, the
     p-value adjusted for the number of tests, and the flag of tests that do not agree with the
     others. The last column states how much better the second model predicts the test than the first
-    model does [nat].
+    model does [nat]. Fields of the comparison with ``lofo`` in their names (leave one force out)
+    hold these numbers.
 
     Parameters
     ----------

@@ -134,7 +134,7 @@ def dense_sd(
 ) -> float:
     """Posterior sd of a parameter at PHI, every test run so often, by inverting the whole precision
     matrix."""
-    information = information_of(bind_tests(model, campaign, tests, keep=False), PHI)
+    information = information_of(bind_tests(model, campaign, tests, keep_pilot_tests=False), PHI)
     rows = information.rows()
     k = information.names.index(name)
     covariance = np.linalg.inv(times * rows.T @ rows + np.eye(rows.shape[1]))
@@ -202,7 +202,7 @@ def test_the_search_and_the_forecast_agree(
     for campaign, augment in ((pilot, False), (arcs, True)):
         space = Space(LINEAR, campaign, LEVELS[::4], BOTH[:3], criterion=criterion, augment=augment)
         tests = (*space.tests[:3], space.tests[7])
-        bound = bind_tests(LINEAR, campaign, tests, keep=augment)
+        bound = bind_tests(LINEAR, campaign, tests, keep_pilot_tests=augment)
         values = []
         for value in hyper_nodes(LINEAR, campaign, 4, 1):
             information = information_of(bound, value)

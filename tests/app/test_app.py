@@ -33,7 +33,7 @@ from ldbb_bayes.analysis.design.discrimination import DECISIVE
 from ldbb_bayes.app import fields, planning, server, templates, understanding, worker
 from ldbb_bayes.app.desk import Desk
 from ldbb_bayes.app.session import Session
-from ldbb_bayes.app.worth import worth
+from ldbb_bayes.app.worth import effects_of_certificates
 
 TOKEN = "a-token-of-the-tests"
 RECOVERED = Path(lb.embedded_campaign())
@@ -204,7 +204,7 @@ def test_what_cannot_be_is_refused_with_the_cure(
 def test_certificates_are_worth_what_identify_says(house: tuple[Tab, Path], tab: Tab) -> None:
     tab.ask("POST", "example")
     folder = house[1] / tab.base.split("/")[-2]
-    answer = worker.answer(worth, str(folder), {})
+    answer = worker.answer(effects_of_certificates, str(folder), {})
     model = lb.HybridModel.default(degree=1)
     asked = lb.identify(model, lb.read_campaign(RECOVERED)).certificates
     row = next(effect for effect in answer["effects"]["bar"]["rows"] if effect["name"] == "E_XX1")

@@ -29,7 +29,7 @@ def test_the_papers_machine() -> None:
     machine = Machine()
     x, y = machine.joints
     assert (x.axis, x.branch, y.axis, y.branch) == ("X", "tool", "Y", "tool")
-    assert machine.squared("XY") == (y, x)
+    assert machine.squareness_joints("XY") == (y, x)
     assert _labels(machine) == ["E_XX1", "E_YX2", "E_XY2", "E_YY1", "E_C0YX", "E_Xt0", "E_Yt0"]
     position = Circle().position_mm(ANGLE)
     np.testing.assert_array_equal(machine.lever_mm(x, Circle(), ANGLE), np.zeros((3, 3)))

@@ -568,7 +568,7 @@ def _limits(space: Space, tests: Sequence[CircularTest], forecast: Forecast) -> 
     """
     levels = len(distinct_forces([float(test.force_N or 0.0) for test in tests]))
     too_few_levels = levels <= space.model.degree + 2 and not space.augment
-    bound = bind_tests(space.model, space.pilot, tests, keep=space.augment)
+    bound = bind_tests(space.model, space.pilot, tests, keep_pilot_tests=space.augment)
     term_types = {type(term) for term in space.model.nuisances}
     one_way = {}
     if Hysteresis in term_types:

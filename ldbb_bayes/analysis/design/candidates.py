@@ -166,11 +166,13 @@ def grid_of_tests(
 
 
 def bind_tests(
-    model: HybridModel, pilot: Campaign, tests: Sequence[CircularTest], *, keep: bool
+    model: HybridModel, pilot: Campaign, tests: Sequence[CircularTest], *, keep_pilot_tests: bool
 ) -> BoundModel:
     """Return the model bound to a plan of these tests.
 
     The reference force, range of force and estimate Ĉ of the compliances are those of the pilot.
+    The model has the parameters that the pilot's tests can show too, even if the plan leaves these
+    tests out; their direction of travel does not count.
 
     Parameters
     ----------
@@ -180,7 +182,7 @@ def bind_tests(
         The campaign or plan that the design starts from.
     tests
         Planned tests.
-    keep
+    keep_pilot_tests
         Whether the plan begins with the pilot's own tests.
 
     Returns
@@ -188,11 +190,12 @@ def bind_tests(
     BoundModel
         The model bound to the plan.
     """
-    run = pilot.plan().tests
+    pilot_tests = pilot.plan().tests
+    # The plan names these tests anew, so that names differ even if a test is planned repeatedly.
     planned = tuple(replace(test, name="") if test.name else test for test in tests)
-    if keep:
-        planned = (*run, *planned)
-    foreseen = (*pilot.foreseen, *(replace(test, direction=None) for test in run))
+    if keep_pilot_tests:
+        planned = (*pilot_tests, *planned)
+    foreseen = (*pilot.foreseen, *(replace(test, direction=None) for test in pilot_tests))
     return BoundModel(model, replace(pilot, tests=planned, foreseen=foreseen), pilot=pilot)
 
 

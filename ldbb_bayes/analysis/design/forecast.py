@@ -170,17 +170,17 @@ def truncated_variances(
     untruncated = variance_by_state.mean(axis=0)
     change = np.zeros_like(variance_by_state)
     if bound.truncation.active:
-        possible = bound.truncation.holds(states.beta)
-        possible |= not possible.any()
-        variance_by_state = variance_by_state[possible]
-        change = _variance_change_by_truncation(bound, states, possible, covariance, seed)
+        is_possible = bound.truncation.holds(states.beta)
+        is_possible |= not is_possible.any()
+        variance_by_state = variance_by_state[is_possible]
+        change = _variance_change_by_truncation(bound, states, is_possible, covariance, seed)
     spread = (variance_by_state + change).std(axis=0)
     error = spread / np.sqrt(max(len(variance_by_state) - 1, 1))
     return np.maximum(untruncated + change.mean(axis=0), 0.0), error
 
 
 def _variance_change_by_truncation(
-    bound: BoundModel, states: States, possible: Array, covariance: Array, seed: int
+    bound: BoundModel, states: States, is_possible: Array, covariance: Array, seed: int
 ) -> Array:
     """Return how much the truncation changes the posterior variances, in every possible state.
 
@@ -194,7 +194,7 @@ def _variance_change_by_truncation(
         Model bound to the new tests.
     states
         K states of the machine before the tests.
-    possible
+    is_possible
         Whether no compliance is negative in each state, shape (K,).
     covariance
         Posterior covariances of the p parameters without truncation, shape (K, p, p), in internal
@@ -210,8 +210,8 @@ def _variance_change_by_truncation(
     """
     scale = bound.scale
     p = len(scale)
-    relative_covariance = covariance[possible] / np.outer(scale, scale)
-    relative_means = _draw_posterior_means(states, possible, relative_covariance, scale, seed)
+    relative_covariance = covariance[is_possible] / np.outer(scale, scale)
+    relative_means = _draw_posterior_means(states, is_possible, relative_covariance, scale, seed)
     means = scale * relative_means.reshape(-1, p)
     spread = np.tile(singular_root(relative_covariance) * scale[:, None], (_MEANS_PER_STATE, 1, 1))
     shift, covariance_inside, axes = bound.truncation.orthants(means, spread).moments()
@@ -224,22 +224,22 @@ def _variance_change_by_truncation(
 
 
 def _draw_posterior_means(
-    states: States, possible: Array, covariance: Array, scale: Array, seed: int
+    states: States, is_possible: Array, covariance: Array, scale: Array, seed: int
 ) -> Array:
     """Draw posterior means that an analysis of the new tests may find, in every possible state.
 
     Let m₁ be the mean and P₁ the precision of the p parameters β before the tests, C their
     covariance after the tests, and W = 1 − C P₁. Given β of a state, the posterior mean is normally
-    distributed with the mean m₁ + W (β − m₁) and the covariance W C. ``possible``, shape (K,),
+    distributed with the mean m₁ + W (β − m₁) and the covariance W C. ``is_possible``, shape (K,),
     states in which of the K states no compliance is negative; ``covariance`` holds C for each of
     these. C and the result, shape (draws, possible states, p), are in units of ``scale``, the prior
     standard deviations.
     """
-    prior_mean = states.before.mean[possible]
-    prior_precision = states.before.precision[possible] * np.outer(scale, scale)
+    prior_mean = states.before.mean[is_possible]
+    prior_precision = states.before.precision[is_possible] * np.outer(scale, scale)
     weight = np.eye(len(scale)) - covariance @ prior_precision
     root = singular_root(weight @ covariance)
-    deviation = (states.beta[possible] - prior_mean) / scale
+    deviation = (states.beta[is_possible] - prior_mean) / scale
     mean = prior_mean / scale + np.einsum("kij,kj->ki", weight, deviation)
     noise = np.random.default_rng(seed).standard_normal((_MEANS_PER_STATE, *mean.shape))
     return np.asarray(mean + np.einsum("kij,rkj->rki", root, noise))

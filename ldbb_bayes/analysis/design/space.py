@@ -227,7 +227,7 @@ class Space:
 
     def objective(self, tests: Sequence[CircularTest]) -> Objective:
         """Return the objective of a search among these tests, which need not be candidates."""
-        bound = bind_tests(self.model, self.pilot, tests, keep=self.augment)
+        bound = bind_tests(self.model, self.pilot, tests, keep_pilot_tests=self.augment)
         phi = hyper_nodes(self.model, self.pilot, _SEARCH_NODES, self.seed)
         criterion = self._criterion(bound)
         return objective_of(bound, self._tests_run, phi, self.chosen, criterion)
@@ -285,7 +285,7 @@ class Space:
         """
         if states is None:
             states = self.states
-        bound = bind_tests(self.model, self.pilot, tests, keep=self.augment)
+        bound = bind_tests(self.model, self.pilot, tests, keep_pilot_tests=self.augment)
         posterior, floor = posteriors(bound, states.phi, self._tests_run)
         if posterior is None:
             return undetermined_forecast(bound)

@@ -108,9 +108,13 @@ class BallForm(Term):
         return (tau, _DECAY) if self.law == "decay" else (tau,)
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """Return the columns of the balls' form for the tests of a campaign."""
+        """Return the columns of the balls' form for the tests of a campaign.
+
+        There is one set of columns for every plane and ball (or the sum of both balls). It is zero
+        for tests in other planes.
+        """
         columns = []
-        for group in setting.each("plane"):
+        for group in setting.groups_by("plane"):
             for form in _forms(setting):
                 harmonics = setting.harmonics(_FORM_ORDERS, form.turned_rad)
                 columns.append(
@@ -281,8 +285,8 @@ class MachinePattern(Term):
         if not setting.clocked:
             return ()
         columns = []
-        for plane in setting.each("plane"):
-            for radius in setting.each("radius"):
+        for plane in setting.groups_by("plane"):
+            for radius in setting.groups_by("radius"):
                 suffix = radius.suffix + plane.suffix
                 columns += _patterns(setting, suffix, plane.tests & radius.tests)
         return tuple(columns)

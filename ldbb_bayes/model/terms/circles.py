@@ -179,7 +179,7 @@ class Hysteresis(Term):
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """Return the columns of hysteresis in every plane that is run in both directions."""
         columns: list[Columns] = []
-        for plane in setting.each("plane"):
+        for plane in setting.groups_by("plane"):
             if plane.value in setting.both_ways:
                 columns += self._columns_of_plane(setting, plane)
         return tuple(columns)

@@ -54,7 +54,7 @@ class BarLength(Term):
         """Return the columns of the bar's length error, one for each nominal radius."""
         names = []
         constants = []
-        for group in setting.each("radius"):
+        for group in setting.groups_by("radius"):
             names.append(f"bar_length{group.suffix}")
             constants.append(group.tests)
         values = setting.constant(np.column_stack(constants).astype(float))
