@@ -137,9 +137,9 @@ class PooledMachine(Result):
     #: estimates of the machine's parameters from its own campaigns and from the population, by name
     #: of the parameter
     estimate: dict[str, Summary]
-    #: estimates of the machine's parameters from its own campaigns and a wide prior, without the
-    #: population, by name of the parameter; only the instrument's errors are estimated from the
-    #: campaigns of all machines
+    #: estimates of the machine's parameters from its own campaigns and the prior N(0, prior_sd²),
+    #: without the population, by name of the parameter; only the instrument's errors are estimated
+    #: from the campaigns of all machines
     alone: dict[str, Summary]
     #: p-value of the hypothesis that the machine belongs to the population of the others, corrected
     #: for the numbers of parameters (Bonferroni) and of machines (Holm). If all machines belong to

@@ -20,9 +20,11 @@ from ldbb_bayes.results import Result
 
 __all__ = ["Caveat", "CaveatKind", "check_rows", "choose", "labels", "moment"]
 
-# Kinds of a fit's findings which mean that the readings of the campaign do not fit the model.
+# Kinds of warnings and failed checks of a campaign's fit which mean that the readings of the
+# campaign do not fit the model.
 _MISFIT_KINDS: frozenset[str] = frozenset({CheckKind.ORDER, ConcernKind.TRUNCATION})
-# Kinds of a fit's findings which mean that the noise of the campaign's readings is not white.
+# Kinds of failed checks of a campaign's fit which mean that the noise of the campaign's readings is
+# not the white noise of the model.
 _NOISE_KINDS: frozenset[str] = frozenset({CheckKind.NOISE, CheckKind.AUTOCORRELATION})
 
 
@@ -51,16 +53,18 @@ class CaveatKind(StrEnum):
 
 @dataclass(frozen=True)
 class Caveat(Result):
-    """One limitation of a trend or a population."""
+    """One limitation of a trend or a population, from which a sentence for the user is made."""
 
     kind: CaveatKind
-    names: tuple[str, ...] = ()  #: names of the campaigns, machines or parameters concerned
-    values: tuple[float, ...] = ()  #: numbers that the sentence on the limitation states
+    #: names of the campaigns, machines or parameters that the limitation concerns
+    names: tuple[str, ...] = ()
+    #: numbers that the sentence on the limitation states, such as a force in N
+    values: tuple[float, ...] = ()
     text: str = ""  #: words that the sentence on the limitation quotes, such as a date
 
 
 def check_rows(rows: pd.DataFrame) -> None:
-    """Refuse rows that are not the table of a batch.
+    """Raise an `InputError` if rows are not the table of a batch.
 
     Parameters
     ----------
@@ -89,10 +93,12 @@ def choose(
 ) -> tuple[pd.DataFrame, list[Caveat]]:
     """Return the rows of a batch that an analysis shall use, and caveats on the choice.
 
-    Campaigns whose readings do not fit the model are left out: an order (Fourier component) of a
-    circle's readings fails its check, or the readings contradict non-negative compliance. Readings
-    a thousand times too large, for example, would move the mean of a population and widen its
-    spread. They would also hide a change of their machine.
+    By default, campaigns whose readings do not fit the model are left out: a Fourier order of a
+    circle's readings fails its check, or the readings contradict the condition that no compliance
+    is negative. Readings a thousand times too large, for example, would move the mean of a
+    population and widen its spread. They would also hide a change of their machine. Also left out
+    are campaigns that could not be fitted, that the user excludes, or whose readings are those of
+    an earlier campaign.
 
     Parameters
     ----------
@@ -147,19 +153,29 @@ def _leave_out(
     caveats: list[Caveat],
     text: str = "",
 ) -> pd.DataFrame:
-    """Return the rows that are kept, and add a caveat that names the campaigns left out."""
+    """Return the rows that are kept, and add a caveat that names the campaigns left out.
+
+    ``is_left_out`` states for each row of a batch's table whether it is left out. The caveat has
+    the given kind and text and is added to the list ``caveats``, unless no row is left out.
+    """
     _note(kind, rows[is_left_out], caveats, text)
     return rows[~is_left_out]
 
 
 def _note(kind: CaveatKind, rows: pd.DataFrame, caveats: list[Caveat], text: str = "") -> None:
-    """Add a caveat of a given kind that names the campaigns in the rows, if there are any."""
+    """Add a caveat that names the campaigns in some rows to the list ``caveats``.
+
+    If there are no rows, nothing is added. The caveat has the given kind and text.
+    """
     if not rows.empty:
         caveats.append(Caveat(kind, tuple(labels(rows)), text=text))
 
 
 def _has_kind(rows: pd.DataFrame, kinds: frozenset[str]) -> pd.Series[bool]:
-    """Return, for each campaign, whether its fit reported a finding of one of these kinds."""
+    """Return for each campaign whether its fit gave a warning or failed check of one of the kinds.
+
+    ``rows`` are rows of the table of a batch, one per campaign.
+    """
     matches = [
         reported is not None and not kinds.isdisjoint(reported) for reported in rows["kinds"]
     ]
@@ -184,7 +200,11 @@ def _is_text(value: Any) -> bool:
 
 
 def _is_named(rows: pd.DataFrame, exclude: Sequence[str], batch: pd.DataFrame) -> pd.Series[bool]:
-    """Return, for each campaign, whether the user excluded it or its machine by name."""
+    """Return for each campaign whether the user excluded it or its machine by name.
+
+    ``exclude`` are the names that the user gave. Raise an `InputError` if one of them is not the
+    name of a campaign or machine in the table ``batch``. ``rows`` has one row per campaign.
+    """
     excluded = [exclude] if isinstance(exclude, str) else list(exclude)
     known_names = _names(batch)
     for name in excluded:
@@ -199,7 +219,11 @@ def _is_named(rows: pd.DataFrame, exclude: Sequence[str], batch: pd.DataFrame) -
 
 
 def _names(rows: pd.DataFrame) -> pd.DataFrame:
-    """Return a table of the names by which a user can exclude each campaign or its machine."""
+    """Return a table of the names by which a user can exclude each campaign or its machine.
+
+    It has one row per campaign, with the columns name, machine_id, path (of the file) and last (the
+    last part of the path).
+    """
     paths = rows["campaign"].astype(str)
     last_parts = paths.map(_last_part)
     return rows[["name", "machine_id"]].assign(path=paths, last=last_parts)
@@ -210,7 +234,10 @@ def _last_part(path: str) -> str:
 
 
 def _is_before(rows: pd.DataFrame, since: str | None) -> pd.Series[bool]:
-    """Return, for each campaign, whether its date is missing or before ``since``."""
+    """Return for each campaign whether its date is missing or before the date ``since``.
+
+    If ``since`` is None, the result is false for all campaigns. ``rows`` has one row per campaign.
+    """
     if since is None:
         return pd.Series(False, index=rows.index, dtype=bool)
     try:

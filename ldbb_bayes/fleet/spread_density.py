@@ -42,39 +42,45 @@ __all__ = [
     "spread_slices",
 ]
 
-# Number of combinations of a random draw and a machine that are computed in one block, so that the
-# block fits into the processor's cache.
+# Number of combinations of a random draw of the spreads and a machine that are computed in one
+# block, so that the block fits into the processor's cache. Spreads are the standard deviations of
+# machines about the mean of their population.
 _PAIRS_AT_ONCE = 4096
-# Degrees of freedom of the Student t distribution from which ln s is drawn; s are the spreads.
+# Degrees of freedom of the Student t distribution from which ln s is drawn. s are the spreads, that
+# is, the standard deviations of machines about the mean of their population.
 _DEGREES_OF_FREEDOM = 5.0
-# Step in ln s (s: spreads) of the central differences that give the Hessian of the log density.
+# Step of the central differences by which the Hessian of the log density of ln s is computed. s are
+# the spreads, that is, the standard deviations of machines about the mean of their population.
 _DIFFERENCE_STEP = 1e-4
-# The search for the mode of the density of ln s (s: spreads) ends if a step increases the log
-# density by less than this [nat].
+# The search for the mode of the density of ln s ends if a step increases the log density by less
+# than this [nat]. s are the spreads, that is, the standard deviations of machines about the mean of
+# their population.
 _MODE_GAIN = 1e-10
-# Range of random draws of ln s (s: spreads). A draw may lie this far below ln τ, with the scale τ
-# of the prior of s, and this far above the larger of ln τ and the mode.
+# Random draws of ln s are limited to a range: at most ``_RANGE_BELOW`` below ln τ and at most
+# ``_RANGE_ABOVE`` above the larger of ln τ and the mode. s are the spreads, that is, the standard
+# deviations of machines about the mean of their population; τ is the scale of their prior.
 _RANGE_BELOW = 80.0
 _RANGE_ABOVE = 25.0
-# If the effective number of random draws, divided by the actual number, is above this, no second
-# set of draws is made.
+# If the effective number of weighted random draws of the machines' spreads, divided by their actual
+# number, is above this, no second set of draws is made.
 _EFFECTIVE_SHARE = 0.2
-# Part of the covariance at the mode of the density. It is added to the covariance of the first set
-# of random draws to get the covariance from which the second set is drawn.
+# A second set of random draws of the machines' spreads has the covariance of the first set, plus
+# this share of the covariance that follows from the curvature at the mode of the density.
 _ADDED_VARIANCE = 0.05
-# Smallest eigenvalue of the curvature matrix at the mode of the density of ln s (s: spreads);
-# smaller ones are replaced by it.
+# Eigenvalues of the curvature matrix at the mode of the density of ln s count as at least this. s
+# are the spreads, that is, the standard deviations of machines about the mean of their population.
 _SMALLEST_CURVATURE = 1e-3
-# Smallest distance of the coordinates of quasi-random points from 0 and from 1, where the normal
-# quantile would be infinite.
+# Coordinates of quasi-random points are kept at least this far from 0 and from 1, where the
+# quantile of the normal distribution would be infinite.
 _POINT_MARGIN = 1e-12
 
 
 def machine_likelihoods(statistics: FleetStatistics) -> tuple[tuple[str, ...], Gaussian]:
     """Return the names of n machines, and the likelihood of each for q quantities, shape (n, q).
 
-    The machines are in the order of their first campaigns. A machine's likelihood is the product of
-    the likelihoods of its campaigns.
+    The quantities are the parameters of the machine, then the errors of the instrument. The
+    machines are in the order of their first campaigns. A machine's likelihood is the product of the
+    likelihoods of its campaigns.
 
     Parameters
     ----------
@@ -91,14 +97,15 @@ def machine_likelihoods(statistics: FleetStatistics) -> tuple[tuple[str, ...], G
 
 
 def spread_slices(spread: Array, likelihood: Gaussian) -> Iterator[slice]:
-    """Yield slices that divide the k values of the spreads into blocks.
+    """Yield slices that divide k values of the spreads into blocks.
 
-    A block is so small that its numbers for all machines fit into the processor's cache.
+    Spreads are the standard deviations of machines about the mean of their population. A block is
+    so small that its numbers for all machines fit into the processor's cache.
 
     Parameters
     ----------
     spread : k values of the spreads of c parameters, shape (k, c).
-    likelihood : likelihoods of n machines, shape (n, q).
+    likelihood : likelihoods of n machines for q parameters and instrument errors, shape (n, q).
     """
     size = max(1, _PAIRS_AT_ONCE // len(likelihood.shift))
     for start in range(0, len(spread), size):
@@ -108,13 +115,15 @@ def spread_slices(spread: Array, likelihood: Gaussian) -> Iterator[slice]:
 def shared_quantities(likelihood: Gaussian, spread: Array) -> Gaussian:
     """Return the distribution of mean μ and instrument errors b for k values of the spreads s.
 
-    It is a Gaussian of q quantities, shape (k, q). Its attribute ``log_integral`` is ln p(y | s),
-    the log density of all readings y given the spreads, up to a constant.
+    μ is the mean of the population, s are the standard deviations of the machines about it. The
+    distribution is a Gaussian of q quantities, the c elements of μ and then the elements of b,
+    shape (k, q). Its attribute ``log_integral`` is ln p(y | s), the log density of all readings y
+    given the spreads, up to a constant. All values are in units of the prior sd.
 
     Parameters
     ----------
-    likelihood : likelihoods of the machines, shape (n, q).
-    spread : spreads s, shape (k, c).
+    likelihood : likelihoods of n machines for q parameters and instrument errors, shape (n, q).
+    spread : k values of the spreads s of the c parameters, shape (k, c).
     """
     k, c = spread.shape
     q = likelihood.shift.shape[1]
@@ -135,24 +144,35 @@ def shared_quantities(likelihood: Gaussian, spread: Array) -> Gaussian:
 class MachineEstimates(NamedTuple):
     """Moments of the parameters of n machines, for each of k values of the spreads s.
 
-    c_m are the c parameters of machine m. z_m = (c_m − μ) / s is their standardised difference from
-    the population's mean μ.
+    Spreads are the standard deviations of the machines about the mean μ of their population. c_m
+    are the c parameters of machine m. z_m = (c_m − μ) / s is their standardised difference from μ.
     """
 
-    mean: Array  #: mean of the machines' parameters c_m, shape (k, n, c)
-    sd: Array  #: standard deviation of the machines' parameters c_m, shape (k, n, c)
-    z_mean: Array  #: mean of z_m = (c_m − μ) / s, shape (k, n, c)
-    z_variance: Array  #: variance of z_m = (c_m − μ) / s, shape (k, n, c)
+    #: posterior means of the c parameters of n machines for each of k values of the spreads, in
+    #: units of the parameters' prior sd, shape (k, n, c)
+    mean: Array
+    #: posterior standard deviations of the c parameters of n machines for each of k values of the
+    #: spreads, in units of the parameters' prior sd, shape (k, n, c)
+    sd: Array
+    #: posterior means of z_m = (c_m − μ) / s, with the parameters c_m of machine m, the
+    #: population's mean μ and the spreads s, for k values of s and n machines, shape (k, n, c)
+    z_mean: Array
+    #: posterior variances of z_m = (c_m − μ) / s, with the parameters c_m of machine m, the
+    #: population's mean μ and the spreads s, for k values of s and n machines, shape (k, n, c)
+    z_variance: Array
 
 
 def machine_estimates(likelihood: Gaussian, spread: Array, shared: Gaussian) -> MachineEstimates:
     """Return the posterior moments of every machine's parameters given the spreads.
 
+    Spreads are the standard deviations of the machines about the mean of their population.
+
     Parameters
     ----------
-    likelihood : likelihoods of the machines, shape (n, q).
-    spread : spreads s, shape (k, c).
-    shared : Gaussian of mean μ and instrument errors b given the spreads, see `shared_quantities`.
+    likelihood : likelihoods of n machines for q parameters and instrument errors, shape (n, q).
+    spread : k values of the spreads of the c parameters, shape (k, c).
+    shared : Gaussian of the population's mean and the instrument's errors for each value of the
+        spreads, see `shared_quantities`.
     """
     c = spread.shape[1]
     q = likelihood.shift.shape[1]
@@ -181,23 +201,33 @@ def machine_estimates(likelihood: Gaussian, spread: Array, shared: Gaussian) -> 
 def _explained_variance(root: Array, response: Array) -> Array:
     """Return the variance of machines' parameters due to uncertain μ and b, shape (c, k, n).
 
-    μ is the population's mean, b are the instrument's errors. ``root`` is a matrix square root of
-    their covariance; ``response`` are the sensitivities of the parameters to them.
+    μ is the population's mean, b are the instrument's errors, together q quantities. There are c
+    parameters of n machines, for each of k values of the spreads (standard deviations of the
+    machines about μ). ``root``, shape (k, q, q), is the transposed square root of the covariance of
+    μ and b; ``response``, shape (c, q, k, n), holds the derivatives of the parameters with respect
+    to them.
     """
     return np.asarray(((root @ response.transpose(0, 2, 1, 3)) ** 2).sum(axis=2))
 
 
 @dataclass(frozen=True, eq=False)
 class SpreadDensity:
-    """Posterior density of t = ln s given the readings y, with the spreads s of machines."""
+    """Posterior density of t = ln s given the readings y, for the spreads s of machines.
 
-    likelihood: Gaussian  #: likelihoods of the machines, shape (n, q)
-    scale: float  #: scale τ of the spreads' prior, in units of the parameters' prior sd
+    Spreads are the standard deviations of the machines about the mean of their population, one for
+    each parameter.
+    """
+
+    #: likelihoods of n machines for q parameters and instrument errors, shape (n, q)
+    likelihood: Gaussian
+    #: scale τ of the half-normal prior of the spreads, in units of the parameters' prior sd
+    scale: float
 
     def log(self, t: Array) -> Array:
         """Return ln p(t | y) up to a constant, shape (k,), for k values of t = ln s, shape (k, c).
 
-        s are the spreads of the c parameters, y the readings.
+        s are the spreads of the c parameters, that is, the standard deviations of the machines
+        about the mean of their population; y are the readings.
         """
         prior = (t - 0.5 * np.exp(2.0 * (t - np.log(self.scale)))).sum(axis=-1)
         shared = shared_quantities(self.likelihood, np.exp(t))
@@ -206,9 +236,10 @@ class SpreadDensity:
     def gradient(self, t: Array) -> Array:
         """Return the gradient ∂ ln p(t | y) / ∂ t for k values of t = ln s, shape (k, c).
 
-        s are the spreads of machines. By Fisher's identity the gradient is Σ_m (E[z_m² | y, s] − 1)
-        plus the gradient of the log prior. z_m = (c_m − μ) / s is the standardised difference of
-        machine m's parameters c_m from the population's mean μ; y are the readings.
+        s are the spreads of the c parameters, that is, the standard deviations of the machines
+        about the mean μ of their population; y are the readings. The result has the shape (k, c).
+        By Fisher's identity it is Σ_m (E[z_m² | y, s] − 1) plus the gradient of the log prior. z_m
+        = (c_m − μ) / s is the standardised difference of machine m's parameters c_m from μ.
         """
         s = np.exp(t)
         shared = shared_quantities(self.likelihood, s)
@@ -219,7 +250,8 @@ class SpreadDensity:
     def derivatives(self, t: Array) -> tuple[Array, Array]:
         """Return the gradient (c,) and Hessian (c, c) of the log density at one t = ln s.
 
-        s are the spreads of the c parameters.
+        s are the spreads of the c parameters, that is, the standard deviations of the machines
+        about the mean of their population. ``t`` has the shape (c,).
         """
         c = len(t)
         step = _DIFFERENCE_STEP * np.eye(c)
@@ -230,8 +262,10 @@ class SpreadDensity:
     def mode(self, start: Array) -> tuple[Array, Array]:
         """Return the mode of the density of ln s, shape (c,), and the curvature there, (c, c).
 
-        The curvature is the negative Hessian of the log density. Negative eigenvalues change their
-        sign, and eigenvalues near zero are increased.
+        s are the spreads of the c parameters, that is, the standard deviations of the machines
+        about the mean of their population. ``start``, shape (c,), is the value of ln s at which the
+        search begins. The curvature is the negative Hessian of the log density. Negative
+        eigenvalues of it are made positive, and eigenvalues near zero are increased.
         """
         t = newton(self.log, self.derivatives, start, gain=_MODE_GAIN)
         _, hessian = self.derivatives(t)
@@ -242,20 +276,28 @@ class SpreadDensity:
 
 @dataclass(frozen=True, eq=False)
 class Spreads:
-    """Weighted random draws of the machines' spreads s, in units of the parameters' prior sd."""
+    """Weighted random draws of the machines' spreads s, in units of the parameters' prior sd.
 
-    spread: Array  #: k random draws of the spreads of c parameters, shape (k, c)
-    #: logarithm of the posterior density divided by the density drawn from, shape (k,)
+    Spreads are the standard deviations of the machines about the mean of their population.
+    """
+
+    #: k random draws of the spreads of c parameters, in units of the parameters' prior sd, (k, c)
+    spread: Array
+    #: logarithm of the posterior density divided by the density drawn from, up to a constant, for
+    #: each of k random draws, shape (k,)
     log_weight: Array
-    weight: Array  #: weights of the draws, Pareto-smoothed, with a sum of one, shape (k,)
-    #: Pareto's k̂ of the weights; the larger it is, the less the weights can be trusted
+    #: importance weights of the k random draws, Pareto-smoothed, with a sum of one, shape (k,)
+    weight: Array
+    #: Pareto's k̂ of the weights of the random draws; the larger it is, the less the weights can be
+    #: trusted
     pareto_k: float
-    good_k: float  #: value of Pareto's k̂ above which the draws cannot be trusted
-    mode: Array  #: mode of the posterior density of ln s, shape (c,)
+    #: value of Pareto's k̂ of the weights above which the random draws cannot be trusted
+    good_k: float
+    mode: Array  #: mode of the posterior density of ln s, with the spreads s of c parameters, (c,)
 
     @property
     def trusted(self) -> bool:
-        """Return whether Pareto's k̂ is low enough for the draws to be trusted."""
+        """Return whether Pareto's k̂ of the weights is low enough for the draws to be trusted."""
         return self.pareto_k <= self.good_k
 
     @property
@@ -264,10 +306,10 @@ class Spreads:
         return 1.0 / float(np.sum(self.weight**2))
 
     def first(self, size: int) -> Spreads:
-        """Return the first ``size`` draws with new weights.
+        """Return the first ``size`` draws of the spreads, with weights that again sum to one.
 
         The draws are made from quasi-random points, so that the first of them also cover the range
-        evenly.
+        of the spreads evenly.
         """
         log_weight = self.log_weight[:size]
         return _weight_draws(self.spread[:size], log_weight, self.mode)
@@ -283,17 +325,19 @@ def draw_spreads(
 ) -> Spreads:
     """Return weighted random draws of the spreads s from their posterior density.
 
-    ln s is drawn from a Student t distribution about the mode of the density. If the weights of
-    these draws are poor, a second set is drawn with the mean and covariance of the first set. The
-    better set is returned.
+    Spreads are the standard deviations of the machines about the mean of their population. ln s is
+    drawn from a Student t distribution about the mode of its density. If the weights of these draws
+    are poor, a second set is drawn about the mean of the first set, with a covariance a little
+    larger than that of the first set. The better set is returned.
 
     Parameters
     ----------
     density : posterior density of ln s.
-    parameters : number c of parameters.
+    parameters : number c of parameters, each of which has a spread.
     seed : seed of the scrambled Sobol points.
     size : number of draws, a power of two.
-    start : ln s at which the search for the mode begins, shape (c,); default: ln τ.
+    start : value of ln s at which the search for the mode begins, shape (c,); default: ln τ, with
+        the scale τ of the prior of the spreads.
     """
     if start is None:
         start = np.full(parameters, np.log(density.scale))
@@ -309,11 +353,11 @@ def draw_spreads(
 
 
 def _better(first: Spreads, second: Spreads) -> Spreads:
-    """Return the better of two sets of random draws.
+    """Return the better of two sets of weighted random draws of the machines' spreads.
 
     A set whose weights can be trusted is better than one whose weights cannot. Of two trusted sets,
     the better has the larger effective number of draws. Of two sets that cannot be trusted, the
-    better has the smaller Pareto's k̂.
+    better has the smaller Pareto's k̂ of its weights.
     """
     if first.trusted != second.trusted:
         second_is_better = second.trusted
