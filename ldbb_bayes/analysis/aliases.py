@@ -59,8 +59,8 @@ class Degeneracy:
     model.
     """
 
-    #: class name of the model term that the first nuisance coefficient of the degeneracy belongs
-    #: to; empty if a parameter comes first
+    #: class name of the model term of the pivot, the coefficient for which the combination is
+    #: written; empty if the pivot is a parameter
     term: str
     #: changes of coefficients, by name, that compensate one another in every reading; in internal
     #: units (mm, N, rad); nuisance coefficients come before parameters
@@ -134,7 +134,7 @@ def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
     """Return a sparse basis of the degeneracies that involve parameters of interest.
 
     A degeneracy is a combination of parameters and nuisance coefficients that no reading resolves.
-    Its pivot is the coefficient that its description lists first.
+    Its pivot is the coefficient for which the combination is written, with the value one.
 
     Parameters
     ----------
@@ -185,8 +185,8 @@ def _describe_degeneracy(
 
     Return None if the combination involves no parameter. The combination is ``vector``, shape (m,):
     the m coefficients in units of their prior standard deviations. ``pivot`` is the index of the
-    coefficient that the description lists first, and ``space`` the null space that the combination
-    belongs to.
+    coefficient for which the combination is written, with the value one. ``space`` is the null
+    space that the combination belongs to.
     """
     names = coefficients.names
     effect = space.largest * np.abs(vector)

@@ -320,9 +320,9 @@ def _pool_draws(bound: BoundModel, draws_of_models: Sequence[ModelDraws]) -> tup
 def _log_densities(draws_of_models: Sequence[ModelDraws], order: Array) -> dict[str, Array]:
     """Return the log densities of the draws of all models, by name of the density.
 
-    A density is, for example, the likelihood. ``order``, shape (chains, draws), holds the index of
-    the draw that belongs at each place of the result, among the draws of all models one after
-    another.
+    Names are such as ``lp``, for the log density of the posterior. ``order``, shape (chains,
+    draws), holds the index of the draw that belongs at each place of the result, among the draws of
+    all models one after another.
     """
     by_model = [densities_of(draws_of_model) for draws_of_model in draws_of_models]
     pooled = {}

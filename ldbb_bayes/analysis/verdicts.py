@@ -354,8 +354,8 @@ def prior_dominated_share(information: Information, precision_ratio: float = 1.0
 
     Priors dominate a combination of coefficients if the readings add less than ``precision_ratio``
     times the precision of the prior. The combinations are the right singular vectors of the design
-    matrix of all coefficients (parameters and nuisances). The matrix is in units of the standard
-    deviations of the noise and of the coefficients' priors. Along each combination, the prior
+    matrix of all coefficients (parameters and nuisances), for readings in standard deviations of
+    their noise and coefficients in prior standard deviations. Along each combination, the prior
     precision is therefore one, and the readings add the square of the singular value.
 
     Parameters

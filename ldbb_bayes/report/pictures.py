@@ -57,7 +57,8 @@ def _draw_svg(figure: Figure) -> str:
         for ground in visible_grounds:
             ground.set_visible(False)
         canvas: Any = FigureCanvasSVG(figure)
-        canvas.print_svg(buffer, metadata={"Date": None})  # savefig would draw the figure twice
+        # Use print_svg, because the method savefig would draw the figure twice.
+        canvas.print_svg(buffer, metadata={"Date": None})
     for ground in visible_grounds:
         ground.set_visible(True)
     return buffer.getvalue()

@@ -36,8 +36,8 @@ _JOINING_CANDIDATES = 3
 _FIRST_CANDIDATES = 32
 # A candidate's fraction of the tests below this counts as zero.
 _ZERO_SHARE = 1e-10
-# When the solver starts, no fraction of the tests is below this number divided by the number of
-# candidates whose fractions are optimized.
+# When the solver starts, fractions of the tests below this number, divided by the number of
+# candidates whose fractions are optimized, are raised to it. Then all are made to sum to one.
 _STARTING_SHARE = 0.02
 # Value of the solver's loss function where the fractions of tests leave a parameter undetermined.
 _UNDETERMINED_LOSS = 1e6
