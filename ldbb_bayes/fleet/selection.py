@@ -97,8 +97,8 @@ def choose(
     circle's readings fails its check, or the readings contradict the condition that no compliance
     is negative. Readings a thousand times too large, for example, would move the mean of a
     population and widen its spread. They would also hide a change of their machine. Also left out
-    are campaigns that could not be fitted, that the user excludes, or whose readings are those of
-    an earlier campaign.
+    are campaigns that could not be fitted, whose row lacks sufficient statistics, that the user
+    excludes, or whose readings are those of a campaign listed before.
 
     Parameters
     ----------

@@ -61,15 +61,18 @@ from ldbb_bayes.units import (
 
 __all__ = ["ParameterChange", "Trend", "Visit", "find_trend"]
 
-# Smallest probability of a change for which the table of a trend states the size of the change. The
-# table shows probabilities with three decimals; smaller ones would appear as zero.
+# Smallest probability that a parameter has changed for which the printed table of a trend states
+# the size of the change. The table shows probabilities with three decimals; smaller ones would
+# appear as zero.
 _UNLIKELY = 5e-4
-# Ratio of a parameter's level to its standard uncertainty, above which a change is also stated in
-# per cent of the level. The percentage neglects the level's uncertainty, which is then below 20 %.
+# A change of a parameter is also stated in per cent of the parameter's level before it if the ratio
+# of this level to its standard uncertainty is above this. The percentage neglects the uncertainty
+# of the level, which is then below 20 %.
 _KNOWN_LEVEL = 5.0
-# Columns of `Trend.estimates` whose values have the unit of the parameter.
+# Columns of the table `Trend.estimates` whose values have the unit of the parameter, unlike
+# probabilities and names.
 _SIZED_COLUMNS = ("estimate", "sd", "ci_low", "ci_high", "limit_low", "limit_high")
-# Text of empty cells in the table of a trend's parameters.
+# Text of empty cells in the printed table of a trend's parameters.
 _NOTHING = "–"
 
 
@@ -77,21 +80,25 @@ _NOTHING = "–"
 class ParameterChange(Result):
     """Step change of one parameter, in internal units (mm, N, rad)."""
 
-    unit: str  #: internal unit of the parameter
-    probability: float  #: probability that this parameter is the one that changed
-    #: index (from 0) of the campaign just before which the parameter most probably changed, if it
-    #: changed
+    unit: str  #: internal unit of the parameter, made of mm, N and rad
+    #: posterior probability that a parameter has changed and that it is this one
+    probability: float
+    #: index, from 0 and in order of time, of the campaign just before which the parameter most
+    #: probably changed, if it changed
     place: int
-    #: size of the step if this parameter changed, averaged over the possible times of the change
+    #: size of the parameter's step, later minus earlier level, if this parameter changed; averaged
+    #: over the possible times of the change
     change: Summary
-    #: step in per cent of the level before it; None if that level is uncertain by more than 20 %
+    #: step of the parameter in per cent of its level before the step; None if that level is
+    #: uncertain by more than 20 %
     percent: float | None
     level_before: float  #: mean level of the parameter before the step, if this parameter changed
-    #: level at the last campaign, averaged over all hypotheses of a change; its uncertainty
-    #: includes the errors of the instrument
+    #: level of the parameter at the last campaign, averaged over all hypotheses of a change; its
+    #: uncertainty includes the errors of the instrument
     level_now: Summary
-    #: standard uncertainty due to the instrument's errors, which shift the estimates from all
-    #: campaigns together; the points and limits of the control chart do not include it
+    #: standard uncertainty of the parameter due to the errors of the instrument, which shift the
+    #: estimates from all campaigns together; the points and limits of the control chart do not
+    #: include it
     common_sd: float
 
 
@@ -103,10 +110,12 @@ def _isoformat(date: datetime | None) -> str | None:
 class Visit(Result):
     """One campaign in the trend of a machine."""
 
-    campaign: str  #: label of the campaign: its name or file path
-    #: date of the campaign, None if it states none
+    #: label of the campaign: its name, or its file path if the name is missing or not unique
+    campaign: str
+    #: date of the campaign; None if the campaign states none
     date: Annotated[datetime | None, PlainSerializer(_isoformat)]
-    change_just_before: float  #: probability that a parameter changed just before this campaign
+    #: probability that a parameter of the machine changed between the campaign before and this one
+    change_just_before: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,31 +145,38 @@ class Trend(Result):
     12
     """
 
-    machine: str | None  #: machine_id of the machine, if the campaigns state one
+    machine: str | None  #: machine_id of the machine; None if its campaigns state none
     reference_force_N: float  #: force at which the compliances are stated [N]
-    #: options of the analysis by name: change_scale and repeatability (in units of the prior's sd),
-    #: probability (of a change before the readings), threshold, ci, one_instrument
+    #: options of `find_trend` by name: change_scale and repeatability (in units of the parameter's
+    #: reference sd), probability (prior probability of a change), threshold, ci (probability of the
+    #: credible intervals), one_instrument
     assumptions: Mapping[str, Any]
-    #: posterior probability that one parameter has changed once
+    #: posterior probability that one parameter of the machine has changed once
     probability: Annotated[float, Field(alias="probability_of_change")]
-    changed: bool  #: whether a change is reported: its probability is above the threshold
-    false_alarm: float  #: upper bound on the probability of reporting a change where there is none
+    #: whether a change is reported: its posterior probability is above the threshold
+    changed: bool
+    #: upper bound on the probability that a change is reported if there is none
+    false_alarm: float
     campaigns: tuple[Visit, ...]  #: campaigns of the machine in order of time
-    parameters: Mapping[str, ParameterChange]  #: possible step of each parameter, by name
-    most_probable: str  #: name of the parameter that most probably changed
+    #: possible step of each parameter and its present level, by name of the parameter
+    parameters: Mapping[str, ParameterChange]
+    #: name of the parameter that most probably changed, whether or not a change is reported
+    most_probable: str
     caveats: tuple[Caveat, ...]  #: limitations of the trend and of its campaigns
     #: table of the estimates from each campaign alone, one row per campaign and parameter
     estimates: Annotated[pd.DataFrame, Field(exclude=True)]
-    #: decisions on conformity by quantity with a tolerance, then by campaign; each is from one
-    #: campaign alone, with a normal distribution of the estimate
+    #: decisions on conformity with tolerances, by quantity with a tolerance, then by campaign; each
+    #: decision is from one campaign alone, with a normal distribution of the estimate
     conformity: Mapping[str, Mapping[str, Conformity]]
-    #: probability that an estimate lies within its control limits if the machine did not change
+    #: probability that the estimate from one campaign lies within its control limits if the machine
+    #: did not change
     limits_probability: float = LIMITS
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the findings for JSON, in internal units (mm, N, rad).
+        """Return the findings of the trend for JSON, by name, in internal units (mm, N, rad).
 
-        The names of credible intervals state their probability, such as ci95.
+        The keys of credible intervals state the probability, such as ci95. The table ``estimates``
+        is left out.
         """
         record: dict[str, Any] = name_intervals(super().as_dict(), self.assumptions["ci"])
         return record
@@ -168,7 +184,11 @@ class Trend(Result):
 
 @parts_of.register
 def _trend_parts(trend: Trend) -> tuple[Table | str, ...]:
-    """Return a trend as tables of parameters and of conformity, and sentences on the findings."""
+    """Return a trend for print: tables of parameters and of conformity, then sentences.
+
+    The table of conformity holds the decisions from the newest campaign and is left out if there
+    are no tolerances. The sentences state the findings and the limitations.
+    """
     heads = ("parameter", "level now", "U, common", "P(changed)", "change, if it did", "of level")
     rows = [_table_row(name, change) for name, change in trend.parameters.items()]
     machine = f"{trend.machine}, " if trend.machine else ""
@@ -375,7 +395,10 @@ def _check_option(name: str, value: float, *, below_one: bool = False) -> None:
 
 
 class _MachineCampaigns(NamedTuple):
-    """Rows of one machine in a batch, its machine_id, and caveats on the choice of rows."""
+    """Rows of one machine's campaigns in the table of a batch, and caveats on their choice.
+
+    ``machine`` is the machine_id of the machine, None if no campaign states one.
+    """
 
     rows: pd.DataFrame
     machine: str | None
@@ -406,7 +429,10 @@ def _campaigns_of_one_machine(rows: pd.DataFrame, machine: str | None) -> _Machi
 
 
 def _order_in_time(statistics: FleetStatistics) -> list[int]:
-    """Return the indices of campaigns in order of date; in the given order if none has a date."""
+    """Return the indices of the campaigns in order of their dates.
+
+    If no campaign has a date, the given order is kept. Raise an `InputError` if only some have one.
+    """
     dates = zip(statistics.campaigns, statistics.dates, strict=True)
     undated = [name for name, date in dates if date is None]
     if undated and len(undated) < len(statistics):
@@ -430,9 +456,12 @@ def _caveats_of_series(statistics: FleetStatistics) -> list[Caveat]:
 def _visits(
     names: Sequence[str], dates: Sequence[datetime | None], step_probabilities: Array
 ) -> tuple[Visit, ...]:
-    """Return the campaigns, each with the probability that a parameter changed just before it.
+    """Return the campaigns of a trend, each with the probability of a change just before it.
 
-    The probability is zero for the first campaign.
+    The probability is zero for the first campaign. ``names`` and ``dates`` are those of the n
+    campaigns. ``step_probabilities``, shape (r, n − 1, p), are the posterior probabilities of a
+    step of each of p parameters just before each campaign but the first, for each of r values of
+    the machine's scatter from campaign to campaign.
     """
     change_before = [0.0, *step_probabilities.sum(axis=(0, 2)).tolist()]
     return tuple(map(Visit, names, dates, change_before))
@@ -463,10 +492,14 @@ def _parameter_change(
     chart: ChartPoints,
     prob: float,
 ) -> ParameterChange:
-    """Return the possible step of the parameter with index j.
+    """Return the possible step and the present level of the parameter with the index j.
 
-    ``step_probabilities``, shape (r, n − 1), are the probabilities of a step of this parameter just
-    before each of the n campaigns but the first, for each of r values of the machine's scatter.
+    ``posteriors`` are the Gaussians of level, instrument errors and step under every hypothesis;
+    see `hypotheses`. ``step_probabilities``, shape (r, n − 1), are the posterior probabilities of a
+    step of this parameter just before each of the n campaigns but the first, for each of r values
+    of the machine's scatter from campaign to campaign. ``levels`` are the values of all parameters
+    at the last campaign, ``chart`` the control chart. ``prob`` is the probability of the credible
+    intervals.
     """
     scale = float(statistics.prior_sd[j])
     total = float(step_probabilities.sum())
@@ -497,10 +530,12 @@ def _parameter_change(
 
 
 def _change(weight: Array, mean: Array, sd: Array, prob: float) -> Summary:
-    """Return the size of a parameter's step, averaged over hypotheses with weights.
+    """Return mean, sd and credible interval of the size of a parameter's step.
 
-    A hypothesis is a time of the step and a value of the machine's scatter. Sizes are in units of
-    the prior's sd.
+    They are averages over hypotheses with the weights ``weight``, which sum to one. A hypothesis is
+    a time of the step and a value of the machine's scatter from campaign to campaign. ``mean`` and
+    ``sd`` are those of the size under each hypothesis, in units of the parameter's prior sd, as is
+    the result. ``prob`` is the probability of the interval.
     """
     mean = mean.ravel()
     sd = sd.ravel()
@@ -512,7 +547,11 @@ def _change(weight: Array, mean: Array, sd: Array, prob: float) -> Summary:
 
 
 def _level_now(levels: Levels, j: int) -> Summary:
-    """Return the summary of the level at the last campaign of the parameter with index j."""
+    """Return mean, sd and credible interval of a parameter's level at the last campaign.
+
+    ``levels`` holds those of all parameters, j is the index of the parameter. The result is in
+    units of the parameter's prior sd.
+    """
     low, high = levels.interval[:, j]
     return Summary(float(levels.mean[j]), float(levels.sd[j]), (float(low), float(high)))
 
@@ -535,16 +574,17 @@ def _estimates(
     Parameters
     ----------
     statistics
-        Statistics of the n campaigns, with p parameters.
+        Likelihoods of p parameters from n campaigns, with names and units of the parameters.
     visits
-        Name and date of every campaign.
+        Name and date of every campaign, in order of time.
     chart
         Points and limits of the control chart, in units of the parameters' prior sds.
     step_probabilities
         Posterior probability of a step of each parameter just before every campaign but the first,
-        for each of r values of the machine's scatter, shape (r, n − 1, p).
+        for each of r values of the machine's scatter from campaign to campaign, shape (r, n − 1,
+        p).
     prob
-        Probability of the intervals.
+        Probability of the credible intervals.
     """
     n, p = chart.estimate.shape
     half_width = float(ndtri(0.5 + 0.5 * prob)) * chart.sd
@@ -576,11 +616,12 @@ def _conformities(
     tolerances: Mapping[str, str | Tolerance] | None,
     newest_tolerances: Any,
 ) -> dict[str, dict[str, Conformity]]:
-    """Return decisions on conformity by quantity, then by campaign, each from one campaign alone.
+    """Return decisions on conformity with tolerances, by quantity, then by campaign.
 
-    The uncertainties include that due to the instrument's errors, which all campaigns share. If
-    ``tolerances`` is empty, the tolerances that the newest campaign states (as JSON) are used, as
-    far as they are for quantities of the trend.
+    A quantity is a parameter or a stiffness; each decision is from one campaign alone. The
+    uncertainties include that due to the instrument's errors, which all campaigns share.
+    ``tolerances`` holds limits by quantity. If it is empty, those that the newest campaign states
+    are used (``newest_tolerances``, as JSON), as far as they are for quantities of the trend.
     """
     followed = quantities(dict(zip(statistics.parameters, statistics.units, strict=True)))
     wanted: Mapping[str, str | Tolerance] = tolerances or {}
@@ -606,7 +647,11 @@ def _conformities(
 
 
 def _parameter_of(quantity: str, parameters: Sequence[str]) -> int:
-    """Return the index of the parameter that a quantity is, or whose inverse it is (stiffness)."""
+    """Return the index, among ``parameters``, of the parameter to which a quantity belongs.
+
+    The quantity is the parameter itself, or its inverse: the stiffness of an axis belongs to the
+    axis' direct compliance. Raise an `InputError` if there is no such parameter.
+    """
     for j, name in enumerate(parameters):
         if quantity == name or (is_direct(name) and quantity == f"stiffness_{name[2]}"):
             return j
