@@ -1,6 +1,6 @@
 """Forces, geometry and other conditions of a campaign's tests, as the model needs them.
 
-A `Setting` holds forces, radii, clockings (angles by which the balls are turned in their holders)
+A `Setting` holds forces, radii, clockings (angles by which the balls are turned in their sockets)
 and directions of travel, one entry for each test. It also holds the effect of each compliance and
 geometric error on the reading, as 25 Fourier coefficients (1, cos θ, sin θ, …, cos 12θ, sin 12θ)
 with the angle θ on the circle.
@@ -46,7 +46,7 @@ _POWER_ROUNDING = 1e-12
 # Fourier coefficients of rotated harmonics cos n(θ − ψ), sin n(θ − ψ) are set to zero if they are
 # below this size, because they are then rounding errors.
 _ROTATION_ROUNDING = 1e-14
-# Two clocking angles (by which a ball is turned in its holder) count as equal if their points on
+# Two clocking angles (by which a ball is turned in its socket) count as equal if their points on
 # the unit circle are closer than this.
 _SAME_CLOCKING = 1e-9
 
@@ -103,7 +103,7 @@ class Setting:
     force_range_N: float  #: largest minus smallest force of the campaign [N]
     #: whether the form of work ball and tool ball is modelled separately, instead of their sum
     two_balls: bool
-    #: whether the clocking angle, by which a ball is turned in its holder, differs between tests
+    #: whether the clocking angle, by which a ball is turned in its socket, differs between tests
     clocked: bool
     radii_mm: tuple[float, ...]  #: the different nominal radii of the campaign's circles [mm]
     setups: tuple[int, ...]  #: numbers of the campaign's set-ups, such as 1 and 2
@@ -244,7 +244,7 @@ class Setting:
         """Return cos n(θ − ψ) and sin n(θ − ψ) of several orders n, as Fourier coefficients.
 
         θ is the angle on the circle, and ψ the clocking angle by which a ball is turned in its
-        holder.
+        socket.
 
         Parameters
         ----------

@@ -23,22 +23,26 @@ from ldbb_bayes.results import Array
 
 __all__ = ["BallForm", "MachinePattern"]
 
-# Orders n of the harmonics of a ball's form. They start at 2: order 0 is the ball's radius, and
-# order 1 the position of its centre.
+# Orders n of the harmonics cos nθ, sin nθ of a ball's form error. They start at 2, because order 0
+# is the ball's radius and order 1 the position of its centre.
 _FORM_ORDERS = range(2, MAX_ORDER + 1)
-# Orders n of the harmonics of the machine's pattern. They start at 4, because geometric errors
-# describe the lower orders.
+# Orders n of the harmonics cos nθ, sin nθ of the machine's pattern (geometric and cyclic errors of
+# higher orders). They start at 4, because other geometric errors describe the lower orders.
 _PATTERN_ORDERS = range(4, MAX_ORDER + 1)
 _DECAY = Scale("decay", "decay", "p", "decay of form with its order", "decay")
-# Prior variance of each coefficient of the orders 2 and 3, per square of the ball's deviation from
-# sphericity (peak to valley).
+# Prior variance of each coefficient of a ball's form at the orders 2 and 3 (waves in a turn),
+# divided by the square of the ball's deviation from sphericity (peak to valley).
 _VARIANCE_PER_SPHERICITY = 1.0 / 24.0
-# Highest order n of the harmonics to which a stated deviation from sphericity is attributed.
+# Highest order n of the harmonics cos nθ, sin nθ of a ball's form to which its stated deviation
+# from sphericity is attributed.
 _LAST_SPHERICITY_ORDER = 3
 
 
 class _TurnedBall(NamedTuple):
-    """Ball, and the angle [rad] by which it is turned against the angle of its Fourier series."""
+    """Ball, and the angle [rad] by which it is turned against the angle of the Fourier series.
+
+    The Fourier series is that of the ball's form, or of the sum of the forms of both balls.
+    """
 
     ball: Ball
     turned_rad: float
@@ -47,8 +51,8 @@ class _TurnedBall(NamedTuple):
 class _Form(NamedTuple):
     """Form error of one ball, or the sum of the form errors of work ball and tool ball.
 
-    ``stem`` begins the names of the coefficients; ``turned_rad`` is the clocking angle of every
-    test [rad].
+    The names of its coefficients begin with ``stem``. ``turned_rad`` (tests,) is the angle by which
+    the form is turned in every test [rad], and ``balls`` are the balls that have a part in it.
     """
 
     stem: str
@@ -67,17 +71,18 @@ def _harmonic_names(stem: str, orders: Sequence[int]) -> tuple[str, ...]:
 class BallForm(Term):
     """Form error of the balls: cos n(θ − ψ), sin n(θ − ψ), n = 2 … 12, the same at every force.
 
-    ψ is the clocking angle of the ball. The prior variance of each coefficient is τ² (n/6)^(−2p);
-    at the orders 2 and 3 it is larger by (S_work² + S_tool²)/24. S is a ball's deviation from
-    sphericity, peak to valley, which its certificate or grade states, or else ``sphericity_um``.
-    The hyper-parameters are τ, the scale at order 6, and p, the power by which form falls with its
-    order. Harmonics that a certificate states have their mean and variance from the certificate.
-    With ``law`` 1/n the prior sd is τ/n (model of the first edition).
+    θ is the angle on the circle and ψ the clocking angle, by which the ball is turned in its
+    socket. The prior variance of each coefficient is τ² (n/6)^(−2p); at the orders 2 and 3 it is
+    larger by (S_work² + S_tool²)/24. S is a ball's deviation from sphericity, peak to valley, which
+    its certificate or grade states, or else ``sphericity_um``. The hyper-parameters are τ, the
+    scale at order 6, and p, the power by which form falls with its order. Harmonics that a
+    certificate states have their mean and variance from the certificate. With ``law`` 1/n the prior
+    sd is τ/n (model of the first edition).
 
-    As long as no ball is clocked, the two forms are modelled as one sum. When a clocking differs
-    between tests, each ball has its own form: the work ball at θ − ψ_work, and the tool ball, which
-    is touched on its far side, at θ + 180° − ψ_tool, each with τ²/2 and its own S². Every plane
-    has separate forms, because it runs over another great circle of the balls.
+    As long as the clocking of no ball differs between tests, the forms of the two balls are
+    modelled as one sum. Otherwise each ball has its own form: the work ball at θ − ψ_work, and the
+    tool ball, which is touched on its far side, at θ + 180° − ψ_tool, each with τ²/2 and its own
+    S². Every plane has separate forms, because it runs over another great circle of the balls.
 
     Examples
     --------
@@ -88,10 +93,11 @@ class BallForm(Term):
     BallForm(sphericity_um=0.5, law='decay')
     """
 
-    #: deviation from sphericity, peak to valley, of a ball without certificate or grade
+    #: deviation from sphericity, peak to valley [µm], assumed for a ball without certificate or
+    #: grade
     sphericity_um: float = 2.5
-    #: law by which the prior sd falls with the order n: n^(−p) with a hyper-parameter p (decay),
-    #: or 1/n
+    #: law by which the prior sd of a ball's form falls with the order n (waves in a turn): n^(−p)
+    #: with a hyper-parameter p (decay), or 1/n
     law: Literal["decay", "1/n"] = "decay"
     stem = ("form", "work_form", "tool_form")
     calibration = "a calibration of the balls' form"
@@ -100,9 +106,10 @@ class BallForm(Term):
 
     @property
     def scales(self) -> tuple[Scale, ...]:
-        """Hyper-parameters of ball form: its scale τ at order 6, and its decay with order.
+        """Hyper-parameters of the balls' form: its scale τ at order 6, and its decay.
 
-        With the law 1/n there is no decay.
+        The decay is the power by which form falls with its order n (waves in a turn). With the law
+        1/n there is only τ.
         """
         tau = Scale("tau", "tau_um", "τ", "ball form")
         return (tau, _DECAY) if self.law == "decay" else (tau,)
@@ -110,8 +117,9 @@ class BallForm(Term):
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """Return the columns of the balls' form for the tests of a campaign.
 
-        There is one set of columns for every plane and ball (or the sum of both balls). It is zero
-        for tests in other planes.
+        A column is the reading per unit of one coefficient, and is zero for tests in other planes
+        than its own. There is one set of columns for every plane, and within a plane one for each
+        ball, or one for the sum of both.
         """
         columns = []
         for group in setting.groups_by("plane"):
@@ -128,9 +136,10 @@ class BallForm(Term):
         return tuple(columns)
 
     def _prior(self, balls: Sequence[_TurnedBall]) -> dict[str, Any]:
-        """Return the prior of the form of one ball, or of the sum of balls.
+        """Return the prior of the form of one ball, or of the sum of the forms of both.
 
-        The keys of the dictionary are names of arguments of `Columns`.
+        ``balls`` are the balls that have a part in the form. The keys of the result are the
+        arguments of `Columns` that describe the prior.
         """
         orders = np.repeat(_FORM_ORDERS, 2)
         if self.law == "1/n":
@@ -162,15 +171,19 @@ class BallForm(Term):
         }
 
     def _sphericity(self, ball: Ball) -> float:
-        """Return the deviation from sphericity of a ball [µm]: the stated one, or else assumed."""
+        """Return a ball's deviation from sphericity [µm], peak to valley.
+
+        It is the one that the ball's certificate or grade states; without these, the assumed one.
+        """
         stated = ball.stated_sphericity_um
         return self.sphericity_um if stated is None else stated
 
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
-        """Yield what the term assumes about the form of each ball.
+        """Yield what the term assumes about the form of each ball, order by order.
 
-        This is the sd of the orders 2 and 3, and the amplitudes that certificates state. The part
-        of the sd from the hyper-parameter τ, the scale of form, is not included.
+        These are the sds of the coefficients of the orders 2 and 3, and the amplitudes and sds that
+        certificates state. The part of the sd from the hyper-parameter τ, the scale of form, is not
+        included. With the law 1/n nothing is assumed.
         """
         if self.law != "decay":
             return
@@ -191,7 +204,11 @@ class BallForm(Term):
                 )
 
     def is_stated(self, coefficient: str, campaign: Campaign) -> bool:
-        """Return whether certificates state the size of a coefficient of form, given its name."""
+        """Return whether certificates state the size of a coefficient of form, given its name.
+
+        For the sum of both balls' forms, certificates or grades of both balls must do so.
+        ``campaign`` holds the certificates.
+        """
         instrument = campaign.instrument
         balls = [instrument.work, instrument.tool]
         if coefficient.startswith("work"):
@@ -207,7 +224,10 @@ class BallForm(Term):
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """Return a coefficient of form in words, such as 2-lobe form (cos 2θ), from its name."""
+        """Return a coefficient of the balls' form in words, from its name.
+
+        For example, form_cos2 is "2-lobe form (cos 2θ)".
+        """
         ball = _ball_in_words(coefficient)
         owner = f"{ball}'s " if ball else ""
         order = order_in_words(coefficient)
@@ -216,9 +236,10 @@ class BallForm(Term):
 
     @classmethod
     def pattern(cls, coefficient: str) -> str:
-        """Return harmonic, ball and plane of a coefficient in words, from its name.
+        """Return harmonic, ball and plane of a coefficient of form in words, from its name.
 
-        The words follow the name of the term in texts.
+        For example, work_form_cos2 is `` in cos 2θ of the work ball``; reports append these words
+        to the name of the term.
         """
         ball = _ball_in_words(coefficient)
         of_ball = f" of {ball}" if ball else ""
@@ -226,11 +247,11 @@ class BallForm(Term):
 
 
 def _forms(setting: Setting) -> list[_Form]:
-    """Return the form errors to model for the tests of a campaign.
+    """Return the form errors of the balls that the model of a campaign contains.
 
-    If differing clockings separate the two balls, there is one form error for each ball, as a
-    function of the angle on this ball. Otherwise there is their sum, as a function of the angle on
-    the work ball.
+    If clockings (angles by which a ball is turned in its socket) differ between tests, there is one
+    form error for each ball, as a function of the angle on this ball. Otherwise there is only the
+    sum of both, as a function of the angle on the work ball.
     """
     work = setting.instrument.work
     tool = setting.instrument.tool
@@ -246,12 +267,18 @@ def _forms(setting: Setting) -> list[_Form]:
 
 
 def _stated_sd_um(ball: Ball) -> float:
-    """Return the standard uncertainty of stated harmonics [µm]: half the expanded uncertainty."""
+    """Return the standard uncertainty of the harmonics that a ball's certificate states [µm].
+
+    It is half of their expanded uncertainty (k = 2).
+    """
     return 0.5 * (ball.U_um or 0.0)
 
 
 def _ball_in_words(coefficient: str) -> str:
-    """Return the ball of a coefficient in words; empty for the sum of both balls' forms."""
+    """Return "the work ball" or "the tool ball" for a coefficient of form, given its name.
+
+    Return an empty text for a coefficient of the sum of both balls' forms.
+    """
     if coefficient.startswith("work"):
         return "the work ball"
     if coefficient.startswith("tool"):
@@ -263,9 +290,11 @@ def _ball_in_words(coefficient: str) -> str:
 class MachinePattern(Term):
     """Geometric errors of higher orders and cyclic errors: cos nθ, sin nθ, n = 4 … 12.
 
-    The prior sd of each coefficient is ω (n/6)^(−p), with hyper-parameters ω and p. The pattern is
-    the same in all tests of one plane, direction of travel and radius. The term acts only if a ball
-    is clocked: the form turns with the ball and the pattern does not, so that they can be
+    θ is the angle on the circle. The prior sd of each coefficient is ω (n/6)^(−p), with the
+    hyper-parameters ω (scale at order 6) and p (decay with order, the same as for the form of the
+    balls). The pattern is the same in all tests of one plane, direction of travel and radius. The
+    term acts only if the clocking of a ball (angle by which it is turned in its socket) differs
+    between tests: the form of the ball turns with it and the pattern does not, so that they can be
     separated.
 
     Examples
@@ -281,7 +310,11 @@ class MachinePattern(Term):
     scales = (Scale("omega", "omega_um", "ω", "pattern of the machine"), _DECAY)
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """Return the columns of the machine's pattern; none if no ball's clocking differs."""
+        """Return the columns of the machine's pattern for the tests of a campaign.
+
+        A column is the reading per unit of one coefficient. The tuple is empty if the clocking of
+        no ball (angle by which it is turned in its socket) differs between tests.
+        """
         if not setting.clocked:
             return ()
         columns = []
@@ -295,7 +328,8 @@ class MachinePattern(Term):
 def _patterns(setting: Setting, suffix: str, tests: NDArray[np.bool_]) -> list[Columns]:
     """Return the columns of the machine's pattern in one plane at one radius.
 
-    Each direction of travel has its own columns.
+    A column is the reading per unit of one coefficient. Each direction of travel in which the tests
+    run has its own columns.
 
     Parameters
     ----------

@@ -28,18 +28,19 @@ __all__ = [
     "uncertainties",
 ]
 
-# Beginning of the module names of the package's own terms. The default model has these terms,
-# unless they are marked as on demand.
+# Beginning of the names of the modules that define the package's own nuisance terms. The default
+# model has these terms, unless their class is marked as on demand.
 _PACKAGE = "ldbb_bayes.model.terms."
-# Pattern of the positions in a class name where a new word begins: before every capital letter
-# except the first.
+# Pattern of the positions in the class name of a term where a new word begins, as in BallForm:
+# before every capital letter except the first.
 _BETWEEN_WORDS = re.compile(r"(?<!^)(?=[A-Z])")
-# Pattern of the end of a coefficient's name, with plane and harmonic, such as _XY_cos2 or _0.
+# Pattern of the end of the name of a term's coefficient, which states plane and harmonic, such as
+# _XY_cos2 or _0.
 _SUFFIX = re.compile(r"(?:_(?P<plane>XY|YZ|ZX))?(?:_(?P<trig>cos|sin)(?P<order>\d+)|_0)?$")
 
 
 class Unit(NamedTuple):
-    """Unit of a coefficient, and the unit in which reports display it.
+    """Internal unit of a term's coefficient, and the unit in which reports display it.
 
     Examples
     --------
@@ -49,27 +50,33 @@ class Unit(NamedTuple):
     'µm/bar'
     """
 
-    inside: str  #: internal unit, made of mm, N and rad, as in results
-    one: float  #: size of one display unit in internal units, such as 1e-3 for µm
-    label: str  #: name of the display unit, such as µm
+    inside: str  #: internal unit of the coefficient, made of mm, N and rad, as in results
+    #: size of one display unit in internal units, such as 1e-3 for µm, because 1 µm is 1e-3 mm
+    one: float
+    label: str  #: name of the unit in which reports display the coefficient, such as µm
 
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """A value and its standard uncertainty that a term assumes about the instrument."""
+    """Value of a quantity of the instrument, and its standard uncertainty, that a term assumes.
+
+    ``name`` is the name of the coefficient, such as bar_length, ``value`` its assumed value and
+    ``sd`` its standard uncertainty.
+    """
 
     name: str
     value: float
     sd: float
-    unit: str  #: unit of value and sd, made of mm, N, rad
-    #: field of `Instrument` that holds the certificate's uncertainty; empty if there is none
+    unit: str  #: internal unit of the assumed value and its sd, made of mm, N and rad
+    #: name of the field of `Instrument` that holds the uncertainty from a certificate, such as
+    #: bar_U_um; empty text if no field does
     certificate: str
-    stated: bool  #: whether a certificate states the uncertainty
+    stated: bool  #: whether a certificate states the uncertainty; otherwise it is a default
 
 
 @dataclass(frozen=True)
 class Uncertainties(Result):
-    """All assumptions of a model's terms about the instrument, and the certificates.
+    """All values that a model's terms assume about the instrument, and its certificates.
 
     Examples
     --------
@@ -79,14 +86,18 @@ class Uncertainties(Result):
     (0.0094, 'mm', False)
     """
 
-    assumed: tuple[Uncertainty, ...]  #: assumed values with uncertainties, in the order of terms
-    certificates: Mapping[str, str]  #: names of the instrument's certificates, by instrument part
+    #: values and standard uncertainties that the terms assume about the instrument, term by term
+    assumed: tuple[Uncertainty, ...]
+    #: names of the instrument's calibration certificates, by the part that each certifies, such as
+    #: bar
+    certificates: Mapping[str, str]
 
 
 def uncertainties(campaign: Campaign, terms: Iterable[Term] | None = None) -> Uncertainties:
-    """Return the assumptions of terms about the instrument of a campaign or plan.
+    """Return what nuisance terms assume about the instrument of a campaign or plan.
 
-    Printed, they are a table that says where in ``campaign.toml`` a certificate's value belongs.
+    Printed, the result is a table that says where in ``campaign.toml`` the value of a certificate
+    belongs.
 
     Parameters
     ----------
@@ -125,11 +136,14 @@ def assumption(
     campaign
         Campaign or plan.
     name
-        Name of the coefficient.
+        Name of the coefficient, such as bar_length.
     certificate
-        Field of `Instrument` that holds the certificate's uncertainty; empty if there is none.
-    sd, value
-        Standard uncertainty and value, in the coefficient's internal unit (of mm, N, rad).
+        Name of the field of `Instrument` that holds the uncertainty from a certificate, such as
+        bar_U_um; empty text if no field does.
+    sd
+        Standard uncertainty of the coefficient, in its internal unit (made of mm, N, rad).
+    value
+        Value of the coefficient, in the same unit.
     """
     stated = bool(certificate) and getattr(campaign.instrument, certificate) is not None
     unit = Term.owner(name).unit_of(name)
@@ -139,10 +153,11 @@ def assumption(
 class Term(Shown):
     """An effect on the readings that is modelled but not of interest (a nuisance).
 
-    To define a term of your own, derive a frozen dataclass; fits, results, designs and model files
-    then know it by its class name. The fields of the class are the settings of the term (positive
-    numbers or strings), and the keys under ``[terms]`` of a model file. Only the method `columns`
-    must be written; everything else has defaults.
+    The effect is a sum of columns (functions of the angle) times coefficients with Gaussian priors.
+    To define a term of your own, derive a frozen dataclass from this class; fits, results, designs
+    and model files then know the term by the name of your class. The fields of your class are the
+    settings of the term (positive numbers or strings), and the keys of its table under ``[terms]``
+    of a model file. Only the method `columns` must be written; everything else has defaults.
 
     Examples
     --------
@@ -163,23 +178,26 @@ class Term(Shown):
     'five waves (cos 5θ)'
     """
 
-    #: classes of all terms by name, in the order of models, results and model files
+    #: classes of all nuisance terms by their names, in the order in which models, results and model
+    #: files list them
     kinds: ClassVar[dict[str, type[Term]]] = {}
-    #: beginning of the names of the term's coefficients; by default from the class name, such as
-    #: ball_form for BallForm
+    #: text, or several texts, with which the names of the term's coefficients begin; by default
+    #: made from the class name, such as bar_length for BarLength
     stem: ClassVar[str | tuple[str, ...]]
-    #: name of the term in texts; by default from the class name, such as ball form for BallForm
+    #: name of the term in reports; by default made from the class name, such as ball form for
+    #: BallForm
     words: ClassVar[str]
     unit: ClassVar[Unit] = Unit("mm", 1e-3, "µm")  #: unit of the term's coefficients
-    #: measurement that would determine the effect (a noun), used in advice
+    #: measurement that would determine the effect of the term (a noun phrase), used in advice
     calibration: ClassVar[str] = "a measurement of it"
-    #: advice (a sentence) for uncertainty budgets in which the term contributes most
+    #: advice (a sentence) to print with an uncertainty budget in which the term contributes most
     remedy: ClassVar[str] = "Measure it, or narrow its prior."
-    #: whether the effect belongs to the instrument (bar, balls, mount or force device)
+    #: whether the effect of the term belongs to the instrument (bar, balls, mount or force device)
     instrument: ClassVar[bool] = False
-    #: whether the coefficient is the same in all campaigns that use one instrument
+    #: whether the term's coefficients have the same values in all campaigns with one instrument
     common: ClassVar[bool] = False
-    #: whether models have the term only on request; by default true for terms that you define
+    #: whether models have the term only if it is added with ``with_term``; by default false for
+    #: terms of the package and true for terms that you define
     on_demand: ClassVar[bool]
 
     def __init_subclass__(cls) -> None:
@@ -199,8 +217,8 @@ class Term(Shown):
 
     def __post_init__(self) -> None:
         choices: dict[str, tuple[Any, ...]] = {}
-        # Annotations of a class defined inside a function may be unknown here; then its choices are
-        # not checked.
+        # If the class is defined inside a function, types that its annotations name may be unknown
+        # here. The permitted choices of its settings are then not checked.
         kind: Any = type(self)
         with suppress(NameError):
             choices = _choices(kind)
@@ -220,29 +238,39 @@ class Term(Shown):
 
     @property
     def scales(self) -> tuple[Scale, ...]:
-        """Hyper-parameters of the term: scales of its prior sds that readings help to determine.
+        """Hyper-parameters of the term: scales of the prior sds of its coefficients.
 
-        By default a term has none.
+        The readings help to determine them. By default a term has none.
         """
         return ()
 
     def scales_in(self, setting: Setting) -> tuple[Scale, ...]:
-        """Return the term's hyper-parameters for the tests of a campaign; by default ``scales``."""
+        """Return the term's hyper-parameters under the conditions of a campaign's tests.
+
+        By default they are ``scales``, which do not depend on the campaign.
+        """
         return self.scales
 
     def columns(self, setting: Setting) -> tuple[Columns | BasisNoise, ...]:
-        """Return the term's columns for the tests of a campaign.
+        """Return the term's columns under the conditions of a campaign's tests.
 
-        The tuple is empty if the term has no effect on these tests.
+        A column is the reading per unit of one coefficient, as 25 Fourier coefficients for each
+        test. The tuple is empty if the term has no effect on these tests.
         """
         raise NotImplementedError(f"{type(self).__name__} must have a method columns(setting)")
 
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
-        """Yield what the term assumes about the instrument: values and standard uncertainties."""
+        """Yield the values and standard uncertainties that the term assumes about the instrument.
+
+        ``campaign`` holds the certificates of the instrument. By default a term assumes nothing.
+        """
         yield from ()
 
     def is_stated(self, coefficient: str, campaign: Campaign) -> bool:
-        """Return whether a certificate states the uncertainty of a coefficient."""
+        """Return whether a certificate states the uncertainty of a coefficient of this term.
+
+        ``coefficient`` is the name of the coefficient; ``campaign`` holds the certificates.
+        """
         stated = False
         longest = -1
         for assumed in self.assumed(campaign):
@@ -253,12 +281,15 @@ class Term(Shown):
 
     @classmethod
     def key(cls) -> str:
-        """Return the term's name as a command-line option: ball-form for BallForm."""
+        """Return the term's name as the command line writes it, such as ball-form for BallForm."""
         return _BETWEEN_WORDS.sub("-", cls.__name__).lower()
 
     @staticmethod
     def owner(coefficient: str) -> type[Term]:
-        """Return the class of the term that a coefficient belongs to, or `Term` if unknown."""
+        """Return the class of the term that a coefficient belongs to, from the coefficient's name.
+
+        Return `Term` if no term has such a coefficient.
+        """
         for kind in Term.kinds.values():
             stems = (kind.stem,) if isinstance(kind.stem, str) else kind.stem
             for stem in stems:
@@ -273,7 +304,10 @@ class Term(Shown):
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """Return a coefficient in words, such as ball form (cos 2θ), from its name."""
+        """Return a coefficient of this term in words, from its name.
+
+        For example, pattern_cos4 is "machine pattern (cos 4θ)".
+        """
         if cls is Term:
             return coefficient
         harmonic = order_in_words(coefficient) + plane_in_words(coefficient)
@@ -281,9 +315,10 @@ class Term(Shown):
 
     @classmethod
     def pattern(cls, coefficient: str) -> str:
-        """Return the harmonic of a coefficient, such as `` in cos 2θ``, from its name.
+        """Return the harmonic and the plane of a coefficient in words, such as `` in cos 2θ``.
 
-        The text is empty if the name contains no harmonic.
+        ``coefficient`` is the name of the coefficient. The text is empty if the name contains no
+        harmonic.
         """
         order = order_in_words(coefficient)
         return f" in {order}{plane_in_words(coefficient)}" if order else ""
@@ -291,7 +326,10 @@ class Term(Shown):
 
 @cache
 def _choices(kind: type[Term]) -> dict[str, tuple[Any, ...]]:
-    """Return the permitted values of a term's settings, for settings with a list of choices."""
+    """Return the permitted values of each setting of a term that has a list of choices.
+
+    ``kind`` is the class of the term; the keys are the names of its settings.
+    """
     return {
         name: get_args(hint)
         for name, hint in get_type_hints(kind).items()
@@ -300,7 +338,10 @@ def _choices(kind: type[Term]) -> dict[str, tuple[Any, ...]]:
 
 
 def order_in_words(coefficient: str) -> str:
-    """Return the harmonic in a coefficient's name in words: cos 2θ for form_XY_cos2."""
+    """Return the harmonic that a coefficient's name contains, such as cos 2θ for form_XY_cos2.
+
+    Return "order 0" for names that end in _0, and an empty text for names without a harmonic.
+    """
     match = _SUFFIX.search(coefficient)
     if match is None or not match["trig"]:
         return "order 0" if coefficient.endswith("_0") else ""
@@ -309,6 +350,9 @@ def order_in_words(coefficient: str) -> str:
 
 
 def plane_in_words(coefficient: str) -> str:
-    """Return the plane in a coefficient's name in words: `` in plane XY`` for form_XY_cos2."""
+    """Return the plane that a coefficient's name contains: `` in plane XY`` for form_XY_cos2.
+
+    Return an empty text for names without a plane.
+    """
     match = _SUFFIX.search(coefficient)
     return f" in plane {match['plane']}" if match and match["plane"] else ""

@@ -1,4 +1,4 @@
-"""Nuisance terms that differ between circles: shift, discrepancy, hysteresis and drift.
+"""Nuisance terms by which circles differ: set-up shift, discrepancy, hysteresis and drift.
 
 Nuisance terms are effects that are modelled but not of interest.
 """
@@ -19,21 +19,24 @@ from ldbb_bayes.model.terms.columns import BasisNoise, Columns, Hyper, Scale
 
 __all__ = ["CircleScale", "Covariate", "Discrepancy", "Drift", "Hysteresis", "Moves", "SetupShift"]
 
-# What a new set-up shifts: zero and centre with one common scale (together) or with separate scales
-# (apart), or one of them alone.
+# What shifts at random between circles: the readings' zero and the circle's centre, with one common
+# sd (together) or separate sds (apart), or only one of the two (zero, centre).
 Moves = Literal["together", "apart", "zero", "centre"]
-# Quantities that a drift can be proportional to.
+# Quantities to which a drift of the bar's length and the circle's centre can be proportional.
 Covariate = Literal["time", "temperature"]
-# Highest order n of the harmonics cos nθ, sin nθ of hysteresis in the model of the first edition.
+# Highest order n of the harmonics cos nθ, sin nθ of the hysteresis that does not depend on force,
+# in the model of the first edition.
 _FIRST_EDITION_ORDERS = 4
 
 
 @dataclass(frozen=True)
 class SetupShift(Term):
-    """Random shift of zero and centre between circles: 1, cos θ, sin θ, separate for every test.
+    """Random shift of the readings' zero and of the circle's centre between circles.
 
-    The prior sd is the hyper-parameter δ. ``moves`` states whether zero (order 0) and centre
-    (order 1) have one common δ, have a δ_0 and a δ_1, or only one of them moves, with sd δ.
+    The effects are 1 (zero, order 0) and cos θ, sin θ (centre, order 1), with θ the angle on the
+    circle and separate coefficients for every test. Their prior sd is the hyper-parameter δ.
+    ``moves`` states whether zero and centre have one common δ, separate sds δ_0 and δ_1, or only
+    one of them moves, with the sd δ.
 
     Examples
     --------
@@ -43,15 +46,18 @@ class SetupShift(Term):
     ['delta_0', 'delta_1']
     """
 
-    #: what moves: zero and centre with one common sd (together) or separate sds (apart), or only
-    #: one of them (zero, centre)
+    #: what moves between circles: the readings' zero and the circle's centre with one common sd
+    #: (together) or separate sds (apart), or only one of them (zero, centre)
     moves: Moves = "together"
     words = "set-up shift"
     remedy = "Run more circles: zero and centre move from one to the next."
 
     @property
     def scales(self) -> tuple[Scale, ...]:
-        """Hyper-parameters of the set-up shift: one sd, or separate ones for zero and centre."""
+        """Hyper-parameters of the shift between circles: its sd δ.
+
+        If ``moves`` is apart, they are the separate sds of the readings' zero and of the centre.
+        """
         if self.moves != "apart":
             return (Scale("delta", "delta_um", "δ", "set-up shift"),)
         return (
@@ -60,7 +66,10 @@ class SetupShift(Term):
         )
 
     def columns(self, setting: Setting) -> tuple[BasisNoise, ...]:
-        """Return the shift as noise of the Fourier coefficients 1, cos θ, sin θ of every circle."""
+        """Return the shift as noise of the Fourier coefficients of 1, cos θ, sin θ.
+
+        The noise is independent between the tests of a campaign.
+        """
         zero_sd = np.where(ORDERS == 0, 1.0, 0.0)
         centre_sd = np.where(ORDERS == 1, 1.0, 0.0)
         circle = setting.circle
@@ -74,35 +83,40 @@ class SetupShift(Term):
 class Discrepancy(Term):
     """Model inadequacy and change from run to run: cos nθ, sin nθ, n = 2 … 12.
 
-    The coefficients are separate for every test. Their prior sd is κ/n^decay, with the
-    hyper-parameter κ.
+    θ is the angle on the circle. The coefficients are separate for every test. Their prior sd is
+    κ/n^decay, with the hyper-parameter κ and the fixed power ``decay``.
 
     Examples
     --------
-    The prior sd of the orders 0, 1 and 2, in units of κ:
+    The prior sds of the coefficients of order 0, 1 and 2, divided by κ:
 
     >>> noise = lb.terms.Discrepancy(decay=1.0).columns(model.bind(campaign).setting)[0]
     >>> noise.sd[:5]
     array([0. , 0. , 0. , 0.5, 0.5])
     """
 
-    decay: float = 1.0  #: power by which the prior sd falls with the order of the harmonic
+    #: power by which the prior sd of the discrepancy falls with the order n of the harmonics
+    #: cos nθ, sin nθ
+    decay: float = 1.0
     remedy = "Run more circles: what differs from one to the next averages out."
     scales = (Scale("kappa", "kappa_um", "κ", "discrepancy"),)
 
     def columns(self, setting: Setting) -> tuple[BasisNoise, ...]:
-        """Return the discrepancy as noise of the Fourier coefficients from order 2."""
+        """Return the discrepancy as noise of the Fourier coefficients of the orders 2 to 12.
+
+        The noise is independent between the tests of a campaign.
+        """
         sd = np.where(ORDERS >= 2, np.maximum(ORDERS, 1.0) ** -self.decay, 0.0)
         return (BasisNoise("kappa", sd, setting.circle),)
 
 
 @dataclass(frozen=True)
 class CircleScale(Term):
-    """Scale λ of every circle, which multiplies the sd of its set-up shift and discrepancy.
+    """Noise factor λ of every circle, which multiplies the sd of its set-up shift and discrepancy.
 
     λ² has an inverse gamma prior, InvGamma(3/2, 3/2). The circles therefore scatter as Student's t
-    with three degrees of freedom, and an outlying circle hardly changes the compliances. The term
-    does not act on campaigns with fewer than four tests.
+    with three degrees of freedom, and an outlying circle hardly changes the estimated compliances.
+    The term does not act on campaigns with fewer than four tests.
 
     Examples
     --------
@@ -116,7 +130,10 @@ class CircleScale(Term):
     remedy = "Repeat the odd circle."
 
     def scales_in(self, setting: Setting) -> tuple[Scale, ...]:
-        """Return the noise factor λ of every circle as a hyper-parameter."""
+        """Return the noise factors λ of all circles as hyper-parameters, one for each test.
+
+        The tuple is empty for campaigns with fewer than four tests.
+        """
         scales = []
         for name in dict.fromkeys(setting.circle.tolist()):
             if name:
@@ -125,15 +142,16 @@ class CircleScale(Term):
         return tuple(scales)
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """Return no columns: the factors λ scale the noise of other terms."""
+        """Return no columns, because the noise factors λ only scale the noise of other terms."""
         return ()
 
 
 class _HysteresisSd(NamedTuple):
-    """Prior sd, at order 1, of the part of hysteresis that does not depend on force.
+    """Prior of the part of hysteresis that does not depend on force.
 
-    With a hyper-parameter, ``sd_mm`` is a factor on its value. ``last_order`` is the highest order
-    of the harmonics.
+    ``sd_mm`` is the prior sd of the harmonics of order 1 [mm]. If ``hyper`` names a
+    hyper-parameter, ``sd_mm`` is instead a factor on the value of this hyper-parameter.
+    ``last_order`` is the highest order of the harmonics.
     """
 
     sd_mm: float
@@ -145,13 +163,14 @@ class _HysteresisSd(NamedTuple):
 class Hysteresis(Term):
     """Difference between the two directions of travel (ISO 230-4): s cos nθ, s sin nθ, n = 0 … 12.
 
-    s = ±1 is the direction of travel. One part does not depend on force (backlash, reversal spikes,
-    servo mismatch); its prior sd is η/n, and η at order 0, with the hyper-parameter η. The other is
-    proportional to force (friction in the bar, lost motion); its prior sd is
-    ``proportional_um_per_kN``/n, undivided at order 0. Each plane has separate coefficients. The
-    term acts on planes that are run in both directions; with one direction it cannot be separated
-    from the machine's other errors. With ``law`` fixed (model of the first edition) the first part
-    ends at order 4 and ``constant_um`` replaces η.
+    s = ±1 is the direction of travel, θ the angle on the circle and n the order of the harmonics.
+    One part does not depend on force (backlash, reversal spikes, servo mismatch); its prior sd is
+    η/n, and η at order 0, with the hyper-parameter η. The other part is proportional to force
+    (friction in the bar, lost motion); its prior sd is ``proportional_um_per_kN``/n, undivided at
+    order 0. Each plane has separate coefficients. The term acts only on planes in which circles are
+    run in both directions; with one direction, hysteresis cannot be separated from the machine's
+    other errors. If ``law`` is fixed (model of the first edition), the first part ends at order 4
+    and ``constant_um`` replaces η.
 
     Examples
     --------
@@ -163,21 +182,30 @@ class Hysteresis(Term):
     'hysteresis in proportion to force (cos 2θ)'
     """
 
-    #: prior sd of the part of hysteresis that does not depend on force; used if ``law`` is fixed
+    #: prior sd, at order 1, of the part of hysteresis that does not depend on force [µm]; used only
+    #: if ``law`` is fixed
     constant_um: float = 2.0
-    proportional_um_per_kN: float = 2.0  #: prior sd of the hysteresis proportional to force
-    #: whether η is a hyper-parameter (sampled) or replaced by ``constant_um`` (fixed)
+    #: prior sd, at order 1, of the part of hysteresis that is proportional to force [µm/kN]
+    proportional_um_per_kN: float = 2.0
+    #: whether the scale of the hysteresis that does not depend on force is the hyper-parameter η
+    #: (sampled) or ``constant_um`` (fixed)
     law: Literal["sampled", "fixed"] = "sampled"
     calibration = "a narrower prior of it"
     remedy = "Run both directions at the same forces."
 
     @property
     def scales(self) -> tuple[Scale, ...]:
-        """Hyper-parameter of hysteresis: the scale η of its constant part; none if it is fixed."""
+        """Hyper-parameter of hysteresis: the scale η of the part that does not depend on force.
+
+        The tuple is empty if ``law`` is fixed.
+        """
         return (Scale("eta", "eta_um", "η", "hysteresis"),) if self.law == "sampled" else ()
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """Return the columns of hysteresis in every plane that is run in both directions."""
+        """Return the columns of hysteresis in every plane with circles in both directions.
+
+        A column is the reading per unit coefficient, under the conditions of a campaign's tests.
+        """
         columns: list[Columns] = []
         for plane in setting.groups_by("plane"):
             if plane.value in setting.both_ways:
@@ -185,9 +213,10 @@ class Hysteresis(Term):
         return tuple(columns)
 
     def _columns_of_plane(self, setting: Setting, plane: GroupOfTests) -> list[Columns]:
-        """Return the columns of hysteresis in one plane.
+        """Return the columns of hysteresis in one plane of a campaign.
 
         The part that does not depend on force is first, then the part proportional to force.
+        ``plane`` states which tests are in the plane.
         """
         constant = self._constant_part()
         suffixes = ["0"]
@@ -220,22 +249,29 @@ class Hysteresis(Term):
 
     @classmethod
     def unit_of(cls, coefficient: str) -> Unit:
-        """Return the unit of a coefficient of hysteresis, given its name."""
+        """Return the unit of a coefficient of hysteresis, given its name.
+
+        It is µm/kN for the part proportional to force, and µm for the other part.
+        """
         if coefficient.startswith("hysteresis_force"):
             return Unit("mm/N", 1e-6, "µm/kN")
         return cls.unit
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """Return a coefficient in words, such as hysteresis (cos 2θ), from its name."""
+        """Return a coefficient of hysteresis in words, from its name.
+
+        For example, hysteresis_cos2 is "hysteresis (cos 2θ)".
+        """
         force = " in proportion to force" if coefficient.startswith("hysteresis_force") else ""
         return f"hysteresis{force} ({order_in_words(coefficient)}{plane_in_words(coefficient)})"
 
     @classmethod
     def pattern(cls, coefficient: str) -> str:
-        """Return the harmonic of a coefficient in words, with plane and dependence on force.
+        """Return the harmonic of a coefficient of hysteresis in words, from its name.
 
-        The words follow the name of the term in texts.
+        For example, hysteresis_force_cos2 is `` in cos 2θ times force``; reports append these words
+        to the name of the term. The plane follows if the name contains one.
         """
         force = " times force" if coefficient.startswith("hysteresis_force") else ""
         return f" in {order_in_words(coefficient)}{force}{plane_in_words(coefficient)}"
@@ -243,12 +279,13 @@ class Hysteresis(Term):
 
 @dataclass(frozen=True)
 class Drift(Term):
-    """Drift of bar length and circle centre with time or temperature u: columns u and u B̂.
+    """Drift of the bar's length and of the circle's centre with time or temperature.
 
-    B̂ is the direction of the bar. u is the difference from the campaign's mean of the tests'
-    ``time_s`` or ``temperature_C``, as ``over`` states. ``length_um`` and ``centre_um`` are prior
-    sds per hour or kelvin; a steel bar of 150 mm grows by 1.7 µm/K. The term is off by default,
-    because `SetupShift` covers random changes between circles.
+    The columns (readings per unit coefficient) are u for the length and u B̂ for the coordinates of
+    the centre. B̂ is the unit vector along the bar. u is the time of each test in hours, or its
+    temperature in kelvins, as ``over`` states, minus the mean of the campaign. ``length_um`` and
+    ``centre_um`` are prior sds per hour or kelvin; a steel bar of 150 mm grows by 1.7 µm/K. Models
+    have the term only on request, because `SetupShift` covers random changes between circles.
 
     Examples
     --------
@@ -258,14 +295,20 @@ class Drift(Term):
     'µm/K'
     """
 
-    over: Covariate = "time"  #: quantity that the drift is proportional to: time or temperature
-    length_um: float = 2.0  #: prior sd of the bar's length per hour or kelvin
-    centre_um: float = 5.0  #: prior sd of each coordinate of the centre per hour or kelvin
+    over: Covariate = "time"  #: quantity to which the drift is proportional: time or temperature
+    #: prior sd of the drift of the bar's length [µm per hour or per kelvin]
+    length_um: float = 2.0
+    #: prior sd of the drift of each coordinate of the circle's centre [µm per hour or per kelvin]
+    centre_um: float = 5.0
     on_demand = True
     remedy = "Run the forces in an order that has nothing to do with time."
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """Return the columns of the drift of bar length and circle centre."""
+        """Return the columns of the drift of bar length and circle centre for a campaign's tests.
+
+        A column is the reading per unit coefficient. Raise an `InputError` if a test does not
+        record the time or temperature to which the drift is proportional.
+        """
         change = setting.temperature_K
         field = "temperature_C"
         if self.over == "time":
@@ -287,13 +330,19 @@ class Drift(Term):
 
     @classmethod
     def unit_of(cls, coefficient: str) -> Unit:
-        """Return the unit of a drift coefficient, such as mm/K, given its name."""
+        """Return the unit of a drift coefficient, given its name.
+
+        It is µm/h for a drift with time, and µm/K for a drift with temperature.
+        """
         per = "h" if coefficient.startswith("drift_time") else "K"
         return Unit(f"mm/{per}", 1e-3, f"µm/{per}")
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """Return a drift coefficient in words, from its name."""
+        """Return a drift coefficient in words, from its name.
+
+        For example, drift_time_length is "drift of the bar's length over time".
+        """
         covariate, quantity = coefficient.removeprefix("drift_").split("_")
         if quantity == "length":
             return f"drift of the bar's length over {covariate}"

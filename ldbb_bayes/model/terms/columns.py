@@ -1,7 +1,8 @@
 """Columns of a nuisance term, their Gaussian priors, and the hyper-parameters that scale these.
 
 A nuisance term is an effect that is modelled but not of interest. Its columns are its effect on the
-readings per unit coefficient. Hyper-parameters are the scales of the noise and of such effects.
+readings per unit of each of its coefficients. Hyper-parameters are the scales (standard deviations)
+of the noise and of such effects.
 """
 
 from __future__ import annotations
@@ -18,17 +19,19 @@ from ldbb_bayes.results import Array, Shown
 
 __all__ = ["FORM_ORDER", "NOISE", "OWN", "BasisNoise", "Columns", "Hyper", "Law", "Scale", "Source"]
 
-# Type of the name of a hyper-parameter (scale of the noise or of another effect).
+# Type of the name of a hyper-parameter (scale of the noise or of another effect), such as sigma.
 Hyper = str
-# Lists that name the nuisance term of each coefficient have this name for parameters of interest.
+# Name that stands for the parameters of interest in lists that give, for each coefficient, the
+# class name of its nuisance term.
 OWN = "Parameters"
-# Lists that name the nuisance term of each source of noise have this name for the white noise of
-# the readings.
+# Name that stands for the white noise of the readings in lists that give, for each source of noise,
+# the class name of its nuisance term.
 NOISE = "ReadingNoise"
-# Order n of the harmonic cos nθ, sin nθ at which the scales of ball form and of the machine's
-# pattern are stated; prior sds at other orders follow from the decay.
+# Order n of the harmonics cos nθ, sin nθ at which the scales τ of ball form and ω of the machine's
+# pattern are stated. The prior sds at other orders are these scales times (n/6)^(−decay).
 FORM_ORDER = 6.0
-# Laws of prior distributions of hyper-parameters (scales of the noise and of other effects).
+# Laws of the prior distribution of a hyper-parameter: half-normal for scales, decay for the power
+# by which the amplitude of form falls with its order, circle for the noise factor λ of one circle.
 Law = Literal["half-normal", "decay", "circle"]
 
 
@@ -47,23 +50,29 @@ class Scale(NamedTuple):
     ['sigma', 'delta', 'kappa', 'tau', 'decay', 'omega', 'eta']
     """
 
-    name: Hyper  #: name of the hyper-parameter; results append ``_um`` to it
-    #: scale of the half-normal prior [µm], or the field of `Prior` that holds it
+    #: name of the hyper-parameter, such as sigma; in results, ``_um`` is appended to the names of
+    #: lengths
+    name: Hyper
+    #: scale of the hyper-parameter's half-normal prior [µm], or the name of the field of `Prior`
+    #: that holds the scale
     prior_um: float | str
-    symbol: str = ""  #: symbol in reports, such as σ
-    words: str = ""  #: description in reports, such as white noise
-    law: Law = "half-normal"  #: law of the prior: half-normal, decay or circle
+    symbol: str = ""  #: symbol of the hyper-parameter in reports, such as σ
+    words: str = ""  #: description of the hyper-parameter in reports, such as white noise
+    #: law of the hyper-parameter's prior: half-normal for a length, decay for the power by which
+    #: form falls with its order, or circle for the noise factor λ of one circle
+    law: Law = "half-normal"
 
     def __repr__(self) -> str:
         return f"Scale({self.name!r})"
 
 
 class Source(NamedTuple):
-    """Factor that hyper-parameters contribute to a prior sd, such as the scale of ball form.
+    """Factor that hyper-parameters contribute to the prior sd of a coefficient.
 
-    It is hyper · circle · (order/6)^(−decay). ``hyper`` (a scale), ``circle`` (noise factor λ of a
-    circle) and ``decay`` (power of form's decrease with order) name hyper-parameters. A factor
-    without its hyper-parameter is 1.
+    The factor is hyper · circle · (order/6)^(−decay). Here ``hyper`` (the scale of an effect),
+    ``circle`` (the noise factor λ of a circle) and ``decay`` (the power by which form falls with
+    its order) are names of hyper-parameters, whose values are inserted. ``order`` is the order of
+    the coefficient's harmonic. Each of the three parts is 1 if its name is None.
     """
 
     hyper: Hyper | None = None
@@ -79,7 +88,8 @@ class Source(NamedTuple):
     def at(self, value: Mapping[Hyper, Any]) -> Any:
         """Return the value of the factor for given hyper-parameters.
 
-        ``value`` maps their names to numbers or arrays of one shape; lengths are in mm.
+        ``value`` maps the names of the hyper-parameters to numbers, or to arrays that all have the
+        same shape; lengths are in mm. The result has the same shape.
         """
         size: Any = value[self.hyper] if self.hyper else 1.0
         if self.circle:
@@ -91,16 +101,18 @@ class Source(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Columns(Shown):
-    """Columns of one term's p coefficients, with their Gaussian prior.
+    """Columns of one term's p coefficients, with the Gaussian prior of the coefficients.
 
-    The prior sd of coefficient j is sd_j · hyper · λ_circle · (order_j/6)^(−decay), to which
-    ``stated`` is added in quadrature. The Fourier basis of the columns is 1, cos θ, sin θ, cos 2θ,
-    sin 2θ, … to the order 12, with the angle θ on the circle.
+    A column is the reading per unit of a coefficient, as a function of the angle θ on the circle.
+    It is stated by its Fourier coefficients, those of 1, cos θ, sin θ, cos 2θ, sin 2θ, … to the
+    order 12. The prior sd of coefficient j is sd_j · hyper · λ · (order_j/6)^(−decay), to which
+    ``stated`` is added in quadrature. hyper, λ (noise factor of the test's circle) and decay are
+    hyper-parameters.
 
     Raises
     ------
     InputError
-        For columns or sds whose shapes do not agree with the number of names.
+        If the shapes of ``values`` or ``sd`` do not agree with the number of names.
 
     Examples
     --------
@@ -111,22 +123,33 @@ class Columns(Shown):
     ((6, 25, 2), array([0.002, 0.002]))
     """
 
-    names: Sequence[str]  #: names of the coefficients; each begins with the term's ``stem``
-    values: Array  #: reading per unit coefficient, in the Fourier basis, shape (tests, 25, p)
-    #: Prior sd of the p coefficients, shape (p,), or one number for all. It is in units of the
-    #: hyper-parameter ``hyper``, or in internal units without one; infinite for a flat prior.
+    #: names of the p coefficients; each begins with the ``stem`` of its term
+    names: Sequence[str]
+    #: reading per unit of each of the p coefficients, as 25 Fourier coefficients for each test,
+    #: shape (tests, 25, p)
+    values: Array
+    #: prior sd of each of the p coefficients, shape (p,), or one number for all. If ``hyper`` names
+    #: a hyper-parameter, it is the prior sd divided by this hyper-parameter; otherwise it is in
+    #: internal units (mm, N, rad). It is infinite for a flat prior.
     sd: Any
-    hyper: Hyper | None = None  #: name of the hyper-parameter that scales ``sd``
-    private: bool = False  #: whether every test has its own copy of each coefficient
-    #: prior mean of the p coefficients, shape (p,), or one number for all; default: zero
+    #: name of the hyper-parameter (scale of the effect) that multiplies ``sd``; None for none
+    hyper: Hyper | None = None
+    #: whether every test has its own copy of each coefficient, instead of one value for all tests
+    private: bool = False
+    #: prior mean of each of the p coefficients in internal units (mm, N, rad), shape (p,), or one
+    #: number for all; by default zero
     mean: Any = None
-    #: name of the hyper-parameter d by which ``sd`` falls with the order, as (order/6)^(−d)
+    #: name of the hyper-parameter d by which the prior sd falls with the order n of the harmonic,
+    #: as (n/6)^(−d); None if it does not
     decay: Hyper | None = None
-    #: order of the harmonic of each of the p coefficients, shape (p,); needed with ``decay``
+    #: order of the harmonic that each of the p coefficients multiplies, shape (p,); needed if
+    #: ``decay`` is given
     orders: Array | None = None
-    #: part of the prior sd that no hyper-parameter scales, shape (p,); it is added in quadrature
+    #: part of the prior sd of each of the p coefficients that no hyper-parameter scales, in
+    #: internal units (mm, N, rad), shape (p,); it is added in quadrature
     stated: Array | None = None
-    #: name of the noise factor λ of each test's circle, for private coefficients; empty for none
+    #: for private coefficients, the name of the hyper-parameter λ (noise factor) of each test's
+    #: circle, shape (tests,); empty if circles have no noise factors
     circle: Sequence[Hyper] | Array = ()
 
     def __post_init__(self) -> None:
@@ -145,7 +168,10 @@ class Columns(Shown):
 
     @property
     def sources(self) -> tuple[Source, ...]:
-        """Factor from hyper-parameters that scales the prior sd of each coefficient."""
+        """Factor from hyper-parameters that multiplies the prior sd of each of p coefficients.
+
+        The factors do not contain the noise factors λ of circles.
+        """
         if self.decay is None or self.orders is None:
             return (Source(self.hyper),) * len(self.names)
         return tuple(
@@ -155,7 +181,8 @@ class Columns(Shown):
     def sources_of(self, test: int) -> tuple[Source, ...]:
         """Return the factor from hyper-parameters that scales the prior sd of each coefficient.
 
-        It is the factor for one test, with the noise factor λ of the test's circle.
+        The factors are those of the test with the index ``test``, and contain the noise factor λ of
+        its circle.
         """
         circle = _circle_of(self.circle, test)
         return tuple(source._replace(circle=circle) for source in self.sources)
@@ -163,7 +190,9 @@ class Columns(Shown):
     def sd_at(self, value: Mapping[Hyper, Any]) -> Array:
         """Return the prior sds of the p coefficients at given hyper-parameters, shape (..., p).
 
-        ``value`` maps names of hyper-parameters to numbers or arrays (w,); lengths are in mm.
+        ``value`` maps the names of the hyper-parameters to numbers, or to arrays of shape (w,) for
+        w values of each; lengths are in mm. The result has the shape (p,) or (w, p). It contains
+        the part ``stated``, but no noise factors λ of circles.
         """
         scaled: Array = self.sd * 1.0
         if self.names:
@@ -172,10 +201,11 @@ class Columns(Shown):
         return scaled if self.stated is None else np.hypot(scaled, self.stated)
 
     def draw(self, phi: Mapping[Hyper, float], tests: int, rng: np.random.Generator) -> Array:
-        """Return a random draw of the effect on the readings, from the coefficients' prior [mm].
+        """Return a random draw of the term's effect on the readings of all tests [mm].
 
-        The effect is given as Fourier coefficients, shape (tests, 25). ``phi`` maps the names of
-        the hyper-parameters to their values.
+        The coefficients are drawn from their prior. The effect is given as Fourier coefficients,
+        shape (tests, 25). ``phi`` maps the names of the hyper-parameters to their values, lengths
+        in mm; ``tests`` is the number of tests.
         """
         sd = self.sd_at(phi)
         copies = tests if self.private else 1
@@ -187,10 +217,12 @@ class Columns(Shown):
 
 @dataclass(frozen=True, eq=False)
 class BasisNoise(Shown):
-    """Noise in the Fourier basis: coefficients independent of each other and between tests.
+    """Noise of the readings that is stated by the sds of its Fourier coefficients.
 
-    Their sd is hyper · λ · ``sd``, with the test's λ. The Fourier basis is 1, cos θ, sin θ, cos 2θ,
-    sin 2θ, … to the order 12, with the angle θ on the circle.
+    The noise is a function of the angle θ on the circle, with the Fourier coefficients of 1, cos θ,
+    sin θ, cos 2θ, sin 2θ, … to the order 12. They are independent of each other and between tests.
+    Their sd is hyper · λ · ``sd``, where hyper (scale of the effect) and λ (noise factor of the
+    test's circle) are hyper-parameters.
 
     Examples
     --------
@@ -201,43 +233,57 @@ class BasisNoise(Shown):
     array([0.    , 0.0005, 0.0005])
     """
 
-    hyper: Hyper  #: name of the hyper-parameter that scales ``sd``
-    sd: Array  #: sd of each Fourier coefficient in units of ``hyper``, shape (25,)
-    #: name of the noise factor λ of each test's circle; empty for none
+    hyper: Hyper  #: name of the hyper-parameter (scale of the effect) that multiplies ``sd``
+    #: sd of each of the 25 Fourier coefficients of the noise, divided by the hyper-parameter that
+    #: scales it, shape (25,)
+    sd: Array
+    #: name of the hyper-parameter λ (noise factor) of each test's circle, shape (tests,); empty if
+    #: circles have no noise factors
     circle: Sequence[Hyper] | Array = ()
 
     @property
     def sources(self) -> tuple[Source, ...]:
-        """Factor from hyper-parameters that scales the noise of each test.
+        """Factor from hyper-parameters that multiplies the noise of each test.
 
-        There is one factor for all tests if circles have no noise factor λ of their own.
+        It contains the noise factor λ of the test's circle. If circles have no noise factors, there
+        is a single factor for all tests.
         """
         if not len(self.circle):
             return (Source(self.hyper),)
         return tuple(Source(self.hyper, str(name) or None) for name in self.circle)
 
     def source(self, test: int) -> Source:
-        """Return the factor from hyper-parameters that scales the noise of one test."""
+        """Return the factor from hyper-parameters that multiplies the noise of one test.
+
+        ``test`` is the index of the test. The factor contains the noise factor λ of its circle.
+        """
         return Source(self.hyper, _circle_of(self.circle, test))
 
     def sd_at(self, value: Mapping[Hyper, Any], test: int) -> Array:
-        """Return the sd of one test's 25 Fourier coefficients at given hyper-parameters [mm].
+        """Return the sd of the 25 Fourier coefficients of the noise of one test [mm].
 
-        ``value`` maps names of hyper-parameters to numbers or arrays (w,). Shape (..., 25).
+        ``value`` maps the names of the hyper-parameters to numbers, or to arrays of shape (w,) for
+        w values of each; lengths are in mm. ``test`` is the index of the test. The result has the
+        shape (25,) or (w, 25).
         """
         return np.multiply.outer(self.source(test).at(value), self.sd)
 
     def draw(self, phi: Mapping[Hyper, float], tests: int, rng: np.random.Generator) -> Array:
-        """Return random draws of the noise of all tests, as Fourier coefficients [mm].
+        """Return a random draw of the noise of all tests, as Fourier coefficients [mm].
 
-        They have shape (tests, 25). ``phi`` maps names of hyper-parameters to their values.
+        The coefficients have the shape (tests, 25). ``phi`` maps the names of the hyper-parameters
+        to their values, lengths in mm; ``tests`` is the number of tests.
         """
         sd = np.stack([self.sd_at(phi, test) for test in range(tests)])
         return sd * rng.standard_normal((tests, SIZE))
 
 
 def _circle_of(circles: Sequence[Hyper] | Array, test: int) -> Hyper | None:
-    """Return the name of the noise factor λ of a test's circle, or None if it has none."""
+    """Return the name of the hyper-parameter λ, the noise factor of one test's circle.
+
+    ``circles`` are the names for all tests, or empty, and ``test`` is the index of the test. Return
+    None if the circle has no noise factor.
+    """
     if not len(circles):
         return None
     return str(circles[test]) or None

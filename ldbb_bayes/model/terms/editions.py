@@ -13,8 +13,9 @@ __all__ = ["first_edition"]
 def first_edition() -> tuple[Term, ...]:
     """Return the nuisance terms of the model's first edition.
 
-    They are effects modelled but not of interest. The form of the balls falls as 1/n with its order
-    n, mount and force law have no curvature, and all circles scatter alike.
+    Nuisance terms are effects modelled but not of interest. The prior sd of the balls' form falls
+    as 1/n with its order n (waves in a turn), mount deflection and force have no curvature, all
+    circles scatter alike, and the constant part of hysteresis has a fixed prior sd.
     """
     return (
         BallForm(law="1/n"),

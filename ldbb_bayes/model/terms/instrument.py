@@ -22,19 +22,21 @@ __all__ = ["Angle", "BarLength", "ForceError", "Mount"]
 def _standard_uncertainty(
     expanded: float | None, assumed: float, unit_per_stated: float = 1.0
 ) -> float:
-    """Return half of a stated expanded uncertainty (k = 2).
+    """Return the standard uncertainty: half of the expanded one (k = 2) that a certificate states.
 
-    If none is stated, return the assumed standard uncertainty.
+    If ``expanded`` is None, return the standard uncertainty ``assumed``. ``unit_per_stated``
+    converts the stated value to the unit of the result, such as 0.01 for percent.
     """
     return assumed if expanded is None else 0.5 * expanded * unit_per_stated
 
 
 @dataclass(frozen=True)
 class BarLength(Term):
-    """Error of the bar's length (ball radii, zero setting, bar temperature), constant over θ.
+    """Error of the bar's length (ball radii, zero setting, bar temperature).
 
-    Every nominal radius has a length error of its own. Mean and sd are those of the bar's
-    certificate, if there is one.
+    It is constant over the angle on the circle. Every nominal radius has a length error of its own.
+    Its prior mean and sd are those of the bar's certificate, if there is one. Otherwise the mean is
+    zero and the sd ``sd_um``.
 
     Examples
     --------
@@ -45,13 +47,17 @@ class BarLength(Term):
     'bar length at R = 150 mm'
     """
 
-    sd_um: float = 9.4  #: prior sd of the bar's length, if no certificate states it
+    #: prior sd of the bar's length error [µm]; used if no certificate states an uncertainty
+    sd_um: float = 9.4
     calibration = "a calibration of the bar's length"
     remedy = "Calibrate the bar's length."
     instrument = True
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """Return the columns of the bar's length error, one for each nominal radius."""
+        """Return the columns of the bar's length error, one for each nominal radius of a campaign.
+
+        A column is the reading per unit of the length error, which is 1 at all angles.
+        """
         names = []
         constants = []
         for group in setting.groups_by("radius"):
@@ -66,14 +72,20 @@ class BarLength(Term):
         return _standard_uncertainty(instrument.bar_U_um, self.sd_um)
 
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
-        """Yield the error of the bar's length and its standard uncertainty."""
+        """Yield the error of the bar's length and its standard uncertainty that the term assumes.
+
+        They come from the bar's certificate in ``campaign``, if there is one.
+        """
         sd = self._sd_um(campaign.instrument) * 1e-3
         error = campaign.instrument.bar_length_error_um * 1e-3
         yield assumption(campaign, "bar_length", "bar_U_um", sd, error)
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """Return a coefficient in words, such as bar length at R = 150 mm, from its name."""
+        """Return a coefficient of the bar's length in words, from its name.
+
+        For example, bar_length_150 is "bar length at R = 150 mm".
+        """
         radius = coefficient.removeprefix("bar_length").removeprefix("_")
         return cls.words + (f" at R = {radius} mm" if radius else "")
 
@@ -82,10 +94,11 @@ class BarLength(Term):
 class Mount(Term):
     """Error of the deflection of the work ball's mount, and curvature of this deflection.
 
-    The deflection is proportional to the pressure in bar. Its prior sd is ``relative_sd`` of its
-    nominal value (Eq. 32) or follows from its certificate. The curvature with force F is
-    q(F) = 4 (F/F_max)(1 − F/F_max), with a prior sd of ``curvature_um`` (0: no curvature); F_max is
-    the largest force of the campaign.
+    The nominal deflection is proportional to the pressure (Eq. 32 of the paper). The prior sd of
+    its error per pressure is the share ``relative_sd`` of the nominal value, or follows from a
+    certificate. The curvature is a coefficient times q(F) = 4 (F/F_max)(1 − F/F_max), where F is
+    the force and F_max the largest force of the campaign; the coefficient has the prior sd
+    ``curvature_um``. If ``curvature_um`` is 0, there is no curvature.
 
     Examples
     --------
@@ -96,9 +109,12 @@ class Mount(Term):
     [('mount', 4.66e-05)]
     """
 
-    #: prior sd of the deflection, a share of its nominal value, if no certificate states it
+    #: prior sd of the mount's deflection per pressure, as a share of its nominal value; used if no
+    #: certificate states an uncertainty
     relative_sd: float = 0.10
-    curvature_um: float = 0.5  #: prior sd of the curvature at half the largest force; 0 for none
+    #: prior sd of the curvature of the mount's deflection at half the largest force [µm]; 0 if the
+    #: deflection has no curvature
+    curvature_um: float = 0.5
     unit = Unit("mm/bar", 1e-3, "µm/bar")
     calibration = "a measurement of the mount's deflection"
     remedy = "Measure the mount's deflection."
@@ -106,7 +122,10 @@ class Mount(Term):
     common = True
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """Return the columns of the mount's deflection and of its curvature with force."""
+        """Return the columns of the mount's deflection and of its curvature with force.
+
+        A column is the reading per unit coefficient, under the conditions of a campaign's tests.
+        """
         relative = self._relative_sd(setting.instrument)
         sd = np.array([relative * (setting.deflection_um_per_bar * 1e-3)])
         linear = Columns(("mount",), setting.constant(setting.pressure_bar), sd)
@@ -120,7 +139,11 @@ class Mount(Term):
         return _standard_uncertainty(instrument.mount_U_percent, self.relative_sd, 0.01)
 
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
-        """Yield deflection and curvature of the mount, with their standard uncertainties."""
+        """Yield the mount's deflection and curvature that the term assumes, with uncertainties.
+
+        The standard uncertainty of the deflection comes from the certificate in ``campaign``, if
+        there is one.
+        """
         nominal = campaign.mount.deflection_um_per_bar * 1e-3
         sd = self._relative_sd(campaign.instrument) * nominal
         yield assumption(campaign, "mount", "mount_U_percent", sd, nominal)
@@ -129,12 +152,18 @@ class Mount(Term):
 
     @classmethod
     def unit_of(cls, coefficient: str) -> Unit:
-        """Return the unit of the mount's deflection or of its curvature, given the name."""
+        """Return the unit of a coefficient of this term, given the coefficient's name.
+
+        The unit of the mount's deflection per pressure is µm/bar, that of its curvature µm.
+        """
         return Term.unit if coefficient == "mount_curvature" else cls.unit
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """Return the name of a coefficient, mount or mount_curvature, in words."""
+        """Return a coefficient of this term in words, from its name.
+
+        For example, mount is "mount deflection".
+        """
         if coefficient == "mount_curvature":
             return "curvature of the mount's deflection"
         return "mount deflection"
@@ -144,11 +173,12 @@ class Mount(Term):
 class ForceError(Term):
     """Errors of the force: a gain error, a curvature and a random error of every test.
 
-    A force error times the estimated deflection per newton, j_C·Ĉ, changes the reading; Ĉ are
-    estimated compliances and j_C their columns. The force error is F times the gain error, F_max
-    q(F) times the curvature (``curvature_sd`` 0: none) with q(F) = 4 (F/F_max)(1 − F/F_max), and
-    the random error; F_max is the largest force of the campaign. The prior sds follow from the load
-    cell's certificate, if there is one.
+    The error of the reading is the error of the force times the estimated deflection per newton,
+    j_C·Ĉ, where Ĉ are the estimated compliances and j_C is the reading per unit force and
+    compliance. The error of the force is the sum of three parts: the gain error times the force F;
+    the curvature times F_max q(F) with q(F) = 4 (F/F_max)(1 − F/F_max), where F_max is the largest
+    force of the campaign; and the random error. If ``curvature_sd`` is 0, there is no curvature.
+    The prior sds follow from the load cell's certificate, if there is one.
 
     Examples
     --------
@@ -157,9 +187,14 @@ class ForceError(Term):
     [('force_gain', 0.005, '1'), ('force_random', 4.0, 'N')]
     """
 
-    gain_sd: float = 0.01  #: prior sd of the gain error, a share of the force
-    curvature_sd: float = 0.01  #: prior sd of the curvature, a share of the largest force
-    random_sd_N: float = 4.0  #: prior sd of the random force error of every test
+    #: prior sd of the gain error of the force, as a share of the force; used if no certificate
+    #: states an uncertainty
+    gain_sd: float = 0.01
+    #: prior sd of the curvature of the force error, as a share of the largest force, used if no
+    #: certificate states the linearity; 0 if there is no curvature
+    curvature_sd: float = 0.01
+    #: prior sd of the random force error of every test [N]; used if no certificate states it
+    random_sd_N: float = 4.0
     stem = ("force_gain", "force_curvature", "force_random")
     unit = Unit("1", 1e-2, "%")
     calibration = "a calibration of the force"
@@ -168,7 +203,10 @@ class ForceError(Term):
     common = True
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """Return the columns of gain error, curvature and random error of the force."""
+        """Return the columns of gain error, curvature and random error of the force.
+
+        A column is the reading per unit coefficient, under the conditions of a campaign's tests.
+        """
         deflection = (setting.elastic @ setting.compliance_estimate)[:, :, None]
         sd = self._sd_by_name(setting.instrument)
         forces = {
@@ -184,9 +222,11 @@ class ForceError(Term):
         return (*columns, Columns(("force_random",), deflection, random_sd, private=True))
 
     def _sd_by_name(self, instrument: Instrument) -> dict[str, float]:
-        """Return the prior sd of every force error by name, from the certificate or else assumed.
+        """Return the prior sd of every force error by the name of its coefficient.
 
-        The certificate's linearity is taken as a bound, with all values within it equally likely.
+        The sd comes from the certificate in ``instrument``, or else from the settings of the term.
+        The linearity that a certificate states is taken as a bound, with all values within it
+        equally likely.
         """
         sd = {
             "force_gain": _standard_uncertainty(instrument.force_U_percent, self.gain_sd, 0.01),
@@ -215,22 +255,28 @@ class ForceError(Term):
 
     @classmethod
     def unit_of(cls, coefficient: str) -> Unit:
-        """Return the unit of a force error, given its name."""
+        """Return the unit of a coefficient of force error, given its name.
+
+        It is N for the random error, and % for gain and curvature.
+        """
         return Unit("N", 1.0, "N") if coefficient == "force_random" else cls.unit
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """Return the name of a force error in words, such as force gain."""
+        """Return a coefficient of force error in words, such as "force gain" for force_gain."""
         return coefficient.replace("_", " ")
 
 
 @dataclass(frozen=True)
 class Angle(Term):
-    """Errors of the angle reference and lag of the trace: dρ/dθ of the estimated readings ρ.
+    """Error of the angle's reference, and lag of the trace behind the angle.
 
-    ρ = F j_C·Ĉ + j_G·Ê, where Ĉ are estimated compliances, Ê estimated geometric errors and j_C,
-    j_G their columns. The error of the reference is the same in all tests; the lag has the sign of
-    the direction of travel. Tests that state no direction count as clockwise.
+    Both shift the readings ρ in the angle θ on the circle, and change them by the shift times
+    dρ/dθ. ρ = F j_C·Ĉ + j_G·Ê are the readings predicted from the estimated compliances Ĉ and
+    geometric errors Ê. F is the force, j_C the reading per unit force and compliance, and j_G the
+    reading per unit geometric error. The shift from the reference is the same in all tests; that
+    from the lag has the sign of the direction of travel. Tests that state no direction count as
+    clockwise.
 
     Examples
     --------
@@ -241,14 +287,19 @@ class Angle(Term):
     array([0.1, 0.1])
     """
 
-    sd_deg: float = 0.1  #: prior sd of the angle reference, if no certificate states it
+    #: prior sd of the error of the angle's reference, and of the lag of the trace [deg]; used if no
+    #: certificate states an uncertainty
+    sd_deg: float = 0.1
     unit = Unit("rad", np.pi / 180.0, "°")
     calibration = "a check of the angle's reference"
     remedy = "Check the angle's reference and the lag of the trace."
     instrument = True
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """Return the columns of the angle reference's error and of the trace's lag."""
+        """Return the columns of the error of the angle's reference and of the trace's lag.
+
+        A column is the reading per unit coefficient (per rad), for the tests of a campaign.
+        """
         slope = derivative(setting.fitted)
         lag = slope * setting.travel[:, None]
         values = np.stack([slope, lag], axis=2)
@@ -259,12 +310,15 @@ class Angle(Term):
         return float(np.deg2rad(_standard_uncertainty(instrument.angle_U_deg, self.sd_deg)))
 
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
-        """Yield the standard uncertainties of the angle reference and of the lag."""
+        """Yield the standard uncertainties that the term assumes for angle reference and lag.
+
+        They come from the certified value in ``campaign``, if there is one.
+        """
         sd = self._sd_rad(campaign.instrument)
         for name in ("angle_reference", "angle_lag"):
             yield assumption(campaign, name, "angle_U_deg", sd)
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """Return the name of a coefficient in words, such as angle lag."""
+        """Return a coefficient of this term in words, such as "angle lag" for angle_lag."""
         return coefficient.replace("_", " ")

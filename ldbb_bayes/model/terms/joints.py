@@ -17,20 +17,23 @@ from ldbb_bayes.results import Array
 
 __all__ = ["JointLoad", "Position"]
 
-# Exponent of |u| in the reading of a bolted contact; u is the bar's component along the axis. The
-# contact deflects as force^(2/3), and the projection on the bar is one more factor |u|.
+# Exponent of |u| in the reading that a bolted contact of an axis causes, where u is the component
+# along the axis of the unit vector along the bar. The contact deflects as (force along the
+# axis)^(2/3), and the projection of the deflection on the bar is one more factor |u|.
 _CONTACT_POWER = 5.0 / 3.0
 
 
 @dataclass(frozen=True)
 class JointLoad(Term):
-    """Nonlinear deflection of each axis a under its own load F u_a; u is the bar's direction.
+    """Nonlinear deflection of each machine axis a under its own load F u_a.
 
-    Its columns are F u_a² (F |u_a| − F0)/F_max, for preload and rolling contact, and
-    F^⅔ F0^⅓ |u_a|^(5/3) − F u_a², for bolted contact (deflection ~ load^⅔). F is the bar's force
-    and F0 the reference force. Both columns are zero where the bar is along the axis and F = F0, so
-    that C_aa is the secant compliance there. The prior sd of each coefficient is ``relative_sd``
-    times the estimated compliance Ĉ_aa. F_max is the largest force of the campaign.
+    u is the unit vector along the bar and F the bar's force. The term has two columns (readings per
+    unit coefficient) for each axis: F u_a² (F |u_a| − F0)/F_max, for preload and rolling contact,
+    and F^⅔ F0^⅓ |u_a|^(5/3) − F u_a², for bolted contact (deflection ~ load^⅔). F0 is the
+    reference force and F_max the largest force of the campaign. Both columns are zero where the bar
+    is along the axis and F = F0, so that the direct compliance C_aa of the axis is the secant
+    compliance there. The prior sd of each coefficient is ``relative_sd`` times the estimate of
+    C_aa.
 
     Examples
     --------
@@ -41,13 +44,18 @@ class JointLoad(Term):
     'contact of axis X under its own load'
     """
 
-    relative_sd: float = 0.2  #: prior sd of each coefficient, a share of the estimated compliance
+    #: prior sd of each coefficient of the nonlinear deflection, as a share of the axis' estimated
+    #: direct compliance
+    relative_sd: float = 0.2
     unit = Unit("mm/N", 1e-6, "nm/N")
     calibration = "a narrower prior of it"
     remedy = "Measure the axis' deflection under its own load."
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """Return the columns of deflections under load for the tests of a campaign."""
+        """Return the columns of the nonlinear deflection of each axis that the circles drive.
+
+        A column is the reading per unit coefficient, under the conditions of a campaign's tests.
+        """
         columns = []
         for axis, estimate in setting.driven_axes():
             values = self._deflections(
@@ -63,9 +71,11 @@ class JointLoad(Term):
         return tuple(columns)
 
     def secants(self, setting: Setting, force_N: Array) -> Array:
-        """Return the change of an axis' compliance at n forces per unit of its two coefficients.
+        """Return the change of an axis' compliance per unit of its two coefficients, shape (n, 2).
 
-        It is the deflection where the bar is along the axis, divided by the force. Shape (n, 2).
+        It is the nonlinear deflection where the bar is along the axis, divided by the force, at the
+        n forces ``force_N``. ``setting`` holds the reference force and the campaign's largest
+        force.
         """
         deflections = self._deflections(setting, force_N, u_squared=1.0, u_cubed=1.0, u_contact=1.0)
         return deflections / force_N[:, None]
@@ -82,9 +92,10 @@ class JointLoad(Term):
         """Return the deflections by rolling and by bolted contact per unit of compliance.
 
         They are F (F |u|³ − F0 u²) / F_max and F^⅔ F0^⅓ |u|^(5/3) − F u², shape (..., 2) [N]. F are
-        the forces, F0 is the reference force, F_max the campaign's largest force, and u the
-        component of the bar's direction along an axis. ``u_squared`` is u², ``u_cubed`` |u|³ and
-        ``u_contact`` |u|^(5/3); they are broadcast against the forces.
+        the forces ``force_N``, F0 is the reference force, F_max the campaign's largest force, and u
+        the component along an axis of the unit vector along the bar. ``u_squared`` is u²,
+        ``u_cubed`` |u|³ and ``u_contact`` |u|^(5/3): numbers, or Fourier coefficients that are
+        broadcast against the forces.
         """
         reference_N = setting.reference_force_N
         rolling = force_N * (force_N * u_cubed - reference_N * u_squared) / setting.largest_force_N
@@ -93,7 +104,10 @@ class JointLoad(Term):
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """Return a coefficient in words, such as contact of axis X under its own load."""
+        """Return a coefficient of the nonlinear deflection in words, from its name.
+
+        For example, joint_load_X_contact is "contact of axis X under its own load".
+        """
         axis, law = coefficient.removeprefix("joint_load_").split("_")
         effect = "stiffening" if law == "slope" else "contact"
         return f"{effect} of axis {axis} under its own load"
@@ -101,11 +115,12 @@ class JointLoad(Term):
 
 @dataclass(frozen=True)
 class Position(Term):
-    """Change of the compliance of each axis a along its travel.
+    """Change of the compliance of each machine axis a along its travel.
 
-    Screw and guideway are stiffer near their bearings. The columns are F u_a³ (linear change) and
-    F (u_a⁴ − u_a²/2) (quadratic change); u is the bar's direction. Their prior sds are
-    ``linear_sd`` and ``quadratic_sd``, times the estimated compliance Ĉ_aa. F is the force.
+    Screw and guideway are stiffer near their bearings. The term has two columns (readings per unit
+    coefficient) for each axis: F u_a³ for a linear change, and F (u_a⁴ − u_a²/2) for a quadratic
+    change. F is the force and u the unit vector along the bar. The prior sds of the coefficients
+    are ``linear_sd`` and ``quadratic_sd``, times the estimate of the axis' direct compliance C_aa.
 
     Examples
     --------
@@ -116,15 +131,21 @@ class Position(Term):
     'linear change of the compliance along X'
     """
 
-    linear_sd: float = 0.07  #: prior sd of the linear change, a share of the estimated compliance
-    #: prior sd of the quadratic change, a share of the estimated compliance
+    #: prior sd of the linear change of an axis' compliance along its travel, as a share of the
+    #: estimated direct compliance
+    linear_sd: float = 0.07
+    #: prior sd of the quadratic change of an axis' compliance along its travel, as a share of the
+    #: estimated direct compliance
     quadratic_sd: float = 0.04
     unit = Unit("mm/N", 1e-6, "nm/N")
     calibration = "a narrower prior of it"
     remedy = "Run circles at several centres."
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """Return the columns of the compliance's change along the travel of each axis."""
+        """Return the columns of the compliance's change along the travel of each driven axis.
+
+        A column is the reading per unit coefficient, under the conditions of a campaign's tests.
+        """
         force = setting.force_N[:, None]
         columns = []
         for axis, estimate in setting.driven_axes():
@@ -139,6 +160,9 @@ class Position(Term):
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
-        """Return a coefficient in words, such as linear change of the compliance along X."""
+        """Return a coefficient of the compliance's change along the travel in words, from its name.
+
+        For example, position_X_linear is "linear change of the compliance along X".
+        """
         axis, law = coefficient.removeprefix("position_").split("_")
         return f"{law} change of the compliance along {axis}"
