@@ -84,7 +84,7 @@ class Degeneracy:
 
     @property
     def nuisances(self) -> tuple[str, ...]:
-        """Names of the nuisance coefficients in the degeneracy."""
+        """Names of the nuisance coefficients (effects not of interest) in the degeneracy."""
         return tuple(name for name in self.combination if name not in self.units)
 
 
@@ -118,10 +118,11 @@ class Standing(Result):
 class _Coefficients:
     """The m coefficients that act in several tests: parameters and nuisance coefficients.
 
-    Nuisance coefficients that the model leaves out are included. ``owners`` are the class names of
-    the model terms that the coefficients belong to, empty for parameters. ``columns``, shape
-    (tests, 25, m), are the changes of the 25 Fourier coefficients of each test's radial deviation
-    per unit of each coefficient. ``prior_sd``, shape (m,), are the prior standard deviations.
+    Nuisance coefficients (effects that are not of interest) that the model leaves out are included.
+    ``owners`` are the class names of the model terms that the coefficients belong to, empty for
+    parameters. ``columns``, shape (tests, 25, m), are the changes of the 25 Fourier coefficients of
+    each test's radial deviation per unit of each coefficient. ``prior_sd``, shape (m,), are the
+    prior standard deviations.
     """
 
     names: tuple[str, ...]
@@ -382,7 +383,7 @@ def _like_lobes(bound: BoundModel, aliases: Sequence[Degeneracy]) -> tuple[str, 
 
 
 def _all_coefficients(bound: BoundModel) -> _Coefficients:
-    """Return the parameters and the nuisance coefficients that act in several tests.
+    """Return the parameters, and nuisance coefficients (other effects), that act in several tests.
 
     The nuisance coefficients are those of the model's terms, and those of terms that the model's
     preset has but the model leaves out.

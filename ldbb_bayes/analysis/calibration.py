@@ -55,15 +55,16 @@ class Validation(Result):
 
     names: tuple[str, ...]  #: names of parameters and hyper-parameters, and ``log_likelihood``
     #: number of posterior draws below each true value, 0 … ``draws``, shape (replicates,
-    #: quantities); uniformly distributed if the posterior is calibrated
+    #: quantities), where a replicate is a simulated campaign; uniformly distributed if the
+    #: posterior is calibrated
     ranks: Numbers
-    draws: int  #: number of posterior draws in each replicate
+    draws: int  #: number of posterior draws in each replicate (simulated campaign)
     sampler: str  #: method of drawing from the posterior: ``joint`` or ``independent``
     #: probability that the distributions of ranks of all quantities stay inside the band ``band``,
     #: if the posterior is calibrated
     prob: float
-    #: error messages of replicates whose posterior could not be sampled; these replicates have no
-    #: ranks
+    #: error messages of replicates (simulated campaigns) whose posterior could not be sampled;
+    #: these replicates have no ranks
     failures: tuple[str, ...]
     #: indices of the rows of ``ranks`` whose draws come from the sampler emcee, because the weights
     #: of independent draws could not be trusted there
@@ -71,7 +72,7 @@ class Validation(Result):
 
     @property
     def replicates(self) -> int:
-        """Number of simulated replicates that have ranks."""
+        """Number of replicates (simulated campaigns) that have ranks."""
         return len(self.ranks)
 
     @cached_property
@@ -131,7 +132,7 @@ class Validation(Result):
         """Whether the posterior is found to be calibrated.
 
         It is if the distributions of ranks of all quantities stay inside the band, and no replicate
-        failed.
+        (simulated campaign) failed.
         """
         return not self.outside and not self.failures
 
@@ -205,7 +206,8 @@ def calibrate(
     model : HybridModel
         Model whose posterior is validated, with proper priors.
     plan : Campaign
-        Campaign whose forces, angles and clockings are simulated; its readings are ignored.
+        Campaign whose tests, with their forces, angles and other settings, are simulated; its
+        readings are ignored.
     replicates : int
         Number of simulated campaigns, at least 10.
     draws : int
@@ -294,7 +296,7 @@ def calibrate(
 
 
 class _Study(NamedTuple):
-    """Settings of a calibration that all replicates have in common.
+    """Settings of a simulation-based calibration that all replicates have in common.
 
     ``model`` computes the posterior of readings that ``generator`` simulates for the tests of
     ``plan``. ``sampler`` is the method of drawing; ``draws`` is the number of posterior draws.
@@ -308,7 +310,7 @@ class _Study(NamedTuple):
 
 
 class _Ranks(NamedTuple):
-    """Ranks of the true values in one simulated replicate."""
+    """Ranks of the true values among the posterior draws of one simulated campaign."""
 
     ranks: Array  # number of posterior draws below each true value, shape (quantities,)
     by_emcee: bool  # whether the posterior draws come from the sampler emcee

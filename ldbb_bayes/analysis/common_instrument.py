@@ -35,7 +35,10 @@ _INSTRUMENT_HYPERS = ("tau", "decay")
 
 
 class Conflict(NamedTuple):
-    """The nuisance coefficient of a common instrument about which two campaigns disagree most."""
+    """The error of a common instrument about which the readings of two campaigns disagree most.
+
+    ``coefficient`` is the name of the nuisance coefficient that describes the error.
+    """
 
     coefficient: str
     #: p-value of the disagreement: probability of a larger disagreement by chance, times the number
@@ -122,7 +125,7 @@ def joint_difference(
 
 
 def _several_clockings(bounds: Sequence[BoundModel]) -> bool:
-    """Return whether the clocking of the balls differs between any two tests of both campaigns."""
+    """Return whether a ball is turned to another angle in any of the tests of both campaigns."""
     clockings = set()
     for bound in bounds:
         for test in bound.campaign.tests:

@@ -221,10 +221,11 @@ class Comparison(Result):
     #: names of the first two models as "second/first"; the results under other priors and
     #: assumptions state the log Bayes factor of the second model over the first
     sensitivity_of: str
-    #: log Bayes factor of the second model over the first at each scale of the slopes' prior
+    #: log Bayes factor of the second model over the first at each scale of the prior of the slopes
+    #: (changes of compliance with force)
     prior_sensitivity: tuple[ScaledSlopes, ...]
-    #: scales of the slopes' prior at which the log Bayes factor in ``prior_sensitivity`` changes
-    #: sign
+    #: scales of the prior of the slopes (changes of compliance with force) at which the log Bayes
+    #: factor in ``prior_sensitivity`` changes sign
     prior_sensitivity_crossings: tuple[float, ...]
     #: log Bayes factor of the second model over the first under each assumption about how circles
     #: differ from one another; the models' own assumption comes first, white noise alone last
@@ -235,7 +236,8 @@ class Comparison(Result):
     #: models in which different subsets of the compliances have slopes, the most probable model
     #: first; not all subsets are compared if there are too many
     slope_subsets: tuple[SlopeSubset, ...]
-    #: compliance C(F) against force F, by name, averaged over the models with subsets of slopes
+    #: compliance C(F) against force F, by name, averaged over models in which different subsets of
+    #: the compliances change with force
     compliance_against_force: dict[str, Curve]
     #: every test predicted from the other tests, by name of the test; empty if no test was left out
     tests: dict[str, ComparedTest]
@@ -296,8 +298,9 @@ class Comparison(Result):
     def turning(self) -> list[Assumed]:
         """Return the assumptions that reverse the sign of the log Bayes factor `headline`.
 
-        The assumptions are about how circles differ from one another; white noise alone is left
-        out. The one with the largest log evidence comes first.
+        It is that of the second model over the first. The assumptions are about how circles differ
+        from one another; white noise alone is left out. The one with the largest log evidence comes
+        first.
         """
         opposite_sign = -np.sign(self.headline[0])
         turning = []
@@ -318,7 +321,8 @@ class Comparison(Result):
     def sign(self) -> Sign:
         """Return whether the sign of the log Bayes factor `headline` holds under other assumptions.
 
-        The other assumptions are about the prior of the slopes and how circles differ.
+        The other assumptions are about how circles differ from one another, and about the prior of
+        the slopes (changes of compliance with force).
         """
         turning = self.turning()
         if self.prior_sensitivity_crossings or any(map(self.allowed, turning)):
@@ -374,11 +378,11 @@ class _ComparisonPlan:
     pair: dict[str, HybridModel]
     #: model with the most parameters; fits to the tests at neighbouring forces are made with it
     largest: HybridModel
-    #: the largest model, but with at most linear compliance; models with subsets of its slopes are
-    #: compared
+    #: the largest model, but with compliance that is at most linear in force; models in which only
+    #: some of its compliances change with force are compared
     linear: HybridModel
-    #: the first two models under each scale of the slopes' prior, in the order of `SLOPE_SCALES`;
-    #: empty where neither model has slopes
+    #: the first two models under each scale of the prior of the slopes (changes of compliance with
+    #: force), in the order of `SLOPE_SCALES`; empty if neither model has slopes
     by_slope_scale: dict[str, tuple[HybridModel, ...]]
     #: the first two models under their own assumption about how circles differ from one another
     unchanged: dict[str, tuple[HybridModel, ...]]
@@ -386,7 +390,7 @@ class _ComparisonPlan:
     by_assumption: dict[str, tuple[HybridModel, ...]]
     #: whether every test is predicted from the other tests
     leaves_tests_out: bool
-    #: whether models with every subset of the slopes are compared
+    #: whether models are compared in which only some compliances change with force
     has_slope_subsets: bool
     #: whether models are fitted to the tests at neighbouring forces
     has_local_fits: bool
@@ -396,7 +400,10 @@ class _ComparisonPlan:
 
     @property
     def slope_scales(self) -> tuple[float, ...]:
-        """Return the scales of the slopes' prior; an empty tuple if neither model has slopes."""
+        """Return the scales of the prior of the slopes (changes of compliance with force).
+
+        Return an empty tuple if neither model has slopes.
+        """
         return SLOPE_SCALES if self.by_slope_scale else ()
 
 
@@ -449,7 +456,8 @@ def compare(
         Campaign with readings.
     evidence_only : bool
         Whether to compute only evidences and how they depend on assumptions, which is three times
-        as fast: no test is left out, and there are no subsets of slopes and no local fits.
+        as fast. Then no test is left out, models with only some of the slopes are not compared, and
+        there are no fits to neighbouring forces.
     tolerance : float
         Error asked of every log evidence [nat], from 0.0001 to 1.
     prob : float
@@ -580,9 +588,10 @@ def _plan_comparison(
 ) -> _ComparisonPlan:
     """Return the plan of a comparison: which models to compare, and which results to compute.
 
-    With ``evidence_only``, tests are not left out, and there are no subsets of slopes and no fits
-    to neighbouring forces. Rival explanations of a change with force are compared if the second
-    model is the first with slopes added and has rival explanations.
+    With ``evidence_only``, no test is left out, models with only some of the slopes (changes of
+    compliance with force) are not compared, and there are no fits to neighbouring forces. Rival
+    explanations of a change with force are compared if the second model is the first with slopes
+    added and has rival explanations.
     """
     first, second = tuple(models)[:2]
     pair = {first: models[first], second: models[second]}
@@ -616,7 +625,7 @@ def _models_by_slope_scale(
 ) -> dict[str, tuple[HybridModel, ...]]:
     """Return both models of a pair under every scale of the slopes' prior, by name of the scale.
 
-    The dictionary is empty if neither model has slopes.
+    Slopes are changes of compliance with force. The dictionary is empty if neither model has any.
     """
     changes: dict[str, sensitivity.Change] = {}
     if any(model.degree for model in pair.values()):
@@ -626,7 +635,10 @@ def _models_by_slope_scale(
 
 
 def _change_of_slope_scale(scale: float) -> sensitivity.Change:
-    """Return a function that takes a model and returns it with this scale of the slopes' prior."""
+    """Return a function that takes a model and returns it with another prior of the slopes.
+
+    Slopes are changes of compliance with force; ``scale`` is the scale of their prior.
+    """
 
     def change(model: HybridModel) -> HybridModel:
         return model.with_slope_scale(scale)
@@ -736,7 +748,8 @@ def _log_bayes_factors(nodes_by_model: Mapping[str, Nodes]) -> dict[str, tuple[f
 def _scaled_slopes(scales: Sequence[float], assumed: Sequence[Assumed]) -> tuple[ScaledSlopes, ...]:
     """Return the log Bayes factor of two models under each scale of the slopes' prior.
 
-    ``assumed`` are the comparisons of the two models, in the order of ``scales``.
+    Slopes are changes of compliance with force. ``assumed`` are the comparisons of the two models,
+    in the order of ``scales``.
     """
     scaled = []
     for scale, result in zip(scales, assumed, strict=True):
@@ -747,7 +760,8 @@ def _scaled_slopes(scales: Sequence[float], assumed: Sequence[Assumed]) -> tuple
 def _crossings(scales: Sequence[float], assumed: Sequence[Assumed]) -> tuple[float, ...]:
     """Return the scales of the slopes' prior at which the log Bayes factor changes sign.
 
-    ``assumed`` are the comparisons of two models, in the order of ``scales``.
+    Slopes are changes of compliance with force. ``assumed`` are the comparisons of two models, in
+    the order of ``scales``.
     """
     log_bayes_factor = np.array([result.log_bayes_factor for result in assumed])
     return interpolate_crossings(np.array(scales), log_bayes_factor)
@@ -756,8 +770,9 @@ def _crossings(scales: Sequence[float], assumed: Sequence[Assumed]) -> tuple[flo
 def interpolate_crossings(scale: Array, log_bayes_factor: Array) -> tuple[float, ...]:
     """Return the scales of the slopes' prior at which the log Bayes factor changes sign.
 
-    The log Bayes factor, shape (n,), is known at n values of the scale, shape (n,). Between them it
-    is interpolated linearly in ln(scale).
+    Slopes are changes of compliance with force. The log Bayes factor of two models, shape (n,), is
+    known at n values of the scale, shape (n,). Between them it is interpolated linearly in
+    ln(scale).
     """
     x = np.log(scale)
     y = log_bayes_factor

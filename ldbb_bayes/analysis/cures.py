@@ -41,6 +41,7 @@ _OPPOSITE: dict[str, Direction] = {"CW": "CCW", "CCW": "CW"}
 class Cure(StrEnum):
     """Remedy that would resolve a degeneracy: further tests of a kind, or a calibration.
 
+    A degeneracy is a combination of parameters and other effects that no reading resolves.
     Further tests are at other forces, with a ball or both turned, at another radius, in the
     opposite direction of travel, or on full circles.
     """
@@ -58,6 +59,8 @@ class Cure(StrEnum):
 def cures(bound: BoundModel, aliases: Sequence[Degeneracy]) -> tuple[tuple[Cure, ...], ...]:
     """Return the remedies that would resolve each degeneracy, in the order of ``aliases``.
 
+    A degeneracy is a combination of parameters and nuisance coefficients (effects that are modelled
+    but not of interest) that no reading resolves.
     To find out whether further tests help, they are added to the plan, and the degeneracies of the
     longer plan are found. A degeneracy that involves a nuisance coefficient can always be resolved
     by a calibration.
@@ -92,12 +95,15 @@ def cures(bound: BoundModel, aliases: Sequence[Degeneracy]) -> tuple[tuple[Cure,
 
 
 def _is_among(degeneracy: Degeneracy, remaining: Sequence[Degeneracy]) -> bool:
-    """Return whether a degeneracy of a plan is among those that remain in a longer plan."""
+    """Return whether a degeneracy of a plan is among those that remain in a longer plan.
+
+    A degeneracy is a combination of parameters and other effects that no reading resolves.
+    """
     return any(_is_same(degeneracy, candidate) for candidate in remaining)
 
 
 def _is_same(degeneracy: Degeneracy, candidate: Degeneracy) -> bool:
-    """Return whether two degeneracies count as the same.
+    """Return whether two degeneracies, combinations that no reading resolves, count as the same.
 
     They do if their first nuisance coefficients are of the same kind. If they have no nuisance
     coefficient, they do if they have two parameters in common.

@@ -80,7 +80,10 @@ def measure_circularity(posterior: xr.DataTree | Campaign) -> tuple[pd.DataFrame
 
 
 class _Pair(NamedTuple):
-    """Two tests of the same circle, force, set-up and clocking, run in opposite directions."""
+    """Two tests that differ only in the direction of travel.
+
+    Circle, force, set-up and the angles by which the balls are turned are the same.
+    """
 
     clockwise: CircularTest
     counterclockwise: CircularTest
@@ -159,7 +162,7 @@ def _pairs(tests: Sequence[CircularTest]) -> list[_Pair]:
 
 
 def _same_place(test: CircularTest, other: CircularTest) -> bool:
-    """Return whether two tests have the same circle, force, set-up and clocking."""
+    """Return whether two tests have the same circle, force, set-up and angles of the balls."""
     return (
         test.circle == other.circle
         and test.force_N == other.force_N

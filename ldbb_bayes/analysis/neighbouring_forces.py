@@ -53,9 +53,9 @@ def local_fits(
     Parameters
     ----------
     model : HybridModel
-        Model with nuisances and priors; its degree is set to 0. Properties that depend on the
-        campaign (number of ball forms, estimate Ĉ of the compliances) are those of the whole
-        campaign.
+        Model with its nuisance terms (effects not of interest) and priors. Its degree of compliance
+        in force is set to 0. Properties that depend on the campaign (number of ball forms, estimate
+        Ĉ of the compliances about which the model is linearised) are those of the whole campaign.
     campaign : Campaign
         Campaign with readings at two or more force levels.
     prob : float

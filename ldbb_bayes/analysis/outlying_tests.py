@@ -172,7 +172,8 @@ def judge_tests(
     Parameters
     ----------
     nodes_by_model
-        Quadrature nodes of the posterior given all tests, by model.
+        Quadrature nodes (weighted values of the hyper-parameters) of the posterior given all tests,
+        by model.
     left_out_nodes
         Quadrature nodes of the posterior given all tests but one, by model and by the test left
         out, as returned by `leave_one_out`.
@@ -205,9 +206,10 @@ def judge_tests(
 
 
 def _any_nodes(nodes_by_model: Mapping[str, Nodes]) -> Nodes:
-    """Return the quadrature nodes of the first model.
+    """Return the quadrature nodes of the first model's posterior.
 
-    They serve for properties of the campaign that are the same in all models.
+    Nodes are weighted values of the hyper-parameters. These serve for properties of the campaign
+    that are the same in all models.
     """
     return next(iter(nodes_by_model.values()))
 

@@ -139,8 +139,8 @@ def under(
     assumptions : mapping of str to sequence of HybridModel
         The two models by assumption, from `changed`.
     weigh : callable
-        Function that takes models and returns the quadrature nodes of each, which hold its
-        evidence.
+        Function that takes models and returns the quadrature nodes of each model's posterior, which
+        hold its evidence.
     """
     names = tuple(names)
     comparisons = []

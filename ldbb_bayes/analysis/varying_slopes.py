@@ -84,14 +84,17 @@ class Curve:
 class AveragedSlopes(NamedTuple):
     """Probabilities of slopes, and compliances against force, averaged over subsets of slopes."""
 
-    slopes: dict[str, VaryingSlope]  #: probability of a slope, by compliance
+    slopes: dict[str, VaryingSlope]  #: probability of a change with force, by compliance
     subsets: tuple[SlopeSubset, ...]  #: subsets of slopes, the most probable first
     #: compliance against force averaged over the subsets of slopes, by compliance
     curves: dict[str, Curve]
 
 
 def count_subsets(model: HybridModel, campaign: Campaign) -> int:
-    """Return the number of models (subsets of slopes) whose evidence `slope_subsets` computes."""
+    """Return the number of models whose evidence `slope_subsets` computes.
+
+    In each model, another subset of the compliances changes with force.
+    """
     possible = 2 ** len(_slope_names(model, campaign))
     if possible <= _ALL_SUBSETS:
         return possible
@@ -155,7 +158,7 @@ def _slope_names(model: HybridModel, campaign: Campaign) -> dict[str, str]:
 
 
 def _best_first(slopes: int, weigh: Callable[[Choice], Nodes]) -> dict[Choice, Nodes]:
-    """Return the quadrature nodes of subsets of slopes that a best-first search finds.
+    """Return the quadrature nodes of the posteriors for subsets of slopes found by a search.
 
     The search starts from no slopes and from all slopes. It goes on to the neighbours of the subset
     with the largest evidence, which differ from it in one slope, and ends after
@@ -188,7 +191,7 @@ def averaged_curves(
     Parameters
     ----------
     weighed : sequence of Nodes
-        Quadrature nodes of each model.
+        Quadrature nodes (weighted values of the hyper-parameters) of each model's posterior.
     probability : ndarray, shape (models,)
         Posterior probabilities of the models.
     seed : int

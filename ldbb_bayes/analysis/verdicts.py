@@ -89,8 +89,9 @@ _TERMS_LEFT_OUT = {StandingKind.FRICTION: "Hysteresis", StandingKind.DRIFT: "Dri
 class Verdict(StrEnum):
     """Verdict on how well one parameter is known.
 
-    Sd is the standard deviation. The contraction is one minus the ratio of posterior and prior
-    variance. The rules apply in this order:
+    Nuisances are effects that are modelled but not of interest. The contraction is one minus the
+    ratio of posterior and prior variance; sd is the standard deviation. The rules apply in this
+    order:
 
     1. *confounded*, when a nuisance that the model leaves out looks exactly like the parameter:
        nothing bounds the nuisance then.
@@ -180,8 +181,8 @@ class Identifiability(Result):
     #: verdict on each parameter, by name
     parameters: dict[str, ParameterIdentifiability]
     degeneracies: tuple[Degeneracy, ...]  #: combinations of coefficients that no reading resolves
-    #: remedies for each degeneracy: further tests that resolve it when added to the plan, or a
-    #: calibration
+    #: remedies for each item of ``degeneracies``: further tests that resolve it when added to the
+    #: plan, or a calibration
     cures: tuple[tuple[Cure, ...], ...]
     #: kinds of effect, such as friction, that look like parameters, each with these parameters; the
     #: effects are no terms of the model, or only tests at different forces separate them from the
@@ -194,7 +195,9 @@ class Identifiability(Result):
     #: (columns), if the fit ignores the nuisance and its size is one prior standard deviation; in
     #: internal units (mm, N, rad)
     alias: ByRow
-    correlation: ByRow  #: posterior correlations of parameters and of nuisances that tests share
+    #: posterior correlations of the parameters, and of the nuisances (effects not of interest) that
+    #: act in several tests
+    correlation: ByRow
     #: standard uncertainty to expect with further certificates of the instrument, by certificate,
     #: then by parameter: without any, with each one that the instrument lacks, and with all of
     #: these
@@ -222,9 +225,9 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
 
     Each parameter is identified, prior-limited (the readings hardly narrow its prior) or confounded
     (the readings cannot separate it from another effect). No readings are needed, so that a plan
-    can be judged before it is run. All is computed for the linear Gaussian model without
-    truncation, at the posterior mean of the hyper-parameters (the scales of the noise and of other
-    effects), or at their prior median for a plan.
+    can be judged before it is run. All is computed for the linear Gaussian model, in which
+    compliances may be negative. The hyper-parameters (the scales of the noise and of other effects)
+    have their posterior mean or, for a plan, their prior median.
 
     Parameters
     ----------
@@ -434,8 +437,8 @@ def judge_parameters(
     mean
         Mean of the p parameters, shape (p,), in internal units (mm, N, rad).
     sampled_sd
-        Prior and posterior standard deviations from random draws, truncation included, to use
-        instead of those of the linear Gaussian model.
+        Prior and posterior standard deviations from random draws, under the condition that no
+        compliance is negative. Default: those of the linear Gaussian model.
 
     Returns
     -------

@@ -45,7 +45,7 @@ def tables(findings: Findings, others: Sequence[Beside] = ()) -> dict[str, pd.Da
     Parameters
     ----------
     findings
-        Findings of the fit.
+        All results of the fit that the report shows.
     others
         Other campaigns that the report compares with the first one.
 

@@ -109,12 +109,12 @@ def compose(
     force_N: float | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Document:
-    """Return a complete report, with its sheets and sections, from the findings of a fit.
+    """Return a complete report, with its sheets and sections, from the results of a fit.
 
     Parameters
     ----------
     findings
-        Findings of the fit.
+        All results of the fit that the report shows.
     others
         Other campaigns to compare with the first one.
     same_instrument, language, annex, force_N, progress

@@ -1,4 +1,4 @@
-"""Sections of the HTML page: paragraphs, lists, tables and figures, made from findings."""
+"""Sections of the HTML page: paragraphs, lists, tables and figures, made from results of a fit."""
 
 from __future__ import annotations
 

@@ -40,8 +40,9 @@ from ldbb_bayes.results import Records, Result, read_result, readable
 
 __all__ = ["Certificate", "Design", "Judged", "Limits", "design", "read_design"]
 
-# A certificate that the shares of a design are optimal holds if the largest sensitivity of any
-# candidate exceeds its bound by no more than this relative amount.
+# A certificate that a division of tests among candidates is optimal holds if the largest
+# sensitivity exceeds its bound by no more than this relative amount. A sensitivity is the rate at
+# which the criterion grows with the fraction of the tests at one candidate.
 _CERTIFICATE_TOLERANCE = 1e-4
 # Candidate tests whose share (fraction) of the tests is below this are left out of the table of the
 # best shares.
@@ -162,8 +163,8 @@ class Design(Forecast):
     #: best division of the tests, one row per candidate test: force_N, the columns `columns`, and
     #: share, the fraction of the tests that are run at this candidate
     shares: Records
-    #: expected standard deviations, by parameter, of a design in equal steps of force at the first
-    #: clocking and radius
+    #: expected standard deviations, by parameter, of a design in equal steps of force, at the first
+    #: of the radii and of the ball angles to choose from
     baseline: dict[str, Expected]
     #: designs for comparison: one in equal steps of force, and those that the caller gave by name
     compared: tuple[Judged, ...]
@@ -185,14 +186,14 @@ class Design(Forecast):
     def columns(self) -> tuple[str, ...]:
         """Names of the columns of a table of tests that describe a test, apart from its force.
 
-        They are the clockings of the balls and the radius, and plane, direction and set-up where
-        tests differ in them.
+        They are the angles by which the two balls are turned and the radius. Plane, direction and
+        set-up are added if tests differ in them.
         """
         return tuple(str(column) for column in self.table.columns[1:-1])
 
     @property
     def tests(self) -> tuple[CircularTest, ...]:
-        """The recommended tests, sorted by clocking, radius and force.
+        """The recommended tests, sorted by the angles of the balls, the radius and the force.
 
         A test that is to be run several times is repeated.
         """

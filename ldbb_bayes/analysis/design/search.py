@@ -37,7 +37,8 @@ _MAX_SWEEPS = 50
 # each of its tests.
 _FEW_CANDIDATES = 64
 # If there are more candidate tests than ``_FEW_CANDIDATES``, this many with the largest sensitivity
-# and this many random ones are tried as a replacement of each test.
+# and this many random ones are tried as a replacement of each test. The sensitivity is the rate at
+# which the criterion grows with the number of tests at the candidate.
 _TRIED_CANDIDATES = 12
 # Number of candidates of each kind, most sensitive and random, that are tried as a replacement of
 # each test at the end of a thorough exchange.
@@ -50,8 +51,9 @@ _HYPER_STEP = 4
 # candidates with equal probability. In the other random designs, the best fractions of tests are
 # the probabilities.
 _STARTS = 6
-# Shares (fractions of the tests at each candidate) count as the best if the largest sensitivity of
-# any candidate exceeds its bound by at most this, relative to the bound.
+# Shares (fractions of the tests at each candidate) count as the best if the largest sensitivity
+# exceeds its bound by at most this, relative to the bound. A sensitivity is the rate at which the
+# criterion grows with the share of a candidate.
 _SHARES_TOLERANCE = 1e-5
 # Largest number of restarts of the search from perturbed designs, and largest cost of all restarts.
 # The cost is the product of the numbers of elements of the precision matrices, tests, candidates
@@ -173,8 +175,9 @@ def _likely_candidates(
 ) -> Array:
     """Return the indices of candidates that are likely to improve a design if a test is added.
 
-    They are the ``size`` candidates with the largest sensitivity and ``size`` random ones. If there
-    are at most ``size`` candidates, all are returned. ``base`` is the number of tests by candidate
+    They are the ``size`` candidates with the largest sensitivity (rate at which the criterion grows
+    with the number of their tests), and ``size`` random ones. If there are at most ``size``
+    candidates, all are returned. ``base`` is the number of tests by candidate
     in the design, shape (candidates,).
     """
     n = objective.candidates
@@ -207,7 +210,8 @@ class ExactDesign:
 class Search:
     """Search for the best design among candidate tests.
 
-    The objective states how good a design is; ``seed`` is that of the random numbers.
+    A candidate is a test that could be run; a design has a number of tests for each candidate. The
+    objective states how good a design is; ``seed`` is that of the random numbers.
     """
 
     objective: Objective

@@ -21,8 +21,9 @@ from ldbb_bayes.results import Array, Shown
 
 __all__ = ["Optimum", "certificate", "is_better", "largest_positions", "optimal_shares"]
 
-# Two values of the criterion, or two sensitivities, count as equal if their difference, relative to
-# the largest value, is below this. Among candidates with equal values the first is taken.
+# Two values of the design criterion, or of its derivatives for two candidates, count as equal if
+# their difference, relative to the largest value, is below this. Among candidates with equal values
+# the first is taken.
 _EQUALITY_TOLERANCE = 1e-9
 # Largest number of rounds in which shares of tests are optimized. In each round, candidates join
 # the active ones, and the shares of the active candidates are optimized.
@@ -41,14 +42,14 @@ _ZERO_SHARE = 1e-10
 _STARTING_SHARE = 0.02
 # Value of the solver's loss function where the fractions of tests leave a parameter undetermined.
 _UNDETERMINED_LOSS = 1e6
-# Tolerances of the solver SLSQP. The first is that of the first round, the second the smallest of
-# all. The third is the largest ratio of the tolerance, in later rounds, to the relative excess of
-# the largest sensitivity over its bound.
+# Tolerances of the solver SLSQP for the best shares of tests. The first is that of the first round,
+# the second the smallest of all. In later rounds, the tolerance is at most the third number times
+# `Optimum.excess`, which measures how far the shares are from the best.
 _LOOSE_TOLERANCE = 1e-5
 _TIGHT_TOLERANCE = 1e-15
 _TOLERANCE_PER_EXCESS = 1e-3
 # The optimization of shares ends after a round that raises the criterion by less than this,
-# relative to the bound.
+# relative to the bound of `Optimum`.
 _NO_GAIN = 1e-13
 
 
@@ -83,7 +84,9 @@ class Optimum(Shown):
     #: derivative of the criterion by the number of tests of each candidate, times the number of all
     #: tests, shape (candidates,)
     sensitivity: Array
-    bound: float  #: mean of ``sensitivity``, weighted by the shares
+    #: mean of ``sensitivity`` weighted by the shares; no sensitivity exceeds it if the shares are
+    #: the best
+    bound: float
 
     @property
     def excess(self) -> float:
@@ -122,9 +125,10 @@ def certificate(objective: Objective, share: Array, tests: float) -> Optimum:
 def optimal_shares(objective: Objective, tests: float, *, tolerance: float = 1e-6) -> Optimum:
     """Return the shares (fractions) of N tests among candidates that make the criterion largest.
 
-    The algorithm is fully corrective: it optimizes the shares of a few active candidates, then adds
-    candidates whose sensitivity exceeds the bound. It repeats this until the relative excess over
-    the bound is within the tolerance.
+    The sensitivity of a candidate is N times the derivative of the criterion by its number of
+    tests; the bound is the mean of the sensitivities, weighted by the shares. The algorithm
+    optimizes the shares of a few active candidates, then adds candidates whose sensitivity exceeds
+    the bound. It repeats this until the relative excess over the bound is within the tolerance.
 
     Parameters
     ----------
@@ -184,8 +188,8 @@ def optimal_shares(objective: Objective, tests: float, *, tolerance: float = 1e-
 def _candidates_above_bound(optimum: Optimum) -> NDArray[np.intp]:
     """Return the indices of the candidates with the largest sensitivities above the bound.
 
-    There are at most ``_JOINING_CANDIDATES`` of them. If no sensitivity is above the bound, return
-    the candidate with the largest sensitivity.
+    Sensitivities and bound are those of ``optimum``. There are at most ``_JOINING_CANDIDATES`` of
+    them. If no sensitivity is above the bound, return the candidate with the largest sensitivity.
     """
     highest = largest_positions(optimum.sensitivity, _JOINING_CANDIDATES)
     above = highest[optimum.sensitivity[highest] > optimum.bound]

@@ -175,11 +175,15 @@ class Space:
 
     @cached_property
     def tests(self) -> tuple[CircularTest, ...]:
-        """The candidate tests: every combination of template, force, clocking and radius."""
+        """The candidate tests: every combination of template, force, clocking and radius.
+
+        A template is a test without readings; a clocking is the pair of angles by which the balls
+        are turned.
+        """
         return grid_of_tests(self.templates, self.forces_N, self.clockings_deg, self.radii_mm)
 
     def frame(self, tests: Sequence[CircularTest]) -> pd.DataFrame:
-        """Return a table of tests with force, clockings and radius, one row per test.
+        """Return a table of tests with force, angles of the balls and radius, one row per test.
 
         The table also has plane, direction and set-up, each only if candidates and compared tests
         differ in it.
@@ -203,8 +207,8 @@ class Space:
     def equal_steps(self, number: int) -> tuple[CircularTest, ...]:
         """Return ``number`` tests in equal steps of force, each moved to the nearest force level.
 
-        The tests have the first clocking and the first radius of the candidates. Planes and
-        directions of travel alternate from test to test.
+        The tests have the first clocking (pair of angles of the balls) and the first radius of the
+        candidates. Planes and directions of travel alternate from test to test.
         """
         levels = np.array(sorted(self.forces_N))
         nearest_levels = []
@@ -332,7 +336,10 @@ def _radii_of(pilot: Campaign) -> list[float]:
 
 
 def _distinct_clockings(clockings_deg: Sequence[Clocking]) -> tuple[Clocking, ...]:
-    """Return the clockings without repeated ones; angles that differ by whole turns are equal."""
+    """Return the clockings (pairs of angles of the balls) without repeated ones.
+
+    Angles that differ by whole turns count as equal.
+    """
     first_by_angles: dict[Clocking, Clocking] = {}
     for work_deg, tool_deg in reversed(clockings_deg):
         first_by_angles[work_deg % 360.0, tool_deg % 360.0] = (work_deg, tool_deg)

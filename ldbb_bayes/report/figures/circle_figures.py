@@ -296,8 +296,9 @@ def _round_step(size: float) -> float:
 def residuals(posterior: xr.DataTree) -> Figure:
     """Draw the residuals, reading minus prediction, against angle for up to ten tests.
 
-    The prediction has the effects of machine, bar and balls. Each circle's own set-up shift and
-    discrepancy are left in the residuals.
+    The prediction has the effects of machine, bar and balls. What the model describes for each
+    circle separately, its set-up shift and its discrepancy from the other effects, is left in the
+    residuals.
 
     Parameters
     ----------
