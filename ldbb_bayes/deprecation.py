@@ -93,8 +93,8 @@ def warn_of_new_name(old: str) -> None:
     ``old`` is its public name in version 0.2.
     """
     warnings.warn(
-        f"lb.{old} is now lb.{NEW_NAMES[old]}. Use the new name: the old one goes with version"
-        " 0.4.",
+        f"lb.{old} is now lb.{NEW_NAMES[old]}. Use the new name: version 0.4 will not have the old"
+        " one.",
         FutureWarning,
         stacklevel=3,
     )
@@ -114,7 +114,7 @@ def renamed_keyword(
             if old in keywords:
                 warnings.warn(
                     f"The argument {old} of {function.__name__} is now {new}. Use the new name:"
-                    " the old one goes with version 0.4.",
+                    " version 0.4 will not have the old one.",
                     FutureWarning,
                     stacklevel=2,
                 )

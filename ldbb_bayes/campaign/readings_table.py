@@ -101,6 +101,7 @@ def _read_columns(path: Path, known: Sequence[str]) -> dict[str, Any]:
 
 
 def _check_names(path: Path, names: Sequence[str], known: Sequence[str]) -> None:
+    """Refuse a header with too many, unknown or repeated names; ``known`` are those allowed."""
     require(
         len(names) <= _LARGEST_COLUMNS,
         f"{path}, line 1: a table must have at most {_LARGEST_COLUMNS} columns, got {len(names)}."

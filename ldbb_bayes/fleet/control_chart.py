@@ -190,6 +190,10 @@ def _vertical_range(data: _PanelData) -> tuple[float, float]:
 
 
 def _panel_title(trend: Trend, name: str, factor: float) -> str:
+    """Return the probability of a change, and the uncertainty that all campaigns have in common.
+
+    ``factor`` is that from the internal unit of the parameter to the unit shown.
+    """
     parameter = trend.parameters[name]
     probability = probability_words(parameter.probability)
     title = f"{display_name(name)}: probability of a change {probability}"

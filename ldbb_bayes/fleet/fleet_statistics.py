@@ -357,7 +357,8 @@ def _map_to_force(names: Sequence[str], wanted: Sequence[str], force_change_N: f
 
     Its rows are for the quantities ``wanted``, its columns for the quantities ``names`` that the
     campaign has. The reference force changes by ``force_change_N``. A compliance then changes by
-    its slope times this change, plus its curvature times the square of this change.
+    its slope times this change, plus its curvature times the square of this change. ``wanted`` has
+    no slopes and curvatures: they would change too.
     """
     matrix = np.zeros((len(wanted), len(names)))
     for i, name in enumerate(wanted):

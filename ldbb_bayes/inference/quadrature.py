@@ -16,7 +16,7 @@ __all__ = ["integrate"]
 LARGEST_LATTICE_DIMENSION = 5
 # Importance sampling is asked for an integral with an error of at most this share of the tolerance,
 # because averages over its nodes have further errors.
-_OF_TOLERANCE = 0.8
+_SHARE_OF_TOLERANCE = 0.8
 
 
 def integrate(
@@ -49,4 +49,5 @@ def integrate(
     """
     if len(modes[0][0]) <= LARGEST_LATTICE_DIMENSION:
         return grow_lattice(log_density, modes, tolerance=tolerance, step=step)
-    return importance_sample(log_density, modes, tolerance=_OF_TOLERANCE * tolerance, seed=seed)
+    tolerance_of_sample = _SHARE_OF_TOLERANCE * tolerance
+    return importance_sample(log_density, modes, tolerance=tolerance_of_sample, seed=seed)

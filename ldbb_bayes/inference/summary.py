@@ -255,7 +255,7 @@ def _moments(draws: ModelDraws, names: list[Any]) -> tuple[Array, Array]:
     """
     bound = draws.bound
     shifted = draws.beta - bound.centre
-    conditional = bound.given_interest.conditional(draws.phi, shifted)[1]
+    _, conditional = bound.given_interest.conditional(draws.phi, shifted)
     of_model: list[str] = []
     for term in shared_terms(bound.nuisance_columns):
         of_model += term.names

@@ -418,8 +418,8 @@ def _add_priors(
     """Return the rows of the readings and of the priors, with rescaled nuisance coefficients.
 
     The unit of a nuisance coefficient is its prior sd divided by the hyper-parameter that scales
-    it, or for a flat prior the reciprocal norm of its column. ``sources`` are the sources of
-    variance: hyper-parameters and their products.
+    it, or for a flat prior the reciprocal norm of its column. ``tests`` is the number of tests, and
+    ``sources`` are the sources of variance: hyper-parameters and their products.
     """
     priors = _coefficient_priors(nuisances, tests, sources)
     norms = np.linalg.norm(reading_rows.columns, axis=0)

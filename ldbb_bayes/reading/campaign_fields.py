@@ -158,7 +158,7 @@ def _stated_values(recording: Recording, field: str) -> dict[Any, _StatedValue]:
             value = round(value, _COMPARED_PLACES)
         source = f"line {statement.line}"
         place = source
-        # A line of another sheet is written with its sheet, such as "3 of sheet 'Setup'".
+        # A line of a sheet without a table already names its sheet ("3 of …").
         if " of " not in source:
             place = f"{source} of {recording.sheet.place}"
         values[value] = _StatedValue(value, source, place)

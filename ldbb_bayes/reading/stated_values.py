@@ -282,12 +282,15 @@ def direction_of(recording: Recording) -> str | None:
         if word:
             column_senses.setdefault(_sense_of(word), line)
     senses = set(column_senses)
+    source = "the column of directions"
     if not senses:
         senses = directions_stated(recording.heading.lines_above, recording.names())
+        source = "a line above the table, or the name"
     if not senses:
-        elsewhere = directions_stated(recording.lines_of_all_tests)
-        if len(elsewhere) == 1:  # two directions would belong to different tests
-            senses = elsewhere
+        directions_of_sheets = directions_stated(recording.lines_of_all_tests)
+        if len(directions_of_sheets) == 1:  # two directions would belong to different tests
+            senses = directions_of_sheets
+            source = "a sheet without a table"
     stated: str | None = recording.stated_value("direction")
     if stated is not None:
         if senses - {stated}:
@@ -309,6 +312,5 @@ def direction_of(recording: Recording) -> str | None:
         return None
     direction = senses.pop()
     if not column_senses:
-        reason = "a line above the table, or the name"
-        recording.note("direction", direction, reason, "--direction")
+        recording.note("direction", direction, source, "--direction")
     return direction

@@ -559,6 +559,13 @@ def test_labels_and_values_of_an_overview_are_read_above_and_below_its_list(
     ] * 2
 
 
+def test_a_direction_of_a_sheet_without_a_table_has_that_reason(tmp_path: Path) -> None:
+    sheets = {"Info": [("Richtung:", "UZS")], "36 N": SHEET, "742 N": SHEET}
+    result = imported(book(tmp_path / "b.xlsx", sheets))
+    reasons = {(a.value, a.because) for a in result.assumptions if a.what == "direction"}
+    assert ("CW", "a sheet without a table") in reasons
+
+
 def test_what_is_not_understood_or_contradicts_the_force_law_is_told(tmp_path: Path) -> None:
     overview = [
         ("Radius", "hundert"),
