@@ -227,8 +227,11 @@ class _Hysteresis(NamedTuple):
     travel.
     """
 
-    constant: Array  #: part of the hysteresis independent of force, shape (draws, 25) [mm]
-    #: part of the hysteresis proportional to force, per unit of force, shape (draws, 25) [mm/N]
+    #: part of the hysteresis that does not depend on force, as Fourier coefficients of the radial
+    #: deviation, shape (draws, 25) [mm]
+    constant: Array
+    #: part of the hysteresis that is proportional to force, as Fourier coefficients of the radial
+    #: deviation per unit of force, shape (draws, 25) [mm/N]
     proportional: Array
 
     def at_force(self, force_N: float) -> Array:

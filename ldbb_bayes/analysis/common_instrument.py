@@ -50,7 +50,9 @@ class JointDifference(NamedTuple):
     """Joint estimate of the n compared parameters of two campaigns, and their difference."""
 
     means: Array  #: posterior means of the parameters in both campaigns, shape (2, n)
-    difference: Array  #: posterior mean of second minus first campaign, shape (n,)
+    #: posterior mean of each parameter's value in the second campaign minus that in the first,
+    #: shape (n,)
+    difference: Array
     sd: Array  #: standard uncertainty of ``difference``, shape (n,)
     #: nuisance coefficient of the common instrument about which the campaigns disagree most; None
     #: if there is no such coefficient about which the readings of both campaigns are informative
@@ -184,7 +186,7 @@ def _places(
     """Return the indices of a campaign's coefficients in the joint list of both campaigns.
 
     ``all_names`` is the joint list: the coefficients of the first campaign, then those of the
-    second that are not ``common``. ``is_first`` says whether ``campaign`` is the first.
+    second that are not ``common``. ``is_first`` states whether ``campaign`` is the first.
     """
     if is_first:
         return list(range(len(campaign.names)))

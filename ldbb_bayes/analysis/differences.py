@@ -37,7 +37,9 @@ class _Differences(NamedTuple):
     """Means, differences and their uncertainties for n parameters of two campaigns."""
 
     means: Array  #: posterior means of the parameters in both campaigns, shape (2, n)
-    difference: Array  #: posterior mean of second minus first campaign, shape (n,)
+    #: posterior mean of each parameter's value in the second campaign minus that in the first,
+    #: shape (n,)
+    difference: Array
     sd: Array  #: standard uncertainty of ``difference``, shape (n,)
     interval: Array  #: ends of the equal-tailed interval of the difference, shape (2, n)
     increase: Array  #: probability that the second campaign's value is larger, shape (n,)

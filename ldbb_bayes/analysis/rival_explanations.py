@@ -26,8 +26,8 @@ __all__ = ["Explained", "Explanations", "compare_explanations", "subsets"]
 # Name of the slopes (compliances that change with force) among the explanations of a change of the
 # readings with force.
 _SLOPES = "slopes"
-# The readings support slopes where the log Bayes factor of slopes over no slopes is above this
-# [nat].
+# The readings support slopes (compliances that change with force) if the log Bayes factor of slopes
+# over no slopes is above this [nat].
 _ASKING = 1.0
 
 
@@ -50,19 +50,20 @@ class Explanations:
 
     inclusion_probability: dict[str, float]  #: posterior probability of each explanation
     models: tuple[Explained, ...]  #: all combinations of explanations, the most probable first
-    #: log Bayes factor of slopes over no slopes, averaged over all combinations of the rival
-    #: explanations
+    #: log Bayes factor of slopes (compliances that change with force) over no slopes, averaged over
+    #: all combinations of the rival explanations
     averaged: Assumed
-    #: log Bayes factor of slopes over no slopes without rival explanations, as in the paper
+    #: log Bayes factor of slopes (compliances that change with force) over no slopes in models
+    #: without rival explanations, as in the paper
     alone: Assumed
 
     @property
     def instead(self) -> tuple[str, ...]:
         """Rival explanations that make slopes unnecessary; empty if there are none.
 
-        There are some only if the readings support slopes when rival explanations are left out, but
-        not when averaged over them. They are then the rivals in the most probable combination
-        without slopes.
+        Slopes are changes of compliance with force. There are some rivals only if the readings
+        support slopes when rival explanations are left out, but not when averaged over them. They
+        are then the rivals in the most probable combination without slopes.
         """
         if self.alone.log_bayes_factor > _ASKING > self.averaged.log_bayes_factor:
             return next(model.by for model in self.models if _SLOPES not in model.by)
@@ -78,11 +79,12 @@ def subsets(names: Sequence[str]) -> list[tuple[str, ...]]:
 def compare_explanations(pair: Mapping[str, HybridModel], evidences: Evidences) -> Explanations:
     """Compare slopes with their rival explanations, by the evidence of every combination.
 
-    A model includes the slopes or not, and each rival explanation or not, so that r rivals give
-    2^(1 + r) models. All have the same prior probability. The probability of an explanation is the
-    sum of those of the models that include it. The Bayes factor of slopes over no slopes is
-    computed twice: from the models without rivals, and from the evidences averaged over the
-    combinations of rivals.
+    Slopes are changes of compliance with force; rivals are other effects, such as a nonlinear
+    mount, that change the readings in the same way. A model includes the slopes or not, and each
+    rival explanation or not, so that r rivals give 2^(1 + r) models. All have the same prior
+    probability. The probability of an explanation is the sum of those of the models that include
+    it. The Bayes factor of slopes over no slopes is computed twice: from the models without rivals,
+    and from the evidences averaged over the combinations of rivals.
 
     Parameters
     ----------
@@ -149,9 +151,9 @@ def _compare_slopes(
 ) -> Assumed:
     """Return the log Bayes factor of slopes over no slopes, with both log evidences.
 
-    ``label`` names the way in which rival explanations are treated; ``error`` is that of the log
-    Bayes factor [nat]. ``log_evidence_by_slopes`` has the value of the model with slopes first, but
-    ``pair`` has that model last.
+    Slopes are changes of compliance with force. ``label`` names the way in which rival explanations
+    are treated; ``error`` is that of the log Bayes factor [nat]. ``log_evidence_by_slopes`` has the
+    value of the model with slopes first, but ``pair`` has that model last.
     """
     with_slopes, without_slopes = log_evidence_by_slopes.tolist()
     constant_name, linear_name = pair

@@ -39,8 +39,9 @@ __all__ = [
 # number of forces at which each curve is computed.
 _DRAWS = 4000
 _CURVE_POINTS = 41
-# If there are at most ``_ALL_SUBSETS`` subsets of slopes, the evidences of all are computed;
-# otherwise those of ``_SEARCHED_SUBSETS`` only.
+# In a subset of slopes, some compliances change with force and others do not. If there are at most
+# ``_ALL_SUBSETS`` subsets, the evidences of all are computed; otherwise those of
+# ``_SEARCHED_SUBSETS`` only.
 _ALL_SUBSETS = 729
 _SEARCHED_SUBSETS = 100
 
@@ -106,6 +107,8 @@ def slope_subsets(
 ) -> AveragedSlopes:
     """Compute the evidence of subsets of slopes, and average compliances over the subsets.
 
+    In a subset of slopes, some compliances change with force and others do not.
+
     Parameters
     ----------
     model : HybridModel
@@ -160,10 +163,10 @@ def _slope_names(model: HybridModel, campaign: Campaign) -> dict[str, str]:
 def _best_first(slopes: int, weigh: Callable[[Choice], Nodes]) -> dict[Choice, Nodes]:
     """Return the quadrature nodes of the posteriors for subsets of slopes found by a search.
 
-    The search starts from no slopes and from all slopes. It goes on to the neighbours of the subset
-    with the largest evidence, which differ from it in one slope, and ends after
-    ``_SEARCHED_SUBSETS`` subsets. ``slopes`` is the number of possible slopes; ``weigh`` returns
-    the nodes of a subset, which hold its evidence.
+    Slopes are changes of compliance with force. The search starts from no slopes and from all
+    slopes. It goes on to the neighbours of the subset with the largest evidence, which differ from
+    it in one slope, and ends after ``_SEARCHED_SUBSETS`` subsets. ``slopes`` is the number of
+    possible slopes; ``weigh`` returns the nodes of a subset, which hold its evidence.
     """
     weighed: dict[Choice, Nodes] = {}
     for choice in ((False,) * slopes, (True,) * slopes):

@@ -33,17 +33,24 @@ _LEAST_VARIANCE = 1e-12
 class Discrimination(Result):
     """Expected log Bayes factor ln B of slopes over no slopes, and probabilities of evidence.
 
-    Fields that end in ``_with`` hold if there are slopes, those in ``_without`` if there are none.
+    Slopes are changes of the compliances with force. Fields that end in ``_with`` hold if there are
+    slopes, those in ``_without`` if there are none.
     """
 
-    size: float  #: root mean square of the slopes if they exist, in prior standard deviations
+    #: root mean square of the slopes (changes of compliance with force) that are assumed to exist,
+    #: in prior standard deviations
+    size: float
     #: whether tests already run are included. If so, the slopes are assumed to follow their
     #: posterior given these tests. If not, they are assumed to follow their prior, with standard
     #: deviations multiplied by ``size``.
     augmented: bool
-    threshold: float  #: least absolute value of a decisive log Bayes factor [nat]
-    expected_with: float  #: mean log Bayes factor if there are slopes [nat]
-    expected_without: float  #: mean log Bayes factor if there are no slopes [nat]
+    #: least absolute value of the log Bayes factor of slopes over no slopes at which evidence is
+    #: decisive [nat]
+    threshold: float
+    #: mean log Bayes factor of slopes over no slopes if there are slopes [nat]
+    expected_with: float
+    #: mean log Bayes factor of slopes over no slopes if there are no slopes [nat]
+    expected_without: float
     decisive_with: float  #: probability of decisive evidence for slopes if there are slopes
     decisive_without: float  #: probability of decisive evidence against slopes if there are none
     misleading_with: float  #: probability of decisive evidence against slopes if there are slopes

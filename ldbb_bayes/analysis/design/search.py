@@ -199,7 +199,7 @@ class ExactDesign:
     """A design in whole numbers of tests, and the best fractions of the same number of tests."""
 
     counts: Array  #: whole number of tests of each candidate, shape (candidates,)
-    value: float  #: value Φ of the criterion for the design
+    value: float  #: value Φ of the design criterion (figure of merit) for this design
     #: best division of as many tests among the candidates, not necessarily in whole numbers
     optimum: Optimum
     #: efficiency of the design by its criterion, relative to the division in ``optimum``

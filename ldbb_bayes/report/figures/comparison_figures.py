@@ -50,10 +50,11 @@ class _Assumption(NamedTuple):
 def evidence(comparison: Comparison) -> Figure:
     """Draw the log Bayes factor ln B under every width of the slopes' prior and every assumption.
 
-    ln B is that of the second model over the first; the assumptions are about how circles differ
-    from one another. Bars on the dots are 95 % intervals of the numerical error. The numbers at the
-    right are the log evidences of the assumptions minus that of the models' own assumption. The
-    scale is linear. It is broken if values under assumptions that the readings reject lie far out.
+    ln B is that of the second model over the first. Slopes are changes of compliance with force;
+    the assumptions are about how circles differ from one another. Bars on the dots are 95 %
+    intervals of the numerical error. The numbers at the right are the log evidences of the
+    assumptions minus that of the models' own assumption. The scale is linear. It is broken if
+    values under assumptions that the readings reject lie far out.
 
     Parameters
     ----------
