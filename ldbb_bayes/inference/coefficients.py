@@ -54,7 +54,7 @@ class ModelDraws(NamedTuple):
     beta: Array
 
     def thinned(self, size: int) -> ModelDraws:
-        """Return at most ``size`` of the random draws, evenly spaced."""
+        """Return the same model with at most ``size`` of the n random draws, evenly spaced."""
         chosen = evenly_spaced(len(self.phi), size)
         return ModelDraws(self.bound, self.phi[chosen], self.beta[chosen])
 
@@ -212,8 +212,8 @@ def new_circle_coefficients(
     The result holds Fourier coefficients of the orders 0 to 12, shape (draws, tests, 25), without
     white noise. Nuisances (effects that are modelled but not of interest) that tests share are
     drawn from their posterior given the parameters ``beta``, shape (draws, p), and hyper-parameters
-    ``phi``, shape (draws, h). Random force error, set-up shift and discrepancy, which act on one
-    circle only, are drawn anew.
+    ``phi``, shape (draws, h). Effects on one circle only are drawn anew: random force error,
+    set-up shift (of zero and centre) and discrepancy (unexplained deviations).
     """
     shared = draw_shared_coefficients(bound, phi, beta, rng)
     circles = [draw_of_circle(bound, phi, r, rng) for r in range(len(bound.test_names))]
@@ -238,9 +238,10 @@ def draw_shared_coefficients(
 def draw_of_circle(bound: BoundModel, phi: Array, r: int, rng: np.random.Generator) -> Array:
     """Return random draws of the effects that act on one test only, shape (draws, 25) [mm].
 
-    These are random force error, set-up shift and discrepancy of the test with the index r, as
-    Fourier coefficients of the orders 0 to 12. ``phi``, shape (draws, h), are draws of the
-    hyper-parameters, which hold the scales of these effects.
+    These are the random force error, the set-up shift (of zero and centre) and the discrepancy
+    (unexplained deviations of the orders 2 to 12) of the test with the index r, as Fourier
+    coefficients of the orders 0 to 12. ``phi``, shape (draws, h), holds draws of the
+    hyper-parameters, which are the scales of these and other effects.
     """
     coefficients = np.zeros((len(phi), SIZE))
     for term in private_terms(bound, phi, r):
@@ -252,8 +253,9 @@ def draw_of_circle(bound: BoundModel, phi: Array, r: int, rng: np.random.Generat
 def private_terms(bound: BoundModel, phi: Array, r: int) -> Iterator[PrivateTerm]:
     """Yield the effects that act on one test only: force error, set-up shift, discrepancy.
 
-    r is the index of the test. ``phi``, shape (draws, h), are draws of the hyper-parameters, which
-    hold the scales of these effects.
+    The set-up shift is that of the circle's zero and centre; the discrepancy consists of the
+    unexplained deviations of the orders 2 to 12. r is the index of the test. ``phi``, shape (draws,
+    h), holds draws of the hyper-parameters, which are the scales of these and other effects.
     """
     value = dict(zip(bound.hyper_prior.names, phi.T, strict=True))
     for term in bound.nuisance_columns:

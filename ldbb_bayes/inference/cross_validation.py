@@ -1,9 +1,10 @@
 """Densities of circles left out, in the layout that ArviZ's checks and comparisons read.
 
 y_r are the readings of test r, y_−r those of all other tests. φ are the h hyper-parameters, the
-scales of the noise and of other effects; λ_r among them is the scale of the scatter of circle r
-alone. β are the p parameters: compliances, their slopes and geometric errors. Truncation restricts
-β to compliances that are not negative. k̂ is the Pareto shape of the tail of importance weights.
+scales of the noise and of other effects; λ_r among them is the factor on the set-up shift and the
+discrepancy of circle r alone. β are the p parameters: compliances, their slopes and geometric
+errors. Truncation restricts β to compliances that are not negative. k̂ is the Pareto shape of the
+tail of importance weights.
 """
 
 from __future__ import annotations
@@ -27,9 +28,10 @@ from ldbb_bayes.results import Array
 
 __all__ = ["log_likelihood_of_tests", "with_predictive"]
 
-# Values of ln λ at which the integral over λ is computed as a sum. λ is the factor on the set-up
-# shift and discrepancy of one circle. The steps are small compared with the width of the density
-# of ln λ.
+# Values of ln λ at which the integral over λ is computed as a sum. λ is the factor on two random
+# effects of one circle: its set-up shift (of zero and centre) and its discrepancy (unexplained
+# deviations of the orders 2 to 12). The steps are small compared with the width of the density of
+# ln λ.
 _LOG_LAMBDA = np.arange(-1.5, 3.01, 0.25)
 # Error allowed in each log evidence, and in each log probability that no compliance is negative
 # [nat].
@@ -77,14 +79,16 @@ def with_predictive(posterior: xr.DataTree, *, draws: int = 1000, seed: int = 1)
     test [mm], for ``arviz_stats.loo_pit``.
 
     ``log_likelihood.per_test`` (chain, draw, test) is ln p(y_r | y_−r, φ): the log density of the
-    readings of test r, given those of all other tests and the hyper-parameters. All unknowns that
-    enter linearly, and the scale λ_r of the circle itself, are integrated out under the truncation.
-    The harmonic mean of p over draws is the density of a circle left out (Bürkner, Gabry and
-    Vehtari 2021), so that ``arviz.loo`` estimates what `compare` computes. Pareto's k̂ is low, as
-    leaving a circle out changes only the weights of the hyper-parameters that circles share. If it
-    exceeds 0.4 nevertheless, p is raised to a power below one and scaled so that its harmonic mean
-    is the exact density. The sum of ln p over tests is not the log likelihood of all readings; for
-    the sensitivity of the posterior to the latter see ``Fit.sensitivity``.
+    readings of test r, given those of all other tests and the hyper-parameters φ (scales of the
+    noise and of other effects). All unknowns that enter linearly are integrated out, under the
+    condition that no compliance is negative if the model requires it. The factor λ_r on the set-up
+    shift and discrepancy of circle r, if the model has one, is integrated out as well. The harmonic
+    mean of p over draws is the density of a circle left out (Bürkner, Gabry and Vehtari 2021), so
+    that ``arviz.loo`` estimates what `compare` computes. Pareto's k̂ is low, as leaving a circle out
+    changes only the weights of the hyper-parameters that circles share. If it exceeds 0.4
+    nevertheless, p is raised to a power below one and scaled so that its harmonic mean is the exact
+    density. The sum of ln p over tests is not the log likelihood of all readings; for the
+    sensitivity of the posterior to the latter see ``Fit.sensitivity``.
 
     Examples
     --------
@@ -196,8 +200,9 @@ def log_likelihood_of_tests(bound: BoundModel, phi: Array) -> Array:
 
     The density is p(y_r | y_−r, φ), with the readings y_r of test r and y_−r of all other tests. φ
     are the hyper-parameters (scales of the noise and of other effects); ``phi``, shape (w, h),
-    holds w values of them. If the model has a factor on the set-up shift and discrepancy of test r
-    alone, this factor is integrated out. See `with_predictive`.
+    holds w values of them. If the model has a factor on the set-up shift (of zero and centre) and
+    discrepancy (unexplained deviations) of test r alone, this factor is integrated out. See
+    `with_predictive`.
     """
     log_evidence = in_chunks(partial(_log_evidence, bound), phi)
     log_density = np.empty((len(phi), len(bound.test_names)))
@@ -218,9 +223,10 @@ def _without_test(bound: BoundModel, name: str) -> BoundModel:
 def _without_circle_scale(bound: BoundModel, phi: Array, circle_scale: str) -> Array:
     """Return ln p(y | φ) with one hyper-parameter integrated out under its prior, shape (w,).
 
-    This is the factor on the set-up shift and discrepancy of one circle; ``circle_scale`` is its
-    name. y are the readings and φ the other hyper-parameters (scales of the noise and of other
-    effects). ``phi``, shape (w, h), holds w values of all hyper-parameters.
+    This is the factor on the set-up shift (of zero and centre) and discrepancy (unexplained
+    deviations) of one circle; ``circle_scale`` is its name. y are the readings and φ the other
+    hyper-parameters (scales of the noise and of other effects). ``phi``, shape (w, h), holds w
+    values of all hyper-parameters.
     """
     grid = np.tile(phi[:, None], (1, len(_LOG_LAMBDA), 1))
     grid[:, :, bound.hyper_prior.names.index(circle_scale)] = np.exp(_LOG_LAMBDA)

@@ -29,8 +29,8 @@ __all__ = [
 # posterior is to it (Kallioinen et al. 2023; they are ArviZ's defaults).
 _LOWER_POWER = 0.99
 _UPPER_POWER = 1.01
-# Probabilities of the quantiles for which the tail's effective sample size is computed (Vehtari et
-# al. 2021).
+# The effective sample size for the tails of a parameter is the smaller of those for its quantiles
+# at these probabilities (Vehtari et al. 2021).
 _TAILS = (0.05, 0.95)
 # Smallest number of importance weights whose tail can be judged: ArviZ fits a Pareto distribution
 # to a fifth of the weights and needs five.
@@ -47,9 +47,12 @@ _LARGEST_GOOD_K = 0.7
 class Diagnostics(NamedTuple):
     """Convergence diagnostics of random draws of d parameters."""
 
-    ess_bulk: Array  #: effective sample size for the mean, shape (d,)
-    ess_tail: Array  #: effective sample size for the tails, shape (d,)
-    rhat: Array  #: rank-normalised split R-hat (one if the chains agree), shape (d,)
+    ess_bulk: Array  #: effective sample size for the mean of each of d parameters, shape (d,)
+    #: effective sample size for the tails (quantiles at 5 % and 95 %) of each of d parameters,
+    #: shape (d,)
+    ess_tail: Array
+    #: rank-normalised split R-hat of each of d parameters, which is one if the chains agree, (d,)
+    rhat: Array
 
 
 def diagnose(chain: Array) -> Diagnostics:
@@ -121,7 +124,9 @@ class SmoothedWeights(NamedTuple):
 
     weights: Array  #: importance weights of n draws, which sum to one, shape (n,)
     pareto_k: float  #: shape k̂ of the Pareto distribution fitted to the largest weights
-    largest_pareto_k: float  #: largest k̂ with which the weights can be trusted
+    #: largest Pareto shape k̂ with which the importance weights of this number of draws can be
+    #: trusted
+    largest_pareto_k: float
 
 
 def pareto_smooth(log_ratio: Array) -> SmoothedWeights:

@@ -51,7 +51,7 @@ def log_evidence(model: HybridModel, campaign: Campaign, *, tolerance: float = 1
     campaign : Campaign
         Campaign with readings.
     tolerance : float
-        Error asked for [nat]; the error reached is ``error`` of the result.
+        Error of the log evidence asked for [nat]; the error reached is ``error`` of the result.
 
     Returns
     -------

@@ -3,7 +3,8 @@
 The evidence Z(y) is the density of the readings y under a model. Without test r the readings are
 y_−r, and ln p(y_r | y_−r) = ln Z(y) − ln Z(y_−r) states how well the other tests predict test r.
 The properties of the campaign stay those of all tests. Whole tests are left out, as the readings of
-one circle share their set-up shift and discrepancy and are not independent. φ are the
+one circle are not independent: they have the random shift of its zero and centre (set-up shift) and
+its unexplained deviations (discrepancy) in common. φ are the
 hyper-parameters, the scales of the noise and of other effects. Nodes are weighted points that
 represent p(φ | y).
 """
@@ -178,7 +179,7 @@ class Evidences(Shown):
 
     @property
     def every(self) -> list[Evidence]:
-        """All evidences computed so far, without those computed only coarsely."""
+        """Evidences of all models computed so far, without those computed only coarsely."""
         return [nodes.evidence for nodes in self._nodes.values()]
 
 
@@ -221,7 +222,7 @@ def leave_one_out(
     tolerance : float
         Error allowed in every log evidence [nat].
     progress : callable
-        Called after each model.
+        Function called without arguments after each model.
 
     Returns
     -------

@@ -64,7 +64,7 @@ _SMALLEST_VARIANCE_SHARE = 0.05
 
 
 class State(StrEnum):
-    """Whether the results of a fit can be used; see `Fit.state`."""
+    """Whether the results of a fit can be used; `Fit.state` states how this is decided."""
 
     USABLE = "usable"
     DOUBTFUL = "doubtful"
@@ -115,8 +115,9 @@ class Fit(Result):
     """How well a model fits the readings, and the warnings that the fit gives."""
 
     rmse_um: float  #: root-mean-square residual over all readings [µm] (Eq. 34 of the paper)
-    #: fitness of each test [%] (Eq. 35 of the paper), by name of the test; NaN if the test's
-    #: readings are all equal
+    #: fitness of each test [%] (Eq. 35 of the paper), by name of the test: 100 % minus the
+    #: root-mean-square residual in per cent of the range of the readings; NaN if these are all
+    #: equal
     fitness_percent: dict[str, float]
     #: log probability that no compliance is negative, under the posterior that allows negative ones
     log_prob_truncation: float
@@ -359,7 +360,7 @@ def _check_posterior(
     Parameters
     ----------
     bound
-        Model bound to the campaign.
+        Model applied to the campaign.
     phi
         Posterior draws of the hyper-parameters, shape (n, h) [mm].
     beta

@@ -36,9 +36,9 @@ _SCRAMBLES = 8
 # larger of ``_FEWEST_POINTS`` and ``_POINTS_PER_DIMENSION`` times the number of dimensions.
 _FEWEST_POINTS = 32.0
 _POINTS_PER_DIMENSION = 1.5
-# Factor by which each round of sampling has more points than the round before.
+# Each round of importance sampling has this number of times the points of the round before.
 _GROWTH = 4
-# Largest number of rounds of sampling.
+# Largest number of rounds of importance sampling, each of which draws new points.
 _ROUNDS = 5
 # A round of sampling is extended by more points if the effective sample size of its weights exceeds
 # this share of its number of points. Otherwise the proposal (the density drawn from) is fitted

@@ -21,7 +21,8 @@ __all__ = ["CHUNK", "LARGEST_PARETO_K", "Index", "Integral", "LogDensity", "in_c
 
 Index = NDArray[np.intp]
 LogDensity = Callable[[Array], Array]
-# Number of points at which a density is evaluated at once, so that arrays stay in the cache.
+# Number of points at which a density is evaluated at once, so that the arrays fit into the
+# processor's cache.
 CHUNK = 256
 # Importance weights can be trusted if the shape k̂ of the Pareto distribution fitted to the largest
 # of them is at most this. Vehtari et al. (2024) allow 0.7.
@@ -60,14 +61,17 @@ _TINY = 1e-300
 class Integral:
     """Integral ∫ f of a density f in h dimensions as a sum over n weighted nodes."""
 
-    free: Array  #: coordinates of the nodes, shape (n, h)
-    log_density: Array  #: logarithm of the density f at the nodes, shape (n,)
-    log_volume: Array  #: logarithm of the volume that each node represents, shape (n,)
-    #: index of the group that each node belongs to, shape (n,): a grid of a lattice, or a
-    #: randomised sequence of a sample; the nodes of each group estimate the integral by themselves
+    free: Array  #: coordinates of the n nodes in h dimensions, shape (n, h)
+    log_density: Array  #: logarithm of the density f to integrate at the n nodes, shape (n,)
+    #: logarithm of the volume that each of the n nodes represents, so that the integral is the sum
+    #: of density times volume, shape (n,)
+    log_volume: Array
+    #: index of the group to which each of the n nodes belongs, shape (n,): a grid of a lattice, or
+    #: a randomised sequence of a sample. The nodes of each group estimate the integral by
+    #: themselves.
     estimate: Index
-    #: whether a node is at the edge of a lattice, beyond which the density was not evaluated,
-    #: shape (n,)
+    #: whether each of the n nodes is at the edge of a lattice, beyond which the density was not
+    #: evaluated, shape (n,)
     edge: NDArray[np.bool_]
     #: density from which the nodes of a sample were drawn; None for a lattice
     proposal: Mixture | None
@@ -84,7 +88,7 @@ class Integral:
 
     @cached_property
     def weight(self) -> Array:
-        """Weights of the nodes, which sum to one, shape (n,)."""
+        """Weights of the n nodes, density times volume, scaled to sum to one, shape (n,)."""
         weight = np.exp(self._log_weight - self._log_weight.max())
         return weight / weight.sum()
 

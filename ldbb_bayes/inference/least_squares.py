@@ -1,4 +1,4 @@
-"""Least-squares estimate of the paper (Eq. 31), from the readings and the hybrid Jacobian.
+"""Least-squares estimate of compliances, slopes and geometric errors, as in the paper (Eq. 31).
 
 The uncertainty of this estimate accounts for white noise alone.
 """

@@ -58,8 +58,8 @@ _STOCK = 512
 class BlockPlan(NamedTuple):
     """Length of a block of steps of the sampler, and which of its steps are stored as draws."""
 
-    draws: int  #: number of draws stored of each walker
-    thin: int  #: number of steps from one stored draw to the next
+    draws: int  #: number of draws that the block of steps stores of each walker
+    thin: int  #: number of steps of the sampler from one stored draw to the next
 
 
 @dataclass(frozen=True)
@@ -80,11 +80,13 @@ class StoppingRule(Shown):
     True
     """
 
-    ess: float = 1000.0  #: effective sample size to reach
-    rhat: float = 1.01  #: largest R-hat allowed
-    max_steps: int = 20_000  #: largest number of steps of each ensemble
-    #: number of steps before the first assessment; later assessments are further apart, and not
-    #: every step of a long run is stored
+    #: effective sample size to reach for the mean and for the tails of every parameter
+    ess: float = 1000.0
+    rhat: float = 1.01  #: largest R-hat allowed of any parameter
+    #: largest number of steps of each ensemble of walkers, after which sampling stops in any case
+    max_steps: int = 20_000
+    #: number of steps of the sampler before its draws are first assessed; later assessments are
+    #: further apart, and not every step of a long run is stored
     block: int = 20
     discard: float = 0.25  #: share of the stored draws that is discarded as burn-in
     #: number of autocorrelation times that the draws kept must span, because an ensemble that has
@@ -139,8 +141,8 @@ class Progress:
     """Report that a run of the sampler makes each time that its draws are assessed."""
 
     steps: int  #: number of steps that the sampler has run so far
-    max_steps: int  #: largest number of steps allowed
-    target_ess: float  #: effective sample size asked for
+    max_steps: int  #: largest number of steps that the sampler may run
+    target_ess: float  #: effective sample size asked for of every parameter
     assessment: Assessment
     seconds_left: float | None = None  #: estimated time until the run stops [s]; None if unknown
 
@@ -306,7 +308,8 @@ class _Ensemble:
         self._sampler.log_prob_fn = log_density
         twister: Any = np.random.RandomState(seed.generate_state(8)).get_state()
         self._state = emcee.State(start, random_state=twister)
-        self.acceptance = 0.0  #: share of proposals accepted in the last block of steps
+        #: share of the walkers' proposed moves that were accepted in the last block of steps
+        self.acceptance = 0.0
 
     def run(self, plan: BlockPlan) -> Array:
         """Run the next block of steps, and return its stored draws, shape (draws, walkers, d).
@@ -341,8 +344,9 @@ def _moves(redraw: Redraw | None) -> list[tuple[Any, float]]:
 class _StoredBlock(NamedTuple):
     """Stored random draws of all ensembles of walkers from one block of steps."""
 
-    thin: int  #: number of steps from one stored draw to the next
-    draws: Array  #: stored draws of d coordinates, shape (ensembles, draws, walkers, d)
+    thin: int  #: number of steps of the sampler from one stored draw to the next
+    #: stored draws of the d coordinates of all walkers, shape (ensembles, draws, walkers, d)
+    draws: Array
 
 
 def _draws_after_burn_in(blocks: list[_StoredBlock], rule: StoppingRule) -> Array:
@@ -379,7 +383,8 @@ class RedrawMove:
     def __init__(self, redraw: Redraw) -> None:
         self._redraw = redraw
         self._stock: WeightedPoints | None = None
-        # Coordinates of all walkers after the last proposal of this move, and their log weights.
+        # Coordinates of all walkers after the last move of this kind, and their log importance
+        # weights there.
         self._last_coordinates = np.zeros(0)
         self._last_log_weight = np.zeros(0)
 

@@ -81,7 +81,7 @@ class SplitT:
     freedom: Array
 
     def log_density(self, points: Array) -> Array:
-        """Return the log density, shape (n,), at points of shape (n, h)."""
+        """Return the log density of the distribution, shape (n,), at points x of shape (n, h)."""
         z = np.linalg.solve(self.root, (points - self.centre).T).T
         above = z > 0.0
         scale = np.where(above, self.scale[1], self.scale[0])
@@ -99,7 +99,7 @@ class SplitT:
         masses = _side_masses(self.scale, self.freedom)
         side_probability = masses / masses.sum(axis=0)
         below = uniform < side_probability[0]
-        # Each side of a split t is one half of a Student-t distribution.
+        # Each side of a split Student-t distribution is one half of an ordinary one.
         probability_within_side = np.where(
             below, uniform / side_probability[0], (1.0 - uniform) / side_probability[1]
         )
@@ -157,7 +157,7 @@ class Mixture:
     def draw(self, size: int, rng: Random, *, temperature: float = 1.0) -> Array:
         """Return independent random draws from the mixture, shape (size, h).
 
-        Scales of the components are multiplied by the square root of ``temperature``.
+        The scales (widths) of the components are multiplied by the square root of ``temperature``.
         """
         limits = np.cumsum(self.share)[:-1]
         picked = np.searchsorted(limits, rng.uniform(size=size), side="right")

@@ -274,9 +274,10 @@ def _path_of(node: xr.DataTree) -> str:
 
 
 def campaign_record(campaign: Campaign) -> dict[str, Any]:
-    """Return the entry ``campaign`` of a posterior's record, from which it can be rebuilt.
+    """Return the entry ``campaign`` of a posterior's record: all fields of the campaign.
 
-    Readings and angles are left out, because the group ``constant_data`` of the posterior has them.
+    With it the campaign can be rebuilt. Readings and angles are left out, because the group
+    ``constant_data`` of the posterior has them.
     """
     campaign_fields = _fields(campaign, "name", "tests", "foreseen")
     for name in ("mount", "force_law", "instrument"):

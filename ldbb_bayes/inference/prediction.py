@@ -51,9 +51,9 @@ def predict(
 
     Bar, balls, mount and force device are those of the posterior. The effects of the machine and of
     shared nuisances (effects that are modelled but not of interest, such as ball form) are drawn
-    from the posterior. Set-up shift, discrepancy, random force error and white noise are drawn
-    anew. Effects that the campaign does not show, such as the length of the bar at another radius,
-    are drawn from their prior.
+    from the posterior. Set-up shift (of zero and centre), discrepancy (unexplained deviations of a
+    circle), random force error and white noise are drawn anew. Effects that the campaign does not
+    show, such as the length of the bar at another radius, are drawn from their prior.
 
     Parameters
     ----------
