@@ -78,8 +78,8 @@ def worth_of_certificates(
     Returns
     -------
     dict
-        Standard uncertainties in internal units (mm, N, rad), by certificate, such as ``mount ± 2
-        %``, then by parameter.
+        Standard uncertainties in internal units (mm, N, rad), by certificate (a key of
+        `CERTIFICATES`, "none of these" or "all of these"), then by parameter.
     """
     missing = _missing_certificates(bound.campaign.instrument)
     cases: dict[str, Mapping[str, Any]] = {"none of these": {}, **missing}
