@@ -114,7 +114,7 @@ class LogBayesFactor:
 
     B is the Bayes factor of the model with the parameters of interest over the model without them;
     both models are equally probable beforehand. S is the precision of the parameters in units of
-    the prior precision, and its eigenvalues are 1 + λ. ``rows`` and ``prior`` of an `Objective`
+    the prior precision, and its eigenvalues are 1 + λ. ``rows`` and ``prior`` of an ``Objective``
     with this criterion must therefore be scaled so that S of the prior alone is the identity.
 
     If the parameters exist, with a root mean square of ``size`` prior standard deviations, E[ln B]
