@@ -224,8 +224,8 @@ def _check_arguments(models: Mapping[str, HybridModel], draws: int) -> None:
 def _weigh_models(models: Mapping[str, HybridModel], evidences: Evidences) -> _WeightedModels:
     """Return the models of the average with their posterior probabilities.
 
-    They are each given model with each subset of its rival explanations. Their ``evidences`` are
-    computed where they are not known.
+    These models are each given model with each subset of its rival explanations. Evidences that
+    ``evidences`` does not hold yet are computed.
     """
     combinations = []
     variants = []

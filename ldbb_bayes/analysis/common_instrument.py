@@ -136,9 +136,10 @@ def _several_clockings(bounds: Sequence[BoundModel]) -> bool:
 
 
 def _share_hypers(bounds: Sequence[BoundModel], phi: Sequence[Array]) -> list[Array]:
-    """Return the hyper-parameters of both campaigns, made equal where they are the instrument's.
+    """Return the hyper-parameters of both campaigns, with common values for the instrument.
 
-    These are the scale of the balls' form errors and its decay; each is the mean of both campaigns.
+    The hyper-parameters of the instrument, the scale of the balls' form errors and its decay, are
+    replaced by their means over both campaigns.
     """
     shared = [values.copy() for values in phi]
     for name in _INSTRUMENT_HYPERS:

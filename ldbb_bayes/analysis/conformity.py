@@ -71,8 +71,8 @@ class Conformity(Result):
     unit: str  #: unit of the quantity, its limits, mean, sd and guard band
     #: force at which the quantity is stated [N]; None for geometric errors and slopes
     force_N: float | None
-    lower: float | None  #: lower limit of the tolerance; None where there is none
-    upper: float | None  #: upper limit of the tolerance; None where there is none
+    lower: float | None  #: lower limit of the tolerance; None if it has no lower limit
+    upper: float | None  #: upper limit of the tolerance; None if it has no upper limit
     mean: float  #: estimate of the quantity: its posterior mean
     sd: float  #: standard uncertainty of the quantity: its posterior standard deviation
     probability: float  #: probability of conformance: that the quantity lies between its limits
@@ -85,7 +85,7 @@ class Conformity(Result):
 
     @property
     def limits(self) -> tuple[float, float]:
-        """Lower and upper limit of the tolerance, infinite where there is none."""
+        """Lower and upper limit of the tolerance; infinite if there is no such limit."""
         return Tolerance(self.lower, self.upper).ends
 
 

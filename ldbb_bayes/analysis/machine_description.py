@@ -39,8 +39,8 @@ _COMPLIANCE_DEGREE = 2
 _GEOMETRIC_DEGREE = 1
 # Superscripts of the powers 0 … 4 of a symbol in a formula; those of 0 and 1 are empty.
 _EXPONENTS = ("", "", "²", "³", "⁴")
-# Factors in a formula are rounding errors where they are below this share of the pattern's largest
-# value, or below this number where that value is less than 1.
+# A factor in the formula of a parameter's pattern is a rounding error if it is below this share of
+# the pattern's largest value. If that value is less than 1, the limit is this number.
 _ROUNDING = 1e-9
 # Decimals to which a factor of a formula is rounded before it is printed.
 _FACTOR_DECIMALS = 9

@@ -64,8 +64,8 @@ class Tolerance(Shown):
     'conforms'
     """
 
-    lower: float | None = None  #: lower limit of the tolerance; None where there is none
-    upper: float | None = None  #: upper limit of the tolerance; None where there is none
+    lower: float | None = None  #: lower limit of the tolerance; None if it has no lower limit
+    upper: float | None = None  #: upper limit of the tolerance; None if it has no upper limit
 
     def __post_init__(self) -> None:
         low, high = self.ends
@@ -81,7 +81,7 @@ class Tolerance(Shown):
 
     @property
     def ends(self) -> tuple[float, float]:
-        """Lower and upper limit of the tolerance, infinite where there is none."""
+        """Lower and upper limit of the tolerance; infinite if there is no such limit."""
         return (
             -np.inf if self.lower is None else self.lower,
             np.inf if self.upper is None else self.upper,

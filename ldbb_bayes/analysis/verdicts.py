@@ -239,8 +239,8 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
     Returns
     -------
     Identifiability
-        Verdicts, unresolved combinations, their cures and the worth of certificates, in internal
-        units (mm, N, rad).
+        Verdicts on the parameters; combinations that no reading resolves, with remedies; and the
+        uncertainties to expect with further certificates. Units are internal (mm, N, rad).
 
     Raises
     ------

@@ -90,8 +90,8 @@ class Judged(Forecast):
 class Limits(Result):
     """Limits of what the tests of a design can show."""
 
-    #: number of different forces of the tests, if too few to show that the model's degree in force
-    #: is wrong; else None
+    #: number of different forces of the tests, if there are too few to show that the model's degree
+    #: of compliance in force is wrong; None if there are enough
     levels: int | None
     #: the only direction of travel, by plane, of the planes in which hysteresis is modelled but all
     #: circles run in one direction
