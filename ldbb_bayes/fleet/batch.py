@@ -57,7 +57,7 @@ class Batch(Result):
     ['campaigns/machine_1']
     """
 
-    out: Path  #: folder of the batch
+    out: Path  #: folder of the batch, which holds its table and its journal
     #: Parquet file with the batch's table, one row per campaign, in the folder of the batch
     dataset: Path
     campaigns: int  #: number of all campaigns of the batch
@@ -77,10 +77,10 @@ class Batch(Result):
     #: number of campaigns that this run of the batch tried to fit; earlier runs tried the others
     fitted: int
     seconds: float  #: duration of this run of the batch [s]
-    resumed: bool  #: whether this run continued an earlier run of the same batch
+    resumed: bool  #: whether this run of the batch continued an earlier run of it
 
     def rows(self) -> pd.DataFrame:
-        """Return the table of the batch, with one row per campaign, as `read_batch` does."""
+        """Return the table of the batch, one row per campaign; `read_batch` lists its columns."""
         return read_batch(self.out)
 
 
@@ -260,7 +260,11 @@ def _canonical_toml(model: HybridModel) -> str:
 def _started(
     executor: Executor | Callable[[], AbstractContextManager[Executor | None]] | None,
 ) -> Iterator[Executor | None]:
-    """Yield the executor that runs the fits; if a function is given, call it to start one."""
+    """Yield the executor that runs the fits of a batch, or None to run them in this process.
+
+    If ``executor`` is a function, it is called to start an executor, which is stopped when the
+    ``with`` block ends.
+    """
     if callable(executor):
         with executor() as started:
             yield started

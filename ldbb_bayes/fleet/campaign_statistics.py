@@ -40,10 +40,12 @@ class SufficientStatistics:
 
     names: tuple[str, ...]
     units: tuple[str, ...]
-    mean: Array  #: posterior means of the q quantities, shape (q,)
-    covariance: Array  #: posterior covariance matrix of the q quantities, shape (q, q)
-    prior_mean: Array  #: prior means of the q quantities, shape (q,)
-    prior_sd: Array  #: prior standard deviations of the q quantities, shape (q,)
+    mean: Array  #: posterior means of the q parameters and instrument errors, shape (q,)
+    #: posterior covariance matrix of the q parameters and instrument errors, shape (q, q)
+    covariance: Array
+    prior_mean: Array  #: prior means of the q parameters and instrument errors, shape (q,)
+    #: prior standard deviations of the q parameters and instrument errors, shape (q,)
+    prior_sd: Array
 
     def columns(self) -> dict[str, list[Any]]:
         """Return the statistics as lists, by the name of their column in a batch's table.

@@ -19,7 +19,8 @@ from ldbb_bayes.units import display_name, display_unit, round_uncertainty
 
 __all__ = ["draw_control_chart"]
 
-# Smallest probability of a change that a control chart marks by a vertical line.
+# A control chart marks a possible change of a parameter just before a campaign by a vertical line
+# if the probability of this change is above this.
 _VISIBLE_PROBABILITY = 0.05
 # Largest number of campaigns whose dates label the horizontal axis of a control chart.
 _LABELLED_CAMPAIGNS = 6
@@ -88,7 +89,9 @@ class _PanelData(NamedTuple):
     """Values that the panel of one parameter shows for n campaigns, in the unit of its axis."""
 
     place: Array  #: positions of the n campaigns on the panel's horizontal axis, 1 to n
-    estimate: Array  #: estimate of the parameter from each of n campaigns alone, shape (n,)
+    #: estimate of the parameter from each of n campaigns alone, in the unit of the panel's axis,
+    #: shape (n,)
+    estimate: Array
     #: lower and upper ends of the credible intervals of the estimates from n campaigns, shape (2,
     #: n)
     interval: Array

@@ -59,12 +59,13 @@ COLUMN_TYPES: Mapping[str, str] = _TABLE["columns"]
 # Arrow types, by name, of the columns on a campaign's sufficient statistics (means, covariance);
 # they are the last columns of a batch's table.
 STATISTICS_TYPES: Mapping[str, str] = _TABLE["gaussian"]
-# Names of the columns of a batch's table that a trend or a population needs.
+# Names of the columns of a batch's table that the analyses of many campaigns (trend of one machine,
+# population of machines) need.
 FLEET_COLUMNS: tuple[str, ...] = tuple(_TABLE["fleet"])
 
 
 def check_pyarrow() -> None:
-    """Raise an error, before any work is done, if pyarrow is not installed."""
+    """Raise an `InputError` if pyarrow, by which tables are read and written, is not installed."""
     try:
         import pyarrow.parquet  # noqa: F401 - import it to see if it is installed
     except ImportError:
@@ -261,7 +262,10 @@ def _parameter_units(schema: pa.Schema) -> dict[str, str]:
 
 
 def _dataset_of(path: Path) -> Path:
-    """Return the file path of a batch's table, given the batch's folder or the table itself."""
+    """Return the file path of a batch's table, given the batch's folder or the table itself.
+
+    Raise an `InputError` if there is no table.
+    """
     if (path / DATASET).is_file():
         return path / DATASET
     if (path / JOURNAL).is_file():

@@ -39,7 +39,8 @@ from ldbb_bayes.units import inside_name
 
 __all__ = ["FleetStatistics", "fleet_statistics", "reference_sd"]
 
-# Pattern of the names of a compliance's slope (C_…_1) and curvature (C_…_2) with force.
+# Pattern of the names of a compliance's slope with force, such as C_XXX_1, and of its curvature
+# with force, such as C_XXX_2.
 _SLOPE = re.compile(r"(C_.+)_([12])")
 
 
@@ -56,7 +57,7 @@ class FleetStatistics:
     campaigns: tuple[str, ...]
     machines: tuple[str, ...]
     dates: tuple[datetime | None, ...]
-    parameters: tuple[str, ...]  #: names of the c parameters to analyse
+    parameters: tuple[str, ...]  #: names of the c parameters to analyse, such as C_XXX
     units: tuple[str, ...]  #: internal unit (of mm, N and rad) of each of the c parameters
     #: names of the s instrument errors that all campaigns share; empty if the campaigns used
     #: different instruments
@@ -225,7 +226,10 @@ def _reference_force(rows: pd.DataFrame, reference_force_N: float | None) -> flo
 
 
 def _machine_names(rows: pd.DataFrame) -> tuple[str, ...]:
-    """Return the name of each campaign's machine: its machine_id, or else the campaign's path."""
+    """Return the name of each campaign's machine: its machine_id, or else the campaign's file path.
+
+    ``rows`` are rows of the table of a batch.
+    """
     names = []
     for machine_id, campaign in zip(rows["machine_id"], rows["campaign"], strict=True):
         names.append(machine_id if isinstance(machine_id, str) else str(campaign))
@@ -274,8 +278,10 @@ class _Likelihood(NamedTuple):
     #: shift η of the likelihood of q quantities: its precision matrix times the estimate, shape
     #: (q,)
     shift: Array
-    prior_mean: Array  #: prior means of the q quantities in the campaign's fit, shape (q,)
-    #: prior standard deviations of the q quantities in the campaign's fit, shape (q,)
+    #: prior means, in the campaign's fit, of the q parameters and instrument errors, shape (q,)
+    prior_mean: Array
+    #: prior standard deviations, in the campaign's fit, of the q parameters and instrument errors,
+    #: shape (q,)
     prior_sd: Array
 
 

@@ -12,7 +12,7 @@ from ldbb_bayes.files import bytes_of
 
 __all__ = ["gather"]
 
-# Largest permitted size of a text file that lists campaigns [bytes].
+# Largest permitted size of a text file that lists the file paths of campaigns [bytes].
 _LARGEST_LIST = 2**30
 
 

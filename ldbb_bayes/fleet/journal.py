@@ -158,10 +158,10 @@ def begin_batch(
 
     Parameters
     ----------
-    journal : open journal, see `open_journal`.
+    journal : open journal of the folder ``out``, see `open_journal`.
     out : folder of the batch.
-    jobs : campaigns of the batch.
-    identity : options and versions, see `batch_identity`.
+    jobs : campaigns of the batch, in order of their numbers.
+    identity : options and versions of the present run, see `batch_identity`.
     resume : continue the batch in the folder, if there is one.
     force : replace the batch in the folder, if there is one.
 

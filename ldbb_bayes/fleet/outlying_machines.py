@@ -51,7 +51,10 @@ _SMALLEST_P = 1e-300
 
 @dataclass(frozen=True, eq=False)
 class JudgedMachines:
-    """Comparison of each of n machines with the other machines, for c parameters."""
+    """Comparison of each of n machines with the other machines, by their c parameters.
+
+    It shows which machines do not belong to the population of the others.
+    """
 
     #: p-value of each of n machines, corrected for the numbers of parameters (Bonferroni) and of
     #: machines (Holm), shape (n,). If all machines belong to one population, the probability that

@@ -90,8 +90,8 @@ class _DrawLimits(NamedTuple):
     #: largest product of the number of random draws and the number of machines, unless ``lowest``
     #: draws exceed it
     pairs: int
-    lowest: int  #: smallest number of random draws, for any number of machines
-    highest: int  #: largest number of random draws, for any number of machines
+    lowest: int  #: smallest number of random draws of the spreads, for any number of machines
+    highest: int  #: largest number of random draws of the spreads, for any number of machines
 
     def size(self, machines: int) -> int:
         """Return the number of random draws of the spreads, a power of two, for some machines.
@@ -113,13 +113,17 @@ _MACHINE_DRAWS = _DrawLimits(pairs=1_000_000, lowest=256, highest=2048)
 
 @dataclass(frozen=True)
 class PooledParameter(Result):
-    """Distribution of one parameter over the machines of a population."""
+    """Distribution of one parameter over the machines of a population.
+
+    A summary is a mean, a standard deviation and a credible interval, in internal units (mm, N,
+    rad).
+    """
 
     unit: str  #: internal unit of the parameter, made of mm, N and rad
     #: prior sd, in ``unit``, of the parameter's mean over the population; the prior mean is zero
     prior_sd: float
     mean: Summary  #: mean of the parameter over the machines of the population
-    #: standard deviation of the parameter of the machines about the population's mean
+    #: spread of the parameter: its standard deviation from machine to machine about the mean
     spread: Summary
     #: prediction of the parameter for a machine of the population that was not measured
     next: Summary
@@ -146,7 +150,8 @@ class PooledMachine(Result):
     #: one population, the probability that any of them stands out this much is at most this
     #: p-value. None if there are fewer than six machines.
     p_value: float | None = None
-    flag: bool = False  #: whether the machine's p-value is below 5 %
+    #: whether the machine stands out from the others: its corrected p-value is below 5 %
+    flag: bool = False
     #: deviation of each parameter of the machine from what the other machines predict, by name of
     #: the parameter: the quantile of the normal distribution with the same two-sided p-value.
     #: Empty if there are fewer than six machines.
@@ -202,8 +207,8 @@ class Population(Result):
     #: whether every machine could be reliably compared with the others, to see if it belongs to
     #: their population
     judged: Annotated[bool, Field(exclude=True)]
-    #: SHA-256 of the readings of each campaign; by it, the population is refused as the prior of a
-    #: campaign that is already part of it
+    #: SHA-256 of the readings of each campaign and of the conditions under which they were taken;
+    #: by it, the population is refused as the prior of a campaign that is already part of it
     readings: Annotated[tuple[str, ...], Field(alias="readings_sha256")] = ()
 
     @property

@@ -45,7 +45,7 @@ class PopulationPrior(Shown):
     ()
     """
 
-    reference_force_N: float  #: force at which the compliances are stated [N]
+    reference_force_N: float  #: force at which the compliances of the prior are stated [N]
     machines: int  #: number of machines in the population from which the prior was made
     campaigns: int  #: number of campaigns in the population from which the prior was made
     #: prior mean of each compliance, by name, in internal units (mm, N, rad)
@@ -60,7 +60,8 @@ class PopulationPrior(Shown):
     compliances: Mapping[str, Meaning] = field(default_factory=dict)
     #: machine_id of each machine in the population from which the prior was made
     machine_ids: frozenset[str] = frozenset()
-    #: SHA-256 of the readings of each campaign in the population from which the prior was made
+    #: SHA-256 of the readings, and of the conditions under which they were taken, of each campaign
+    #: in the population from which the prior was made
     readings: frozenset[str] = frozenset()
     #: sentences on the limitations of the population from which the prior was made
     population_doubts: tuple[str, ...] = ()

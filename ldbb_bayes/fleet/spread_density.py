@@ -302,7 +302,7 @@ class Spreads:
 
     @property
     def effective(self) -> float:
-        """Return the effective number of random draws, 1 / Σ w², with their weights w."""
+        """Return the effective number of random draws, 1 / Σ w², with weights w that sum to one."""
         return 1.0 / float(np.sum(self.weight**2))
 
     def first(self, size: int) -> Spreads:

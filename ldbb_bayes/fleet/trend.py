@@ -78,7 +78,11 @@ _NOTHING = "–"
 
 @dataclass(frozen=True)
 class ParameterChange(Result):
-    """Step change of one parameter, in internal units (mm, N, rad)."""
+    """Possible step change of one parameter of a machine over time.
+
+    A summary is a mean, a standard deviation and a credible interval. All values are in internal
+    units (mm, N, rad).
+    """
 
     unit: str  #: internal unit of the parameter, made of mm, N and rad
     #: posterior probability that a parameter has changed and that it is this one
@@ -108,7 +112,7 @@ def _isoformat(date: datetime | None) -> str | None:
 
 @dataclass(frozen=True)
 class Visit(Result):
-    """One campaign in the trend of a machine."""
+    """One campaign in the trend of a machine over time."""
 
     #: label of the campaign: its name, or its file path if the name is missing or not unique
     campaign: str
@@ -557,7 +561,7 @@ def _level_now(levels: Levels, j: int) -> Summary:
 
 
 def _scaled(summary: Summary, scale: float) -> Summary:
-    """Return a summary with mean, sd and interval multiplied by a factor."""
+    """Return a summary with mean, sd and credible interval multiplied by the factor ``scale``."""
     low, high = summary.interval
     return Summary(scale * summary.mean, scale * summary.sd, (scale * low, scale * high))
 

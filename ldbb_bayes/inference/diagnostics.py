@@ -120,10 +120,14 @@ def _scaling_weights(log_density: Array, power: float, parameters: int) -> Array
 
 
 class SmoothedWeights(NamedTuple):
-    """Importance weights with the largest ones smoothed by a Pareto distribution."""
+    """Importance weights of n draws, with the largest ones smoothed by a Pareto distribution.
 
-    weights: Array  #: importance weights of n draws, which sum to one, shape (n,)
-    pareto_k: float  #: shape k̂ of the Pareto distribution fitted to the largest weights
+    The shape k̂ of this distribution states whether averages with the weights can be trusted.
+    """
+
+    weights: Array  #: smoothed importance weights of n draws, which sum to one, shape (n,)
+    #: shape k̂ of the Pareto distribution fitted to the largest importance weights
+    pareto_k: float
     #: largest Pareto shape k̂ with which the importance weights of this number of draws can be
     #: trusted
     largest_pareto_k: float

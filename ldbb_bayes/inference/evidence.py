@@ -111,7 +111,7 @@ def warn_of_untrusted_weights(nodes: Nodes) -> None:
 
 
 def require_models(models: Mapping[str, HybridModel]) -> None:
-    """Raise an `InputError` unless the argument is a mapping of names to at least one model."""
+    """Raise an `InputError` unless ``models`` is a mapping from names to at least one model."""
     are_models = isinstance(models, Mapping) and all(
         isinstance(model, HybridModel) for model in models.values()
     )

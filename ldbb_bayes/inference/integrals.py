@@ -73,7 +73,8 @@ class Integral:
     #: whether each of the n nodes is at the edge of a lattice, beyond which the density was not
     #: evaluated, shape (n,)
     edge: NDArray[np.bool_]
-    #: density from which the nodes of a sample were drawn; None for a lattice
+    #: density from which the nodes of a sample were drawn at random; None for the nodes of a
+    #: lattice
     proposal: Mixture | None
     #: largest share of the integral that may lie in nodes at which the density was not evaluated
     #: because their weight is small
@@ -104,13 +105,16 @@ class Integral:
 
     @cached_property
     def grid_difference(self) -> float:
-        """Difference between the log integrals from the two grids of a lattice [nat]."""
+        """Absolute difference between the log integrals ln ∫ f from a lattice's two grids [nat]."""
         share = np.maximum(np.bincount(self.estimate, self.weight), _TINY)
         return abs(float(np.diff(np.log(share))[0]))
 
     @property
     def edge_error(self) -> float:
-        """Estimate of the largest share of the integral beyond the edge of a lattice."""
+        """Estimate of the largest share of the integral that lies beyond the edge of a lattice.
+
+        It is three times the share of the integral in the nodes at the edge.
+        """
         return _BEYOND_EDGE * float(self.weight[self.edge].sum())
 
     @cached_property

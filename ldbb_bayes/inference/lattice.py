@@ -22,7 +22,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["grow_lattice"]
 
-# A coarse lattice is used where the tolerance of the log integral is at least this [nat].
+# An integral is computed from a coarse lattice if the error allowed in its logarithm is at least
+# this [nat], else from a fine lattice.
 _LOOSE_TOLERANCE = 1e-2
 # First step of a coarse lattice, in standard deviations of the density at its highest mode.
 _LOOSE_STEP = 2.0
@@ -153,7 +154,7 @@ def _points(centre: Array, cell: Array, places: Array) -> Array:
 
 
 class _Grid(NamedTuple):
-    """One of the two grids of a lattice."""
+    """Nodes of one of the two regular grids that form a lattice, and the density there."""
 
     #: positions of the grid's n nodes in h dimensions, relative to the centre of the lattice and in
     #: multiples of the grid's steps, shape (n, h)

@@ -88,7 +88,8 @@ class StoppingRule(Shown):
     #: number of steps of the sampler before its draws are first assessed; later assessments are
     #: further apart, and not every step of a long run is stored
     block: int = 20
-    discard: float = 0.25  #: share of the stored draws that is discarded as burn-in
+    #: share of the stored draws, the first ones, that is discarded as burn-in
+    discard: float = 0.25
     #: number of autocorrelation times that the draws kept must span, because an ensemble that has
     #: hardly moved can look well mixed
     lengths: float = 6.0
@@ -144,7 +145,8 @@ class Progress:
     max_steps: int  #: largest number of steps that the sampler may run
     target_ess: float  #: effective sample size asked for of every parameter
     assessment: Assessment
-    seconds_left: float | None = None  #: estimated time until the run stops [s]; None if unknown
+    #: estimated time until the run of the sampler stops [s]; None if it cannot be estimated
+    seconds_left: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +157,7 @@ class EnsembleRun:
     #: follow each other
     chain: Array
     assessment: Assessment
-    converged: bool  #: whether the draws meet the stopping rule
+    converged: bool  #: whether the draws meet the stopping rule (effective sample size and R-hat)
     steps: int  #: number of steps that each ensemble of walkers made
     walkers: int  #: number of walkers of each ensemble; 1 if the draws are independent
     acceptance: float  #: share of the proposed moves, or of proposed draws, that were accepted

@@ -427,8 +427,10 @@ class Evidence:
     log_value: float
     #: error of the log evidence [nat]; infinite if the weights of the nodes cannot be trusted
     error: float
-    nodes: int  #: number of nodes of the quadrature over the hyper-parameters
-    sha256: str  #: digest (SHA-256) of the readings
+    #: number of nodes (values of the hyper-parameters) from which the log evidence was computed
+    nodes: int
+    #: digest (SHA-256) of the readings and of the conditions under which they were taken
+    sha256: str
 
     @property
     def trusted(self) -> bool:
@@ -524,8 +526,8 @@ class Nodes:
     def _digest(self) -> str:
         """Return the digest (SHA-256) of the readings from which the nodes were computed.
 
-        If tests of the campaign are left out, the digest also covers the names of the tests that
-        remain.
+        It also covers the conditions under which they were taken and, if tests of the campaign are
+        left out, the names of the tests that remain.
         """
         campaign = self.bound.campaign
         names = self.bound.test_names

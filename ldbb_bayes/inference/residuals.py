@@ -41,9 +41,12 @@ class FitQuality:
     its readings.
     """
 
-    rmse_um: float  #: root-mean-square residual over all readings [µm]
-    rmse_by_test_um: dict[str, float]  #: root-mean-square residual of each test [µm], by test name
-    fitness_percent: dict[str, float]  #: fitness of each test [%], by name of the test
+    rmse_um: float  #: root-mean-square residual over the readings of all tests [µm]
+    #: root-mean-square residual over the readings of each test [µm], by name of the test
+    rmse_by_test_um: dict[str, float]
+    #: fitness of each test [%], by name of the test: 100 % minus the root-mean-square residual in
+    #: per cent of the range of the readings
+    fitness_percent: dict[str, float]
 
 
 def fit_quality(bound: BoundModel, phi: Array, beta: Array) -> FitQuality:

@@ -172,7 +172,10 @@ def sample(
 
 
 def sampler_named(name: str) -> str:
-    """Return the present name of a sampler; raise an `InputError` for an unknown one."""
+    """Return the present name of a sampler, "joint" or "independent", given it or a former name.
+
+    Raise an `InputError` for an unknown name.
+    """
     sampler = renamed(
         "sampler", name, {"quadrature": "independent"}, refused_from="0.3.0", stacklevel=5
     )
@@ -283,7 +286,8 @@ def run_sampler(
         try:
             return _sample_independently(start, rule=rule, seed=seed, progress=progress)
         except TooRoughError:
-            # Sample jointly instead, as the weights of independent draws cannot be trusted.
+            # Sample jointly by emcee instead, as the weights of independent draws cannot be
+            # trusted.
             pass
     return _sample_jointly(start, rule=rule, seed=seed, progress=progress, **ensembles)
 
