@@ -1,4 +1,4 @@
-"""Campaigns: the tests of one machine; a plan is a campaign without readings."""
+"""Campaigns: the circular tests of one machine. A plan is a campaign without readings."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ __all__ = [
     "require_campaign",
 ]
 
-# Fields of a campaign that are only names and dates; no result depends on them.
+# Names of the fields of a campaign that hold names and dates, on which no result depends.
 LABELS = (
     "machine_id",
     "date",
@@ -66,9 +66,9 @@ LABELS = (
     "ball_bar_calibrated",
     "force_device",
 )
-# Longest one-line text (``repr``) that displays a campaign [characters].
+# Longest one-line text (``repr``) by which Python displays a campaign [characters].
 _LONGEST_REPR = 80
-# Fields of a test that always enter the SHA-256 digest of a campaign.
+# Names of the fields of a test whose values always enter the SHA-256 digest of its campaign.
 _DIGESTED_ALWAYS = (
     "force_N",
     "pressure_bar",
@@ -80,8 +80,9 @@ _DIGESTED_ALWAYS = (
     "centre_x_mm",
     "centre_y_mm",
 )
-# Usual values of further fields of a test. Such a field enters the campaign's SHA-256 digest only
-# if it has another value, so that digests from older versions of the program stay valid.
+# Usual values of those fields of a test that enter the SHA-256 digest of its campaign only if they
+# have another value. Digests from older versions of the program, which lacked these fields, thereby
+# stay valid.
 _DIGESTED_UNLESS_USUAL = {
     "centre_z_mm": 0.0,
     "setup": 1.0,
@@ -91,9 +92,10 @@ _DIGESTED_UNLESS_USUAL = {
 
 
 def _as_tuple(tests: Any) -> Any:
-    """Return an iterable of tests as a tuple, and any other object unchanged.
+    """Return an iterable of tests as a tuple.
 
-    Texts and mappings are also unchanged; the validation that follows refuses them.
+    Return texts, mappings and objects that are not iterable unchanged; the validation that follows
+    refuses them.
     """
     if isinstance(tests, str | bytes | Mapping):
         return tests
@@ -103,7 +105,8 @@ def _as_tuple(tests: Any) -> Any:
         return tests
 
 
-# Type of a field of tests: any iterable of tests is accepted, and stored as a tuple.
+# Type of a field of a campaign that holds tests: any iterable of tests is accepted, and stored as a
+# tuple.
 Tests = Annotated[Sequence[CircularTest], BeforeValidator(_as_tuple)]
 
 
@@ -111,36 +114,44 @@ Tests = Annotated[Sequence[CircularTest], BeforeValidator(_as_tuple)]
 class CampaignFields(Shown):
     """Fields of a campaign that describe machine, instrument and conditions, but not the tests.
 
-    A program or ``campaign.toml`` states them.
+    A program or the file ``campaign.toml`` states their values.
     """
 
-    topology: str = "wCAFYXZSt"  #: machine axes in order from workpiece to tool
-    plane: str = "XY"  #: plane of all tests that do not state their own
-    radius_mm: Length = 150.0  #: radius of all tests that do not state their own
+    #: machine axes in order from workpiece to tool, such as wCAFYXZSt: w is the workpiece, F the
+    #: machine's foundation, S the spindle and t the tool
+    topology: str = "wCAFYXZSt"
+    plane: str = "XY"  #: plane (XY, YZ or ZX) of all tests that do not state their own
+    radius_mm: Length = 150.0  #: radius [mm] of all tests that do not state their own
     name: Label | None = None  #: name of the campaign
-    #: name that tells the machines of a fleet apart; default: the serial number
+    #: name that tells the machines of a fleet apart; by default the machine's serial number
     machine_id: Label | None = None
-    date: Date | None = None  #: date in ISO 8601 (2026-11-20, 2026-11-20T14:30)
-    # The following names are printed on the report; no number depends on them.
+    #: date of the measurement in ISO 8601, such as 2026-11-20 or 2026-11-20T14:30
+    date: Date | None = None
+    # The names and the date from here to `force_device` are printed on the report; no number
+    # depends on them.
     machine_type: Label | None = None  #: maker and type of the machine
     serial_number: Label | None = None  #: serial number of the machine
-    operator: Label | None = None  #: person who measured
+    operator: Label | None = None  #: name of the person who measured
     place: Label | None = None  #: place of the measurement
     ball_bar: Label | None = None  #: type and number of the ball bar
     ball_bar_calibrated: Date | None = None  #: date of the ball bar's calibration, ISO 8601
     #: name of the device that makes or measures the force, and of its certificate
     force_device: Label | None = None
-    #: tolerances with their units, by quantity: {"C_XXX": "60 nm/N"}. They do not influence a fit;
-    #: `assess_conformity` uses them.
+    #: tolerances as texts with their units, by the name of the quantity, such as
+    #: {"C_XXX": "60 nm/N"}. They do not influence a fit; `assess_conformity` uses them.
     tolerances: Mapping[str, str] = field(default_factory=dict)
-    feed_mm_per_min: Number | None = None  #: feed along the circle
-    #: resolution of the readout; the standard deviation of the noise is at least resolution/√12
+    feed_mm_per_min: Number | None = None  #: feed of the tool along the circle [mm/min]
+    #: resolution of the ball bar's readout [µm]; the standard deviation of the readings' noise is
+    #: at least resolution/√12
     resolution_um: Positive = 0.24
-    #: deflection of the work ball's mount, and whether readings are compensated for it
+    #: deflection of the work ball's mount, and whether the readings are compensated for it
     mount: MountCompensation = field(default_factory=MountCompensation)
-    #: relation of force and pressure, used where a test states only one of them
+    #: relation between the bar's force and the regulator's pressure, used for tests that state only
+    #: one of them
     force_law: ForceLaw = field(default_factory=ForceLaw)
-    #: position (X, Y, Z) of the frame of each joint, by axis letter, as in `Machine`
+    #: position (X, Y, Z) [mm] of the frame of each joint of the machine with all axes at zero,
+    #: relative to the point where the two balls coincide, by the letter of the joint's axis, as in
+    #: `Machine`
     frames_mm: SkipValidation[Mapping[str, Sequence[float]]] = field(default_factory=dict)
 
 
@@ -150,14 +161,14 @@ class Campaign(CampaignFields):
     """Circular tests of one machine, with readings or, as a plan, without.
 
     ``lb.Plan`` is another name of the same class. Tests take the radius, plane and centre that they
-    do not state from the campaign, and a missing force or pressure from its force law. Tests
-    without a name are named after their force.
+    do not state from the campaign. If a test states only force or only pressure, the campaign's
+    force law gives the other. Tests without a name are named after their force.
 
     Raises
     ------
     InputError
-        If there are no tests, names are repeated, the machine does not have a test's plane, or
-        only some of the tests have readings.
+        If there are no tests, if two tests have the same name, if the machine cannot run the plane
+        of a test, or if only some of the tests have readings.
 
     Examples
     --------
@@ -171,16 +182,16 @@ class Campaign(CampaignFields):
     ['f100', 'f400', 'f700']
     """
 
-    tests: Tests  #: tests, either all with readings or all without
+    tests: Tests  #: circular tests of the campaign, either all with readings or all without
     name: Label = field(default="campaign", kw_only=True)  #: name of the campaign
-    #: centre of the circle in all tests that do not state their own
+    #: centre (X, Y, Z) of the circle [mm] in all tests that do not state their own
     centre_mm: Annotated[Sequence[Coordinate], AfterValidator(tuple)] = field(
         default=(0.0, 0.0, 0.0), kw_only=True
     )
-    #: certified properties of the instrument
+    #: certified properties of the instrument: balls, bar, mount, force and angle
     instrument: Instrument = field(default_factory=Instrument, kw_only=True)
-    #: tests that may be run later: the model already includes the effects that only these tests can
-    #: show. Their readings are ignored.
+    #: tests that may be run later, without readings. The model of the campaign already includes the
+    #: effects that only these tests can show.
     foreseen: Tests = field(default=(), kw_only=True)
 
     def __post_init__(self) -> None:
@@ -201,13 +212,17 @@ class Campaign(CampaignFields):
         object.__setattr__(self, "machine_id", self.machine_id or self.serial_number)
 
     def _complete(self, test: CircularTest) -> CircularTest:
-        """Return the test with every unstated field filled in from the campaign."""
+        """Return a test with radius, plane, centre, set-up, force and pressure filled in.
+
+        What the test does not state comes from the campaign. Raise an `InputError` if the force law
+        gives a force that is not positive.
+        """
         completed: dict[str, Any] = {
             "radius_mm": self.radius_mm,
             "plane": self.plane,
             "setup": 1,
         }
-        # If the campaign's centre has only two coordinates, its Z is zero.
+        # If the centre that the campaign states has only the coordinates X and Y, Z is zero.
         completed |= dict(zip(CENTRE, (*self.centre_mm, 0.0)[:3], strict=True))
         for name in completed:
             stated = getattr(test, name)
@@ -231,12 +246,12 @@ class Campaign(CampaignFields):
         return force_N
 
     def machine(self) -> Machine:
-        """Return the machine, with the planes of all tests, run or foreseen."""
+        """Return the machine of the campaign, with the planes of all tests and foreseen tests."""
         return Machine(self.topology, tuple(str(test.plane) for test in self.scope), self.frames_mm)
 
     @property
     def scope(self) -> tuple[CircularTest, ...]:
-        """All tests that determine which effects the model has: tests run, then tests foreseen."""
+        """All tests that determine which effects the model has: ``tests``, then ``foreseen``."""
         return (*self.tests, *self.foreseen)
 
     @property
@@ -251,7 +266,10 @@ class Campaign(CampaignFields):
 
     @property
     def force_levels(self) -> int:
-        """Number of different forces; forces within 0.1 % of the largest force count as equal."""
+        """Number of different forces of the tests.
+
+        Forces that differ by at most 0.1 % of the largest force count as equal.
+        """
         return len(distinct_forces(self.forces_N))
 
     @property
@@ -265,17 +283,17 @@ class Campaign(CampaignFields):
         return sum(len(test.angle_deg) for test in self.tests)
 
     def without(self, *names: str) -> Campaign:
-        """Return the campaign without the named tests.
+        """Return the campaign without the tests of these names.
 
-        Raise an `InputError` for an unknown name.
+        Raise an `InputError` for an unknown name, or if no test is left.
         """
         check_known("test", names, [test.name for test in self.tests])
         return replace(self, tests=tuple(test for test in self.tests if test.name not in names))
 
     def select(self, names: Sequence[str]) -> Campaign:
-        """Return the campaign with the named tests alone.
+        """Return the campaign with the tests of these names alone, in the campaign's order.
 
-        Raise an `InputError` for an unknown name.
+        Raise an `InputError` for an unknown name, or if no test is named.
         """
         check_known("test", names, [test.name for test in self.tests])
         return self.without(*(test.name for test in self.tests if test.name not in names))
@@ -296,8 +314,9 @@ class Campaign(CampaignFields):
     def sha256(self) -> str:
         """SHA-256 digest of the readings and the conditions under which they were taken.
 
-        The digest does not depend on how the files are written. It does not depend on certificates
-        either, which enter the model as prior knowledge.
+        Campaigns with equal readings and conditions have the same digest, however their files are
+        written. Certificates do not change the digest, because they enter the model as prior
+        knowledge.
         """
         digest = hashlib.sha256()
         head: list[Any] = [
@@ -335,7 +354,10 @@ def require_campaign(campaign: object) -> None:
 
 
 def _digested_fields(test: CircularTest) -> list[Any]:
-    """Return the fields of a test that enter the campaign's digest, without angles and readings."""
+    """Return the values of a test that enter the SHA-256 digest of its campaign.
+
+    Angles and readings, which enter the digest too, are not among them.
+    """
     digested: list[Any] = [test.name]
     digested += [getattr(test, name) for name in _DIGESTED_ALWAYS]
     for name, usual in _DIGESTED_UNLESS_USUAL.items():
@@ -350,8 +372,8 @@ def _digested_fields(test: CircularTest) -> list[Any]:
 def _name_tests(tests: Sequence[CircularTest]) -> tuple[CircularTest, ...]:
     """Return the tests with a name for each; tests without one are named after their force.
 
-    The name of a test at 36 N is f036; repetitions of a force are numbered. Raise an `InputError`
-    for a name that the user gave twice.
+    The name of a test at 36 N is f036, that of a second test at this force f036_2. Raise an
+    `InputError` for a name that the user gave twice.
     """
     given_names = [test.name for test in tests if test.name]
     for name in given_names:
@@ -372,7 +394,10 @@ def _name_tests(tests: Sequence[CircularTest]) -> tuple[CircularTest, ...]:
 
 
 def _free_name(stem: str, names: set[str]) -> str:
-    """Return a name that is not in ``names``: the stem, or the stem with the first free number."""
+    """Return a name that is not in ``names``.
+
+    It is ``stem`` itself or, if this name is taken, the first of stem_2, stem_3, … that is not.
+    """
     name = stem
     number = 1
     while name in names:

@@ -1,4 +1,4 @@
-"""Reading of campaign.toml, and of the CSV files and calibration certificates that it names."""
+"""Reading of the file campaign.toml, and of CSV files and calibration certificates it names."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from ldbb_bayes.files import read_toml, validated
 
 __all__ = ["LARGEST_PLAN", "CampaignContent", "read_campaign_toml"]
 
-# Number of readings of a planned test if campaign.toml states none.
+# Number of readings of a planned test for which campaign.toml states no number.
 _PLANNED_READINGS = 720
-# Largest number of readings of a plan.
+# Largest number of readings of all planned tests of a campaign together.
 LARGEST_PLAN = 2_000_000
-# Keys of a [[test]] in campaign.toml that only planned tests may have.
+# Keys of a table [[test]] in campaign.toml that only planned tests, without readings, may have.
 _PLAN_KEYS = ("readings", "start_deg", "arc_deg")
 _STRICT = ConfigDict(extra="forbid", defer_build=True)
 
@@ -40,8 +40,9 @@ class _TestFile(TestFields):
     arc_deg: Annotated[Number, Field(ge=-360.0, le=360.0)] | None = None
 
 
-# The following classes are tables of campaign.toml with certified values. Key U_um of the table
-# [bar] is the field bar_U_um of `Instrument`, and other keys follow the same rule.
+# The classes _Balls, _Bar, _Mount, _Force and _Angle are the tables of campaign.toml that hold
+# certified values. The key U_um of the table [bar] becomes the field bar_U_um of `Instrument`;
+# other keys follow the same rule.
 @dataclass(frozen=True, config=_STRICT)
 class _Balls:
     work: Ball = field(default_factory=Ball)
@@ -93,11 +94,15 @@ class CampaignContent(NamedTuple):
     """Content of campaign.toml: the tests, and the other fields of the campaign by name."""
 
     tests: tuple[CircularTest, ...]
-    fields: dict[str, Any]  # fields of the campaign other than its tests
+    fields: dict[str, Any]  # values of the campaign's fields other than its tests, by name
 
 
 def read_campaign_toml(path: Path) -> CampaignContent:
-    """Return the tests and the other fields of the campaign that a campaign.toml describes."""
+    """Return the tests and the other fields of the campaign that a campaign.toml describes.
+
+    The CSV files and calibration certificates that it names are read too. Raise an `InputError` for
+    a mistake in a file; the message names the file.
+    """
     content = read_toml(path)
     _fill_from_certificates(path, content)
     file = validated(_CampaignFile, content, str(path))
@@ -118,10 +123,11 @@ def read_campaign_toml(path: Path) -> CampaignContent:
 
 
 def _fill_from_certificates(path: Path, content: dict[str, Any]) -> None:
-    """Replace the name of each digital calibration certificate (DCC) by what it states.
+    """Replace the file name of each digital calibration certificate (DCC) by what it states.
 
-    ``content`` is the content of campaign.toml, in which the key ``dcc`` of a table names the
-    certificate's file.
+    ``content`` is the content of the campaign.toml at ``path``, which is changed in place. The key
+    ``dcc`` of a table names the file of a certificate; it is replaced by the keys that the
+    certificate states. Raise an `InputError` if the table states one of these keys too.
     """
     tables = {"bar": content.get("bar"), "force": content.get("force")}
     balls = content.get("balls", {})
@@ -146,9 +152,11 @@ def _fill_from_certificates(path: Path, content: dict[str, Any]) -> None:
 
 
 def _mount_of(path: Path, file: _CampaignFile, content: Mapping[str, Any]) -> MountCompensation:
-    """Return the deflection of the mount, and whether readings are compensated for it.
+    """Return the deflection of the work ball's mount, and whether readings are compensated for it.
 
-    A stated stiffness is converted to a deflection per bar by the slope of the force law.
+    If campaign.toml states a stiffness [N/µm], it is converted to a deflection per bar by the slope
+    of the force law [N/bar]. ``content`` is the file's content before defaults were filled in.
+    Raise an `InputError` if it states both stiffness and deflection.
     """
     stated = content.get("mount", {}).keys()
     require(
@@ -163,7 +171,10 @@ def _mount_of(path: Path, file: _CampaignFile, content: Mapping[str, Any]) -> Mo
 
 
 def _instrument_of(path: Path, file: _CampaignFile) -> Instrument:
-    """Return the instrument with the certified values in all tables of campaign.toml."""
+    """Return the instrument with the certified values that all tables of campaign.toml state.
+
+    ``file`` is the validated content of the campaign.toml at ``path``.
+    """
     tables = {"bar": file.bar, "mount": file.mount, "force": file.force_law, "angle": file.angle}
     stated: dict[str, Any] = {"work": file.balls.work, "tool": file.balls.tool}
     for table_name, table in tables.items():
@@ -193,7 +204,11 @@ def _read_test(toml: Path, number: int, entry: _TestFile) -> CircularTest:
 
 
 def _planned_angles(plan: Mapping[str, Any]) -> Any:
-    """Return the angles of a planned test [deg]; a full turn does not repeat its first angle."""
+    """Return the angles of a planned test [deg], in equal steps.
+
+    ``plan`` holds number of readings, start and arc, by the keys of campaign.toml. The arc includes
+    both end points, unless it is a full turn, in which the first angle is not repeated.
+    """
     readings = plan.get("readings", _PLANNED_READINGS)
     arc_deg = plan.get("arc_deg", 360.0)
     steps = readings - 1
@@ -205,7 +220,17 @@ def _planned_angles(plan: Mapping[str, Any]) -> Any:
 def _path_inside(toml: Path, place: str, file: str) -> Path:
     """Return the path of a file that campaign.toml names.
 
-    Raise an `InputError` if the file is not inside the campaign's folder, after links are followed.
+    Raise an `InputError` if the file does not exist, or is not inside the campaign's folder after
+    symbolic links are followed.
+
+    Parameters
+    ----------
+    toml
+        Path of campaign.toml.
+    place
+        Place in campaign.toml that names the file, for error messages.
+    file
+        Name of the file, relative to the campaign's folder.
     """
     folder = toml.parent
     root = folder.resolve()

@@ -1,4 +1,4 @@
-"""Writing of campaign folders: a file campaign.toml, and one CSV of readings per test."""
+"""Writing of campaign folders: a file campaign.toml, and one CSV file of readings per test."""
 
 from __future__ import annotations
 
@@ -17,14 +17,17 @@ from ldbb_bayes.errors import require
 __all__ = ["TOML_NAME", "write_campaign_into"]
 
 TOML_NAME = "campaign.toml"
-# Version of the format of campaign.toml.
+# Version of the format of campaign.toml, its key ``schema``.
 _SCHEMA = 1
 # Relative tolerance within which the arc of a planned test counts as a full turn.
 _TURN_TOLERANCE = 1e-6
 
 
 def write_campaign_into(campaign: Campaign, folder: Path) -> None:
-    """Write campaign.toml and the CSV files of readings into an existing folder."""
+    """Write campaign.toml and one CSV file of readings for each test into an existing folder.
+
+    Planned tests, which have no readings, get no CSV file.
+    """
     text = tomli_w.dumps(_without_none(_campaign_tables(campaign)))
     for test in campaign.tests:
         text += f"\n[[test]]\n{tomli_w.dumps(_test_table(campaign, test))}"
@@ -42,7 +45,10 @@ def _write_readings(test: CircularTest, path: Path) -> None:
 
 
 def _campaign_tables(campaign: Campaign) -> dict[str, Any]:
-    """Return the content of campaign.toml, apart from the tests, as nested dictionaries."""
+    """Return the content of campaign.toml without the tests, as nested dictionaries.
+
+    Values that the campaign does not state are None.
+    """
     tables: dict[str, Any] = {"schema": _SCHEMA}
     for name in ("topology", "plane", "radius_mm", "name", *LABELS):
         tables[name] = getattr(campaign, name)
@@ -58,9 +64,10 @@ def _campaign_tables(campaign: Campaign) -> dict[str, Any]:
 
 
 def _add_certificates(tables: dict[str, Any], instrument: Instrument) -> None:
-    """Add the certified values of the instrument to the tables of campaign.toml.
+    """Add the certified values of the instrument to the tables of campaign.toml, in place.
 
-    The field bar_U_um, for example, becomes the key U_um of the table [bar].
+    The field bar_U_um of the instrument, for example, becomes the key U_um of the table [bar].
+    Values that no certificate states are left out.
     """
     stated = asdict(instrument)
     balls = {}
@@ -76,7 +83,11 @@ def _add_certificates(tables: dict[str, Any], instrument: Instrument) -> None:
 
 
 def _test_table(campaign: Campaign, test: CircularTest) -> dict[str, Any]:
-    """Return the table [[test]] of campaign.toml for a test, without fields at their defaults."""
+    """Return the table [[test]] of campaign.toml for one test of a campaign.
+
+    Fields with the value that reading the file would fill in anyway are left out, such as the
+    campaign's radius.
+    """
     usual = {
         "radius_mm": campaign.radius_mm,
         "plane": campaign.plane,
@@ -98,7 +109,10 @@ def _test_table(campaign: Campaign, test: CircularTest) -> dict[str, Any]:
 
 
 def _planned_angles_table(test: CircularTest) -> dict[str, Any]:
-    """Return number, start and arc of a planned test's angles, by their keys in campaign.toml."""
+    """Return number, start and arc of a planned test's angles, by their keys in campaign.toml.
+
+    Raise an `InputError` if the angles are not evenly spaced within one turn.
+    """
     readings = len(test.angle_deg)
     step_deg = test.step_deg
     require(

@@ -1,6 +1,7 @@
 """Digital calibration certificates (DCC) of bar, force device and balls.
 
-The numbers of a certificate are converted to the fields of `Instrument`.
+The numbers of a certificate are converted to keys of ``campaign.toml``, which become the fields of
+`Instrument`.
 """
 
 from __future__ import annotations
@@ -17,13 +18,14 @@ from ldbb_bayes.results import Shown
 
 __all__ = ["CalibrationCertificate", "CertifiedQuantity"]
 
-# Text patterns by the role of a certified quantity (length, force, form, …). The first pattern that
-# its name or its attribute refType contains decides the role.
+# Text pattern (regular expression) for each role that a certified quantity can have, such as
+# length, force or form. The first pattern found in the quantity's name or its attribute refType
+# decides the role.
 _ROLES: dict[str, str] = DCC_WORDS["roles"]
 _METRES_PER_MICROMETRE = 1e-6
-# Largest number of quantities that an error message lists.
+# Largest number of certified quantities that an error message lists.
 _QUANTITIES_LISTED = 12
-# Longest label in campaign.toml [characters].
+# Longest name of a certificate that is written into campaign.toml [characters].
 _LONGEST_LABEL = 200
 
 
@@ -32,20 +34,26 @@ class CertifiedQuantity:
     """One number of a calibration certificate, as the certificate writes it."""
 
     name: str
-    ref_type: str  #: attribute refType of the quantity, a standardised name
-    holders: tuple[str, ...]  #: names of the elements that contain the quantity, outermost first
+    #: attribute refType of the quantity in the certificate, a standardised name; empty if missing
+    ref_type: str
+    #: names and refType attributes of the certificate's elements that contain the quantity,
+    #: outermost first
+    holders: tuple[str, ...]
     value: float
-    unit: str | None  #: unit in the notation of the D-SI (Digital SI), such as \micro\metre
-    U: float | None  #: expanded uncertainty, as the certificate states it
-    k: float | None  #: coverage factor of the expanded uncertainty
-    coverage: float | None  #: coverage probability of the expanded uncertainty
+    #: unit of the value in the notation of the D-SI (Digital SI), such as \micro\metre
+    unit: str | None
+    #: expanded uncertainty of the value, in the same unit, as the certificate states it
+    U: float | None
+    k: float | None  #: coverage factor of the expanded uncertainty that the certificate states
+    #: coverage probability of the expanded uncertainty that the certificate states
+    coverage: float | None
 
     @property
     def title(self) -> str:
         """Text that names the quantity in messages.
 
-        It is the name of the quantity, or of the innermost named element around it, or else its
-        attribute refType.
+        It is the name of the quantity. If the quantity has none, it is the name of the innermost
+        named element around it in the certificate; if there is none either, its attribute refType.
         """
         for text in (self.name, *reversed(self.holders), self.ref_type):
             if text:
@@ -54,10 +62,10 @@ class CertifiedQuantity:
 
     @property
     def role(self) -> str:
-        """Role of the quantity, such as length or force, from its name.
+        """Role of the quantity, such as length or force, from its name and attribute refType.
 
-        If its own name states no role, the names of the elements around it decide. The role is
-        empty for a quantity that concerns neither bar, force device nor ball.
+        If these show no role, the names of the certificate's elements around the quantity decide.
+        The role is an empty text for a quantity that concerns neither bar, force device nor ball.
         """
         own_text = f"{self.name} {self.ref_type}".lower()
         holder_text = " ".join(self.holders).lower()
@@ -74,19 +82,19 @@ class CertifiedQuantity:
         return None if size is None else size.dimension
 
     def numbers(self, factor: float = 1.0) -> tuple[float, float]:
-        """Return the value and its expanded uncertainty U for k = 2.
+        """Return the value of the quantity and its expanded uncertainty U for k = 2.
 
-        U is zero if the certificate states none.
+        U is zero if the certificate states no uncertainty.
 
         Parameters
         ----------
         factor
-            Size of the unit of the returned numbers, in SI units (bar for pressure).
+            Size, in SI units (bar for pressure), of the unit of the returned numbers: 1e-6 for µm.
 
         Raises
         ------
         InputError
-            For an unknown unit, or a U without coverage factor.
+            For an unknown unit, or an uncertainty U without coverage factor k.
         """
         size = parse_unit(self.unit)
         if size is None:
@@ -105,13 +113,16 @@ class CertifiedQuantity:
         return value, _without_rounding(U * size.factor / factor)
 
     def magnitude(self) -> float:
-        """Return the absolute value of the quantity in SI units, with bar for pressure."""
+        """Return the absolute value of the quantity in SI units, with bar as unit of pressure."""
         value, _ = self.numbers()
         return abs(value)
 
 
 def _without_rounding(number: float) -> float:
-    """Return a number rounded to 12 digits, which removes rounding errors of unit conversion."""
+    """Return a number rounded to 12 significant digits.
+
+    This removes rounding errors of the conversion of units.
+    """
     return float(f"{number:.12g}")
 
 
@@ -120,7 +131,8 @@ class CalibrationCertificate(Shown):
     """Digital calibration certificate (DCC): its identifier and its numbers.
 
     The methods return what the certificate states about a bar, a force device or a ball, by the
-    keys of ``campaign.toml``. They raise an `InputError` if it states nothing about this object.
+    keys of ``campaign.toml``. They raise an `InputError` if the certificate states nothing about
+    such an object.
     """
 
     path: Path
@@ -133,26 +145,28 @@ class CalibrationCertificate(Shown):
         Parameters
         ----------
         kind
-            Kind of object: bar, force or ball.
+            Kind of object: ``bar``, ``force`` (force device) or ``ball``.
 
         Returns
         -------
-        Keys and values of the table in campaign.toml.
+        Keys and values of the object's table in campaign.toml.
 
         Raises
         ------
         InputError
-            For a certificate of something else; the message names the file.
+            If the certificate states nothing about such an object; the message names the file.
         """
         readers = {"bar": self.bar, "force": self.force, "ball": self.ball}
         with placed(self.path):
             return readers[kind]()
 
     def bar(self) -> dict[str, Any]:
-        """Return length error [µm], its U [µm] and name of a bar's certificate, by keys.
+        """Return length error [µm], its U [µm] and name of the certificate of a bar.
 
-        The keys are those of [bar] in campaign.toml. An error of indication is used unchanged. A
-        deviation from the nominal length changes its sign, because a longer bar reads too small.
+        The keys are those of the table [bar] in campaign.toml: length_error_um, U_um (k = 2) and
+        certificate. The length error is the amount by which readings are too large. An error of
+        indication in the certificate is used unchanged. A deviation from the nominal length changes
+        its sign, because a longer bar reads too small.
         """
         lengths = self._quantities_by_role("m")
         quantity = self._bar_quantity(lengths)
@@ -172,7 +186,9 @@ class CalibrationCertificate(Shown):
     def _bar_quantity(self, lengths: dict[str, list[CertifiedQuantity]]) -> CertifiedQuantity:
         """Return the certified quantity that states the error of a bar's length.
 
-        It is an error of indication, or else a deviation from the nominal length, or else a length.
+        It is an error of indication; without one, a deviation from the nominal length; without
+        either, a length beside its nominal value. ``lengths`` holds the quantities in units of
+        length by their role. Raise an `InputError` if there is no such quantity, or several.
         """
         if "indication" in lengths:
             return _only(lengths["indication"])
@@ -188,8 +204,10 @@ class CalibrationCertificate(Shown):
     def force(self) -> dict[str, Any]:
         """Return what the certificate states about a force device, by the keys of campaign.toml.
 
-        U_percent is the expanded uncertainty of the gain or, without a gain, of the largest force.
-        linearity_percent is the largest deviation from a straight line.
+        The key U_percent is the expanded uncertainty (k = 2) of the gain or, if no gain is stated,
+        of the largest force, in percent of it. The key linearity_percent is the largest deviation
+        from a straight line, in percent of the largest force. The key certificate is the name of
+        the certificate.
         """
         stated: dict[str, Any] = {}
         sources = []
@@ -212,7 +230,10 @@ class CalibrationCertificate(Shown):
         return stated | {"certificate": self._label(*sources)}
 
     def _force_scale(self) -> CertifiedQuantity | None:
-        """Return the gain of a force device, or else its largest force; None without either."""
+        """Return the certified gain of a force device [N/bar] or, without one, its largest force.
+
+        Return None if the certificate states neither.
+        """
         gains = self._quantities_by_role("N/bar").get("gain", [])
         if gains:
             return _only(gains)
@@ -222,18 +243,20 @@ class CalibrationCertificate(Shown):
         return self._quantities_by_role("N").get("force", [])
 
     def _linearity(self) -> CertifiedQuantity | None:
-        """Return the largest linearity error of a force device; None if none is stated.
+        """Return the largest linearity error of a force device that the certificate states.
 
-        It is a ratio or a force in newtons.
+        The linearity error is the deviation from a straight line, as a ratio or as a force in
+        newtons. Return None if none is stated.
         """
         shares = self._quantities_by_role("").get("linearity", [])
         newtons = self._quantities_by_role("N").get("linearity", [])
         return _largest([*shares, *newtons])
 
     def _full_scale(self, linearity: CertifiedQuantity) -> float:
-        """Return the number by which a linearity error is divided to give a ratio.
+        """Return the number by which the linearity error of a force device is divided.
 
-        It is 1 if the error is already a ratio, else the largest force [N].
+        The quotient is a ratio. The number is 1 if the error is already a ratio, and the largest
+        certified force [N] if it is a force. Raise an `InputError` if no force is certified.
         """
         if linearity.dimension == "":
             return 1.0
@@ -246,10 +269,11 @@ class CalibrationCertificate(Shown):
         return largest_force.magnitude()
 
     def ball(self) -> dict[str, Any]:
-        """Return sphericity [µm] and name of a ball's certificate, by the keys of campaign.toml.
+        """Return deviation from sphericity [µm] and name of the certificate of a ball.
 
-        The sphericity is the largest sum of a stated form deviation and its expanded uncertainty
-        (k = 2).
+        The keys are those of campaign.toml: sphericity_um and certificate. The deviation from
+        sphericity is the largest sum of a form deviation that the certificate states and its
+        expanded uncertainty (k = 2).
         """
         largest_bound = 0.0
         quantity = None
@@ -269,9 +293,10 @@ class CalibrationCertificate(Shown):
         }
 
     def _quantities_by_role(self, dimension: str) -> dict[str, list[CertifiedQuantity]]:
-        """Return the certified quantities of one dimension, such as m, sorted by their role.
+        """Return the certified quantities of one dimension, such as m, in lists by their role.
 
-        Quantities of an unknown unit are included.
+        Quantities of an unknown unit are included, and those without a role left out. A role is
+        what a quantity states, such as length or force.
         """
         by_role: dict[str, list[CertifiedQuantity]] = {}
         for quantity in self.quantities:
@@ -280,7 +305,11 @@ class CalibrationCertificate(Shown):
         return by_role
 
     def _label(self, *quantities: CertifiedQuantity) -> str:
-        """Return file name, identifier of the certificate and names of quantities on one line."""
+        """Return a name for the certificate on one line, as campaign.toml holds it.
+
+        It consists of the file's name, the identifier of the certificate and the names of the
+        quantities that are used, and has at most 200 characters.
+        """
         titles = ", ".join(_title_with_holder(quantity) for quantity in quantities)
         text = f"{self.path.name}, DCC {self.identifier}: {titles}"
         label = ""
@@ -295,8 +324,8 @@ class CalibrationCertificate(Shown):
 def _title_with_holder(quantity: CertifiedQuantity) -> str:
     """Return the name of a certified quantity, preceded by that of an element around it.
 
-    The element is the innermost one whose name has no underscore; names with underscores are
-    technical.
+    The element is the innermost one in the certificate whose name contains no underscore, because
+    names with underscores are technical. A quantity without a name has no element put before.
     """
     if quantity.name:
         for holder in reversed(quantity.holders):
@@ -316,7 +345,10 @@ def _largest(quantities: Sequence[CertifiedQuantity]) -> CertifiedQuantity | Non
 
 
 def _only(quantities: Sequence[CertifiedQuantity]) -> CertifiedQuantity:
-    """Return the single certified quantity of a sequence; raise an `InputError` for several."""
+    """Return the only one of ``quantities``, which are certified quantities of one role.
+
+    Raise an `InputError` if there are several.
+    """
     require(
         len(quantities) == 1,
         f"{_listed(quantities[:1])} must stand there once, got {_listed(quantities)}. Give the"

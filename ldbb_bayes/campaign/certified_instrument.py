@@ -1,4 +1,4 @@
-"""Certified properties of the instrument: balls, bar, mount, force and angle."""
+"""Certified properties of the instrument: of its balls, bar, mount, force and angle."""
 
 from __future__ import annotations
 
@@ -24,7 +24,8 @@ from ldbb_bayes.results import Shown
 
 __all__ = ["Ball", "Instrument"]
 
-# Largest deviation from sphericity [µm] that ISO 3290 allows for each grade of ball.
+# Largest deviation from sphericity [µm], peak to valley, that ISO 3290 allows for each grade of
+# ball.
 _SPHERICITY_BY_GRADE_UM = {
     "G3": 0.08,
     "G5": 0.13,
@@ -41,9 +42,10 @@ _SPHERICITY_BY_GRADE_UM = {
 class Ball(Shown):
     """The form of a ball, as a certificate or a grade of ISO 3290 states it.
 
-    A certificate states the deviation from sphericity, peak to valley, and may state harmonics
-    a cos n(θ − phase) of the form, with θ the angle on the ball, each as
-    (n, a [µm], phase [deg]), with the expanded uncertainty (k = 2) of each coefficient.
+    A certificate states the deviation from sphericity, peak to valley. It may also state harmonics
+    a cos n(θ − phase) of the form, where θ is the angle on the ball. Each harmonic is given as
+    (n, a [µm], phase [deg]); ``U_um`` is the expanded uncertainty (k = 2) of its cosine and sine
+    coefficients.
 
     Raises
     ------
@@ -59,12 +61,16 @@ class Ball(Shown):
     Ball(harmonics_um=((2, 0.05, 30.0),), U_um=0.02)
     """
 
-    sphericity_um: Certified | None = None  #: deviation from sphericity, peak to valley
-    grade: str | None = None  #: grade of ISO 3290, G3 to G200, instead of ``sphericity_um``
-    #: harmonics of the form, each as (order, amplitude [µm], phase [deg])
+    #: deviation of the ball from sphericity, peak to valley [µm]
+    sphericity_um: Certified | None = None
+    #: grade of the ball in ISO 3290, from G3 to G200, given instead of ``sphericity_um``
+    grade: str | None = None
+    #: harmonics of the ball's form, each as (order, amplitude [µm], phase [deg])
     harmonics_um: Annotated[Sequence[Harmonic], AfterValidator(tuple)] = ()
-    U_um: Certified | None = None  #: expanded uncertainty (k = 2) of the harmonics' coefficients
-    certificate: Label | None = None  #: name of the certificate; no number depends on it
+    #: expanded uncertainty (k = 2) of each cosine and sine coefficient of ``harmonics_um`` [µm]
+    U_um: Certified | None = None
+    #: name of the ball's calibration certificate; no number depends on it
+    certificate: Label | None = None
 
     def __post_init__(self) -> None:
         if self.grade is not None:
@@ -88,7 +94,10 @@ class Ball(Shown):
 
     @property
     def stated_sphericity_um(self) -> float | None:
-        """Deviation from sphericity [µm] that the certificate or grade states; None without one."""
+        """Deviation from sphericity [µm] that certificate or grade of the ball states.
+
+        It is None if neither states one.
+        """
         if self.grade is None:
             return self.sphericity_um
         return _SPHERICITY_BY_GRADE_UM[self.grade]
@@ -100,7 +109,7 @@ class Instrument(Shown):
     """Certified properties of balls, bar, mount, force and angle.
 
     Fields with U in their names are expanded uncertainties (k = 2). Where a field is None, the
-    model uses its default; `terms.uncertainties` lists what it then assumes.
+    model assumes a value of its own, which `terms.uncertainties` lists.
 
     Raises
     ------
@@ -117,22 +126,28 @@ class Instrument(Shown):
     (0.0005, 'mm')
     """
 
-    work: Ball = field(default_factory=Ball)  #: form of the work ball
-    tool: Ball = field(default_factory=Ball)  #: form of the tool ball
-    bar_length_error_um: Number = 0.0  #: error of the bar's length, by which readings are too large
-    bar_U_um: Certified | None = None  #: expanded uncertainty (k = 2) of the bar's length
-    #: expanded uncertainty (k = 2) of the mount's deflection, in percent of the deflection
+    work: Ball = field(default_factory=Ball)  #: form of the work ball, as its certificate states it
+    tool: Ball = field(default_factory=Ball)  #: form of the tool ball, as its certificate states it
+    #: error of the bar's length [µm]: the amount by which all readings are too large
+    bar_length_error_um: Number = 0.0
+    #: expanded uncertainty (k = 2) of the bar's length [µm]
+    bar_U_um: Certified | None = None
+    #: expanded uncertainty (k = 2) of the deflection of the work ball's mount, in percent of this
+    #: deflection
     mount_U_percent: Percent | None = None
     #: expanded uncertainty (k = 2) of the gain of the force measurement, in percent
     force_U_percent: Percent | None = None
-    #: largest deviation of the force from a straight line, in percent of the largest force
+    #: largest deviation of the force measurement from a straight line, in percent of the largest
+    #: force
     force_linearity_percent: Percent | None = None
-    force_random_N: Certified | None = None  #: random error of each force, one standard deviation
-    #: expanded uncertainty (k = 2) of the angle reference and of the lag of the readings
+    #: random error of the force in each test, as one standard deviation [N]
+    force_random_N: Certified | None = None
+    #: expanded uncertainty (k = 2) of the angle's reference and of the lag of the readings behind
+    #: the angle [deg]
     angle_U_deg: CertifiedAngle | None = None
-    #: name of the bar's certificate; no number depends on it
+    #: name of the bar's calibration certificate; no number depends on it
     bar_certificate: Label | None = None
-    #: name of the force device's certificate; no number depends on it
+    #: name of the force device's calibration certificate; no number depends on it
     force_certificate: Label | None = None
 
     def __post_init__(self) -> None:
@@ -144,10 +159,10 @@ class Instrument(Shown):
 
     @property
     def certificates(self) -> dict[str, str]:
-        """Names of the certificates, by the object that each certifies.
+        """Names of the calibration certificates, by the object that each certifies.
 
-        Objects are bar, force device, work ball and tool ball; those without a certificate are left
-        out.
+        The objects are bar, force device, work ball and tool ball. Those without a certificate are
+        left out.
         """
         name_by_object = {
             "bar": self.bar_certificate,

@@ -29,18 +29,21 @@ from ldbb_bayes.results import Array, Shown
 __all__ = ["CENTRE", "PER_TEST", "CircularTest", "Direction", "TestFields", "distinct_forces"]
 
 Direction = Literal["CW", "CCW"]
-# Smallest number of readings of a circular test.
+# Smallest number of readings that a circular test may have.
 _MINIMUM_READINGS = 9
 # Smallest arc [deg] that the angles of a circular test must cover.
 _MINIMUM_ARC_DEG = 180.0
-# Readings larger than this [mm] are refused: they are probably in another unit.
+# A circular test with a reading larger than this [mm] is refused, because its readings are probably
+# in another unit.
 _LARGEST_READING_MM = 100.0
-# A circle counts as full if its largest gap between angles is at most this number of median steps.
+# A circle counts as full if the largest gap between neighbouring angles of its readings is at most
+# this number of median steps from one angle to the next.
 _ORDINARY_GAP = 3.0
-# Forces count as the same if they differ by less than this fraction of the largest force: a
-# pressure regulator does not repeat a force more closely.
+# Forces of several tests count as the same if they differ by no more than this fraction of the
+# largest force, because a pressure regulator does not repeat a force more closely.
 _SAME_FORCE_SHARE = 1e-3
-# Relative tolerance within which steps of the angle count as equal, and an arc as one turn.
+# Relative tolerance within which steps from angle to angle count as equal, and the angles of a test
+# as covering no more than one turn.
 _EVEN_TOLERANCE = 1e-6
 # Names of the fields of a test that hold the coordinates X, Y, Z of the circle's centre.
 CENTRE = ("centre_x_mm", "centre_y_mm", "centre_z_mm")
@@ -50,32 +53,43 @@ CENTRE = ("centre_x_mm", "centre_y_mm", "centre_z_mm")
 class TestFields(Shown):
     """Conditions of a circular test: load, circle, set-up and direction, without the readings.
 
-    A program, ``campaign.toml`` or the layout of a foreign file states them. A field that is not
-    stated is None.
+    A program, the file ``campaign.toml`` or the layout of a foreign file states them. A field that
+    is not stated is None.
     """
 
     __test__ = False
 
-    name: FileName | None = None  #: name of the test, which can also be the name of a file
-    force_N: Force | None = None  #: radial force of the bar, above zero
-    pressure_bar: Pressure | None = None  #: pressure of the regulator
-    direction: Direction | None = None  #: direction of travel: CW or CCW
-    work_ball_deg: Number | None = None  #: clocking: angle by which the work ball is turned
-    tool_ball_deg: Number | None = None  #: clocking: angle by which the tool ball is turned
-    radius_mm: Length | None = None  #: radius of the circle; default: the campaign's radius
-    plane: str | None = None  #: plane of the circle, XY, YZ or ZX; default: the campaign's plane
-    centre_x_mm: Coordinate | None = None  #: X of the work ball, in machine coordinates
-    centre_y_mm: Coordinate | None = None  #: Y of the work ball, in machine coordinates
-    centre_z_mm: Coordinate | None = None  #: Z of the work ball, in machine coordinates
-    #: number of the set-up; tests of one set-up have the same offsets of the tool ball
+    #: name of the test, from characters that the name of a file may have
+    name: FileName | None = None
+    force_N: Force | None = None  #: radial force of the bar during the test, above zero [N]
+    pressure_bar: Pressure | None = None  #: pressure of the regulator that makes the force [bar]
+    #: direction of travel along the circle: clockwise (CW) or counterclockwise (CCW)
+    direction: Direction | None = None
+    #: clocking: angle by which the work ball is turned in its socket [deg]
+    work_ball_deg: Number | None = None
+    #: clocking: angle by which the tool ball is turned in its socket [deg]
+    tool_ball_deg: Number | None = None
+    #: nominal radius of the circle [mm]; by default that of the campaign
+    radius_mm: Length | None = None
+    #: plane of the circle, XY, YZ or ZX; by default that of the campaign
+    plane: str | None = None
+    #: X of the circle's centre (the work ball), in machine coordinates [mm]
+    centre_x_mm: Coordinate | None = None
+    #: Y of the circle's centre (the work ball), in machine coordinates [mm]
+    centre_y_mm: Coordinate | None = None
+    #: Z of the circle's centre (the work ball), in machine coordinates [mm]
+    centre_z_mm: Coordinate | None = None
+    #: number of the set-up in which the test is run; tests of one set-up have the same offsets of
+    #: the tool ball
     setup: SetupNumber | None = None
-    temperature_C: Number | None = None  #: temperature during the test
-    time_s: Number | None = None  #: start of the test, on a clock common to all tests
+    temperature_C: Number | None = None  #: temperature during the test [°C]
+    time_s: Number | None = None  #: start of the test [s], on a clock common to all tests
 
 
-# Fields of a test that a table may give in columns of other names.
+# Names of the fields of a test that a table of readings may give in columns of other names, too.
 _NOT_PER_TEST = ("name", "force_N", "pressure_bar", "direction")
-# Fields of a test that a table of readings may give in columns of exactly these names.
+# Names of the fields of a test that a table of readings may give only in columns of exactly these
+# names.
 PER_TEST = tuple(entry.name for entry in fields(TestFields) if entry.name not in _NOT_PER_TEST)
 
 
@@ -84,9 +98,9 @@ PER_TEST = tuple(entry.name for entry in fields(TestFields) if entry.name not in
 class CircularTest(TestFields):
     """One circle at one force, with readings or, if it is planned, without.
 
-    Force or pressure must be given; the campaign's force law supplies the other. Give angles in
-    degrees or in radians, and readings in µm or in mm, never in both. Angles may go any number of
-    turns.
+    Force or pressure must be given; if only one is, the campaign's force law supplies the other.
+    Give angles either in degrees or in radians, and readings either in µm or in mm. Angles may go
+    over any number of turns.
 
     Raises
     ------
@@ -105,15 +119,19 @@ class CircularTest(TestFields):
     360.0
     """
 
-    force_N: Force | None = None  #: radial force, above zero
-    #: angles of the bar from the plane's first axis, one for each of the n readings, shape (n,)
+    force_N: Force | None = None  #: radial force of the bar during the test, above zero [N]
+    #: angles between the plane's first axis and the bar [deg], one for each of the n readings,
+    #: shape (n,)
     angle_deg: Any = None
-    reading_um: Any = None  #: readings: actual distance of the balls − radius, shape (n,)
-    #: name of the test, such as f036 for 36 N; repetitions of a force are numbered
+    #: n readings of the ball bar, which are the actual distance of the balls minus the nominal
+    #: radius [µm], shape (n,); None for a planned test
+    reading_um: Any = None
+    #: name of the test. By default, its campaign names it after the force, such as f036 for 36 N,
+    #: and numbers repetitions of a force.
     name: FileName = field(default="", kw_only=True)
-    #: clocking: angle by which the work ball is turned in its socket
+    #: clocking: angle by which the work ball is turned in its socket [deg]
     work_ball_deg: Number = field(default=0.0, kw_only=True)
-    #: clocking: angle by which the tool ball is turned in its socket
+    #: clocking: angle by which the tool ball is turned in its socket [deg]
     tool_ball_deg: Number = field(default=0.0, kw_only=True)
     #: angles in radians, given instead of ``angle_deg``; they are converted, and this becomes None
     angle_rad: Any = field(default=None, kw_only=True)
@@ -121,7 +139,7 @@ class CircularTest(TestFields):
     reading_mm: Any = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
-        """Store angles in degrees and readings in µm.
+        """Store the angles in degrees and the readings in µm, in whichever unit they were given.
 
         Raise an `InputError` for the first fault of the test.
         """
@@ -173,7 +191,11 @@ class CircularTest(TestFields):
         return array
 
     def _faults(self, angle: Array | None, reading: Array | None) -> Iterator[str]:
-        """Yield one sentence for each fault of the test: what it must have, and the remedy."""
+        """Yield one text for each fault of the test: what the test must have, and the remedy.
+
+        ``angle`` (n,) [deg] and ``reading`` (n,) [µm] are the columns of the test; None for a
+        column that is not given.
+        """
         if angle is None:
             yield "have angles, got none. Give angle_deg (or angle_rad)."
             return
@@ -206,7 +228,7 @@ class CircularTest(TestFields):
 
     @property
     def label(self) -> str:
-        """Name of the test in messages."""
+        """Text that denotes the test in messages, such as test 'f036'."""
         if not self.name:
             return "a circular test"
         return f"test {self.name!r}"
@@ -228,11 +250,14 @@ class CircularTest(TestFields):
         return np.asarray(self.reading_um) * 1e-3
 
     def with_reading_um(self, reading_um: ArrayLike | None) -> CircularTest:
-        """Return the same test with other readings [µm]."""
+        """Return the same test with the readings ``reading_um`` [µm], or without any for None."""
         return replace(self, reading_um=reading_um)
 
     def select(self, keep: NDArray[np.bool_]) -> CircularTest:
-        """Return the same test with the readings for which ``keep`` is true, and no others."""
+        """Return the same test with only those angles and readings for which ``keep`` is true.
+
+        ``keep`` has one entry for each of the n angles, shape (n,).
+        """
         reading = None
         if self.reading_um is not None:
             reading = self.reading_um[keep]
@@ -240,9 +265,9 @@ class CircularTest(TestFields):
 
     @property
     def step_deg(self) -> float:
-        """Step from one angle to the next [deg]; zero if steps are unequal or exceed one turn.
+        """Step from one angle of the test to the next [deg]; negative if the angles decrease.
 
-        A plan with equal steps states the step instead of all angles.
+        The step is zero if the steps are unequal, or if the angles cover more than one turn.
         """
         steps = np.diff(self.angle_deg)
         is_even = np.allclose(steps, steps[0], rtol=_EVEN_TOLERANCE)
@@ -251,9 +276,10 @@ class CircularTest(TestFields):
         return 0.0
 
     def planned(self) -> CircularTest:
-        """Return the same test without readings.
+        """Return the same test as a planned one, without readings.
 
-        Angles in unequal steps are replaced by as many angles in equal steps over the same arc.
+        If the steps between the angles are unequal, the angles are replaced by as many angles in
+        equal steps over the same arc.
         """
         if self.step_deg:
             return replace(self, reading_um=None)
@@ -269,19 +295,20 @@ class CircularTest(TestFields):
 
     @property
     def circle(self) -> Circle:
-        """Nominal circle: radius, centre and plane.
+        """Nominal circle of the test: its radius, centre and plane.
 
-        An unstated radius or coordinate is zero and an unstated plane XY, so the campaign's
-        defaults must be filled in before.
+        A radius or coordinate that the test does not state counts as zero, and a plane as XY.
+        Tests of a campaign state all of these, because the campaign fills in its own.
         """
         x, y, z = (float(getattr(self, key) or 0.0) for key in CENTRE)
         return Circle(float(self.radius_mm or 0.0), (x, y, z), self.plane or "XY")
 
     @property
     def arc_deg(self) -> float:
-        """Arc that the angles cover [deg]: 360° minus the largest gap between neighbours.
+        """Arc that the angles of the test cover [deg].
 
-        It is 360° if the largest gap is no wider than three median steps.
+        It is 360° minus the largest gap between neighbouring angles on the circle. If the largest
+        gap is no wider than three median gaps, it is 360°.
         """
         return _arc_of(self.angle_deg.tobytes())
 
@@ -292,9 +319,10 @@ def _um_of_mm(millimetres: Array) -> Array:
 
 @lru_cache(maxsize=64)
 def _arc_of(angles: bytes) -> float:
-    """Return the arc that angles cover [deg], from the bytes of their array.
+    """Return the arc that angles cover [deg], from the bytes of the array of angles [deg].
 
-    Results are cached, because many tests of a campaign or of a design have the same angles.
+    Bytes can be keys of the cache, which is used because many tests of a campaign or of a design
+    have the same angles.
     """
     wrapped = np.unique(np.mod(np.frombuffer(angles), 360.0))
     if len(wrapped) < 2:
@@ -307,9 +335,10 @@ def _arc_of(angles: bytes) -> float:
 
 
 def distinct_forces(forces_N: ArrayLike) -> Array:
-    """Return the different forces in ascending order [N].
+    """Return the different ones of several forces, in ascending order [N].
 
-    Forces that differ by at most a thousandth of the largest count as equal.
+    A force that exceeds the one before by at most a thousandth of the largest force counts as equal
+    to it and is left out.
     """
     ordered = np.unique(np.asarray(forces_N, dtype=float))
     distinct: list[float] = []

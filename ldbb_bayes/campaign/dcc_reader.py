@@ -1,6 +1,6 @@
 """Reading of digital calibration certificates (DCC, schema 2 and 3) from XML.
 
-The XML file is not trusted: document types, and with them entities, are refused.
+Document types, and with them entities, are refused, because the XML file is not trusted.
 """
 
 from __future__ import annotations
@@ -22,9 +22,10 @@ __all__ = ["read_dcc"]
 _DCC = "{https://ptb.de/dcc}"
 _SI = "{https://ptb.de/si}"
 _LARGEST_BYTES = 32 * 2**20
-# Number of characters of an XML tag that an error message shows.
+# Largest number of characters of an XML tag that an error message shows.
 _TAG_SHOWN = 80
-# Names of XML elements of a certificate that contain no results of the calibration.
+# Names of those XML elements of a digital calibration certificate that contain no results of the
+# calibration; they are not searched for numbers.
 _NO_RESULTS = (
     "usedMethods",
     "usedSoftware",
@@ -32,13 +33,14 @@ _NO_RESULTS = (
     "influenceConditions",
     "measurementMetaData",
 )
-# Names of XML elements that hold one number or a list of numbers.
+# Names of the XML elements of a digital calibration certificate that hold one number or a list of
+# numbers, with unit and uncertainty.
 _NUMBER_ELEMENTS = ("real", "realListXMLList", "hybrid/*")
-# Names of XML elements for an expanded uncertainty, each with the name of the element inside that
-# holds the number. The first is that of version 2 of the D-SI (Digital SI), the second that of 1.
+# Names of the XML elements for an expanded uncertainty in version 2 and in version 1 of the D-SI
+# (Digital SI). Each is followed by the name of the element inside it that holds the number.
 _EXPANDED_UNCERTAINTIES = {"expandedMU": "valueExpandedMU", "expandedUnc": "uncertainty"}
-# Names of XML elements for a standard uncertainty, each with the name of the element inside that
-# holds the number.
+# Names of the XML elements for a standard uncertainty in the D-SI (Digital SI). Each is followed by
+# the name of the element inside it that holds the number.
 _STANDARD_UNCERTAINTIES = {
     "standardMU": "valueStandardMU",
     "coverageIntervalMU": "valueStandardMU",
@@ -101,10 +103,10 @@ def read_dcc(path: str | os.PathLike[str]) -> CalibrationCertificate:
 def _quantities_in(
     holder: ElementTree.Element, holders: tuple[str, ...]
 ) -> Iterator[CertifiedQuantity]:
-    """Yield all certified quantities inside an XML element.
+    """Yield all certified quantities inside an XML element of a certificate.
 
-    ``holders`` are the names and the refTypes of the elements that contain it; each quantity keeps
-    them.
+    ``holder`` is the element. ``holders`` are the names and the refType attributes of the elements
+    around it, outermost first; each quantity keeps those of all elements that contain it.
     """
     for element in holder:
         name = _name_of(element)
@@ -119,7 +121,10 @@ def _quantities_in(
 
 
 def _name_of(element: ElementTree.Element) -> str:
-    """Return the name of an XML element in all its languages, separated by slashes."""
+    """Return the name that a certificate gives an XML element, in all its languages.
+
+    The names in different languages are separated by slashes.
+    """
     wordings = []
     for content in element.iterfind(f"{_DCC}name/{_DCC}content"):
         wording = " ".join((content.text or "").split())
@@ -130,9 +135,10 @@ def _name_of(element: ElementTree.Element) -> str:
 
 @dataclass
 class _Uncertainty:
-    """Uncertainties of one or several certified numbers.
+    """Uncertainties that an XML element states for one or several certified numbers.
 
-    ``U`` are expanded uncertainties, ``k`` coverage factors and ``coverage`` their probabilities.
+    ``U`` are expanded uncertainties, ``k`` their coverage factors and ``coverage`` their coverage
+    probabilities. Each list has one entry for each number, one for all numbers, or none.
     """
 
     U: list[float] = field(default_factory=list)
@@ -145,8 +151,17 @@ def _quantities_of(
 ) -> Iterator[CertifiedQuantity]:
     """Yield one certified quantity for each finite number in an XML element.
 
-    The element holds one number or a list. A single unit or uncertainty is valid for all numbers of
-    the list.
+    The element holds one number or a list of numbers. A single unit or uncertainty is valid for all
+    numbers of the list.
+
+    Parameters
+    ----------
+    element
+        The XML element that holds the numbers.
+    name, ref_type
+        Name and attribute refType of the quantity.
+    holders
+        Names and refType attributes of the elements around the quantity, outermost first.
     """
     units = _words(element, "unit")
     uncertainty = _uncertainty_of(element, name)
@@ -166,9 +181,10 @@ def _quantities_of(
 
 
 def _uncertainty_of(element: ElementTree.Element, name: str) -> _Uncertainty:
-    """Return the last uncertainty that an XML element states.
+    """Return the last uncertainty that an XML element states for its numbers.
 
-    A standard uncertainty is returned as an expanded one with k = 1.
+    A standard uncertainty is returned as an expanded one with k = 1. ``name`` is the name of the
+    quantity for error messages. The lists of the result are empty if no uncertainty is stated.
     """
     uncertainty = _Uncertainty()
     for inner in element.iter():
@@ -185,9 +201,10 @@ def _uncertainty_of(element: ElementTree.Element, name: str) -> _Uncertainty:
 
 
 def _shortest_list(units: Sequence[str], uncertainty: _Uncertainty) -> int | None:
-    """Return the number of quantities for which units and uncertainties are listed.
+    """Return the number of quantities for which an XML element lists units and uncertainties.
 
-    It is the length of the shortest list with several entries; None if no list has several.
+    It is the length of the shortest list that has more than one entry. Return None if no list has
+    more than one: a single unit or uncertainty is then valid for all quantities.
     """
     lists = (units, uncertainty.U, uncertainty.k, uncertainty.coverage)
     lengths = [len(entries) for entries in lists if len(entries) > 1]
@@ -195,9 +212,10 @@ def _shortest_list(units: Sequence[str], uncertainty: _Uncertainty) -> int | Non
 
 
 def _entry(entries: Sequence[_T], k: int) -> _T | None:
-    """Return the entry of a list with index k.
+    """Return the entry of a list that is valid for the quantity with the index ``k``.
 
-    Return the only entry of a list with one entry, and None for an empty list.
+    It is the entry with this index or, if the list has a single entry, that entry. Return None for
+    an empty list.
     """
     if not entries:
         return None
@@ -207,7 +225,11 @@ def _entry(entries: Sequence[_T], k: int) -> _T | None:
 
 
 def _words(element: ElementTree.Element, tag: str) -> list[str]:
-    """Return the words inside the XML element ``tag``, or inside the list element of that name."""
+    """Return the words that an XML element contains in the inner element ``tag``.
+
+    If there is no such element, return those in the list element, whose name ends in XMLList. The
+    list is empty if there is neither.
+    """
     text = element.findtext(_SI + tag) or element.findtext(f"{_SI}{tag}XMLList") or ""
     return text.split()
 

@@ -1,6 +1,6 @@
-r"""Units of the D-SI (Digital SI), as calibration certificates write them.
+r"""Units of the D-SI (Digital SI), as digital calibration certificates write them.
 
-Newton per bar is ``\newton\bar\tothe{-1}`` or ``\newton\per\bar``.
+For example, newton per bar is written ``\newton\bar\tothe{-1}`` or ``\newton\per\bar``.
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 
 __all__ = ["DCC_WORDS", "UnitSize", "parse_unit"]
 
-# Prefixes, units and words that calibration certificates use, from the file ``dcc.toml``.
+# Prefixes and units of the D-SI (Digital SI), and words in the names of quantities, that digital
+# calibration certificates use. They are read from the file ``dcc.toml`` of the package.
 DCC_WORDS: Mapping[str, Any] = tomllib.loads(
     (Path(__file__).parent / "dcc.toml").read_text(encoding="utf-8")
 )
@@ -27,12 +28,16 @@ _FACTOR = re.compile(r"\\([a-zA-Z]+)(?:\\tothe\{([-+]?\d)\})?")
 class UnitSize(NamedTuple):
     """Size and dimension of a unit in which a certificate states a number."""
 
-    factor: float  #: size of the unit in SI units, with bar for pressure
-    dimension: str  #: dimension of the unit, written as m, N, N/bar, …; empty for a ratio
+    factor: float  #: size of the unit in SI units, such as 1e-6 for µm; pressures are in bar
+    #: dimension of the unit, written as the SI unit (bar for pressure), such as m, N or N/bar;
+    #: empty text for a ratio
+    dimension: str
 
 
 def parse_unit(unit: str | None) -> UnitSize | None:
-    r"""Return size and dimension of a unit in D-SI notation; None for an unknown unit.
+    r"""Return size and dimension of a unit in the notation of the D-SI (Digital SI).
+
+    Return None for an unknown unit.
 
     Parameters
     ----------
@@ -63,7 +68,10 @@ def parse_unit(unit: str | None) -> UnitSize | None:
 
 
 def _dimension_text(powers: Mapping[str, int]) -> str:
-    """Return a text such as N/bar for a dimension that is given as powers of units."""
+    """Return a text such as N/bar for a dimension.
+
+    ``powers`` holds the exponents of its units, such as 1 for N and −1 for bar.
+    """
     numerators = ""
     denominators = ""
     for dimension, power in powers.items():

@@ -26,9 +26,10 @@ __all__ = [
     "SetupNumber",
 ]
 
-# Largest number that a set-up may have.
+# Largest number by which a set-up may be identified.
 _LARGEST_SETUP = 1000
-# Configuration of pydantic, the library that checks input: unknown fields are refused.
+# Configuration of classes that pydantic, the library that checks input, creates: fields that the
+# class does not have are refused.
 STRICT = ConfigDict(extra="forbid")
 
 
@@ -45,7 +46,10 @@ def _require_printable(text: str) -> str:
 
 
 def _iso_date(when: Any) -> str:
-    """Return a date or a text as text in ISO 8601; raise a ValueError if it is no date."""
+    """Return a date as text in ISO 8601, such as 2026-11-20.
+
+    A text is returned unchanged if it is a date in this form. Raise a ValueError for anything else.
+    """
     if isinstance(when, date):
         return when.isoformat()
     try:
@@ -75,11 +79,14 @@ Pressure = Annotated[Number, Field(ge=0.0)]
 Length = Annotated[Number, Field(gt=0.0, le=1e5)]
 # Type of a coordinate [mm] that a user gives: at most 1e5 from zero.
 Coordinate = Annotated[Number, Field(ge=-1e5, le=1e5)]
-# Type of a certified value [µm or N]; a larger value is probably in another unit.
+# Type of a value in µm or N from a certificate: above zero, at most 1000. A larger value is
+# probably in another unit.
 Certified = Annotated[Number, Field(gt=0.0, le=1e3)]
-# Type of a certified angle [deg]; a larger value is probably in another unit.
+# Type of an angle in degrees from a certificate: above zero, at most 10. A larger value is probably
+# in another unit.
 CertifiedAngle = Annotated[Number, Field(gt=0.0, le=10.0)]
-# Harmonic a cos n(θ − phase) of a ball's form: order n, amplitude a [µm] and phase [deg].
+# Type of a harmonic a cos n(θ − phase) of a ball's form: order n from 2 to 12, amplitude a [µm] and
+# phase [deg].
 Harmonic = tuple[
     Annotated[int, BeforeValidator(_refuse_text), Field(ge=2, le=12)],
     Annotated[Number, Field(ge=0.0)],
@@ -87,7 +94,7 @@ Harmonic = tuple[
 ]
 SetupNumber = Annotated[int, BeforeValidator(_refuse_text), Field(ge=1, le=_LARGEST_SETUP)]
 Label = Annotated[str, AfterValidator(_require_printable)]
-# Name of a test that can also be the name of a file.
+# Type of the name of a test, which can also be the name of a file.
 FileName = Annotated[str, AfterValidator(_require_file_name)]
-# Date as text in ISO 8601, such as 2026-11-20.
+# Type of a date, kept as text in ISO 8601, such as 2026-11-20.
 Date = Annotated[str, BeforeValidator(_iso_date)]

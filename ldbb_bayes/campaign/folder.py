@@ -32,21 +32,23 @@ __all__ = [
     "write_campaign_into",
 ]
 
-# Name of the file in a campaign folder that holds the true parameters of a simulation.
+# Name of the file in the folder of a simulated campaign that holds the true parameters.
 TRUTH_NAME = "truth.json"
-# Name of the file in a campaign folder that states how foreign files were read.
+# Name of the file in the folder of an imported campaign that states how the foreign files were
+# read.
 IMPORT_NAME = "import.toml"
-# Longest name, machine_id or date that `labels_of` returns [characters].
+# Longest name, machine_id or date of a campaign that `labels_of` returns [characters]; longer ones
+# are left out.
 _LONGEST_LABEL = 200
 
 
 def read_campaign(
     path: str | os.PathLike[str], *, certificates: Mapping[str, Any] | None = None, **options: Any
 ) -> Campaign:
-    """Return the campaign or plan in a campaign folder, a campaign.toml or one tidy CSV.
+    """Return the campaign or plan that a campaign folder, a campaign.toml or a tidy CSV describes.
 
-    A tidy CSV has one reading in each row, and columns named like the fields of `CircularTest`. For
-    other tables, see `import_campaign`.
+    A tidy CSV is a table with one reading in each row, and columns named like the fields of
+    `CircularTest`. For other tables, see `import_campaign`.
 
     Parameters
     ----------
@@ -55,8 +57,8 @@ def read_campaign(
     certificates : mapping of str to object, optional
         Fields of `Instrument` that replace those stated in ``campaign.toml``.
     **options : object
-        Fields of `Campaign`, for a tidy CSV only, which has no ``campaign.toml`` that states them
-        (``radius_mm=150``, ``mount=MountCompensation(...)``, …).
+        Values of fields of `Campaign`, such as ``radius_mm=150``. They are permitted only with a
+        tidy CSV, because otherwise ``campaign.toml`` states them.
 
     Returns
     -------
@@ -107,7 +109,8 @@ def read_campaign(
 def _with_certificates(instrument: Instrument, certificates: Mapping[str, Any]) -> Instrument:
     """Return the instrument with other values for the certified fields in ``certificates``.
 
-    If a field of bar or force device is replaced, the name of its old certificate is removed.
+    ``certificates`` holds the new values by the names of fields of `Instrument`. If one of them
+    belongs to the bar or the force device, the name of its old certificate is removed.
     """
     changes: dict[str, Any] = {}
     for name in certificates:
@@ -132,7 +135,7 @@ def write_campaign(
     folder : str or os.PathLike
         Path of the folder to write.
     force : bool, default False
-        Whether an existing campaign folder is replaced.
+        Whether an existing campaign folder may be replaced.
 
     Returns
     -------
@@ -162,9 +165,10 @@ def write_campaign(
 
 
 def files_of(folder: Path) -> set[str]:
-    """Return the names of the files in a folder that belong to its campaign.
+    """Return the names of the files in a campaign folder that belong to its campaign.
 
-    They may be deleted when the campaign is replaced.
+    These files may be deleted when the campaign is replaced. The set is empty if the folder has no
+    readable campaign.toml.
     """
     try:
         tests = read_toml(folder / TOML_NAME).get("test", [])
@@ -175,10 +179,11 @@ def files_of(folder: Path) -> set[str]:
 
 
 def labels_of(path: str | os.PathLike[str]) -> dict[str, str]:
-    """Return name, machine_id and date of a campaign, by key, as far as they are stated.
+    """Return name, machine_id and date of a campaign by these keys, as far as they are stated.
 
-    If no machine_id is stated, it is the serial number. ``path`` is that of a campaign folder or
-    campaign.toml; a CSV file states none of the three. Dates are in ISO 8601.
+    If no machine_id is stated, the serial number of the machine is returned instead. ``path`` is
+    the path of a campaign folder or of a campaign.toml; a CSV file states none of the three. Dates
+    are in ISO 8601.
     """
     file = Path(path)
     if os.path.isdir(path):

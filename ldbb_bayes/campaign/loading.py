@@ -31,8 +31,8 @@ class ForceLaw(Shown):
     2.0
     """
 
-    slope_N_per_bar: Positive = 126.04  #: increase of the force per pressure
-    offset_N: Number = -14.2  #: force at zero pressure
+    slope_N_per_bar: Positive = 126.04  #: increase of the bar's force per pressure [N/bar]
+    offset_N: Number = -14.2  #: force of the bar at zero pressure [N]
 
     def force_N(self, pressure_bar: float) -> float:
         """Return the force of the bar [N] at a pressure of the regulator [bar]."""
@@ -57,6 +57,7 @@ class MountCompensation(Shown):
     MountCompensation(deflection_um_per_bar=1.8, compensated=False)
     """
 
-    #: nominal deflection of the mount per pressure
+    #: nominal deflection of the work ball's mount per pressure of the regulator [µm/bar]
     deflection_um_per_bar: Annotated[Number, Field(ge=0.0, le=1e3)] = 2.33
-    compensated: bool = True  #: whether the readings are compensated for the deflection
+    #: whether the readings are compensated for the deflection of the work ball's mount
+    compensated: bool = True

@@ -1,4 +1,7 @@
-"""Reading of CSV files with readings: of one test, or of all tests (tidy, one reading per row)."""
+"""Reading of CSV files that hold the readings of one test, or of all tests of a campaign.
+
+A CSV file of all tests is tidy: it has one row for each reading.
+"""
 
 from __future__ import annotations
 
@@ -15,31 +18,38 @@ from ldbb_bayes.results import Array
 
 __all__ = ["read_readings", "tests_of_table"]
 
-# Largest number of columns of a table of readings.
+# Largest number of columns that a table of readings may have.
 _LARGEST_COLUMNS = 1000
-# Number of characters of a column's name that an error message shows.
+# Largest number of characters of a column's name that an error message shows.
 _SHOWN_NAME = 60
 _ANGLES = ("angle_deg", "angle_rad")
 _READINGS = ("reading_um", "reading_mm")
-# Columns of a table of all tests that must have the same value in all rows of one test.
+# Names of those columns of a table of all tests that must have the same value in all rows of one
+# test.
 _TEST_COLUMNS = ("force_N", "pressure_bar", "direction", *PER_TEST)
 _TEXT_COLUMNS = ("test", "direction", "plane")
-# Angles in a column of degrees that cover less than this are probably in radians.
+# If the angles in a column named as degrees cover less than this [deg], they are probably in
+# radians and the table is refused.
 _SMALLEST_SPAN_DEG = 7.0
-# Angles in a column of radians that cover more than this are probably in degrees.
+# If the angles in a column named as radians cover more than this [rad], they are probably in
+# degrees and the table is refused.
 _LARGEST_SPAN_RAD = 8.0 * np.pi
 
 
 def read_readings(path: Path) -> dict[str, Array]:
-    """Return the columns of angles and readings in the CSV of one test, by name."""
+    """Return the columns of angles and readings in the CSV file of one test, by name.
+
+    The names are angle_deg or angle_rad, and reading_um or reading_mm. Raise an `InputError` for a
+    file that cannot be read.
+    """
     return _angles_and_readings(path, _read_columns(path, (*_ANGLES, *_READINGS)))
 
 
 def tests_of_table(path: Path) -> tuple[CircularTest, ...]:
-    """Return the tests of a tidy CSV, which has one row per reading.
+    """Return the tests in a tidy CSV file, which has one row for each reading.
 
-    The columns are test, force_N (or pressure_bar), angle_deg (or angle_rad) and reading_um (or
-    reading_mm); further fields of a test are optional.
+    The columns are test (the name of the test), force_N or pressure_bar, angle_deg or angle_rad,
+    and reading_um or reading_mm; columns for further fields of a test are optional.
     """
     columns = _read_columns(path, ("test", *_ANGLES, *_READINGS, *_TEST_COLUMNS))
     require(
@@ -60,9 +70,10 @@ def tests_of_table(path: Path) -> tuple[CircularTest, ...]:
 
 
 def _single_value(path: Path, test: str, column: str, values: Any) -> str | float | None:
-    """Return the value that all rows of a test have in a column; None for an empty text.
+    """Return the value that all rows of one test have in a column; None for an empty text.
 
-    Raise an `InputError` if the rows differ.
+    ``test`` and ``column`` are the names of the test and of the column, and ``values`` the column's
+    values in the rows of the test. Raise an `InputError` if they differ.
     """
     require(
         len(set(values.tolist())) == 1,
@@ -75,9 +86,11 @@ def _single_value(path: Path, test: str, column: str, values: Any) -> str | floa
 
 
 def _read_columns(path: Path, known: Sequence[str]) -> dict[str, Any]:
-    """Return the columns of a CSV by name, as arrays of numbers or of texts.
+    """Return the columns of a CSV file by name, as arrays of numbers or of texts.
 
-    If semicolons or tabs separate the cells and no number has a point, commas are decimal marks.
+    If semicolons or tabs separate the cells and no number contains a point, commas are read as
+    decimal marks. ``known`` are the permitted names of columns. Raise an `InputError` for other
+    names, and for cells that are no numbers.
     """
     rows, separator = read_strict_table(path)
     names = [""]
@@ -135,7 +148,10 @@ def _check_rows(path: Path, rows: Sequence[Row], width: int) -> None:
 
 
 def _has_point(cells_by_name: Mapping[str, Sequence[str]]) -> bool:
-    """Return whether any cell in the columns of numbers has a decimal point."""
+    """Return whether any cell in the columns of numbers contains a decimal point.
+
+    ``cells_by_name`` holds the cells of every column of the table, as texts.
+    """
     for name, cells in cells_by_name.items():
         if name not in _TEXT_COLUMNS and any("." in cell for cell in cells):
             return True
@@ -143,9 +159,10 @@ def _has_point(cells_by_name: Mapping[str, Sequence[str]]) -> bool:
 
 
 def _angles_and_readings(path: Path, columns: Mapping[str, Any]) -> dict[str, Array]:
-    """Return the columns of angles and readings by name.
+    """Return the column of angles and the column of readings of a table, by their names.
 
-    Raise an `InputError` if the range of the angles contradicts their unit.
+    ``columns`` are all columns of the table. Raise an `InputError` if a column is missing or given
+    in both units, or if the range of the angles contradicts their unit.
     """
     angle = _one_of(path, columns, _ANGLES)
     reading = _one_of(path, columns, _READINGS)
@@ -166,9 +183,10 @@ def _angles_and_readings(path: Path, columns: Mapping[str, Any]) -> dict[str, Ar
 
 
 def _one_of(path: Path, columns: Mapping[str, Any], names: tuple[str, str]) -> str:
-    """Return which of two names is that of a column.
+    """Return which of the two ``names`` is the name of a column in a table.
 
-    Raise an `InputError` if the table has columns of both names or of neither.
+    ``columns`` are the columns of the table by name. Raise an `InputError` if it has columns of
+    both names or of neither.
     """
     present = [name for name in names if name in columns]
     if len(present) != 1:

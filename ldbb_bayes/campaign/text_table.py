@@ -1,7 +1,8 @@
 """Reading of text tables: bytes to text, text to rows of cells, cells to columns of numbers.
 
 The tables of a campaign folder are read strictly, by `read_strict_table` and `strict_numbers`.
-Foreign files use the same steps after their encoding, separator and decimal mark are determined.
+Foreign files are read by the same steps, after their encoding, the separator of their cells and
+their decimal mark are determined.
 """
 
 from __future__ import annotations
@@ -36,13 +37,13 @@ __all__ = [
     "table_bytes",
 ]
 
-# Largest number of cells in a table.
+# Largest number of cells that a text table may have.
 LARGEST_TABLE = 4_000_000
-# Longest line of a text table [characters].
+# Longest line that a text table may have [characters].
 _LONGEST_LINE = 100_000
-# Number of characters of a cell that an error message shows.
+# Largest number of characters of a table's cell that an error message shows.
 LONGEST_CELL_SHOWN = 60
-# Byte-order marks at the beginning of a file, by encoding.
+# Byte-order mark with which a text file may begin, for each encoding.
 BYTE_ORDER_MARKS = {
     "utf-8": b"\xef\xbb\xbf",
     "utf-16-le": b"\xff\xfe",
@@ -52,22 +53,22 @@ BYTE_ORDER_MARKS = {
 ARCHIVE_SIGNATURE = b"PK\x03\x04"
 # First bytes of a compound file, the format of XLS and of workbooks with a password.
 COMPOUND_SIGNATURE = b"\xd0\xcf\x11\xe0"
-# Character that ends old text files (Ctrl-Z); it is removed.
+# Character (Ctrl-Z) with which old text files end; it is removed when a text table is read.
 _CONTROL_Z = b"\x1a"
 
 
 class Row(NamedTuple):
     """Row of a text table: its line number and its cells."""
 
-    line: int  #: line number of the row in the file, from 1
+    line: int  #: number of the line in the file that holds the row, counted from 1
     cells: list[str]
 
 
 def read_strict_table(path: Path) -> tuple[list[Row], str]:
-    """Return the rows of a UTF-8 table, and the character that separates its cells.
+    """Return the rows of a text table in UTF-8, and the character that separates its cells.
 
-    The first line is the header. The separator is whichever of comma, semicolon and tab is most
-    frequent in it.
+    The first row is the header. The separator is whichever of comma, semicolon and tab is most
+    frequent in the file's first line. Raise an `InputError` for a file that is no such table.
     """
     text = decode_text(path, table_bytes(path), "utf-8")
     header = text.partition("\n")[0]
@@ -86,12 +87,15 @@ def table_bytes(path: Path) -> bytes:
 
 
 def decode_text(path: Path, raw: bytes, encoding: str) -> str:
-    r"""Return the text of a file, with ``\n`` at the ends of lines.
+    r"""Return the text of a file without its byte-order mark, with ``\n`` at the ends of lines.
+
+    ``raw`` are the bytes of the file, and ``path`` is its path for error messages.
 
     Raises
     ------
     InputError
-        For a workbook, for bytes that are invalid in the encoding, and for control characters.
+        If the file is a workbook, if bytes are invalid in the encoding, or if the text contains
+        control characters.
     """
     require(
         not raw.startswith((ARCHIVE_SIGNATURE, COMPOUND_SIGNATURE)),
@@ -118,7 +122,11 @@ def decode_text(path: Path, raw: bytes, encoding: str) -> str:
 
 
 def rows_of_text(path: Path, text: str, separator: str) -> list[Row]:
-    """Return the non-empty lines of a text as rows of cells."""
+    """Return the non-empty lines of a text table as rows of cells.
+
+    ``text`` is the table, ``separator`` the character between cells, and ``path`` the path of the
+    file for error messages. Raise an `InputError` if the table or one of its lines is too large.
+    """
     if text.count("\n") + text.count(separator) > LARGEST_TABLE:
         raise InputError(f"{path} must hold at most {LARGEST_TABLE} cells, got more. Split it.")
     rows = []
@@ -134,9 +142,19 @@ def rows_of_text(path: Path, text: str, separator: str) -> list[Row]:
 
 
 def _split_line(path: Path, line: int, content: str, separator: str) -> list[str]:
-    """Return the cells of a line, without blanks at the beginning and end of each cell.
+    """Return the cells of one line of a table, without blanks at the ends of each cell.
 
-    A cell in quotes must end on the same line.
+    A cell in quotes must end on the same line; otherwise an `InputError` is raised. If the
+    separator is a blank, any number of blanks separates two cells.
+
+    Parameters
+    ----------
+    path, line
+        Path of the file and number of the line, for error messages.
+    content
+        Text of the line.
+    separator
+        Character between cells.
     """
     if separator == " ":
         return content.split()
@@ -153,9 +171,10 @@ def _split_line(path: Path, line: int, content: str, separator: str) -> list[str
 
 
 def columns_of(place: str, rows: Sequence[Row], width: int) -> tuple[list[int], list[list[str]]]:
-    """Return the line numbers and the columns of rows of a table.
+    """Return the line numbers and the columns of a table, from its rows.
 
-    Raise an `InputError` for a row that does not have ``width`` cells.
+    The first ``width`` cells of each row are used. Raise an `InputError` for a row that has fewer
+    cells, or further ones that are not empty. ``place`` is the file's name for error messages.
     """
     for row in rows:
         if len(row.cells) < width or any(row.cells[width:]):
@@ -194,7 +213,19 @@ def strict_numbers(
 def number_error(
     place: str, line: int, name: str, cell: str, remedy: str = "Correct or remove the line."
 ) -> InputError:
-    """Return the `InputError` for a cell that is no finite number."""
+    """Return the `InputError` for a cell of a table that is no finite number.
+
+    Parameters
+    ----------
+    place, line
+        Name of the file and number of the line.
+    name
+        Name of the column.
+    cell
+        Text of the cell.
+    remedy
+        What the user can do, as a sentence. If the cell looks like a date, another remedy is named.
+    """
     content = "nothing"
     if cell:
         content = repr(cell[:LONGEST_CELL_SHOWN])

@@ -243,7 +243,8 @@ class ForceError(Term):
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
         """Yield the errors of the force that the term models, with their standard uncertainties.
 
-        They are gain, curvature (unless ``curvature_sd`` is zero) and random error.
+        They are gain, curvature (unless ``curvature_sd`` is zero) and random error. The
+        uncertainties come from the certificate in ``campaign`` where it states them.
         """
         certificates = {
             "force_gain": "force_U_percent",
