@@ -3,9 +3,10 @@
 c_t = c + Δ e_j 1[t ≥ k] + w_t, t = 1..n
 
 c_t are the machine's p parameters in campaign t of n; c is their level before any change. From
-campaign k on, parameter j differs by the step Δ (e_j is the unit vector of that parameter). w_t is
-the machine's scatter from campaign to campaign, with the standard deviation r. b are the s errors
-of the instrument, the same in all campaigns. In units of the prior's sd:
+campaign k on, parameter j differs by the step Δ: e_j is the unit vector of that parameter, and
+1[t ≥ k] is one from campaign k on, zero before. w_t is the machine's scatter from campaign to
+campaign, with the standard deviation r. b are the s errors of the instrument, the same in all
+campaigns. In units of the prior's sd:
 
 c ~ N(0, I), b ~ N(0, I), w_t ~ N(0, r² I), r ~ HalfNormal(repeatability), Δ ~ N(0, change_scale²)
 

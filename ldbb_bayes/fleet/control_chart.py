@@ -35,9 +35,9 @@ _MARGIN = 0.9
 def draw_control_chart(trend: Trend) -> Figure:
     """Draw the control chart of a trend.
 
-    The panel of a parameter shows the estimate from each campaign alone, in order of time, its
-    control limits, which follow from the campaigns before it, and where the parameter may have
-    changed.
+    It has a panel for each parameter. The panel shows the estimate of the parameter from each
+    campaign alone, in order of time. It also shows the control limits of each estimate, which
+    follow from the campaigns before it, and when the parameter may have changed.
 
     Parameters
     ----------

@@ -45,7 +45,7 @@ def log_density(model: HybridModel, campaign: Campaign) -> LogDensity:
     Parameters
     ----------
     model : HybridModel
-        Model with its nuisances and priors.
+        Model with its nuisances (effects that are modelled but not of interest) and priors.
     campaign : Campaign
         Campaign with readings.
 

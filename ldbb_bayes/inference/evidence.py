@@ -70,7 +70,7 @@ def log_evidence(model: HybridModel, campaign: Campaign, *, tolerance: float = 1
     Warns
     -----
     RuntimeWarning
-        If the weights of the nodes cannot be trusted.
+        If the weights of the nodes (weighted values of the hyper-parameters) cannot be trusted.
 
     Examples
     --------
@@ -148,8 +148,9 @@ def check_comparable(model: HybridModel, campaign: Campaign) -> None:
 def log_bayes_factor(evidence: Evidence, other: Evidence) -> tuple[float, float]:
     """Return the log Bayes factor of a model over another model, and its error [nat].
 
-    The Bayes factor is B = Z / Z', the ratio of the two evidences. At equal prior probabilities of
-    the models it is the ratio of their posterior probabilities.
+    The Bayes factor is B = Z / Z', the evidence Z of the first model divided by the evidence Z' of
+    the second one. At equal prior probabilities of the models it is the ratio of their posterior
+    probabilities.
 
     Parameters
     ----------

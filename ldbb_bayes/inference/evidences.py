@@ -128,7 +128,7 @@ class Evidences(Shown):
         return rough
 
     def apart(self, tolerance: float | None = None) -> Evidences:
-        """Return a new `Evidences` of the same readings, with no model computed yet.
+        """Return new ``Evidences`` of the same readings, with no model computed yet.
 
         In it, the search for the mode of a model's posterior starts from the mode that this object
         has found for a model with the same hyper-parameters. ``tolerance`` is the error asked of
@@ -139,7 +139,7 @@ class Evidences(Shown):
     def without_test(
         self, test: str, tests: Sequence[str], modes: Mapping[tuple[Hyper, ...], Array]
     ) -> Evidences:
-        """Return an `Evidences` of the readings without one test, with no model computed yet.
+        """Return new ``Evidences`` of the readings without one test, with no model computed yet.
 
         ``test`` is the name of the test left out, ``tests`` are the names of all tests. The search
         for the mode of a model's posterior starts from the entry of ``modes`` for the names of the

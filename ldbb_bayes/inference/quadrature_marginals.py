@@ -48,7 +48,7 @@ def marginalize(
     Parameters
     ----------
     model : HybridModel
-        Model with its nuisances and priors.
+        Model with its nuisances (effects that are modelled but not of interest) and priors.
     campaign : Campaign
         Campaign with readings.
     prob : float
@@ -56,8 +56,8 @@ def marginalize(
     tolerance : float
         Relative error of the integrals behind means and standard deviations, between 0 and 1.
     seed : int
-        Seed of the random points from which quantiles are computed. Where compliances must not be
-        negative, the standard error of a quantile is 0.5 % in probability.
+        Seed of the random points from which quantiles are computed. If compliances must not be
+        negative, the standard error of a quantile, as a cumulative probability, is 0.5 %.
 
     Returns
     -------
@@ -74,7 +74,8 @@ def marginalize(
     Warns
     -----
     RuntimeWarning
-        If the weights of the nodes, or of the draws behind the quantiles, cannot be trusted.
+        If the weights of the nodes (weighted values of the hyper-parameters), or of the draws from
+        which quantiles are computed, cannot be trusted.
 
     Examples
     --------

@@ -134,8 +134,9 @@ def sample(
     DataTree
         Posterior in ArviZ's layout, in mm, N and rad, with the groups posterior, prior,
         sample_stats, log_prior, observed_data, constant_data and provenance. Draws have the shape
-        (chain, draw). ``lp`` in sample_stats is the log density in coordinates ln(φ − lower bound),
-        and the logit for a decay. `with_predictive` adds the groups for checks of models.
+        (chain, draw). ``lp`` in sample_stats is the log posterior density in unbounded coordinates
+        of the hyper-parameters φ: ln(φ − lower bound), or the logit for a decay (a power by which
+        form error falls with its order). `with_predictive` adds the groups for checks of models.
 
     Raises
     ------
