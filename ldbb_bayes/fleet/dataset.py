@@ -190,7 +190,7 @@ def read_batch(
     """Return the rows of one batch, or of several batches one below the other.
 
     The columns are: campaign, name, sha256, machine_id, date, status ("done" or "failed"), reason,
-    topology, planes, compliances (JSON: the sum of joint compliances that each fitted one is),
+    topology, planes, compliances (JSON: each fitted compliance as a sum of joint compliances),
     tolerances (JSON), tests, readings, force_min_N, force_max_N, reference_force_N, degree, terms,
     model_sha256, sampler, seed, versions, converged, state, kinds, verdict, misfits, warnings,
     log_prob_truncation [nat] (log probability that no compliance is negative), rmse_um,

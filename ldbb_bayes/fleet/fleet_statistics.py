@@ -241,10 +241,10 @@ def reference_sd(
 ) -> Array:
     """Return the reference sd of every parameter, shape (c,), in internal units (mm, N, rad).
 
-    It is the sd of the parameter's default prior or, if that is larger, the median sd of those of
-    its priors in the fits that have the mean zero. Priors in the fits may be wider than the default
-    because a compliance stands for those of several joints, or because the user knows of more
-    compliant machines. Priors with another mean than zero are left out: they state how well a
+    It is the sd of the parameter's default prior or, if larger, the median of the sds of the
+    parameter's priors in the fits. Priors in the fits may be wider than the default because a
+    compliance stands for those of several joints, or because the user knows of more compliant
+    machines. Priors in the fits with another mean than zero are left out: they state how well a
     parameter is known, not how large it may be.
 
     Parameters

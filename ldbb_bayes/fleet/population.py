@@ -362,14 +362,15 @@ def fit_population(
     since : str, optional
         Date (ISO 8601); campaigns that are earlier or have no date are left out.
     include_misfits : bool
-        Whether to keep campaigns whose readings the model does not expect.
+        Whether to keep campaigns whose readings do not fit the model.
     reference_force_N : float, optional
         Force at which the compliances are stated [N]. Default: the median of the campaigns'
         reference forces.
     spread_scale : float
-        Scale of each spread's prior, HalfNormal(spread_scale · sd), where sd is the reference
-        standard deviation of the parameter: that of the default prior, or, if larger, the median of
-        those of the priors in the fits.
+        Scale of the prior of each parameter's spread (standard deviation from machine to machine),
+        which is HalfNormal(spread_scale · sd). Here sd is the reference standard deviation of the
+        parameter: that of its default prior or, if larger, the median standard deviation of its
+        priors in the fits of the campaigns.
     one_instrument : bool
         Whether all campaigns used the same bar, so that errors of mount and force gain do not
         average out.
@@ -378,8 +379,8 @@ def fit_population(
     seed : int
         Seed of the random draws.
     progress : callable, optional
-        Function called with the number of machines for which spreads have been drawn anew and the
-        number of machines for which they are to be.
+        Function called while machines are compared with the others, with two numbers of machines:
+        those for which spreads have been drawn anew, and all those for which they are to be.
 
     Returns
     -------

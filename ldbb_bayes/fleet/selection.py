@@ -106,7 +106,7 @@ def choose(
     exclude : campaigns (file path as given, its last part, or the name) and machines (machine_id)
         to leave out.
     since : date (ISO 8601); campaigns that are earlier or have no date are left out.
-    include_misfits : keep campaigns whose readings the model does not expect.
+    include_misfits : keep campaigns whose readings do not fit the model.
     among : table of the whole batch, in which the names in ``exclude`` are looked up; default:
         ``rows``.
 

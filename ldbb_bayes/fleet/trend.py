@@ -265,7 +265,8 @@ def find_trend(
 
     One lasting step of one parameter is looked for. Its size has the prior
     N(0, (change_scale · sd)²), where sd is the reference standard deviation of the parameter: that
-    of the default prior, or, if larger, the median of those of the priors in the fits.
+    of its default prior or, if larger, the median standard deviation of its priors in the fits of
+    the campaigns.
 
     Parameters
     ----------
@@ -281,7 +282,7 @@ def find_trend(
     since : str, optional
         Date (ISO 8601); campaigns that are earlier or have no date are left out.
     include_misfits : bool
-        Whether to keep campaigns whose readings the model does not expect.
+        Whether to keep campaigns whose readings do not fit the model.
     reference_force_N : float, optional
         Force at which the compliances are stated [N]. Default: the median of the campaigns'
         reference forces.
