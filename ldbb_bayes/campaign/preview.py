@@ -1,4 +1,4 @@
-"""Preview of a campaign before a fit: its tests, oddities, and what a fit will assume."""
+"""Preview of a campaign before a fit: its tests, what looks odd, and what a fit will assume."""
 
 from __future__ import annotations
 
@@ -24,49 +24,60 @@ __all__ = [
     "resolution_of",
 ]
 
-# Highest order of the Fourier series fitted to the readings of a test.
+# Highest order of the Fourier series that is fitted to the readings of a test in its preview.
 _ORDER = 12
-# A test that covers a smaller arc [deg] than this is reported, as an arc or a gap.
+# A test whose angles cover a smaller arc [deg] than this is reported in the preview, as an arc or
+# as a gap.
 _FULL_DEG = 359.0
-# A test that covers at most this arc [deg] is reported as an arc; of others the gap is reported. An
-# arc leaves out at least one period of the Fourier series' highest order.
+# A test whose angles cover at most this arc [deg] is reported as an arc; of a test that covers
+# more, the gap is reported. An arc leaves out at least one period of the Fourier series' highest
+# order.
 _LARGEST_ARC_DEG = 360.0 - 360.0 / _ORDER
-# A gap between angles is reported if it is wider than this number of usual steps.
+# A gap between neighbouring angles of a test is reported if it is wider than this number of usual
+# steps from one angle to the next.
 _GAP_STEPS = 10.0
-# A test is reported if its force differs from the force law by more than this share of the
-# campaign's largest force.
+# A test is reported if its force differs from that which the force law gives for its pressure by
+# more than this share of the campaign's largest force.
 _FORCE_LAW_SHARE = 0.02
-# Usual range of a campaign's largest force; outside it the unit of the forces is probably wrong.
+# Usual range of a campaign's largest force [N]. If the force is outside, the unit of the forces is
+# probably wrong.
 _FORCES_N = (5.0, 10_000.0)
-# Usual range of a circle's radius; outside it the unit of the radius is probably wrong.
+# Usual range of a circle's radius [mm]. If the radius is outside, its unit is probably wrong.
 _RADII_MM = (10.0, 2000.0)
-# If the peak-to-peak value of readings is below this number of resolutions, their unit is probably
-# wrong.
+# If the peak-to-peak value of a test's readings is below this number of resolutions of the readout,
+# the unit of the readings is probably wrong.
 _SMALLEST_SPAN_RESOLUTIONS = 3.0
-# If the peak-to-peak value of readings is above this [µm], their unit is probably wrong.
+# If the peak-to-peak value of a test's readings is above this [µm], the unit of the readings is
+# probably wrong.
 _LARGEST_SPAN_UM = 1000.0
-# A Fourier series is fitted only to tests whose number of readings is in this range.
+# In a preview, a Fourier series is fitted only to tests whose number of readings is in this range.
 _FITTED_READINGS = range(2 * _ORDER + 11, 200_001)
-# A reading is a spike if it deviates from the Fourier series by more than this number of standard
-# deviations.
+# A reading is a spike if it deviates from the Fourier series fitted to its test by more than this
+# number of standard deviations of the readings about the series.
 _SPIKE_SCATTERS = 8.0
-# A trace is reported as open if first and last reading differ by more than this number of standard
-# deviations, or of resolutions if the resolution is larger.
+# A trace that goes once round the circle is reported as open if it jumps between last and first
+# reading by more than this number of standard deviations of the noise, or of resolutions if the
+# resolution is larger.
 _OPEN_SCATTERS = 10.0
-# Largest number of rounds of an iteration that reweights readings or searches spikes.
+# Largest number of rounds of the two iterations by which spikes are found: that which reweights the
+# readings, and that which leaves out spikes and fits again.
 _MAX_ROUNDS = 20
-# Standard deviation of a normal distribution divided by its median absolute deviation.
+# Standard deviation of a normal distribution divided by its median absolute deviation, by which the
+# latter is converted to the former.
 _SD_PER_MAD = 1.4826
-# If few readings are equal, a smaller step between readings [µm] does not count as their
-# resolution: it only shows how many digits were written.
+# Smallest step between readings [µm] that counts as their resolution if few of them are equal. A
+# smaller step then only shows how many digits were written.
 _FINEST_STEP_UM = 0.005
-# If few readings are equal, their resolution is determined only from this number of different
-# values on.
+# Smallest number of different readings from which a resolution is determined if few readings are
+# equal.
 _MIN_VALUES = 50
 
 
 class RemarkKind(StrEnum):
-    """Kinds of remarks in a preview: on a test, on the campaign, or on a fit's assumptions."""
+    """Kinds of remarks in the preview of a campaign.
+
+    Remarks are on one test, on the campaign as a whole, or on what a fit will assume.
+    """
 
     TRAVEL = "travel"
     ARC = "arc"
@@ -95,7 +106,10 @@ class RemarkKind(StrEnum):
 
 @dataclass(frozen=True)
 class Remark:
-    """Remark on a test or campaign: its kind, and the numbers and names for its sentence."""
+    """Remark on a test or campaign in a preview.
+
+    ``kind`` is its kind, and ``values`` are the numbers and names that its sentence will contain.
+    """
 
     kind: RemarkKind
     values: dict[str, Any]
@@ -108,7 +122,11 @@ class _Remarks:
         self._remarks: list[Remark] = []
 
     def add(self, kind: RemarkKind, condition: object = True, **values: Any) -> None:
-        """Add a remark of this kind with these values, if the condition is true."""
+        """Add a remark if the condition is true.
+
+        ``kind`` is the kind of the remark, and ``values`` are the numbers and names that its
+        sentence will contain.
+        """
         if condition:
             self._remarks.append(Remark(kind, values))
 
@@ -118,7 +136,10 @@ class _Remarks:
 
 @dataclass(frozen=True)
 class TestPreview:
-    """Summary of one test; a field is None if it cannot be determined from the test."""
+    """Summary of one circular test in the preview of a campaign.
+
+    A field is None if it cannot be determined from the test.
+    """
 
     __test__ = False
 
@@ -126,32 +147,41 @@ class TestPreview:
     force_N: float
     pressure_bar: float
     readings: int
-    arc_deg: float  #: arc that the angles cover
-    largest_gap_deg: float  #: widest distance between neighbouring angles on the circle
-    direction: str | None  #: direction of travel as stated: CW or CCW
-    travel: str | None  #: direction of travel that the order of the angles shows
+    arc_deg: float  #: arc of the circle that the angles of the test cover [deg]
+    #: widest distance between neighbouring angles of the test on the circle [deg]
+    largest_gap_deg: float
+    #: direction of travel as the test states it: clockwise (CW) or counterclockwise (CCW)
+    direction: str | None
+    #: direction of travel that the order of the test's angles shows: clockwise (CW) or
+    #: counterclockwise (CCW)
+    travel: str | None
     plane: str
     setup: int
     radius_mm: float
     centre_mm: tuple[float, ...]
     work_ball_deg: float
     tool_ball_deg: float
-    #: resolution of the readings: the step of which all their differences are multiples
+    #: resolution of the readings [µm]: the step of which all their differences are multiples
     resolution_um: float | None
-    #: number of readings that deviate from a Fourier series of order 12 by more than eight standard
-    #: deviations; the fit is robust against such spikes
+    #: number of spikes, which are readings that deviate from a fitted Fourier series of order 12 by
+    #: more than eight standard deviations. The series is fitted without them.
     spikes: int
-    #: standard deviation of the readings about a Fourier series of order 12, without spikes; only
-    #: for tests of 35 to 200 000 readings
+    #: standard deviation of the readings about a fitted Fourier series of order 12, without spikes
+    #: [µm]; computed only for tests of 35 to 200 000 readings
     noise_um: float | None
-    start_end_um: float | None  #: last reading minus first, if the test goes once round the circle
+    #: last reading minus first [µm]; computed only if the test goes once round the circle
+    start_end_um: float | None
     peak_to_peak_um: float | None
     remarks: tuple[Remark, ...]
 
 
 @dataclass(frozen=True)
 class CampaignPreview(Result):
-    """Summary of a campaign's tests, with remarks and the assumptions that a fit would make."""
+    """Summary of a campaign before a fit.
+
+    It holds a summary of each test, remarks on what looks odd, and the assumptions that a fit would
+    make.
+    """
 
     name: str
     sha256: str
@@ -177,8 +207,8 @@ def check_campaign(campaign: Campaign) -> CampaignPreview:
     Returns
     -------
     CampaignPreview
-        The ``tests`` with their scatter, resolution and spikes, the ``remarks``, and the
-        ``assumptions`` of a fit.
+        Summaries of the ``tests`` with their scatter, resolution and spikes, ``remarks`` on what
+        looks odd, and the ``assumptions`` that a fit would make.
 
     Examples
     --------
@@ -205,10 +235,16 @@ def check_campaign(campaign: Campaign) -> CampaignPreview:
 class _Angles(NamedTuple):
     """Steps, gaps and direction of the angles of a test."""
 
-    step_deg: float  # median step from one reading to the next
-    largest_gap_deg: float  # widest distance between neighbouring angles on the circle
-    usual_step_deg: float  # half of the circle lies in gaps no wider than this; at least step_deg
-    travel: str | None  # direction in which the angles run: CW, CCW, or None if it changes
+    #: median absolute difference of the angle from one reading to the next [deg]
+    step_deg: float
+    #: widest distance between neighbouring angles of the test on the circle [deg]
+    largest_gap_deg: float
+    #: usual distance between neighbouring angles on the circle [deg]: half of the circle lies in
+    #: gaps no wider than this; at least ``step_deg``
+    usual_step_deg: float
+    #: direction in which the angles run from reading to reading: clockwise (CW), counterclockwise
+    #: (CCW), or None if it changes
+    travel: str | None
 
 
 def _describe_angles(test: CircularTest) -> _Angles:
@@ -230,7 +266,10 @@ def _describe_angles(test: CircularTest) -> _Angles:
 
 
 class _Readings(NamedTuple):
-    """Quantities computed from the readings of a test, with the names of `TestPreview`."""
+    """Quantities computed from the readings of a test, with the same names as in `TestPreview`.
+
+    The defaults are those of a planned test, which has no readings.
+    """
 
     resolution_um: float | None = None
     spikes: int = 0
@@ -288,7 +327,8 @@ def _remark_on_angles(
 def _order_shows_no_travel(campaign: Campaign) -> bool:
     """Return whether the angles increase in all tests, although both directions are stated.
 
-    The tables were then sorted by angle, and their order shows no direction of travel.
+    The tables of readings were then sorted by angle, so that the order of the readings shows no
+    direction of travel.
     """
     directions = {test.direction for test in campaign.tests}
     all_rise = all(np.all(np.diff(test.angle_deg) > 0) for test in campaign.tests)
@@ -346,8 +386,10 @@ def _path(
 ) -> tuple[float, int]:
     """Return the scatter of readings about a Fourier series of order 12, and the number of spikes.
 
-    The scatter is a standard deviation [µm]. If the test goes once round the circle, a drift linear
-    in the angle is fitted too, so that a jump between first and last reading is found.
+    The scatter is a standard deviation [µm], without spikes, which are readings far from the
+    series. If the test goes once round the circle (``closes``), a drift linear in the angle is
+    fitted too, so that a jump between last and first reading is found. Such a jump and the spikes
+    are added to ``remarks``. ``resolution_um`` is the resolution of the readout.
     """
     turns = np.exp(1j * np.outer(test.angles_rad(), np.arange(_ORDER + 1)))
     reading = np.asarray(test.reading_um)
@@ -382,11 +424,16 @@ def _path(
 
 
 class _Fit(NamedTuple):
-    """Result of a least-squares fit to all readings that are no spikes."""
+    """Result of a least-squares fit to all readings of a test that are no spikes.
+
+    Spikes are readings far from the fitted curve; ``coefficients`` are those of the curve.
+    """
 
     coefficients: Array
-    deviation: Array  # deviation of every reading, spikes included, from the fit
-    scatter: float  # standard deviation of the readings about the fit, without spikes
+    #: deviation of every reading of the test from the fitted curve, spikes included [µm]
+    deviation: Array
+    #: standard deviation of the readings about the fitted curve, without spikes [µm]
+    scatter: float
 
 
 def _fit(columns: Array, reading: Array, regular: NDArray[np.bool_]) -> _Fit:
@@ -399,17 +446,18 @@ def _fit(columns: Array, reading: Array, regular: NDArray[np.bool_]) -> _Fit:
 
 
 def _regular_readings(columns: Array, reading: Array) -> NDArray[np.bool_]:
-    """Return whether each of the n readings is no spike, shape (n,).
+    """Return whether each of the n readings of a test is no spike, shape (n,).
 
     A reading is a spike if it deviates from a fitted curve by more than eight standard deviations.
-    The first curve is a fit of least absolute deviations. Further ones are least-squares fits
-    without the spikes, until the same readings are spikes.
+    The first curve minimises the sum of absolute deviations. Then the spikes are left out and a new
+    curve is fitted by least squares, until the same readings as before are spikes. ``columns``
+    (n, k) are the functions that are fitted, at the angles of the readings.
     """
     deviation, p = _least_absolute_deviations(columns, reading)
     regular = np.ones(len(reading), dtype=bool)
     for _ in range(_MAX_ROUNDS):
-        # A fit of least absolute deviations with p columns goes through p readings exactly, which
-        # say nothing about the scatter.
+        # A curve of p functions with the least sum of absolute deviations goes through p readings
+        # exactly. These say nothing about the scatter and are left out.
         scatter = _SD_PER_MAD * float(np.median(np.sort(np.abs(deviation))[p:]))
         previous = regular
         regular = np.abs(deviation) <= _SPIKE_SCATTERS * max(scatter, 1e-9)
@@ -420,9 +468,11 @@ def _regular_readings(columns: Array, reading: Array) -> NDArray[np.bool_]:
 
 
 def _least_absolute_deviations(columns: Array, reading: Array) -> tuple[Array, int]:
-    """Return deviations of the readings from a robust fit, and the rank of the columns.
+    """Return deviations of n readings from a robust fit, and the rank of the fitted functions.
 
     The fit minimises the sum of absolute deviations, by iteratively reweighted least squares.
+    ``columns`` (n, k) are the fitted functions at the angles of the readings. The deviations have
+    the shape (n,).
     """
     basis, size, _ = np.linalg.svd(columns, full_matrices=False)
     basis = basis[:, size > 1e-9 * size[0]]
@@ -439,11 +489,12 @@ def _least_absolute_deviations(columns: Array, reading: Array) -> tuple[Array, i
 def resolution_of(reading_um: Array) -> float | None:
     """Return the resolution of readings [µm], or None if they do not show one.
 
-    The resolution is the median of the smallest differences between distinct readings (those below
-    1.5 times the least), if all differences are multiples of it to within 5 %. The result is None
-    for fewer than three distinct readings. If fewer than a tenth of the readings repeat another, it
-    is also None in two cases: for a resolution below 0.005 µm, which only shows how many digits
-    were written, and for fewer than 50 distinct readings.
+    The resolution is the median of the smallest differences between neighbouring distinct readings
+    (those below 1.5 times the least). All differences must be multiples of it to within 5 %,
+    otherwise the result is None. It is also None for fewer than three distinct readings. If fewer
+    than a tenth of the readings repeat another, it is None in two further cases: for a resolution
+    below 0.005 µm, which only shows how many digits were written, and for fewer than 50 distinct
+    readings.
 
     Parameters
     ----------

@@ -192,10 +192,21 @@ def columns_of(place: str, rows: Sequence[Row], width: int) -> tuple[list[int], 
 def strict_numbers(
     place: str, name: str, lines: Sequence[int], cells: Sequence[str], decimal: str
 ) -> Array:
-    """Return the numbers of a column, shape (n,).
+    """Return the numbers in the n cells of a table's column, shape (n,).
 
     Raise an `InputError` for a cell that is no finite number, or has marks between thousands. A
     single such mark that is also the decimal mark, as in 1.000, cannot be noticed.
+
+    Parameters
+    ----------
+    place, name
+        Name of the file and name of the column, for error messages.
+    lines
+        Number of the line that holds each cell, for error messages.
+    cells
+        Texts of the cells.
+    decimal
+        Decimal mark: point or comma.
     """
     values = np.full(len(cells), np.nan)
     for k, cell in enumerate(cells):
