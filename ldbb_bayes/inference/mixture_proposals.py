@@ -17,8 +17,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["Mixture", "Random", "SplitT", "fit_split_t", "refit_mixture"]
 
-# Types of random number generators of NumPy that are accepted. The sampler emcee gives a
-# RandomState to its moves; everything else uses a Generator.
+# Types of random number generators of NumPy that are accepted: the present Generator, and the older
+# RandomState, which the sampler emcee uses.
 Random = np.random.Generator | np.random.RandomState
 
 # Degrees of freedom that are tried when a Student-t distribution is fitted to points. Those with

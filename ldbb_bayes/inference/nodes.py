@@ -503,8 +503,8 @@ class Nodes:
 
         The error of the integral over the nodes must not exceed the tolerance minus the truncation
         error, which is the error of the log probability that no compliance is negative. If the
-        truncation error is half the tolerance or more, finer nodes would hardly help; then the
-        error of the integral alone must not exceed the tolerance.
+        truncation error is half the tolerance or more, only the error of the integral must not
+        exceed the tolerance.
         """
         if self.truncation_error >= tolerance / 2.0:
             return self.integral.error <= tolerance
