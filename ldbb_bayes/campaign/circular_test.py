@@ -86,10 +86,11 @@ class TestFields(Shown):
     time_s: Number | None = None  #: start of the test [s], on a clock common to all tests
 
 
-# Names of the fields of a test that a table of readings may give in columns of other names, too.
+# Names of the fields of a test that a table of readings may also give in columns with other headers
+# than the name of the field.
 _NOT_PER_TEST = ("name", "force_N", "pressure_bar", "direction")
-# Names of the fields of a test that a table of readings may give only in columns of exactly these
-# names.
+# Names of the fields of a test that a table of readings may give only in a column whose header is
+# the name of the field.
 PER_TEST = tuple(entry.name for entry in fields(TestFields) if entry.name not in _NOT_PER_TEST)
 
 

@@ -62,8 +62,8 @@ _OPEN_SCATTERS = 10.0
 # Largest number of rounds of the two iterations by which spikes are found: that which reweights the
 # readings, and that which leaves out spikes and fits again.
 _MAX_ROUNDS = 20
-# Standard deviation of a normal distribution divided by its median absolute deviation, by which the
-# latter is converted to the former.
+# Standard deviation of a normal distribution divided by its median absolute deviation (MAD). A MAD
+# times this factor estimates the standard deviation.
 _SD_PER_MAD = 1.4826
 # Smallest step between readings [µm] that counts as their resolution if few of them are equal. A
 # smaller step then only shows how many digits were written.
@@ -258,7 +258,8 @@ def _describe_angles(test: CircularTest) -> _Angles:
         travel = "CCW"
     elif np.all(steps < 0):
         travel = "CW"
-    # Readings that repeat an angle leave gaps of width zero, which say nothing about the step.
+    # Readings that repeat an angle leave gaps of width zero between neighbouring angles, which say
+    # nothing about the usual step.
     ordered_gaps = np.sort(gaps)
     usual_gap = ordered_gaps[np.searchsorted(np.cumsum(ordered_gaps), 180.0)]
     usual_step_deg = max(float(usual_gap), step_deg)

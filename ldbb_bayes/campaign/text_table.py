@@ -49,9 +49,11 @@ BYTE_ORDER_MARKS = {
     "utf-16-le": b"\xff\xfe",
     "utf-16-be": b"\xfe\xff",
 }
-# First bytes of a zip archive; workbooks in XLSX and ODS are such archives.
+# First bytes of a file that is a zip archive; workbooks in the formats XLSX and ODS are such
+# archives.
 ARCHIVE_SIGNATURE = b"PK\x03\x04"
-# First bytes of a compound file, the format of XLS and of workbooks with a password.
+# First bytes of a file in Microsoft's compound file format, which XLS workbooks and workbooks with
+# a password have.
 COMPOUND_SIGNATURE = b"\xd0\xcf\x11\xe0"
 # Character (Ctrl-Z) with which old text files end; it is removed when a text table is read.
 _CONTROL_Z = b"\x1a"

@@ -44,8 +44,8 @@ _CACHE_SIZE = 1 << 19
 # products (BLAS) rounds such multiples identically, so that results do not depend on how many
 # values are processed together.
 BLAS_MULTIPLE = 8
-# Time of the function calls that eliminate one column, as the number of multiplications that take
-# as long.
+# Time that the calls of functions take when one column of a matrix is eliminated, stated as the
+# number of multiplications that take as long.
 _CALL_COST = 60.0
 # Number of columns of a matrix P = Aᵀ D⁻¹ A that one matrix product computes. A smaller number
 # wastes time in function calls; a larger one computes entries below the diagonal that are not
@@ -76,7 +76,11 @@ class Front(NamedTuple):
 
     @property
     def entries(self) -> int:
-        """Number of entries of P = Aᵀ D⁻¹ A that are computed for each value of φ in D(φ)."""
+        """Number of matrix entries of all groups that are computed for one value of φ.
+
+        φ are the hyper-parameters. The entries are those of P = Aᵀ D⁻¹ A and Aᵀ D⁻¹ r, where A is
+        the design matrix, D(φ) the diagonal noise covariance and r are the readings.
+        """
         return int(np.prod(self.gram.shape[:3]))
 
     def assemble(
@@ -345,7 +349,10 @@ class DesignRows:
         groups: Sequence[NDArray[np.intp]],
         border: NDArray[np.intp] | None = None,
     ) -> Front:
-        """Return the scalar products by which groups of s columns each are eliminated together.
+        """Return the data by which groups of s columns of the design matrix are eliminated.
+
+        The data are indices, scalar products and signs. All groups have the same number s of
+        columns, so that they can be eliminated together.
 
         Parameters
         ----------

@@ -17,10 +17,11 @@ __all__ = ["MAX_ORDER", "ORDERS", "SIZE", "basis", "coefficients", "derivative",
 MAX_ORDER = 12
 # Number of Fourier basis functions 1, cos θ, sin θ, …, cos 12θ, sin 12θ.
 SIZE = 2 * MAX_ORDER + 1
-# Order of every Fourier basis function: 0, 1, 1, 2, 2, …, 12, 12.
+# Order n of every Fourier basis function 1, cos θ, sin θ, cos 2θ, …: 0, 1, 1, 2, 2, …, 12, 12.
 ORDERS = np.repeat(np.arange(MAX_ORDER + 1), 2)[1:]
 ORDERS.setflags(write=False)
-# Fourier coefficients below this share of the largest are rounding errors and count as zero.
+# Fourier coefficients of a function below this share of its largest coefficient are rounding errors
+# and count as zero.
 _ROUNDING = 1e-13
 
 

@@ -76,8 +76,8 @@ class Gaussian(Shown):
         shift: Array,
         log_constant: Array | float = 0.0,
     ) -> None:
-        # precision, shift and log_constant are cached properties. Assigned here, they are not
-        # computed later.
+        # The attributes precision, shift and log_constant are cached properties of the class. The
+        # values assigned here are kept, so that they are not computed from mean and root later.
         self.precision = precision
         self.shift = shift
         self.log_constant = np.asarray(log_constant, dtype=float)

@@ -73,7 +73,10 @@ _TRUNCATION_TOLERANCE = 1e-4
 
 
 def _default_terms() -> tuple[Term, ...]:
-    """Return the nuisance terms (effects modelled but not of interest) of the default model."""
+    """Return the nuisance terms (effects modelled but not of interest) of the default model.
+
+    They are all terms except those that models have only on request.
+    """
     return tuple(kind() for kind in Term.kinds.values() if not kind.on_demand)
 
 
@@ -236,9 +239,9 @@ class HybridModel(Result):
         return replace(self, prior=replace(self.prior, slope_scale=scale, overrides=overrides))
 
     def fixing(self, *names: str) -> HybridModel:
-        """Return the same model with the named parameters fixed at zero.
+        """Return the same model with the named parameters of interest fixed at zero.
 
-        The prior means of these parameters become zero too.
+        Names are such as C_XYX_1. The prior means of these parameters become zero too.
         """
         fixed = {*self.fixed, *(inside_name(name) for name in names)}
         means = dict(self.prior.means)
@@ -586,9 +589,9 @@ class BoundModel(Shown):
     interest : ndarray, shape (tests, 25, p)
         H: reading per unit of each parameter of interest, as 25 Fourier coefficients.
     physical, truncation : Truncation
-        ``physical`` is the region of parameters in which compliances C(F) that must not be negative
-        are not. ``truncation`` is the same region if the prior is restricted to it; otherwise it
-        permits all parameters.
+        ``physical`` is the region of parameters in which no compliance C(F) is negative that is a
+        deflection in the direction of the load itself. ``truncation`` is the same region if the
+        prior is restricted to it; otherwise it permits all parameters.
     """
 
     shown = ("model", "campaign", "test_names", "names", "setting")
@@ -721,7 +724,7 @@ class BoundModel(Shown):
         return self._of_interest.geometric_errors
 
     def keeping(self, names: Sequence[str]) -> BoundModel:
-        """Return the model of the named tests alone.
+        """Return the model of the tests with these names alone.
 
         Reference force, force range and other properties of the whole campaign do not change.
         """

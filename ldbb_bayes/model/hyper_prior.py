@@ -138,7 +138,9 @@ class HyperPrior:
         constant = np.log(2.0) + _SHAPE * np.log(_RATE) - gammaln(_SHAPE)
         with np.errstate(divide="ignore", over="ignore"):
             precision = noise_factor**-2.0
-            # The density is zero where the precision overflows.
+            # The precision λ⁻² of a noise factor λ overflows if λ is very small. The density is
+            # zero
+            # there.
             inside = (noise_factor > 0.0) & np.isfinite(precision)
             precision = np.where(inside, precision, 1.0)
             power = (_SHAPE + 0.5) * np.log(precision)

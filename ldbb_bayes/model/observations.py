@@ -211,7 +211,8 @@ def observation_equations(
     rows, unit, log_volume = _add_priors(reading_rows, nuisances, len(reduced), sources)
     signs = np.array([1.0] * nuisances.shared_size + nuisances.private_signs * len(reduced))
     private_signs = signs[nuisances.shared_size :]
-    # The last rows are the priors of coefficients that belong to a single test.
+    # The last rows of the observation equations, from the index ``first`` on, are the priors of the
+    # coefficients that every test has for itself.
     first = len(rows.variance) - len(private_signs)
     rows.variance[first:] *= private_signs[:, None]
     log_constants = [-0.5 * _LOG_2PI * test.readings for test in reduced]

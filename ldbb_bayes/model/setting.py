@@ -96,8 +96,9 @@ class Setting:
     #: Fourier coefficients of the reading per unit of each geometric error, as a function of the
     #: angle on the circle, shape (tests, 25, geometric errors)
     geometric: Array
-    # The following fields describe the whole campaign, and the method `select` keeps them
-    # unchanged. Only `circle` and `fitted` have one row for each test, which `select` selects too.
+    # The fields from `reference_force_N` on describe the whole campaign, and the method `select`
+    # keeps them unchanged. Only `circle` and `fitted` among them have one row for each test, which
+    # `select` selects too.
     #: reference force F0 [N]: compliances are stated at it, and slopes multiply F − F0
     reference_force_N: float
     force_range_N: float  #: largest minus smallest force of the campaign [N]

@@ -403,7 +403,8 @@ def _edges_of_nearest_point(
     block = coupling[np.ix_(binding, binding)] + np.eye(len(binding))
     mills = np.zeros(len(bound))
     mills[binding] = np.linalg.solve(block, bound[binding])
-    # Invert the Mills ratio m approximately: for a large edge, m is about edge + 1 / edge.
+    # Compute the edge from its inverse Mills ratio m approximately: for a large edge e, m is about
+    # e + 1/e, so that e is about m − 1/m.
     far = mills - 1.0 / np.maximum(mills, 1.0)
     return np.where(mills > 1.0, far, bound - coupling @ mills)
 
