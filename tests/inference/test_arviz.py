@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from importlib.metadata import version
 from types import ModuleType
 
 import arviz_stats
@@ -84,8 +83,6 @@ def test_psense_summary(checked: xr.DataTree) -> None:
 
 @pytest.mark.parametrize("name", PLOTS_OF_POSTERIOR)
 def test_plots_of_a_posterior(name: str, posterior: xr.DataTree, arviz_plots: ModuleType) -> None:
-    if name == "plot_trace_dist" and version("arviz_plots").startswith("0."):
-        pytest.skip("arviz-plots below 1 hands a Dataset to Dataset(), which xarray now refuses")
     getattr(arviz_plots, name)(posterior, var_names=["C_XXX", "C_YYY"], backend="matplotlib")
     plt.close("all")
 
