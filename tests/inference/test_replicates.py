@@ -144,8 +144,6 @@ def test_arviz_judges_the_posterior(checked: xr.DataTree, posterior: xr.DataTree
     assert ((low < observed) & (observed < high)).mean() > 0.9
     summary = arviz_stats.summary(lb.to_units(posterior), ci_prob=0.95, ci_kind="eti")
     assert not (summary["sd"].astype(str).astype(float) == 0.0).any()
-    plots = pytest.importorskip("arviz_plots", exc_type=Exception)
-    plots.plot_ppc_dist(checked, backend="matplotlib")
 
 
 def test_circle_given_the_others_is_the_oracles() -> None:
