@@ -261,7 +261,7 @@ class Campaign(CampaignFields):
 
     @property
     def forces_N(self) -> Array:
-        """Force of each test, shape (tests,) [N]."""
+        """Force of the bar in each test, shape (tests,) [N]."""
         return np.array([test.force_N for test in self.tests], dtype=float)
 
     @property
@@ -274,7 +274,7 @@ class Campaign(CampaignFields):
 
     @property
     def pressures_bar(self) -> Array:
-        """Pressure of the regulator in each test, shape (tests,) [bar]."""
+        """Pressure of the regulator that makes the force of each test, shape (tests,) [bar]."""
         return np.array([test.pressure_bar for test in self.tests], dtype=float)
 
     @property

@@ -31,7 +31,11 @@ _LONGEST_LABEL = 200
 
 @dataclass(frozen=True)
 class CertifiedQuantity:
-    """One number of a calibration certificate, as the certificate writes it."""
+    """One number of a calibration certificate, as the certificate writes it.
+
+    ``name`` is the name that the certificate gives the quantity, or an empty text, and ``value`` is
+    the number.
+    """
 
     name: str
     #: attribute refType of the quantity in the certificate, a standardised name; empty if missing
@@ -335,9 +339,9 @@ def _title_with_holder(quantity: CertifiedQuantity) -> str:
 
 
 def _largest(quantities: Sequence[CertifiedQuantity]) -> CertifiedQuantity | None:
-    """Return the certified quantity with the largest absolute value; None if there is none.
+    """Return that one of ``quantities`` which has the largest absolute value.
 
-    Of several equally large quantities it is the last one.
+    Of several equally large quantities, return the last one; of no quantities, return None.
     """
     if not quantities:
         return None
@@ -358,7 +362,10 @@ def _only(quantities: Sequence[CertifiedQuantity]) -> CertifiedQuantity:
 
 
 def _listed(quantities: Sequence[CertifiedQuantity]) -> str:
-    """Return the names and units of the first twelve different quantities as one line of text."""
+    """Return the names and units of certified quantities as one line of text, for messages.
+
+    Only the first twelve different ones are listed, followed by the number of the others.
+    """
     texts = list(dict.fromkeys(f"{quantity.title!r} ({quantity.unit})" for quantity in quantities))
     listed = ", ".join(texts[:_QUANTITIES_LISTED])
     if len(texts) > _QUANTITIES_LISTED:

@@ -49,7 +49,7 @@ class MountCompensation(Shown):
     """Deflection of the work ball's mount, and whether readings are compensated for it.
 
     The deflection is ``deflection_um_per_bar`` times the regulator's pressure in bar (Eq. 32 of the
-    paper). If the readings are not compensated for it, the model contains it.
+    paper). If the readings are not compensated for it, the model adds it to the predicted readings.
 
     Examples
     --------

@@ -116,7 +116,7 @@ class Remark:
 
 
 class _Remarks:
-    """List of remarks, to which the examination of a campaign adds."""
+    """List of remarks of a preview, to which functions add while they examine a campaign."""
 
     def __init__(self) -> None:
         self._remarks: list[Remark] = []
@@ -562,7 +562,7 @@ def _runs_both_ways(campaign: Campaign, plane: str) -> bool:
 
 
 def _remarks(campaign: Campaign) -> tuple[Remark, ...]:
-    """Return remarks on what looks odd in the campaign as a whole, such as a single force."""
+    """Return remarks on what looks odd in a campaign as a whole, such as a single force level."""
     kinds = RemarkKind
     remarks = _Remarks()
     remarks.add(kinds.ONE_LEVEL, campaign.force_levels == 1)

@@ -79,7 +79,10 @@ def read_strict_table(path: Path) -> tuple[list[Row], str]:
 
 
 def table_bytes(path: Path) -> bytes:
-    """Return the bytes of a file that holds a table; raise an `InputError` if it is empty."""
+    """Return the bytes of a file that holds a table.
+
+    Raise an `InputError` if the file is empty, too large or cannot be read.
+    """
     raw = bytes_of(path, LARGEST_TABLE_BYTES, what="a file")
     require(
         raw.strip(b" \t\r\n\0"),

@@ -52,8 +52,9 @@ class _Noise:
 
 
 class _SortedColumns(NamedTuple):
-    """Columns of the nuisances, sorted by whether all tests share their coefficients.
+    """Columns (readings per unit coefficient) of all nuisance terms, sorted into two groups.
 
+    In one group the coefficients are the same in all tests, in the other they differ between tests.
     Nuisances are effects that are modelled but not of interest.
     """
 

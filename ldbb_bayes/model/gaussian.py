@@ -274,7 +274,10 @@ class Gaussian(Shown):
 
     @cached_property
     def log_constant(self) -> Array:
-        """Logarithm of the Gaussian function where all coefficients are zero, shape (...)."""
+        """Logarithm of the Gaussian function at the point where all q coefficients are zero, (...).
+
+        The dimensions "..." hold many Gaussian functions.
+        """
         origin = np.zeros(self.mean.shape[-1])
         return np.asarray(self.log_integral + self.log_density(origin))
 
@@ -293,7 +296,7 @@ class Gaussian(Shown):
 
     @property
     def mean(self) -> Array:
-        """Mean of the q coefficients, shape (..., q)."""
+        """Mean of the q coefficients of each Gaussian function, shape (..., q)."""
         return self._factors.mean
 
     @property
@@ -332,7 +335,7 @@ class Gaussian(Shown):
 
     @property
     def covariance(self) -> Array:
-        """Covariance matrix of the q coefficients, shape (..., q, q)."""
+        """Covariance matrix of the q coefficients of each Gaussian function, shape (..., q, q)."""
         spread = self.spread()
         return spread @ np.swapaxes(spread, -1, -2)
 

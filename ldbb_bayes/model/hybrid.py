@@ -331,7 +331,10 @@ class HybridModel(Result):
         return replace(self, nuisances=tuple(term_by_kind[kind] for kind in kinds))
 
     def including(self, *terms: Term) -> HybridModel:
-        """Return the result of `with_term`, and warn that the method was renamed."""
+        """Return the same model with the given terms added, as the method `with_term` does.
+
+        Warn that ``including`` is the old name of this method.
+        """
         renamed("the method", "including", {"including": "with_term"}, refused_from="0.3.0")
         return self.with_term(*terms)
 

@@ -305,7 +305,10 @@ class Prior(Shown):
             )
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Return the settings for pickle, with dictionaries in place of read-only mappings."""
+        """Return how pickle creates the same prior: the class with all its settings.
+
+        Read-only mappings, which pickle cannot store, are replaced by dictionaries.
+        """
         settings = {**vars(self), "overrides": dict(self.overrides), "means": dict(self.means)}
         return partial(Prior, **settings), ()
 

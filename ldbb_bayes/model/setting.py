@@ -132,7 +132,7 @@ class Setting:
 
     @property
     def tests(self) -> int:
-        """Number of tests."""
+        """Number of tests whose conditions the object holds."""
         return len(self.force_N)
 
     def select(self, rows: Sequence[int]) -> Setting:
@@ -465,7 +465,7 @@ def _planes_run_both_ways(campaign: Campaign) -> tuple[str, ...]:
 
 
 def _check_directions_stated(campaign: Campaign, plane: str) -> None:
-    """Raise an `InputError` if a test of this plane does not state its direction of travel."""
+    """Raise an `InputError` if a test in the plane ``plane`` states no direction of travel."""
     undirected: list[CircularTest] = [
         test for test in campaign.tests if test.plane == plane and test.direction is None
     ]

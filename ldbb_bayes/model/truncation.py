@@ -73,7 +73,10 @@ class Truncation:
 
     @property
     def bounds(self) -> Array:
-        """Least and greatest value of each of the p parameters in the region, shape (p, 2)."""
+        """Least and greatest value of each of the p parameters in the region A β ≥ 0, (p, 2).
+
+        In this region no compliance is negative. Values without a limit are infinite.
+        """
         p = self.rows.shape[1]
         bounds = np.empty((p, 2))
         for j in range(p):

@@ -299,7 +299,7 @@ class Term(Shown):
 
     @classmethod
     def unit_of(cls, coefficient: str) -> Unit:
-        """Return the unit of a coefficient of this term, given the coefficient's name."""
+        """Return internal and displayed unit of a coefficient of this term, given its name."""
         return cls.unit
 
     @classmethod

@@ -39,7 +39,8 @@ class Scale(NamedTuple):
     """A hyper-parameter and its prior: usually the sd [mm] of the coefficients that it scales.
 
     Hyper-parameters of two laws have no unit: ``decay``, the power by which the amplitude of form
-    falls with its order, and ``circle``, the factor λ of one circle, λ² ~ InvGamma(3/2, 3/2).
+    falls with its order, and ``circle``, the factor λ on the noise of one circle, whose square has
+    the inverse gamma prior InvGamma(3/2, 3/2).
 
     Examples
     --------
@@ -82,7 +83,7 @@ class Source(NamedTuple):
 
     @property
     def names(self) -> tuple[Hyper, ...]:
-        """Names of the hyper-parameters from which the factor is computed."""
+        """Names of the hyper-parameters from which this factor on a prior sd is computed."""
         return tuple(name for name in (self.hyper, self.circle, self.decay) if name)
 
     def at(self, value: Mapping[Hyper, Any]) -> Any:
