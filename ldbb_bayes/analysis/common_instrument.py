@@ -264,7 +264,8 @@ def _posterior_mean(bound: BoundModel, phi: Array) -> Array:
     ``phi`` are the hyper-parameters, shape (h,) [mm]. Shared nuisance coefficients act in several
     tests. The means have the order of `information_of`: parameters first.
     """
-    beta = bound.given(phi[None])[1].mean[0]
+    _, parameters = bound.given(phi[None])
+    beta = parameters.mean[0]
     has_shared_nuisances = any(
         isinstance(term, Columns) and not term.private for term in bound.nuisance_columns
     )

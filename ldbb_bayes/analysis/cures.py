@@ -167,14 +167,12 @@ def _clocked(
     tests = []
     for test in plan.tests:
         for turn in _CLOCKINGS_DEG:
-            work_turn = work_ball * turn
-            tool_turn = tool_ball * turn
-            clocked = replace(
-                test,
-                work_ball_deg=test.work_ball_deg + work_turn,
-                tool_ball_deg=test.tool_ball_deg + tool_turn,
-            )
-            tests.append(clocked)
+            clockings = {}
+            if work_ball:
+                clockings["work_ball_deg"] = test.work_ball_deg + turn
+            if tool_ball:
+                clockings["tool_ball_deg"] = test.tool_ball_deg + turn
+            tests.append(replace(test, **clockings))
     return tests
 
 

@@ -87,6 +87,6 @@ def _circle_columns(angle_rad: Array, deviation: Array) -> Array:
     require(
         len(deviation) >= _FEWEST_ANGLES and len(angle_rad) == len(deviation),
         f"a zone must have at least {_FEWEST_ANGLES} angles with a deviation each, got"
-        f" {len(deviation)}. Give the trace.",
+        f" {len(angle_rad)} angles and {len(deviation)} deviations. Give the trace.",
     )
     return np.column_stack([np.ones(len(angle_rad)), np.cos(angle_rad), np.sin(angle_rad)])

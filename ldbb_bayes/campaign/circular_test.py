@@ -26,7 +26,15 @@ from ldbb_bayes.files import raises_input_error
 from ldbb_bayes.machine.chain import Circle
 from ldbb_bayes.results import Array, Shown
 
-__all__ = ["CENTRE", "PER_TEST", "CircularTest", "Direction", "TestFields", "distinct_forces"]
+__all__ = [
+    "CENTRE",
+    "PER_TEST",
+    "CircularTest",
+    "Direction",
+    "TestFields",
+    "distinct_forces",
+    "usual_gap",
+]
 
 Direction = Literal["CW", "CCW"]
 # Smallest number of readings that a circular test may have.
@@ -37,7 +45,7 @@ _MINIMUM_ARC_DEG = 180.0
 # in another unit.
 _LARGEST_READING_MM = 100.0
 # A circle counts as full if the largest gap between neighbouring angles of its readings is at most
-# this number of median steps from one angle to the next.
+# this number of usual gaps (see `usual_gap`).
 _ORDINARY_GAP = 3.0
 # Forces of several tests count as the same if they differ by no more than this fraction of the
 # largest force, because a pressure regulator does not repeat a force more closely.
@@ -309,7 +317,8 @@ class CircularTest(TestFields):
         """Arc that the angles of the test cover [deg].
 
         It is 360° minus the largest gap between neighbouring angles on the circle. If the largest
-        gap is no wider than three median gaps, it is 360°.
+        gap is no wider than three usual gaps, it is 360°. Half of the rest of the circle lies in
+        gaps no wider than the usual gap.
         """
         return _arc_of(self.angle_deg.tobytes())
 
@@ -330,9 +339,25 @@ def _arc_of(angles: bytes) -> float:
         return 0.0
     gaps = np.diff(np.append(wrapped, wrapped[0] + 360.0))
     largest = float(gaps.max())
-    if largest <= _ORDINARY_GAP * float(np.median(gaps)):
+    if largest <= _ORDINARY_GAP * usual_gap(gaps):
         return 360.0
     return 360.0 - largest
+
+
+def usual_gap(gaps_deg: Array) -> float:
+    """Return the usual one of n ≥ 2 gaps between neighbouring angles on a circle [deg].
+
+    Without the largest gap, half of the circle lies in gaps no wider than the usual one. Angles
+    that (nearly) repeat one another therefore do not make it smaller, as they would the median.
+
+    Parameters
+    ----------
+    gaps_deg
+        Gaps, shape (n,) [deg]; their sum is 360°.
+    """
+    ordered = np.sort(gaps_deg)[:-1]
+    covered = np.cumsum(ordered)
+    return float(ordered[np.searchsorted(covered, 0.5 * covered[-1])])
 
 
 def distinct_forces(forces_N: ArrayLike) -> Array:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, require_campaign
+from ldbb_bayes.campaign.circular_test import usual_gap
 from ldbb_bayes.results import Array, Result
 from ldbb_bayes.units import ranked
 
@@ -239,8 +240,8 @@ class _Angles(NamedTuple):
     step_deg: float
     #: widest distance between neighbouring angles of the test on the circle [deg]
     largest_gap_deg: float
-    #: usual distance between neighbouring angles on the circle [deg]: half of the circle lies in
-    #: gaps no wider than this; at least ``step_deg``
+    #: usual distance between neighbouring angles on the circle [deg] (see `usual_gap`), at least
+    #: ``step_deg``
     usual_step_deg: float
     #: direction in which the angles run from reading to reading: clockwise (CW), counterclockwise
     #: (CCW), or None if it changes
@@ -258,11 +259,7 @@ def _describe_angles(test: CircularTest) -> _Angles:
         travel = "CCW"
     elif np.all(steps < 0):
         travel = "CW"
-    # Readings that repeat an angle leave gaps of width zero between neighbouring angles, which say
-    # nothing about the usual step.
-    ordered_gaps = np.sort(gaps)
-    usual_gap = ordered_gaps[np.searchsorted(np.cumsum(ordered_gaps), 180.0)]
-    usual_step_deg = max(float(usual_gap), step_deg)
+    usual_step_deg = max(usual_gap(gaps), step_deg)
     return _Angles(step_deg, float(gaps.max()), usual_step_deg, travel)
 
 

@@ -173,6 +173,8 @@ def test_selection() -> None:
         (np.linspace(-10, 210, 50), 220.0),
         (np.linspace(0, 720, 200), 360.0),
         (ANGLE[::4], 360.0),
+        (np.add.outer(np.arange(0.0, 360.0, 5.0), (0.0, 0.001, 0.002)).ravel(), 360.0),
+        (np.add.outer(np.arange(0.0, 221.0, 5.0), (0.0, 0.001)).ravel(), 220.001),
     ],
 )
 def test_arc(angle: np.ndarray, arc: float) -> None:
