@@ -8,10 +8,10 @@ the noise and of the nuisances. The readings of test r, projected on 25 Fourier 
     z_r = R_r (H_r β + U_r u + V_r v_r + e_r) + ε.
 
 H_r, U_r and V_r have 25 rows and one column per coefficient. The coefficients u ~ N(m, s²) are
-shared by all tests; v_r ~ N(0, s²) and the noise e_r ~ N(0, s²) in the basis belong to test r only;
-the reading noise is ε ~ N(0, σ²). Each mean m is known, each scale s is a known number times
-hyper-parameters. The module `observations` writes this as z − H β = A x + N(0, D(φ)), where x holds
-the coefficients and D is diagonal. Then
+the same in all tests; the coefficients v_r ~ N(0, s²) and the noise e_r ~ N(0, s²) of the Fourier
+coefficients belong to test r only; the reading noise is ε ~ N(0, σ²). Each mean m is known, each
+scale s is a known number times hyper-parameters. The module `observations` writes this as z − H β =
+A x + N(0, D(φ)), where x holds the coefficients and D is diagonal. Then
 
     P = Aᵀ D⁻¹ A = L Lᵀ,   r = z − H β,
     ln p(z | β, φ) = −½ Σ ln D − ½ rᵀ D⁻¹ r + ½ |L⁻¹ Aᵀ D⁻¹ r|² − Σ ln L_jj + constant.

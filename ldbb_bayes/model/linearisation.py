@@ -1,8 +1,8 @@
 """Least-squares estimates of a machine, about which the model of a campaign is linearised.
 
 Some effects, such as an error of the angle, depend on the readings that the machine's compliances
-and geometric errors cause. They are computed for the estimated compliances Ĉ and geometric errors
-Ê. For a plan, which has no readings, typical values of Ĉ are assumed.
+and geometric errors cause. Such effects are computed for the estimated compliances Ĉ and geometric
+errors Ê. For a plan, which has no readings, typical values of Ĉ are assumed.
 """
 
 from __future__ import annotations

@@ -56,7 +56,7 @@ _RULE_POINTS = 24
 # the error of ln P(u ≥ 0) is small enough.
 _SIZES = (32, 128, 512, 2048, 8192)
 # Number of scrambles, which are independent random shifts of the quasi-random points. The scatter
-# between the probabilities that they give is the error.
+# between the probabilities P(u ≥ 0) that they give determines the stated error.
 _SCRAMBLES = 8
 # Factor (Student's t) on the standard error of a probability, because the error is estimated from
 # the scatter between only eight scrambles, which are random shifts of the quasi-random points.
@@ -65,16 +65,17 @@ _STUDENT = 1.5
 # numbers would have, because the results of a few scrambles (random shifts of the quasi-random
 # points) may agree by chance.
 _LEAST_ERROR_SHARE = 0.1
-# Largest number of importance weights (quasi-random points times problems) that are computed at
-# once, to limit the memory used.
+# Largest number of importance weights that are computed at once, to limit the memory used. There is
+# one weight for every quasi-random point and every probability P(u ≥ 0) of a batch.
 _CHUNK = 1 << 20
-# The lower bounds of a problem's constraints times this factor, modulo 1, are the shift of its
-# quasi-random points. Different problems thereby use different points.
+# The quasi-random points for the moments of one Gaussian vector u given u ≥ 0 are shifted by the
+# lower bounds of its constraints times this factor, modulo 1. Different vectors thereby use
+# different points.
 _DIGITS = 1e5
 # Absolute error of Owen's T function as SciPy computes it.
 _OWEN_ERROR = 1e-15
 # The bound of P(u ≥ 0) from pairs of constraints is not used if the probability that the two
-# tightest constraints hold is smaller than this, because it is then too inaccurate.
+# constraints most likely to fail both hold is smaller than this. The bound is then too inaccurate.
 _LEAST_PAIR = 1e-9
 # The probability that two constraints hold counts as too inaccurate if the correlation of the two
 # is closer to ±1 than this.
@@ -317,9 +318,9 @@ class Orthant:
         """Return a random draw of e from the shifted density, and its log importance weight.
 
         Each of w problems has a standard normal vector e of q elements and m constraints
-        u = mean + spread e ≥ 0, which depend on e along d directions only (`axes`). The draw,
-        shape (w, q), satisfies the constraints. Its weight, shape (w,), is ln (density of e given
-        u ≥ 0 / shifted density), without the constant ln P(u ≥ 0).
+        u = mean + spread e ≥ 0, which depend on e along d directions only (`axes`). The draw has
+        the shape (w, q). Its weight, shape (w,), is ln (density of e given u ≥ 0 / shifted
+        density), without the constant ln P(u ≥ 0); it is −inf if the draw violates a constraint.
 
         Parameters
         ----------

@@ -1,6 +1,7 @@
 """Rivals of the slopes: other effects that also explain a change of the readings with force.
 
-A slope is the change of a compliance with force.
+A slope is the change of a compliance with force. The rivals are joint load, curved mount and curved
+force law.
 """
 
 from __future__ import annotations

@@ -177,8 +177,8 @@ class Tilted(NamedTuple):
     def propose(self, uniform: Array, *, draw_last: bool = True) -> Proposal:
         """Return s random draws of x from the shifted density, with their log importance weights.
 
-        x is the standard normal vector of d elements of each of w problems. All draws satisfy the
-        constraints.
+        x is the standard normal vector of d elements of each of w problems. A draw that violates a
+        constraint has the log weight −inf.
 
         Parameters
         ----------
