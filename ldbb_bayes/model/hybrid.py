@@ -65,7 +65,8 @@ _SIGMA = Scale("sigma", "sigma_um", "σ", "white noise")
 # Order of the hyper-parameters (scales of the noise and of other effects) in all arrays and lists.
 # Hyper-parameters of terms not listed here follow; the noise factors λ of single circles are last.
 _HYPER_ORDER = ("sigma", "delta", "delta_0", "delta_1", "kappa", "tau", "decay", "omega", "eta")
-# In campaigns with fewer circles than this, no circle has a noise factor λ of its own.
+# Number of circles from which on every circle of a campaign has a noise factor λ of its own. With
+# fewer circles, none has.
 _FEWEST_SCALED_CIRCLES = 4
 # Largest error [nat] of the log prior probability that compliances are not negative. It applies to
 # each group of compliances that depend on common parameters.

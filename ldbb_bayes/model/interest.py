@@ -71,7 +71,8 @@ class ParametersOfInterest:
     """
 
     degree: int
-    visible: Kept  #: the compliances that the campaign's circles can separate
+    #: the compliances that the campaign's circles can separate, and those that they represent
+    visible: Kept
     geometric_errors: tuple[GeometricName, ...]
 
     @property

@@ -34,7 +34,8 @@ __all__ = ["Orthant", "OrthantMoments"]
 # Constraints are rows of coefficients. A constraint counts as a linear combination of others if the
 # part of its row that is perpendicular to their rows is shorter than this share of the row.
 _DEPENDENT = 1e-7
-# A constraint u_j ≥ 0 counts as certain if the mean of u_j is this many sd above zero.
+# A constraint u_j ≥ 0 counts as certain to hold if the mean of u_j is more than this many sd of u_j
+# above zero.
 _CERTAIN_SD = 12.0
 # If the mean of some constraint u_j ≥ 0, divided by the sd of u_j, is below this, no constraint
 # counts as certain to hold.
@@ -72,7 +73,8 @@ _CHUNK = 1 << 20
 # lower bounds of its constraints times this factor, modulo 1. Different vectors thereby use
 # different points.
 _DIGITS = 1e5
-# Absolute error of Owen's T function as SciPy computes it.
+# Absolute error of Owen's T function, from which probabilities of two constraints are computed, in
+# SciPy's implementation.
 _OWEN_ERROR = 1e-15
 # The bound of P(u ≥ 0) from pairs of constraints is not used if the probability that the two
 # constraints most likely to fail both hold is smaller than this. The bound is then too inaccurate.

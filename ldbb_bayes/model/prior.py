@@ -228,9 +228,10 @@ class Prior(Shown):
     #: prior sd of the power by which the sd of the balls' form, and of the machine's pattern, falls
     #: with the order (waves in a turn)
     decay_sd: float = 0.7
-    #: whether the prior sd of a slope is proportional to the estimate of its compliance. If true,
-    #: the size that ``slope_scale`` multiplies is max(|Ĉ|, sd(C)/20), where Ĉ is the least-squares
-    #: estimate and sd(C) the prior sd. If false, it is sd(C), as in the model's first edition.
+    #: whether the prior sd of a slope (change of a compliance with force) is proportional to the
+    #: estimate of its compliance. If true, the size of the compliance that ``slope_scale``
+    #: multiplies is max(|Ĉ|, sd(C)/20), where Ĉ is the least-squares estimate of the compliance and
+    #: sd(C) its prior sd. If false, the size is sd(C), as in the model's first edition.
     slopes_of_estimate: bool = True
     #: whether compliances that are deflections in the direction of the load itself (such as C_XXX,
     #: C_YYY and C_CCY) must not be negative at the tested forces

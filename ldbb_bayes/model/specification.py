@@ -239,9 +239,9 @@ class Truths:
     #: true hyper-parameters (scales of noise and other effects) by name [µm]; those not named are
     #: drawn at random from their priors
     hyper_um: dict[str, float]
-    exact: (
-        bool  #: whether geometric errors act through the exact kinematic equations, not linearised
-    )
+    #: whether geometric errors act on the simulated readings through the exact kinematic equations,
+    #: instead of linearised ones
+    exact: bool
 
 
 def is_truths(path: Path) -> bool:

@@ -144,8 +144,8 @@ class BallForm(Term):
         orders = np.repeat(_FORM_ORDERS, 2)
         if self.law == "1/n":
             return {"sd": np.sqrt(len(balls) / 2.0) / orders.astype(float)}
-        # Each ball contributes τ²/2 to the prior variance (τ is the scale of form), at orders that
-        # its certificate does not state.
+        # At orders that its certificate does not state, each ball contributes τ²/2 to the prior
+        # variance of a coefficient of form, where the hyper-parameter τ is the scale of form.
         share_of_tau = np.zeros(len(orders))
         stated = np.zeros(len(orders))
         mean = np.zeros(len(orders))

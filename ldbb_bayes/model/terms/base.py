@@ -187,7 +187,8 @@ class Term(Shown):
     #: name of the term in reports; by default made from the class name, such as ball form for
     #: BallForm
     words: ClassVar[str]
-    unit: ClassVar[Unit] = Unit("mm", 1e-3, "µm")  #: unit of the term's coefficients
+    #: internal unit of the term's coefficients, and the unit in which reports display them
+    unit: ClassVar[Unit] = Unit("mm", 1e-3, "µm")
     #: measurement that would determine the effect of the term (a noun phrase), used in advice
     calibration: ClassVar[str] = "a measurement of it"
     #: advice (a sentence) to print with an uncertainty budget in which the term contributes most
