@@ -177,7 +177,7 @@ class Fit(Result):
     def kinds(self) -> tuple[str, ...]:
         """Return the kinds of all warnings (concerns) and of the checks in `misfits`, each once.
 
-        A kind is the text of a `ConcernKind` or `CheckKind`, such as "truncation" or "noise".
+        A kind is the text of a ``ConcernKind`` or ``CheckKind``, such as "truncation" or "noise".
         """
         concerns = [str(concern.kind) for concern in self.concerns]
         misfits = [str(check.kind) for check in self.misfits]
@@ -213,7 +213,7 @@ class Fit(Result):
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Return the names of the parameters: compliances, slopes (C_…), geometric errors (E_…).
+        """Return the names of the parameters: compliances, slopes and geometric errors.
 
         They are those in ``sensitivity``, without the hyper-parameters.
         """
