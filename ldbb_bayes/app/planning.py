@@ -198,7 +198,7 @@ def _planned_tests(report: _Report, settings_json: str) -> _PlannedTests:
     """
     settings = json.loads(settings_json)
     sliders = _test_sliders(settings, _pilot_of(report).campaign)
-    space = _space_from(report, settings, sliders)
+    space = _space_of_sliders(report, settings, sliders)
     if settings.get("best"):
         tests = _best_tests(space, _kinds_of_test(space, sliders["low"]), sliders)
     else:
@@ -224,9 +224,14 @@ def _equally_spaced_tests(
     return tuple(tests)
 
 
-def _space_from(
+def _space_of_sliders(
     report: _Report, settings: Mapping[str, Any], sliders: Mapping[str, float]
 ) -> Space:
+    """Return the space of possible tests that the page's sliders and settings describe.
+
+    It has all combinations of the work ball's and the tool ball's angles, and the radii of the
+    tests run with, if the slider is above zero, a further one.
+    """
     work_deg = [sliders["turn"] * k for k in range(int(sliders["work"]))]
     tool_deg = [sliders["turn"] * k for k in range(int(sliders["tool"]))]
     clockings_deg = _pairs_in_turn(work_deg, tool_deg, len(work_deg) * len(tool_deg))

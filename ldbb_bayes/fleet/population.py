@@ -671,6 +671,11 @@ def _caveats(
     judged: JudgedMachines | None,
     machines: Sequence[str],
 ) -> list[Caveat]:
+    """Return what a reader of a population must know before using its numbers.
+
+    ``judged`` is None if there are too few machines to compare each with the others; ``machines``
+    are their names.
+    """
     caveats = list(statistics.caveats)
     if not spreads.trusted:
         values = (spreads.pareto_k, spreads.good_k)

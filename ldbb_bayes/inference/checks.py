@@ -236,6 +236,7 @@ def _power_beyond(bound: BoundModel) -> Array:
             deviation = deviation - deviation.mean(axis=0)
             freedom = len(tests) - 1
         power[tests] = np.mean(deviation**2, axis=1) * (len(tests) / freedom)
+    # A Fourier coefficient of n readings has 2/n times the variance of their white noise.
     return power * np.array([reduced.readings for reduced in bound.reduced]) / 2.0
 
 

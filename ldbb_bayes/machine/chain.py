@@ -187,6 +187,7 @@ class Machine(Shown):
         )
 
     def _check_topology(self) -> None:
+        """Refuse a topology with unknown or repeated axes, or without the axes of the planes."""
         topology = self.topology
         inner = topology[1:-1]
         require(

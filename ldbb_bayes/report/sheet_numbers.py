@@ -167,13 +167,13 @@ class SheetNumbers:
                 continue
             summary = self._summaries[parameter.name]
             stated[parameter.name] = StatedQuantity(
-                self._quantity_words(name, parameter.degree),
-                display_name(parameter.name),
-                summary["mean"],
-                summary["sd"],
-                (summary["ci_low"], summary["ci_high"]),
-                parameter.unit,
-                self.findings.verdicts.get(parameter.name),
+                words=self._quantity_words(name, parameter.degree),
+                symbol=display_name(parameter.name),
+                mean=summary["mean"],
+                sd=summary["sd"],
+                interval=(summary["ci_low"], summary["ci_high"]),
+                unit=parameter.unit,
+                entry=self.findings.verdicts.get(parameter.name),
             )
         return stated
 
@@ -251,14 +251,14 @@ class SheetNumbers:
         else:
             limit = "–"
         return StatedQuantity(
-            self.words("quantities.stiffness", axis=compliance.joint),
-            f"1 / {compliance.label}",
-            1.0 / median,
-            sd,
-            (1.0 / high, 1.0 / low),
-            "N/mm",
-            self.findings.verdicts.get(compliance.label),
-            limit,
+            words=self.words("quantities.stiffness", axis=compliance.joint),
+            symbol=f"1 / {compliance.label}",
+            mean=1.0 / median,
+            sd=sd,
+            interval=(1.0 / high, 1.0 / low),
+            unit="N/mm",
+            entry=self.findings.verdicts.get(compliance.label),
+            limit=limit,
         )
 
     @cached_property
@@ -293,12 +293,12 @@ class SheetNumbers:
                 symbol = f"{row['quantity']}_{row['plane']}"
                 where = self.words("quantities.plane", plane=row["plane"])
             stated[symbol] = StatedQuantity(
-                self.words(f"quantities.{row['quantity']}", plane=where),
-                row["quantity"],
-                row["median"],
-                row["sd"],
-                (row["ci_low"], row["ci_high"]),
-                "um",
+                words=self.words(f"quantities.{row['quantity']}", plane=where),
+                symbol=row["quantity"],
+                mean=row["median"],
+                sd=row["sd"],
+                interval=(row["ci_low"], row["ci_high"]),
+                unit="um",
                 hangs_on=hangs_on,
             )
         return stated
