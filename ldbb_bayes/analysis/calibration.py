@@ -2,8 +2,9 @@
 
 In every replicate, true values of the parameters and hyper-parameters (the scales of the noise and
 of other effects) are drawn at random from their priors. Readings are simulated from them, and
-posterior draws are computed. The true values are then ranked among these draws. If the posterior is
-computed correctly, the ranks are uniformly distributed (Talts et al. 2018).
+posterior draws are computed. The rank of a true value is the number of these draws that are below
+it. If the posterior is computed correctly, the ranks of many replicates are uniformly distributed
+(Talts et al. 2018).
 """
 
 from __future__ import annotations
@@ -30,8 +31,8 @@ from ldbb_bayes.results import Array, Numbers, Result, readable
 
 __all__ = ["LOG_LIKELIHOOD", "Validation", "calibrate"]
 
-# Name of the log likelihood among the quantities that calibration ranks, beside the parameters and
-# hyper-parameters.
+# Name of the log likelihood among the quantities whose true values calibration compares with
+# posterior draws, beside the parameters and hyper-parameters.
 LOG_LIKELIHOOD = "log_likelihood"
 # Probabilities of the credible intervals whose coverage (share of true values inside) is reported.
 _INTERVALS = (0.5, 0.8, 0.95)
@@ -60,8 +61,8 @@ class Validation(Result):
     ranks: Numbers
     draws: int  #: number of posterior draws in each replicate (simulated campaign)
     sampler: str  #: method of drawing from the posterior: ``joint`` or ``independent``
-    #: probability that the distributions of ranks of all quantities stay inside the band ``band``,
-    #: if the posterior is calibrated
+    #: probability that the empirical distributions of the ranks of all quantities stay between the
+    #: limits ``band``, if the posterior is calibrated
     prob: float
     #: error messages of replicates (simulated campaigns) whose posterior could not be sampled;
     #: these replicates have no ranks
@@ -79,8 +80,10 @@ class Validation(Result):
     def band(self) -> tuple[Array, Array]:
         """Lower and upper limit of the empirical distribution of ranks, shape (draws,) each.
 
-        Both are limits of `ecdf`, the same for every quantity. If the posterior is calibrated, the
-        distributions of all quantities stay inside this band together with probability ``prob``.
+        The rank of a quantity is the number of posterior draws below its true value in a simulated
+        campaign. Both are limits of `ecdf`, the same for every quantity. If the posterior is
+        calibrated, the distributions of all quantities together stay between the limits with
+        probability ``prob``.
         """
         prob_of_one = self.prob ** (1.0 / len(self.names))
         return simultaneous_band(self.replicates, self.draws, prob_of_one)
@@ -89,8 +92,10 @@ class Validation(Result):
     def pit(self) -> xr.DataTree:
         """The ranks scaled to 0 … 1 in ArviZ's group ``prior_sbc``, for ``plot_ecdf_pit``.
 
-        A scaled rank is (rank + ½) / (draws + 1), where ``draws`` is the number of posterior draws
-        in each replicate. The dimension ``draw`` of ArviZ's layout counts the replicates.
+        A rank is the number of posterior draws below the true value in a replicate (simulated
+        campaign). The scaled rank is (rank + ½) / (draws + 1), where ``draws`` is the number of
+        posterior draws in each replicate. The dimension ``draw`` of ArviZ's layout counts the
+        replicates.
         """
         shares = (self.ranks + 0.5) / (self.draws + 1.0)
         data = {
@@ -111,14 +116,20 @@ class Validation(Result):
         Returns
         -------
         Array
-            Share of replicates whose rank is at most k, for k = 0 … draws − 1, where ``draws`` is
+            Share of replicates (simulated campaigns) whose rank is at most k, for k from 0 to
+            draws − 1. The rank is the number of posterior draws below the true value, and ``draws``
             the number of posterior draws in each replicate.
         """
         return ecdf(self.ranks[:, self.names.index(name)], self.draws)
 
     @cached_property
     def outside(self) -> tuple[str, ...]:
-        """Names of the quantities whose distribution of ranks leaves the band ``band``."""
+        """Names of the quantities whose ranks are not uniformly distributed.
+
+        The rank of a quantity is the number of posterior draws below its true value in a simulated
+        campaign. A quantity is named if the empirical distribution of its ranks leaves the limits
+        ``band``. If all ranks are uniform, no quantity is named with probability ``prob``.
+        """
         lower, upper = self.band
         outside = []
         for name in self.names:
@@ -131,8 +142,9 @@ class Validation(Result):
     def calibrated(self) -> bool:
         """Whether the posterior is found to be calibrated.
 
-        It is if the distributions of ranks of all quantities stay inside the band, and no replicate
-        (simulated campaign) failed.
+        It is if no replicate (simulated campaign) failed, and the empirical distributions of the
+        ranks of all quantities stay between the limits ``band``. A rank is the number of posterior
+        draws below the true value.
         """
         return not self.outside and not self.failures
 
@@ -150,7 +162,8 @@ class Validation(Result):
         table = pd.DataFrame(index=list(self.names))
         for prob in _INTERVALS:
             limit = prob * (self.draws + 1)
-            # A true value whose rank is exactly at an end of the credible interval counts half.
+            # A true value exactly at an end of the credible interval counts half. The rank, the
+            # number of posterior draws below the true value, is then at a limit of its range.
             inside = 0.5 * (distance < limit - 1e-9) + 0.5 * (distance < limit + 1e-9)
             table[_percent(prob)] = inside.mean(axis=0)
             table[f"u{_percent(prob)}"] = np.sqrt(prob * (1.0 - prob) / self.replicates)
@@ -158,7 +171,11 @@ class Validation(Result):
 
     @model_serializer
     def _record_without_ranks(self) -> dict[str, Any]:
-        """Return the JSON record: all fields but the ranks, with coverage by quantity."""
+        """Return the JSON record: all fields but the ranks, and the coverage of each quantity.
+
+        The coverage is the share of true values that lie inside their credible intervals. The
+        record also states for each quantity whether its ranks stay between the limits ``band``.
+        """
         columns = [_percent(prob) for prob in _INTERVALS]
         coverage = self.coverage()[columns].to_dict(orient="index")
         quantities = {}
@@ -197,9 +214,9 @@ def calibrate(
     """Return the ranks of true values among posterior draws of simulated campaigns.
 
     In every replicate, true parameters and hyper-parameters (the scales of the noise and of other
-    effects) are drawn from their priors, readings are simulated, and the true values are ranked
-    among posterior draws. If the posterior is computed correctly, the ranks are uniformly
-    distributed (Talts et al. 2018).
+    effects) are drawn from their priors, readings are simulated, and posterior draws are computed.
+    The rank of a true value is the number of posterior draws that are below it. If the posterior is
+    computed correctly, the ranks are uniformly distributed (Talts et al. 2018).
 
     Parameters
     ----------
@@ -218,8 +235,8 @@ def calibrate(
         Model that simulates the readings. Default: ``model``. Another one shows the effect of an
         analysis with a wrong model.
     prob : float
-        Probability that the distributions of ranks of all quantities stay inside their band, if the
-        posterior is calibrated.
+        Probability that the empirical distributions of the ranks of all quantities stay between
+        their limits, ``Validation.band``, if the posterior is calibrated.
     seed : int
         Seed of all random numbers.
     executor : Executor, optional
@@ -317,9 +334,11 @@ class _Ranks(NamedTuple):
 
 
 def _rank_replicate(study: _Study, seed: np.random.SeedSequence) -> _Ranks | str:
-    """Return the ranks of true values in one simulated campaign.
+    """Return the ranks of true values among the posterior draws of one simulated campaign.
 
-    Return an error message if no posterior draws can be made.
+    A rank is the number of posterior draws below the true value. ``study`` holds the settings of
+    the simulation, ``seed`` the seed of its random numbers and of the draws. Return an error
+    message if no posterior draws can be made.
     """
     simulation_seed, sampling_seed = seed.spawn(2)
     simulation = study.generator.simulate(

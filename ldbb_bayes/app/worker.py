@@ -105,9 +105,11 @@ def _report(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
 
 @contextmanager
 def _steps_in_file(folder: Path) -> Iterator[Begin]:
-    """Yield a function that begins a step of a report, such as its fit.
+    """Yield a function to be called when each step in making a report begins.
 
-    The progress of the step is written to the file ``progress.json`` in ``folder``.
+    A step is, for example, the fit of the model. The function gets the name of the step and returns
+    another function, which writes the progress of this step to the file ``progress.json`` in
+    ``folder``.
     """
 
     def update(share: float, step: str, done: int, total: int) -> None:

@@ -154,9 +154,11 @@ def _fill_from_certificates(path: Path, content: dict[str, Any]) -> None:
 def _mount_of(path: Path, file: _CampaignFile, content: Mapping[str, Any]) -> MountCompensation:
     """Return the deflection of the work ball's mount, and whether readings are compensated for it.
 
-    If campaign.toml states a stiffness [N/µm], it is converted to a deflection per bar by the slope
-    of the force law [N/bar]. ``content`` is the file's content before defaults were filled in.
-    Raise an `InputError` if it states both stiffness and deflection.
+    The deflection is in µm per bar of air pressure. If campaign.toml states a stiffness [N/µm]
+    instead, the deflection is the slope of the force law [N/bar] divided by the stiffness; the
+    force law is the force of the ball bar as a linear function of the pressure. ``content`` is the
+    content of campaign.toml before defaults were filled in. Raise an `InputError` if campaign.toml
+    states both stiffness and deflection.
     """
     stated = content.get("mount", {}).keys()
     require(

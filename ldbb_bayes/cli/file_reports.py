@@ -190,7 +190,8 @@ def _analyse(
     model
         Model with compliance linear in force.
     begin_step
-        Function that begins a step of the progress bar.
+        Function that is called with the name of each step in making the report when the step
+        begins, to show it in the progress bar.
     settings
         Options of the report by name.
     executor

@@ -97,8 +97,9 @@ class ParameterChange(Result):
     #: uncertain by more than 20 %
     percent: float | None
     level_before: float  #: mean level of the parameter before the step, if this parameter changed
-    #: level of the parameter at the last campaign, averaged over all hypotheses of a change; its
-    #: uncertainty includes the errors of the instrument
+    #: level of the parameter at the last campaign: an average over the possibilities that nothing
+    #: changed, or that one parameter changed just before one of the campaigns, each weighted by its
+    #: posterior probability; the uncertainty includes the errors of the instrument
     level_now: Summary
     #: standard uncertainty of the parameter due to the errors of the instrument, which shift the
     #: estimates from all campaigns together; the points and limits of the control chart do not
@@ -499,12 +500,13 @@ def _parameter_change(
 ) -> ParameterChange:
     """Return the possible step and the present level of the parameter with the index j.
 
-    ``posteriors`` are the Gaussians of level, instrument errors and step under every hypothesis;
-    see `hypotheses`. ``step_probabilities``, shape (r, n − 1), are the posterior probabilities of a
-    step of this parameter just before each of the n campaigns but the first, for each of r values
-    of the machine's scatter from campaign to campaign. ``levels`` are the values of all parameters
-    at the last campaign, ``chart`` the control chart. ``prob`` is the probability of the credible
-    intervals.
+    ``posteriors`` are the Gaussians of level, instrument errors and step under every hypothesis
+    (which parameter steps just before which campaign, or no step, and how large the scatter from
+    campaign to campaign is); see `hypotheses`. ``step_probabilities``, shape (r, n − 1), are the
+    posterior probabilities of a step of this parameter just before each of the n campaigns but the
+    first, for each of r values of the machine's scatter from campaign to campaign. ``levels`` are
+    the values of all parameters at the last campaign, ``chart`` the control chart. ``prob`` is the
+    probability of the credible intervals.
     """
     scale = float(statistics.prior_sd[j])
     total = float(step_probabilities.sum())

@@ -3,9 +3,11 @@
 For a smooth function that falls off in every direction, the error of the rule falls very fast as
 the step shortens (Trefethen and Weideman, SIAM Review 56, 385-458, 2014). The lattice consists of
 two grids, the second moved by half a step in every direction. Together they are body-centred, and
-errors along single directions cancel in the mean of the two grids. Steps are in standard deviations
-(sd): units in which the highest mode has unit curvature in every direction. f is the density
-integrated, h the number of dimensions, n the number of nodes.
+errors along single directions cancel in the mean of the two grids. A step is the distance from a
+point of a grid to the next one along a direction of the grid. Steps are in units of the standard
+deviation (sd) of the Gaussian fitted to the density at its highest mode, in every direction. The
+edge of a lattice is its outermost points. f is the density integrated, h the number of dimensions,
+n the number of nodes (points).
 """
 
 from __future__ import annotations
@@ -25,20 +27,23 @@ __all__ = ["grow_lattice"]
 # An integral is computed from a coarse lattice if the error allowed in its logarithm is at least
 # this [nat], else from a fine lattice.
 _LOOSE_TOLERANCE = 1e-2
-# First step of a coarse lattice, in standard deviations of the density at its highest mode.
+# Spacing of the points of the coarse lattice that is tried first, in units of the standard
+# deviation of the Gaussian that is fitted to the density at its highest mode.
 _LOOSE_STEP = 2.0
-# First step of a fine lattice, as a multiple of the step with which the integral of a Gaussian
-# density would reach the tolerance.
+# Spacing of the points of the fine lattice that is tried first, as a multiple of the spacing with
+# which the integral of a Gaussian density would reach the tolerance.
 _STEP_MARGIN = 0.93
-# A coarse lattice grows until the log density at its edge is below the highest value by this [nat].
+# Points are added to a coarse lattice until the log density at its outermost points is below its
+# highest value by this [nat].
 _LOOSE_DEPTH = 9.0
-# A fine lattice grows until the log density at its edge is below the highest value by this minus
-# the logarithm of the tolerance of the log integral [nat].
+# Points are added to a fine lattice until the log density at its outermost points is below its
+# highest value by this minus the logarithm of the tolerance of the log integral [nat].
 _DEPTH = 5.5
-# If too much of the integral lies beyond the edge of a lattice, the lattice is computed again and
-# grows until the log density at its edge is lower by this [nat].
+# If too much of the integral lies beyond the outermost points of a lattice, the lattice is computed
+# again, with points added until the log density at its outermost points is lower by this [nat].
 _DEEPER = 3.0
-# If a lattice does not reach the tolerance, it is computed again with its step multiplied by this.
+# If a lattice does not reach the tolerance, it is computed again with the spacing of its points
+# multiplied by this.
 _FINER = 0.85
 
 
@@ -53,9 +58,9 @@ def grow_lattice(
     """Return the integral ∫ f of a density from a lattice, within a tolerance.
 
     The nodes of the lattice are the points of two regular grids, moved against each other by half a
-    step. The lattice grows from the modes until f is negligible at its edge, and its step is
-    shortened as needed. Growing and shortening stop at ``max_nodes``; the error of the result then
-    exceeds the tolerance.
+    step, the distance from a point of a grid to the next one. Points are added around the modes
+    until f is negligible at the outermost points, and the step is shortened as needed. Both stop at
+    ``max_nodes`` nodes; the error of the result then exceeds the tolerance.
 
     Parameters
     ----------
@@ -68,10 +73,10 @@ def grow_lattice(
     tolerance : float
         Error of ln ∫ f asked for [nat].
     step : float, optional
-        The first step of each grid, in standard deviations of f at the highest mode. Default: the
-        step that a Gaussian density would need.
+        Step of each grid that is tried first, in units of the standard deviation of the Gaussian
+        fitted to f at the highest mode. Default: the step that a Gaussian density would need.
     max_nodes : int
-        Number of nodes at which growing and shortening stop.
+        Number of nodes from which on no points are added and the step is not shortened.
     """
     centre = modes[0][0]
     root = modes[0][1]
@@ -98,11 +103,12 @@ def grow_lattice(
 
 
 def _first_step(h: int, tolerance: float) -> float:
-    """Return the first step of a lattice in h dimensions, in standard deviations of the density.
+    """Return the spacing of the points of a lattice in h dimensions that is tried first.
 
-    For a Gaussian density f, the log integrals ln ∫ f from the two grids of the lattice differ by
-    4 h exp(−2 π²/step²). The step is a little shorter than ``tolerance``, the error allowed in
-    ln ∫ f [nat], requires.
+    The spacing, or step, is in units of the standard deviation of the Gaussian fitted to the
+    density at its highest mode. For a Gaussian density f, the log integrals ln ∫ f from the two
+    grids of the lattice differ by 4 h exp(−2 π²/step²). The step is a little shorter than
+    ``tolerance``, the error allowed in ln ∫ f [nat], requires.
     """
     if tolerance >= _LOOSE_TOLERANCE:
         return _LOOSE_STEP
@@ -160,8 +166,8 @@ class _Grid(NamedTuple):
     #: multiples of the grid's steps, shape (n, h)
     places: Array
     log_density: Array  #: logarithm of the density to integrate at the n nodes, shape (n,)
-    #: whether each of the n nodes is at the edge of the grid, beyond which the density was not
-    #: evaluated, shape (n,)
+    #: whether each of the n nodes is among the outermost ones of the grid, beyond which the density
+    #: was not evaluated, shape (n,)
     edge: NDArray[np.bool_]
 
 

@@ -75,20 +75,22 @@ class _ChangedPrior(NamedTuple):
 
 
 class RelatedModels:
-    """Nodes of models that differ from a given model only in priors of some coefficients.
+    """Nodes of models that differ from a given model only in the priors of some coefficients.
 
-    Nodes are weighted values of the hyper-parameters that represent their posterior. Coefficients
-    are those of rival explanations of slopes (effects that look like a change of compliance with
-    force), and the parameters. Let a coefficient have the prior standard deviation s₀ in the given
-    model and s₁ in another model. The ratio of the two priors acts like an additional reading of
-    the coefficient: its value is the prior mean, its variance 1/(1/s₁² − 1/s₀²). If the other model
-    fixes the coefficient at zero, it is an exact reading of zero (Savage-Dickey ratio). The
-    Gaussian posterior is conditioned on these readings one after the other.
+    Nodes are weighted values of the hyper-parameters (scales of the noise and of other effects)
+    that represent their posterior. The coefficients are the parameters of interest, and those of
+    effects that look like a change of compliance with force (rival explanations of slopes). Let a
+    coefficient have the prior standard deviation s₀ in the given model and s₁ in another model. The
+    ratio of the two priors acts like an additional reading of the coefficient. The value of this
+    reading is the prior mean, and its variance 1/(1/s₁² − 1/s₀²). If the other model fixes the
+    coefficient at zero, the additional reading is exactly zero, with zero variance (Savage-Dickey
+    ratio). The Gaussian posterior is conditioned on these readings one after the other.
 
     Parameters
     ----------
     plain : Nodes
-        Nodes of the largest model, in which compliances may be negative.
+        Nodes of the given model. It is the largest, the one that contains all coefficients, and
+        allows negative compliances.
     tolerance : float
         Error allowed in every log evidence [nat].
     """
@@ -103,7 +105,8 @@ class RelatedModels:
 
         ``posterior`` is the posterior of the hyper-parameters under that model. The nodes are those
         of the given model with other weights. They are computed anew if the other model has further
-        coefficients, or if the given nodes do not reach the tolerance for it.
+        coefficients, or if the error of its log evidence from the given nodes would exceed the
+        tolerance.
         """
         if not set(posterior.bound.coefficients) <= set(self._bound.coefficients):
             return posterior.nodes(self._tolerance)
@@ -120,8 +123,9 @@ class RelatedModels:
     def _truncate(self, posterior: HyperPosterior, plain: Integral) -> Nodes:
         """Return nodes weighted by the probability that no compliance is negative in another model.
 
-        ``posterior`` is the posterior of the hyper-parameters under that model. ``plain`` holds the
-        nodes with its weights if negative compliances are allowed.
+        Nodes are weighted values of the hyper-parameters. ``posterior`` is the posterior of the
+        hyper-parameters under the other model. ``plain`` holds the nodes with the weights that they
+        have in the other model if it allows negative compliances.
         """
         coefficients = list(self._bound.coefficients)
         rows = posterior.bound.physical.rows
@@ -162,8 +166,9 @@ class RelatedModels:
     def _changed_priors(self, bound: BoundModel) -> list[_ChangedPrior]:
         """Return the coefficients whose prior sd in another model differs from the given model's.
 
-        ``bound`` is the other model applied to the campaign. A coefficient that it lacks has the sd
-        zero there. Coefficients are those of rival explanations of slopes, and the parameters.
+        ``bound`` is the other model applied to the campaign. A coefficient that the other model
+        lacks has the sd zero there. The coefficients are the parameters of interest, and those of
+        effects that look like a change of compliance with force (rival explanations of slopes).
         """
         other_priors = bound.coefficients
         changed = []

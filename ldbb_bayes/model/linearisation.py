@@ -105,7 +105,8 @@ def estimate_machine(
     interest
         Parameters of interest of the campaign.
     prior
-        Prior of the parameters; if it is flat, the prior of the first edition is used.
+        Prior of the parameters. If it is flat, the prior of the model's first edition (preset
+        ``first``) is used instead.
     setting
         Conditions of all tests.
     reduced

@@ -36,9 +36,9 @@ class OverviewLines:
 def overview_lines(sheets: Iterable[Sheet], names: Collection[str]) -> OverviewLines:
     """Return the lines of sheets that concern all tests, and the cells that concern one test.
 
-    ``names`` are the names of this test. Lines outside lists of tests concern all tests. In a list
-    of tests, a row with one of the names concerns this test; each of its cells is returned as
-    ``header: cell``.
+    ``names`` are all the ways in which the name of this test may be written. Lines outside lists of
+    tests concern all tests. In a list of tests, a row concerns this test if one of its cells is one
+    of the names; each cell of such a row is returned as ``header: cell``.
     """
     lines = OverviewLines()
     wanted = {comparable(name) for name in names}
@@ -60,10 +60,12 @@ def overview_lines(sheets: Iterable[Sheet], names: Collection[str]) -> OverviewL
 
 
 def _is_row_of_test(filled: Sequence[str], wanted: set[str]) -> bool:
-    """Return whether a row in a list of tests contains the name of one wanted test.
+    """Return whether a row in a list of tests describes the wanted test.
 
-    ``filled`` are the cells of the row that are not empty, and ``wanted`` the names of the test. A
-    row in which the name is the value of a label, such as ``Operator:``, does not count.
+    The name of a test may be written in several ways, all of which are in ``wanted``. A row
+    describes the test if one of its cells is one of these names. ``filled`` are the cells of the
+    row that are not empty. A row does not count if it starts with a label such as ``Operator:``,
+    of which the name is the value.
     """
     named = wanted & {comparable(cell) for cell in filled}
     if not named:

@@ -1,9 +1,10 @@
 """Best shares of tests (an approximate design), with a certificate that they are the best.
 
-Shares are the fractions of N tests that are run at each candidate. The number n_i of tests, the
-share of candidate i times N, need not be a whole number. The criterion Φ is the figure of merit to
-be made large. The sensitivity of candidate i is N ∂Φ/∂n_i. The bound is the mean of the
-sensitivities, weighted by the shares; for the best shares no sensitivity exceeds it.
+A candidate is a test that could be run, once or several times. Shares are the fractions of N tests
+that are run at each candidate. The number of tests of candidate i, n_i, is its share times N, and
+need not be a whole number. The criterion Φ is the figure of merit to be made large. The sensitivity
+of candidate i is N ∂Φ/∂n_i, the derivative of Φ with respect to n_i, times N. The bound is the mean
+of the sensitivities, weighted by the shares; for the best shares no sensitivity exceeds it.
 """
 
 from __future__ import annotations
@@ -21,12 +22,13 @@ from ldbb_bayes.results import Array, Shown
 
 __all__ = ["Optimum", "certificate", "is_better", "largest_positions", "optimal_shares"]
 
-# Two values of the design criterion, or of its derivatives for two candidates, count as equal if
-# their difference, relative to the largest value, is below this. Among candidates with equal values
-# the first is taken.
+# Two values of the design criterion, or of its derivatives for two candidates (tests that could be
+# run), count as equal if their difference, relative to the largest value, is below this. Among
+# candidates with equal values the first is taken.
 _EQUALITY_TOLERANCE = 1e-9
-# Largest number of rounds in which shares of tests are optimized. In each round, candidates join
-# the active ones, and the shares of the active candidates are optimized.
+# Largest number of rounds in which shares (fractions of the tests run at each candidate, a test
+# that could be run) are optimized. In each round, a few candidates join those with a share above
+# zero, and the shares of all these are optimized.
 _MAX_ROUNDS = 400
 # Largest number of iterations of the solver SLSQP in each round of the optimization of shares.
 _SOLVER_ITERATIONS = 40
@@ -35,10 +37,10 @@ _JOINING_CANDIDATES = 3
 # Number of evenly spread candidate tests whose fractions of the tests are optimized in the first
 # round.
 _FIRST_CANDIDATES = 32
-# A candidate's fraction of the tests below this counts as zero.
+# A fraction of the tests, run at one candidate (test that could be run), counts as zero below this.
 _ZERO_SHARE = 1e-10
-# When the solver starts, fractions of the tests below this number, divided by the number of
-# candidates whose fractions are optimized, are raised to it. Then all are made to sum to one.
+# When the solver starts, fractions of the tests are raised to at least this number divided by the
+# number of candidate tests whose fractions are optimized. Then all are scaled to sum to one.
 _STARTING_SHARE = 0.02
 # Value of the solver's loss function where the fractions of tests leave a parameter undetermined.
 _UNDETERMINED_LOSS = 1e6
@@ -75,17 +77,21 @@ def is_better(value: float, reference: float) -> bool:
 class Optimum(Shown):
     """Shares (fractions) of N tests among candidates, their criterion Φ, and the sensitivities.
 
-    The sensitivity of candidate i is N ∂Φ/∂n_i, where n_i is its number of tests. If the shares are
-    the best, no sensitivity exceeds the mean of the sensitivities weighted by the shares.
+    A candidate is a test that could be run; the criterion is the figure of merit. The sensitivity
+    of candidate i is N ∂Φ/∂n_i, the derivative of Φ with respect to its number n_i of tests, times
+    N. If the shares are the best, no sensitivity exceeds the mean of the sensitivities weighted by
+    the shares.
     """
 
-    share: Array  #: fraction of the tests at each candidate, shape (candidates,); their sum is 1
-    value: float  #: value Φ of the criterion for these shares
-    #: derivative of the criterion by the number of tests of each candidate, times the number of all
-    #: tests, shape (candidates,)
+    #: fraction of the tests that are run at each candidate (test that could be run), shape
+    #: (candidates,); the sum is 1
+    share: Array
+    value: float  #: value Φ of the design criterion (figure of merit) for these shares
+    #: derivative of the design criterion with respect to the number of tests of each candidate
+    #: (test that could be run), times the number of all tests, shape (candidates,)
     sensitivity: Array
-    #: mean of ``sensitivity`` weighted by the shares; no sensitivity exceeds it if the shares are
-    #: the best
+    #: mean of ``sensitivity`` weighted by ``share``; if the shares are the best, no sensitivity
+    #: exceeds this mean
     bound: float
 
     @property
@@ -99,24 +105,27 @@ class Optimum(Shown):
 
 
 def certificate(objective: Objective, share: Array, tests: float) -> Optimum:
-    """Return criterion, sensitivities and bound of given shares of N tests.
+    """Return how good given shares of N tests are, and data that prove whether they are the best.
 
-    Shares are the fractions of the tests that are run at each candidate.
+    A candidate is a test that could be run, once or several times. Its share is the fraction of the
+    N tests that are run at it.
 
     Parameters
     ----------
     objective
-        Criterion as a function of the number of tests of each candidate.
+        Criterion Φ, the figure of merit, as a function of the number n_i of tests of each
+        candidate i.
     share
-        Shares of the tests, shape (candidates,); their sum is 1.
+        Share of each candidate, shape (candidates,); the sum is 1.
     tests
         Number N of tests.
 
     Returns
     -------
     Optimum
-        The shares with the criterion Φ, the sensitivities N ∂Φ/∂n_i by the numbers n_i of tests,
-        and the bound of Kiefer and Wolfowitz (1960).
+        The shares; the criterion Φ; the sensitivities, which are the derivatives of Φ with respect
+        to n_i, times N; and the bound, their mean weighted by the shares. The shares are the best
+        if no sensitivity exceeds the bound (Kiefer and Wolfowitz 1960).
     """
     value, slope = objective.sensitivity(tests * share)
     return Optimum(share, value, tests * slope, float(tests * slope @ share))
@@ -125,10 +134,12 @@ def certificate(objective: Objective, share: Array, tests: float) -> Optimum:
 def optimal_shares(objective: Objective, tests: float, *, tolerance: float = 1e-6) -> Optimum:
     """Return the shares (fractions) of N tests among candidates that make the criterion largest.
 
-    The sensitivity of a candidate is N times the derivative of the criterion by its number of
-    tests; the bound is the mean of the sensitivities, weighted by the shares. The algorithm
-    optimizes the shares of a few active candidates, then adds candidates whose sensitivity exceeds
-    the bound. It repeats this until the relative excess over the bound is within the tolerance.
+    A candidate is a test that could be run, once or several times. Its sensitivity is N times the
+    derivative of the criterion with respect to its number of tests. The bound is the mean of the
+    sensitivities, weighted by the shares. The algorithm optimizes the shares of a few active
+    candidates, then adds candidates whose sensitivity exceeds the bound. These two steps are
+    repeated until the relative excess of the largest sensitivity over the bound is within the
+    tolerance.
 
     Parameters
     ----------
@@ -188,8 +199,9 @@ def optimal_shares(objective: Objective, tests: float, *, tolerance: float = 1e-
 def _candidates_above_bound(optimum: Optimum) -> NDArray[np.intp]:
     """Return the indices of the candidates with the largest sensitivities above the bound.
 
-    Sensitivities and bound are those of ``optimum``. There are at most ``_JOINING_CANDIDATES`` of
-    them. If no sensitivity is above the bound, return the candidate with the largest sensitivity.
+    A candidate is a test that could be run. Sensitivities and bound are those of ``optimum``. At
+    most ``_JOINING_CANDIDATES`` indices are returned. If no sensitivity is above the bound, return
+    the index of the candidate with the largest sensitivity.
     """
     highest = largest_positions(optimum.sensitivity, _JOINING_CANDIDATES)
     above = highest[optimum.sensitivity[highest] > optimum.bound]
@@ -199,11 +211,13 @@ def _candidates_above_bound(optimum: Optimum) -> NDArray[np.intp]:
 
 
 def _solve_shares(objective: Objective, tests: float, start: Array, tolerance: float) -> Array:
-    """Return the shares of a few candidates that maximise the objective, computed with SLSQP.
+    """Return the shares of a few candidates that maximise the objective, shape (candidates,).
 
-    Shares are fractions of the number of tests, ``tests``; they are not negative and sum to one.
-    ``start`` are the shares to start from, shape (candidates,). ``tolerance`` is that of the
-    objective, relative to the mean of the sensitivities weighted by the shares.
+    A candidate is a test that could be run; its share is the fraction of ``tests``, the number of
+    tests, that are run at it. Shares are not negative and sum to one. They are computed with the
+    solver SLSQP from the shares ``start``, shape (candidates,). ``tolerance`` is that of the
+    objective, relative to the mean of the sensitivities weighted by the shares; a sensitivity is
+    ``tests`` times the derivative of the objective with respect to a candidate's number of tests.
     """
     n = objective.candidates
     if n == 1:

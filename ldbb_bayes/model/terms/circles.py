@@ -25,7 +25,7 @@ Moves = Literal["together", "apart", "zero", "centre"]
 # Quantities to which a drift of the bar's length and the circle's centre can be proportional.
 Covariate = Literal["time", "temperature"]
 # Highest order n of the harmonics cos nθ, sin nθ of the hysteresis that does not depend on force,
-# in the model of the first edition.
+# in the model's first edition (preset ``first``).
 _FIRST_EDITION_ORDERS = 4
 
 
@@ -149,9 +149,9 @@ class CircleScale(Term):
 class _HysteresisSd(NamedTuple):
     """Prior of the part of hysteresis that does not depend on force.
 
-    ``sd_mm`` is the prior sd of the harmonics of order 1 [mm]. If ``hyper`` names a
+    ``sd_mm`` is the prior sd of the harmonics of Fourier order 1 [mm]. If ``hyper`` names a
     hyper-parameter, ``sd_mm`` is instead a factor on the value of this hyper-parameter.
-    ``last_order`` is the highest order of the harmonics.
+    ``last_order`` is the highest Fourier order of the harmonics.
     """
 
     sd_mm: float
@@ -169,8 +169,8 @@ class Hysteresis(Term):
     (friction in the bar, lost motion); its prior sd is ``proportional_um_per_kN``/n, undivided at
     order 0. Each plane has separate coefficients. The term acts only on planes in which circles are
     run in both directions; with one direction, hysteresis cannot be separated from the machine's
-    other errors. If ``law`` is fixed (model of the first edition), the first part ends at order 4
-    and ``constant_um`` replaces η.
+    other errors. If ``law`` is ``fixed``, as in the model's first edition (preset ``first``), the
+    part that does not depend on force ends at order 4, and ``constant_um`` replaces η.
 
     Examples
     --------
@@ -182,13 +182,13 @@ class Hysteresis(Term):
     'hysteresis in proportion to force (cos 2θ)'
     """
 
-    #: prior sd, at order 1, of the part of hysteresis that does not depend on force [µm]; used only
-    #: if ``law`` is fixed
+    #: prior sd, at Fourier order 1, of the part of hysteresis that does not depend on force [µm];
+    #: used only if the field ``law`` is ``fixed``, else this sd is a hyper-parameter
     constant_um: float = 2.0
-    #: prior sd, at order 1, of the part of hysteresis that is proportional to force [µm/kN]
+    #: prior sd, at Fourier order 1, of the part of hysteresis that is proportional to force [µm/kN]
     proportional_um_per_kN: float = 2.0
-    #: whether the scale of the hysteresis that does not depend on force is the hyper-parameter η
-    #: (sampled) or ``constant_um`` (fixed)
+    #: kind of prior of the part of hysteresis that does not depend on force: its sd at Fourier
+    #: order 1 is the hyper-parameter η (``sampled``) or has the value ``constant_um`` (``fixed``)
     law: Literal["sampled", "fixed"] = "sampled"
     calibration = "a narrower prior of it"
     remedy = "Run both directions at the same forces."
@@ -197,7 +197,7 @@ class Hysteresis(Term):
     def scales(self) -> tuple[Scale, ...]:
         """Hyper-parameter of hysteresis: the scale η of the part that does not depend on force.
 
-        The tuple is empty if ``law`` is fixed.
+        The tuple is empty if the field ``law`` is ``fixed``: the scale is then ``constant_um``.
         """
         return (Scale("eta", "eta_um", "η", "hysteresis"),) if self.law == "sampled" else ()
 
