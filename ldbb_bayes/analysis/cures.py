@@ -167,12 +167,12 @@ def _clocked(
     tests = []
     for test in plan.tests:
         for turn in _CLOCKINGS_DEG:
-            clockings = {}
+            clocked = test
             if work_ball:
-                clockings["work_ball_deg"] = test.work_ball_deg + turn
+                clocked = replace(clocked, work_ball_deg=test.work_ball_deg + turn)
             if tool_ball:
-                clockings["tool_ball_deg"] = test.tool_ball_deg + turn
-            tests.append(replace(test, **clockings))
+                clocked = replace(clocked, tool_ball_deg=test.tool_ball_deg + turn)
+            tests.append(clocked)
     return tests
 
 
