@@ -114,7 +114,7 @@ def _uniform_log_likelihood(bound: BoundModel) -> Callable[[Any, Any], Any]:
     hypers = bound.hyper_prior.names
     sigma = hypers.index("sigma")
     factor = np.stack([np.diag(test.factor) for test in bound.reduced])
-    projection = np.stack([np.asarray(test.projection) for test in bound.reduced])
+    projection = np.stack([np.asarray(test.reading_mm) for test in bound.reduced])
     residual = projection - factor * (bound.interest @ bound.centre + bound.known_offset)
     columns = factor[:, :, None] * latent.values
     weight = factor[:, :, None] ** 2 * latent.noise.T + np.eye(len(hypers))[sigma]
