@@ -81,7 +81,8 @@ class DescribedMachine(Result):
     #: names of the compliances that are not in ``compliances``, because their effect on the
     #: readings is a combination of the effects of several that are
     dependent: tuple[str, ...]
-    #: rank of the matrix of derivatives of the readings by all compliances of the machine
+    #: number of linearly independent effects that the machine's compliances have on the readings,
+    #: the rank of the matrix of derivatives of the readings with respect to all compliances
     rank: int
     #: condition number of the matrix of derivatives of the readings by ``compliances``, unscaled
     #: (mm, N), for full circles with evenly spaced angles

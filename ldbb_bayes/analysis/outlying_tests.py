@@ -71,8 +71,8 @@ class JudgedTest:
     worst_order: int  #: Fourier order in which the test deviates most
     #: whether the family-wise p-value is below 2 % and more than half of the tests remain unflagged
     flag: bool
-    #: deviation in the worst Fourier order, as −ln of the probability that χ² is larger; it ranks
-    #: tests with equal p-values
+    #: deviation in the worst Fourier order, as −ln of the probability that χ² is larger; tests with
+    #: equal p-values are listed in the order of this deviation
     distance: float
 
 

@@ -1,5 +1,7 @@
 """Test whether ranks are uniformly distributed: a band for their empirical distribution.
 
+A rank is the number of posterior draws below the true value in a simulated campaign. The band is a
+pair of limits, one below and one above the empirical distribution function of many ranks.
 The method is that of Säilynoja, Bürkner and Vehtari, Graphical test for discrete uniformity,
 Statistics and Computing 32:32 (2022). The band consists of a binomial interval at every rank. The
 probability of the single intervals is adjusted so that all of them hold together with the
@@ -18,16 +20,16 @@ from ldbb_bayes.results import Array
 
 __all__ = ["ecdf", "simultaneous_band"]
 
-# Number of bisections by which the probability of the band's single intervals, one for each rank,
-# is found; enough for double precision.
+# Number of bisections by which the probability of the single binomial intervals, one for each rank,
+# that form the band for the distribution of ranks is found; enough for double precision.
 _BISECTIONS = 40
 
 
 def ecdf(ranks: Array, draws: int) -> Array:
     """Return the empirical distribution of ranks, shape (draws,).
 
-    ``ranks`` are whole numbers from 0 to ``draws``. The result is the share of ranks that are at
-    most k, for k = 0 … draws − 1.
+    ``ranks`` are whole numbers from 0 to ``draws``, such as the numbers of posterior draws below
+    true values. The result is the share of ranks that are at most k, for k = 0 … draws − 1.
     """
     counts = np.bincount(ranks, minlength=draws + 1)
     return np.asarray(np.cumsum(counts)[:-1] / len(ranks))

@@ -60,7 +60,7 @@ class Assumed:
 
     @property
     def best(self) -> float:
-        """The larger of the two models' log evidences under the assumption [nat]."""
+        """Log evidence under the assumption of the model, of two, that has the larger one [nat]."""
         return max(self.log_evidence.values())
 
 

@@ -37,8 +37,8 @@ _LARGEST_ARC_DEG = 360.0 - 360.0 / _ORDER
 # A gap between neighbouring angles of a test is reported if it is wider than this number of usual
 # steps from one angle to the next.
 _GAP_STEPS = 10.0
-# A test is reported if its force differs from that which the force law gives for its pressure by
-# more than this share of the campaign's largest force.
+# A test is reported if its stated force differs from the force that follows from its pressure by
+# the campaign's linear force law by more than this share of the campaign's largest force.
 _FORCE_LAW_SHARE = 0.02
 # Usual range of a campaign's largest force [N]. If the force is outside, the unit of the forces is
 # probably wrong.
@@ -466,11 +466,11 @@ def _regular_readings(columns: Array, reading: Array) -> NDArray[np.bool_]:
 
 
 def _least_absolute_deviations(columns: Array, reading: Array) -> tuple[Array, int]:
-    """Return deviations of n readings from a robust fit, and the rank of the fitted functions.
+    """Return deviations of n readings from a robust fit, and how many functions it determines.
 
     The fit minimises the sum of absolute deviations, by iteratively reweighted least squares.
-    ``columns`` (n, k) are the fitted functions at the angles of the readings. The deviations have
-    the shape (n,).
+    ``columns`` (n, k) are the k fitted functions at the angles of the readings. The deviations have
+    the shape (n,). The number is the rank of ``columns``.
     """
     basis, size, _ = np.linalg.svd(columns, full_matrices=False)
     basis = basis[:, size > 1e-9 * size[0]]

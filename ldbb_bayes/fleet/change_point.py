@@ -48,9 +48,9 @@ __all__ = [
 _LOWEST_RATIO = 0.03
 _HIGHEST_RATIO = 8.0
 _LOG_STEP = 0.12
-# A hypothesis states which parameter of a machine changed and when, or that none did. Hypotheses
-# are left out when quantiles are computed if their probability, divided by that of the most
-# probable hypothesis, is at most this.
+# A hypothesis states which parameter of a machine changed by a step, just before which campaign, or
+# that none did. Hypotheses are left out when quantiles are computed if their probability, divided
+# by that of the most probable hypothesis, is at most this.
 _NEGLIGIBLE_WEIGHT = 1e-7
 
 
@@ -79,13 +79,14 @@ def scatter_rule(repeatability: float) -> tuple[Array, Array]:
 def hypotheses(carried: Gaussian, parameters: int, change_scale: float) -> Gaussian:
     """Return the Gaussian of level, instrument errors and step (c, b, Δ) under every hypothesis.
 
-    A hypothesis is a value of the machine's scatter from campaign to campaign, a time of a step of
-    one parameter, and the parameter that steps. c are the levels of the p parameters before the
-    step Δ, b the errors of the instrument; q is the number of c and b together. The Gaussians have
-    the shape (r, n, p, q + 1) for r values of the scatter and n campaigns. Index k of the second
-    array axis, from 0, means a step just before campaign k + 2, counted from 1; the last index
-    means no step. Values are in units of the parameters' prior sd. The attribute ``log_integral``
-    is the log evidence of each hypothesis, up to a constant that all hypotheses share.
+    A hypothesis states how large the machine's scatter from campaign to campaign is, which of its
+    parameters changed by a step, and just before which campaign, or that none did. c are the levels
+    of the p parameters before the step Δ, b the errors of the instrument; q is the number of c and
+    b together. The Gaussians have the shape (r, n, p, q + 1) for r values of the scatter and n
+    campaigns. Index k of the second array axis, from 0, means a step just before campaign k + 2,
+    counted from 1; the last index means no step. Values are in units of the parameters' prior sd.
+    The attribute ``log_integral`` is the log evidence of each hypothesis, up to a constant that all
+    hypotheses share.
 
     Parameters
     ----------
@@ -127,9 +128,9 @@ def hypothesis_probabilities(
 ) -> Array:
     """Return the posterior probability of every hypothesis of a step, shape (r, n, p).
 
-    A hypothesis is one of r values of the machine's scatter from campaign to campaign, one of n
-    times of the step, of which the last means no step, and one of p parameters that steps. The
-    probabilities sum to one.
+    A hypothesis states which of the p parameters of a machine changed by a step, just before which
+    of the n campaigns, or that none did, and which of r values the machine's scatter from campaign
+    to campaign has. The last of the n times means no step. The probabilities sum to one.
 
     Parameters
     ----------
@@ -148,9 +149,10 @@ def hypothesis_probabilities(
 def instrument_moments(posteriors: Gaussian, probabilities: Array) -> tuple[Array, Array]:
     """Return the posterior mean (s,) and covariance (s, s) of the instrument's s errors.
 
-    They are averages over all hypotheses of a step: r values of the machine's scatter from campaign
-    to campaign, n times of the step (the last one means no step), and p parameters that may step.
-    They are in units of the errors' prior sd.
+    They are averages over all hypotheses, weighted by their probabilities. A hypothesis states
+    which of the p parameters of a machine changed by a step, just before which of the n campaigns
+    (the last of n times means no step), and which of r values the machine's scatter from campaign
+    to campaign has. Means and covariance are in units of the errors' prior sd.
 
     Parameters
     ----------
@@ -169,9 +171,10 @@ def instrument_moments(posteriors: Gaussian, probabilities: Array) -> tuple[Arra
 
 
 class Levels(NamedTuple):
-    """Values of p parameters at the last campaign, averaged over all hypotheses of a change.
+    """Values of p parameters of a machine at the last campaign, in units of their prior sd.
 
-    They are in units of the parameters' prior sd.
+    They are averages over the possibilities that no parameter changed, or that one of them changed
+    just before one of the campaigns, each weighted by its probability.
     """
 
     #: posterior means of the p parameters at the last campaign, in units of their prior sd, (p,)
@@ -187,9 +190,10 @@ class Levels(NamedTuple):
 def current_levels(posteriors: Gaussian, probabilities: Array, *, prob: float = 0.95) -> Levels:
     """Return every parameter's value at the last campaign: its first level plus any step.
 
-    The values are averages over all hypotheses of a step: r values of the machine's scatter from
-    campaign to campaign, n times of the step (the last one means no step), and p parameters that
-    may step.
+    The values are averages over all hypotheses, weighted by their probabilities. A hypothesis
+    states which of the p parameters of a machine changed by a step, just before which of the n
+    campaigns (the last of n times means no step), and which of r values the machine's scatter from
+    campaign to campaign has.
 
     Parameters
     ----------

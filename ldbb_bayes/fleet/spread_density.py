@@ -57,8 +57,9 @@ _DIFFERENCE_STEP = 1e-4
 # their population.
 _MODE_GAIN = 1e-10
 # Random draws of ln s are limited to a range: at most ``_RANGE_BELOW`` below ln τ and at most
-# ``_RANGE_ABOVE`` above the larger of ln τ and the mode. s are the spreads, that is, the standard
-# deviations of machines about the mean of their population; τ is the scale of their prior.
+# ``_RANGE_ABOVE`` above ln τ, or above the mode of the density of ln s if the mode is larger. s are
+# the spreads, that is, the standard deviations of machines about the mean of their population; τ is
+# the scale of their prior.
 _RANGE_BELOW = 80.0
 _RANGE_ABOVE = 25.0
 # If the effective number of weighted random draws of the machines' spreads, divided by their actual

@@ -539,10 +539,11 @@ def _parameter_change(
 def _change(weight: Array, mean: Array, sd: Array, prob: float) -> Summary:
     """Return mean, sd and credible interval of the size of a parameter's step.
 
-    They are averages over hypotheses with the weights ``weight``, which sum to one. A hypothesis is
-    a time of the step and a value of the machine's scatter from campaign to campaign. ``mean`` and
-    ``sd`` are those of the size under each hypothesis, in units of the parameter's prior sd, as is
-    the result. ``prob`` is the probability of the interval.
+    They are averages over hypotheses with the weights ``weight``, which sum to one. A hypothesis
+    states just before which campaign the step occurred, and how large the machine's scatter from
+    campaign to campaign is. ``mean`` and ``sd`` are mean and standard deviation of the size under
+    each hypothesis. These and the result are in units of the parameter's prior sd. ``prob`` is the
+    probability of the interval.
     """
     mean = mean.ravel()
     sd = sd.ravel()

@@ -77,7 +77,7 @@ _FEWEST_TESTS = 4
 # different forces or more.
 _FEWEST_FORCES = 3
 # The tests of a plane count as run in order of rising or falling force if the p-value of the
-# hypothesis that their ranks of force and of time are unrelated is below this.
+# hypothesis that their order by force and their order in time are unrelated is below this.
 _IN_ORDER = 0.05
 # Fourier orders 13 to 16, just above the orders 0 to 12 of the model. The readings at these orders
 # show how strong the noise is.
@@ -277,8 +277,9 @@ def centre_shift(bound: BoundModel, beta: Array) -> dict[str, float]:
 def in_order_of_force(bound: BoundModel) -> bool:
     """Return whether the tests of any plane ran in order of rising or falling force.
 
-    A steady drift would then look like a change of compliance with force. The ranks of force and of
-    time are compared by Student's t-test at 5 %. If some test has no recorded time, the tests are
+    A steady drift would then look like a change of compliance with force. The tests are numbered in
+    order of force and in order of time, and Student's t-test at 5 % shows whether the two numbers
+    are related. If some test has no recorded time, the tests are
     taken to have run in the order in which the campaign lists them.
     """
     setting = bound.setting

@@ -36,11 +36,11 @@ _OF_PLAIN_ERROR = 0.5
 # The error of an integral from a random sample is enlarged if the Pareto shape k̂ of the sample's
 # weights exceeds this.
 _HEAVY_TAIL_K = 0.4
-# The error of an integral from a random sample is enlarged by 100 % for every step of this size by
-# which the Pareto shape k̂ of the sample's weights exceeds ``_HEAVY_TAIL_K``.
+# The error of an integral from a random sample is enlarged by 100 % each time that the Pareto shape
+# k̂ of the sample's weights exceeds ``_HEAVY_TAIL_K`` by a further amount of this size.
 _HEAVY_TAIL_STEP = 0.1
-# The integral beyond the edge of a lattice is taken to be at most this multiple of the integral
-# over the nodes at its edge.
+# The integral beyond the outermost nodes of a lattice is taken to be at most this multiple of the
+# part of the integral that these nodes contribute.
 _BEYOND_EDGE = 3.0
 # The log integral from a lattice is that of the mean of the lattice's two grids. Its error is taken
 # to be this share of the difference between the log integrals from the two grids.
@@ -50,7 +50,7 @@ _MEAN_OF_TWO = 0.25
 # If d² is larger than the share, d² is the error.
 _LARGEST_LINEAR = 0.02
 # The difference between the log integrals from a lattice's two grids counts as at least this share
-# of the difference that the lattice had before its step was shortened.
+# of the difference before the lattice's step, the distance between its points, was shortened.
 _DECLINE = 0.35
 # The share of an integral that falls on one of a lattice's two grids counts as at least this, so
 # that its logarithm is finite.
@@ -70,8 +70,8 @@ class Integral:
     #: a randomised sequence of a sample. The nodes of each group estimate the integral by
     #: themselves.
     estimate: Index
-    #: whether each of the n nodes is at the edge of a lattice, beyond which the density was not
-    #: evaluated, shape (n,)
+    #: whether each of the n nodes is one of the outermost of a lattice, beyond which the density
+    #: was not evaluated, shape (n,)
     edge: NDArray[np.bool_]
     #: density from which the nodes of a sample were drawn at random; None for the nodes of a
     #: lattice
@@ -79,8 +79,8 @@ class Integral:
     #: largest share of the integral that may lie in nodes at which the density was not evaluated
     #: because their weight is small
     left_out: float = 0.0
-    #: difference between ln ∫ f from the two grids of the lattice, before its step was last
-    #: shortened [nat]; zero if it was not shortened, and for a sample
+    #: difference between ln ∫ f from the two grids of the lattice, before the distance between its
+    #: nodes was last shortened [nat]; zero if it was not shortened, and for a sample
     coarser_difference: float = 0.0
 
     @cached_property
@@ -111,9 +111,9 @@ class Integral:
 
     @property
     def edge_error(self) -> float:
-        """Estimate of the largest share of the integral that lies beyond the edge of a lattice.
+        """Largest share of the integral that may lie beyond the outermost nodes of a lattice.
 
-        It is three times the share of the integral in the nodes at the edge.
+        The estimate is three times the share of the integral that these nodes contribute.
         """
         return _BEYOND_EDGE * float(self.weight[self.edge].sum())
 
@@ -130,10 +130,10 @@ class Integral:
         """Return the error of the log integral ln ∫ f from a lattice [nat].
 
         It is a share of the difference between the log integrals from the lattice's two grids, plus
-        the share of the integral beyond the lattice's edge. Only a share of the difference counts,
-        because the errors of the two grids cancel to first order in their mean. The difference may
-        pass through zero as the step of the lattice is shortened. It therefore counts as at least
-        0.35 of the difference before the last shortening.
+        the share of the integral beyond the lattice's outermost nodes. Only a share of the
+        difference counts, because the errors of the two grids cancel to first order in their mean.
+        The difference may pass through zero as the step of the lattice is shortened. It therefore
+        counts as at least 0.35 of the difference before the last shortening.
         """
         difference = max(self.grid_difference, _DECLINE * self.coarser_difference)
         of_mean = max(difference**2, _MEAN_OF_TWO * min(difference, _LARGEST_LINEAR))

@@ -25,10 +25,10 @@ Random = np.random.Generator | np.random.RandomState
 # the heaviest tails come first.
 _FREEDOMS = np.array([3.0, 5.0, 9.0, 20.0])
 # Student-t distributions with light tails (many degrees of freedom) are fitted only in more
-# dimensions than this. In few dimensions they gain little, and too few points would be drawn at the
-# edges of the density to integrate.
+# dimensions than this. In few dimensions they gain little, and too few points would be drawn far
+# from the centre of the density to integrate.
 _FEW_DIMENSIONS = 5
-# In few dimensions, only this number of the candidates in ``_FREEDOMS`` (degrees of freedom of a
+# In few dimensions, only this number of the values in ``_FREEDOMS`` (degrees of freedom of a
 # Student-t distribution) are tried: the first ones, which have the heaviest tails.
 _HEAVY_TAILS = 2
 # Degrees of freedom from which the fit of a Student-t distribution starts.
@@ -245,7 +245,7 @@ def fit_split_t(centre: Array, root: Array, z: Array, weight: Array) -> SplitT:
 
     A split Student-t has different scales and degrees of freedom on its two sides. Scales are found
     by expectation-maximisation (EM) steps. Degrees of freedom, and the coordinate at which the two
-    sides meet, are picked from a few candidates. The result is a little wider than the fit.
+    sides meet, are picked from a few values. The result is a little wider than the fit.
 
     Parameters
     ----------
@@ -322,9 +322,10 @@ def _best_freedom(
 
     The side is that of a split Student-t distribution, which has different scales and degrees of
     freedom below (``side`` 0) and above (``side`` 1) a coordinate at which the sides meet.
-    ``freedoms`` holds the candidates; ``scale`` and ``freedom`` are the present values, each of
-    shape (2, h). ``square``, shape (n, h), holds the squared distances of n points from that
-    coordinate, ``side_weights``, shape (2, n, h), the weights of the points on each side.
+    ``freedoms`` holds the degrees of freedom that are tried. ``scale`` and ``freedom`` are the
+    present scales and degrees of freedom, each of shape (2, h). ``square``, shape (n, h), holds the
+    squared distances of n points from that coordinate, ``side_weights``, shape (2, n, h), the
+    weights of the points on each side.
     """
     other_mass = _side_masses(scale, freedom)[1 - side]
     costs = []

@@ -59,7 +59,8 @@ _LARGEST_CORNER_DIMENSION = 5
 # logarithm (unbounded coordinate) is held at this distance below its value at the mode.
 _BELOW_MODE = 3.0
 # Coarse nodes are weighted values of the hyper-parameters for which a rough integral suffices:
-# tolerance of the log evidence from them [nat], and step of their lattice in standard deviations.
+# tolerance of the log evidence from them [nat], and spacing of the points of their lattice in
+# standard deviations of the posterior at its highest mode.
 _COARSE_TOLERANCE = 0.2
 _COARSE_STEP = 1.25
 # The probability that no compliance is negative is not computed at the nodes (values of the

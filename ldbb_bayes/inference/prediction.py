@@ -1,4 +1,4 @@
-"""Readings of new circles under the posterior, and bands around them.
+"""Readings of new circles under the posterior, and their credible intervals at every angle.
 
 β are the p parameters: compliances, their slopes and geometric errors. φ are the h
 hyper-parameters, the scales of the noise and of other effects. Shared nuisances are effects that

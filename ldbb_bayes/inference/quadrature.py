@@ -42,8 +42,8 @@ def integrate(
     tolerance : float
         Error of ln ∫ f asked for [nat].
     step : float, optional
-        The first step of a lattice, in standard deviations of f at the highest mode. Default: it
-        follows from the tolerance.
+        Spacing of the points of a lattice that is tried first, in units of the standard deviation
+        of the Gaussian fitted to f at the highest mode. Default: computed from the tolerance.
     seed : int
         Seed of importance sampling.
     """

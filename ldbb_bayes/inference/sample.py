@@ -122,7 +122,7 @@ def sample(
         Number of independent ensembles of walkers, at least 4; only for ``joint``.
     walkers : int, optional
         Number of walkers of each ensemble, even and at least twice the number d of parameters and
-        hyper-parameters; only for ``joint``. Default: the larger of 128 and 4 d.
+        hyper-parameters; only for ``joint``. Default: 4 d, but at least 128.
     rule : StoppingRule, optional
         When to stop. Default: every parameter has bulk and tail ESS (effective sample size) ≥ 1000
         and R-hat ≤ 1.01.
@@ -339,8 +339,9 @@ def _sample_jointly(
 
     The walkers start from hyper-parameters (scales of the noise and of other effects) drawn from a
     density a little wider than their posterior ``start``, and from parameters drawn given these.
-    ``ensembles`` is the number of ensembles of walkers, ``walkers`` the number of walkers of each;
-    by default the latter is the larger of 128 and four times the number of coordinates.
+    ``ensembles`` is the number of ensembles of walkers, and ``walkers`` the number of walkers of
+    each ensemble. By default there are four times as many walkers as coordinates (parameters and
+    hyper-parameters), but at least 128.
     """
     density = JointDensity(start.bound)
     d = len(start.bound.names) + len(start.bound.hyper_prior.names)

@@ -185,7 +185,7 @@ class HybridModel(Result):
 
     @classmethod
     def first(cls, degree: int = 1) -> HybridModel:
-        """Return the model of the software's first edition, which has fewer effects than today's.
+        """Return the model's first edition (preset ``first``), with fewer effects than the default.
 
         The prior sd of the form of the balls falls as 1/n with its order n (waves in a turn).
         ``degree`` is the degree of the compliance as a polynomial in force, 0, 1 or 2.
@@ -355,8 +355,9 @@ class HybridModel(Result):
     def rivals(self) -> tuple[str, ...]:
         """Names of the model's rivals: effects that resemble a change of compliance with force.
 
-        They are those of ``joint load``, ``curved mount`` and ``curved force law`` that the model
-        has.
+        The names are ``joint load``, ``curved mount`` (a deflection of the work ball's mount that
+        is not proportional to force) and ``curved force law`` (a force that is not a linear
+        function of pressure), each only if the model has this effect.
         """
         term_by_kind = {type(term): term for term in self.nuisances}
         names = []
@@ -772,8 +773,8 @@ class BoundModel(Shown):
     def scale(self) -> Array:
         """Typical size of each of the p parameters of interest, shape (p,), in mm, N and rad.
 
-        The size is the prior sd of the parameter. If the prior is flat, it is the prior sd in the
-        model's first edition.
+        The size is the prior sd of the parameter. If the prior is flat, the size is the prior sd
+        that the parameter has in the model's first edition (preset ``first``).
         """
         if not self.model.prior.flat:
             return self.prior_sd
@@ -823,9 +824,10 @@ class BoundModel(Shown):
     def coefficients(self) -> dict[str, tuple[float, float]]:
         """Prior mean and sd by name of the rivals' coefficients and of the parameters of interest.
 
-        Rivals are effects that resemble a change of compliance with force, such as a curved force
-        law; their coefficients come first. In this order, these coefficients are the last ones of
-        `collapsed`. Means and sds are in internal units (mm, N, rad).
+        Rivals are effects that resemble a change of compliance with force, such as a force that is
+        not a linear function of pressure; their coefficients come first. In this order, these
+        coefficients are the last ones of `collapsed`. Means and sds are in internal units (mm, N,
+        rad).
         """
         priors: dict[str, tuple[float, float]] = {}
         for columns in self.nuisance_columns:

@@ -41,13 +41,13 @@ _RATE = 1.5
 
 @dataclass(frozen=True, eq=False)
 class HyperPrior:
-    """Independent prior densities of the h hyper-parameters, each with one of three laws.
+    """Independent prior densities of the h hyper-parameters, each of one of three kinds (laws).
 
-    The law of a length (such as the sd of the noise) is half-normal, with the scale ``scale`` [mm]
-    and values not less than ``lower`` [mm]. The law of a decay, the power by which the amplitude of
-    form error falls with its order, is Normal(``scale``, ``decay_sd``) restricted to [0.5, 3.5].
-    The noise factor λ of a circle has the law λ² ~ InvGamma(3/2, 3/2), an inverse gamma law. Decay
-    and λ have no unit.
+    The prior of a length (such as the sd of the noise) is half-normal, with the scale ``scale``
+    [mm] and values not less than ``lower`` [mm]. The prior of a decay, the power by which the
+    amplitude of form error falls with its order, is Normal(``scale``, ``decay_sd``) restricted to
+    [0.5, 3.5]. The square of the noise factor λ of a circle has an inverse gamma distribution,
+    λ² ~ InvGamma(3/2, 3/2). Decay and λ have no unit.
     """
 
     names: tuple[Hyper, ...]

@@ -673,7 +673,8 @@ def _core_rows(
 ) -> NDArray[np.intp]:
     """Return the indices of linearly independent constraints of w problems, shape (w, rank).
 
-    Each problem has m constraints u = mean + spread e ≥ 0, with standard normal e of q elements;
+    The rank is the number of linearly independent constraints, the same in all problems. Each
+    problem has m constraints u = mean + spread e ≥ 0, with standard normal e of q elements;
     ``mean`` has shape (w, m) and ``spread`` (w, m, q). The constraint whose mean divided by its sd
     is smallest is first.
     """

@@ -231,7 +231,8 @@ class Prior(Shown):
     #: whether the prior sd of a slope (change of a compliance with force) is proportional to the
     #: estimate of its compliance. If true, the size of the compliance that ``slope_scale``
     #: multiplies is max(|Ĉ|, sd(C)/20), where Ĉ is the least-squares estimate of the compliance and
-    #: sd(C) its prior sd. If false, the size is sd(C), as in the model's first edition.
+    #: sd(C) its prior sd. If false, the size is sd(C), as in the model's first edition (preset
+    #: ``first``).
     slopes_of_estimate: bool = True
     #: whether compliances that are deflections in the direction of the load itself (such as C_XXX,
     #: C_YYY and C_CCY) must not be negative at the tested forces
@@ -320,7 +321,7 @@ class Prior(Shown):
 
     @classmethod
     def first(cls) -> Prior:
-        """Return the prior of the software's first edition.
+        """Return the prior of the model's first edition (preset ``first``).
 
         In contrast to the default prior, the form of the balls has a wider prior, and the prior sds
         of slopes do not depend on the readings.

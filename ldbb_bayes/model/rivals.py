@@ -1,7 +1,8 @@
 """Rivals of the slopes: other effects that also explain a change of the readings with force.
 
-A slope is the change of a compliance with force. The rivals are joint load, curved mount and curved
-force law.
+A slope is the change of a compliance with force. The rivals are: the load on the joints, a
+deflection of the work ball's mount that is not proportional to force (curved mount), and a force
+that is not a linear function of pressure (curved force law).
 """
 
 from __future__ import annotations
@@ -38,7 +39,8 @@ _STEMS = tuple(rival.stem for rival in RIVALS.values())
 def is_rival_of_slopes(columns: Columns | BasisNoise) -> bool:
     """Return whether the columns of a term belong to an effect that resembles a slope.
 
-    A slope is the change of a compliance with force. Effects that resemble it are joint load,
-    curved mount and curved force law. Noise (`BasisNoise`) never does.
+    A slope is the change of a compliance with force. Effects that resemble a slope are the load on
+    the joints, a mount deflection that is not proportional to force, and a force that is not a
+    linear function of pressure. Noise (`BasisNoise`) never resembles a slope.
     """
     return isinstance(columns, Columns) and columns.names[0].startswith(_STEMS)

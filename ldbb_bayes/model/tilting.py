@@ -9,8 +9,9 @@ shifted by a tilt μ_j. The log importance weight (Φ is the standard normal dis
 
 is bounded by its value at the saddle point. Rejection sampling is therefore exact, and averages of
 weights are efficient, however small the probability is (Botev, J. R. Statist. Soc. B 79, 125-148,
-2017). Rows beyond the rank are constraints that are linear combinations of others. Each restricts
-the last x_j that it depends on to an interval, which only reduces the weights.
+2017). The e_j are called edges: lower limits of the shifted variables. Further constraints may be
+linear combinations of those above (rows beyond the rank of the matrix of constraints). Each
+restricts the last x_j on which it depends to an interval, which only reduces the weights.
 """
 
 from __future__ import annotations
@@ -67,19 +68,19 @@ class Proposal(NamedTuple):
 class _Interval(NamedTuple):
     """Probability that a standard normal variable is in an interval, and data for random draws.
 
-    The interval is from a lower edge ``low`` to an upper edge ``high``, which may be infinite. Its
+    The interval is from a lower end ``low`` to an upper end ``high``, which may be infinite. Its
     probability is the difference of two tail probabilities: left tails are used if the centre of
     the interval is negative, else right tails, so that rounding errors are small.
     """
 
     #: Logarithm of the probability of the interval, ln (Φ(high) − Φ(low)), where Φ is the standard
-    #: normal distribution function and low and high are the edges of the interval.
+    #: normal distribution function and low and high are the ends of the interval.
     log_mass: Array
-    #: Log probability of the tail that contains the interval of a standard normal variable: left of
-    #: the upper edge if the centre of the interval is negative, else right of the lower edge.
+    #: Log probability of the tail of the standard normal density that contains the interval: left
+    #: of the upper end if the centre of the interval is negative, else right of the lower end.
     log_tail: Array
-    #: Probability of the tail beyond the interval, divided by that of the tail that contains the
-    #: interval too, of a standard normal variable. None if the interval has no upper edge.
+    #: Probability of the tail of the standard normal density beyond the interval, divided by that
+    #: of the tail that also contains the interval. None if the interval has no upper end.
     tail_ratio: Array | None
     #: −1 where the centre of the interval is negative and left tails are used; 1 where right tails
     #: are used.
@@ -101,8 +102,8 @@ class _ConvexFunction(NamedTuple):
     #: Derivatives of the convex function with respect to the d inverse Mills ratios of each of w
     #: problems, shape (w, d).
     gradient: Array
-    #: Derivative of each inverse Mills ratio with respect to its edge, between 0 and 1, shape
-    #: (w, d).
+    #: Derivative of each inverse Mills ratio m = φ(e) / Φ(−e) with respect to e, the lower limit of
+    #: a shifted normal variable; it is between 0 and 1, shape (w, d).
     slope: Array
     #: Largest absolute element of the convex function's gradient, relative to the size of its
     #: terms, for each of w problems, shape (w,).
@@ -112,9 +113,9 @@ class _ConvexFunction(NamedTuple):
 class _Edges(NamedTuple):
     """Lower limits (edges) of the shifted normal variables at the saddle points of w problems.
 
-    ``edge`` holds them for the d variables of each problem, shape (w, d). ``solved`` (w,) states
-    whether the search succeeded, and ``value`` (w,) is the convex function, whose minimum gives the
-    saddle point, at these edges.
+    ``edge`` holds the limits of the d variables of each problem, shape (w, d). ``solved`` (w,)
+    states whether the search for the saddle point succeeded. ``value`` (w,) is the value, at these
+    limits, of the convex function whose minimum gives the saddle point.
     """
 
     edge: Array
@@ -127,8 +128,7 @@ class Tilted(NamedTuple):
 
     The d independent constraints are unit · x ≥ bound, with a lower triangular matrix ``unit``; the
     constraint most likely to fail is first. There may be k further constraints,
-    dependent_mean + dependent · x ≥ 0, which are linear combinations of the independent ones; they
-    are called rows beyond the rank.
+    dependent_mean + dependent · x ≥ 0, which are linear combinations of the independent ones.
     """
 
     #: Lower triangular matrix of the d independent constraints unit · x ≥ bound on a standard
@@ -271,7 +271,7 @@ def _log_tail_share(interval: _Interval, uniform: Array) -> Array:
     """Return the log tail probability at random points of a standard normal in an interval.
 
     The tail is to the left or to the right of a point, as ``interval.direction`` states. The tail
-    probability is uniform between its values at the two edges of the interval; ``uniform`` are the
+    probability is uniform between its values at the two ends of the interval; ``uniform`` are the
     random numbers between 0 and 1 that determine its position between them.
     """
     share = np.clip(uniform, _LEAST_UNIFORM, 1.0)
@@ -354,9 +354,11 @@ def _solve_edges(
 ) -> _Edges:
     """Solve e + C m(e) = bound for the edges e of w problems, by Newton's method.
 
-    m(e) are the inverse Mills ratios of the edges, and C is ``coupling``, shape (w, d, d).
-    ``bound`` and the edges from which the search starts, ``start``, have the shape (w, d). A step
-    is halved until it reduces the value of `_ConvexFunction` or the relative size of its gradient.
+    The edges are the lower limits of d shifted normal variables of each problem, shape (w, d).
+    m(e) = φ(e) / Φ(−e) are their inverse Mills ratios, with the standard normal density φ and
+    distribution function Φ. C is ``coupling``, shape (w, d, d). ``bound`` and the edges from which
+    the search starts, ``start``, have the shape (w, d). A step of the search is halved until the
+    step reduces the value of `_ConvexFunction` or the relative size of its gradient.
     """
     edge = np.array(start)
     current = _evaluate_convex_function(coupling, bound, edge)
@@ -392,19 +394,20 @@ def _edges_of_nearest_point(
     unit: Array,
     bound: Array,
 ) -> Array:
-    """Return the edges at the most probable x that meets the constraints of a problem, (d,).
+    """Return the lower limits of the shifted normal variables at one point x, shape (d,).
 
-    The constraints are unit · x ≥ bound on a standard normal vector x, with ``unit`` (d, d),
-    ``bound`` (d,) and ``coupling`` = unit unitᵀ − I. The edges are the lower limits of the shifted
-    normal variables. Newton's method for the saddle point starts from them if it fails from the
-    bounds.
+    x is the most probable standard normal vector that meets the constraints unit · x ≥ bound, with
+    ``unit`` (d, d), ``bound`` (d,) and ``coupling`` = unit unitᵀ − I. Newton's method for the
+    saddle point starts from the returned limits, the edges, if it fails from the bounds.
     """
     binding = np.flatnonzero(least_distance_multipliers(unit, bound))
     block = coupling[np.ix_(binding, binding)] + np.eye(len(binding))
     mills = np.zeros(len(bound))
     mills[binding] = np.linalg.solve(block, bound[binding])
-    # Compute the edge from its inverse Mills ratio m approximately: for a large edge e, m is about
-    # e + 1/e, so that e is about m − 1/m.
+    # An edge e is a point from which on a standard normal variable is kept (truncation). Compute e
+    # approximately from the inverse Mills ratio m = φ(e) / (1 − Φ(e)), where φ and Φ are the
+    # standard normal density and distribution function: for large e, m is about e + 1/e, so that e
+    # is about m − 1/m.
     far = mills - 1.0 / np.maximum(mills, 1.0)
     return np.where(mills > 1.0, far, bound - coupling @ mills)
 
@@ -416,8 +419,9 @@ def _evaluate_convex_function(
 ) -> _ConvexFunction:
     """Return the convex function whose minimum gives the saddle point, with its derivatives.
 
-    The formula is that of `_ConvexFunction`. It is evaluated for w problems at the edges ``edge``
-    (w, d), with the bounds ``bound`` (w, d) and the matrices C = ``coupling`` (w, d, d).
+    The formula is that of `_ConvexFunction`. It is evaluated for w problems, with the bounds
+    ``bound`` (w, d) and the matrices C = ``coupling`` (w, d, d), at given lower limits of the
+    shifted normal variables, ``edge`` (w, d).
     """
     mills = _inverse_mills(edge)
     coupled_mills = np.einsum("wij,wj->wi", coupling, mills)
@@ -431,9 +435,10 @@ def _evaluate_convex_function(
 
 
 def _inverse_mills(edge: Array) -> Array:
-    """Return the inverse Mills ratio φ(edge) / Φ(−edge) of the standard normal.
+    """Return the inverse Mills ratios φ(e) / (1 − Φ(e)) of the numbers e = ``edge``.
 
-    φ is the density and Φ the distribution function of the standard normal.
+    φ and Φ are the standard normal density and distribution function. The ratio is the mean of a
+    standard normal variable that is restricted to values above e.
     """
     with np.errstate(over="ignore"):
         return np.asarray(np.sqrt(2.0 / np.pi) / erfcx(edge / np.sqrt(2.0)))

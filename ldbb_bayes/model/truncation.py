@@ -133,7 +133,7 @@ def _quantile_inside(
 
     Each element of z is the quantile, at its number in ``level``, of its distribution given the
     elements before it. ``level`` and the result have shape (n, k). The m constraints are given by
-    ``rows``, shape (m, k), and ``edge``, shape (m,).
+    their coefficients ``rows``, shape (m, k), and lower bounds ``edge``, shape (m,).
     """
     n, k = level.shape
     z = np.empty((n, k))
@@ -160,10 +160,11 @@ def _distribution(
 ) -> tuple[Array, Array]:
     """Return the distribution function of the first coordinate of z, and the grid of its values.
 
-    z is a standard normal vector of k elements restricted to rows · z ≥ edge, with m constraints.
-    The arguments are the bytes of the arrays ``rows`` (m, k) and ``edge`` (m,), because the cache
-    needs keys that can be hashed. Both results have shape (1025,): the probability that the
-    coordinate is below each grid value, and the grid values.
+    z is a standard normal vector of k elements restricted by the m constraints rows · z ≥ edge. The
+    arguments are the bytes of the arrays ``rows`` (m, k), the coefficients of the constraints, and
+    ``edge`` (m,), their lower bounds, because the cache needs keys that can be hashed. Both results
+    have shape (1025,): the probability that the coordinate is below each grid value, and the grid
+    values.
     """
     edges = np.frombuffer(edge)
     coefficients = np.frombuffer(rows).reshape(len(edges), -1)
@@ -198,9 +199,9 @@ def _first_density(
 ) -> tuple[Array, Array]:
     """Return a grid over the range of the first coordinate of z, and its density on the grid.
 
-    z is a standard normal vector of k elements restricted to rows · z ≥ edge; ``rows`` has shape
-    (m, k) and ``edge`` (..., m) for many problems. The density is not normalised. Grid and density
-    have shape (..., size).
+    z is a standard normal vector of k elements restricted by m constraints rows · z ≥ edge. The
+    coefficients ``rows`` have shape (m, k), the lower bounds ``edge`` (..., m) for many problems.
+    The density is not normalised. Grid and density have shape (..., size), with ``size`` points.
     """
     low, high = _support(rows, edge)
     low = np.maximum(low, np.minimum(-_REACH, high - _LEAST_WIDTH))
@@ -213,8 +214,9 @@ def _first_density(
 def _probability_inside(rows: Array, edge: Array) -> Array:
     """Return the probability of rows · z ≥ edge for a standard normal vector z, shape (...).
 
-    The probability is correct up to a constant factor. z has k elements, ``rows`` the shape (m, k)
-    and ``edge`` (..., m) for many problems.
+    The probability is correct up to a constant factor. z has k elements. The coefficients of the m
+    constraints, ``rows``, have the shape (m, k), and their lower bounds, ``edge``, (..., m) for
+    many problems.
     """
     if rows.shape[1] > 1:
         grid, density = _first_density(rows, edge, _COARSE_GRID)
@@ -231,9 +233,10 @@ def _support(
 ) -> tuple[Array, Array]:
     """Return the least and the greatest first coordinate of points z with rows · z ≥ edge.
 
-    z has k elements, ``rows`` the shape (m, k) and ``edge`` (..., m) for many problems. Both
-    results have shape (...), and are infinite where there is no limit. The other coordinates of z
-    are eliminated from the inequalities, the last one first (Fourier-Motzkin elimination).
+    z has k elements. The coefficients of the m constraints, ``rows``, have the shape (m, k), and
+    their lower bounds, ``edge``, (..., m) for many problems. Both results have shape (...), and are
+    infinite where there is no limit. The other coordinates of z are eliminated from the
+    inequalities, the last one first (Fourier-Motzkin elimination).
     """
     while rows.shape[1] > 1:
         rows, edge = _eliminate_last(rows, edge)
@@ -253,10 +256,11 @@ def _eliminate_last(
 ) -> tuple[Array, Array]:
     """Return the constraints that rows · z ≥ edge implies on all coordinates of z but the last.
 
-    ``rows`` has shape (m, k) and ``edge`` (..., m) for many problems. The new constraints are of
-    two kinds: the rows in which the last coordinate has no part, and sums of two rows, scaled so
-    that the last coordinate cancels. One row of such a pair bounds the last coordinate from below,
-    the other from above. New rows and new edges are returned.
+    The coefficients of the m constraints, ``rows``, have shape (m, k), and their lower bounds,
+    ``edge``, (..., m) for many problems. The new constraints are of two kinds: those in which the
+    last coordinate has no part, and sums of two constraints, scaled so that the last coordinate
+    cancels. One constraint of such a pair bounds the last coordinate from below, the other from
+    above. The coefficients and lower bounds of the new constraints are returned.
     """
     last = rows[:, -1]
     free = np.flatnonzero(last == 0.0)

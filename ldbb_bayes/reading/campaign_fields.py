@@ -44,8 +44,8 @@ _LARGEST_STEP_UM = 5.0
 # Largest step between readings that is accepted as the resolution of a readout, as a share of the
 # range of the readings.
 _LARGEST_STEP_SHARE = 0.1
-# A force that is stated together with a pressure is noted as an assumption if it differs by more
-# than this share from the force that the usual force law gives for the pressure.
+# A force that is stated together with a pressure is noted as an assumption if the force differs by
+# more than this share from the one that follows from the pressure by the default `ForceLaw`.
 _OFF_FORCE_LAW = 0.05
 # Values that are assumed for unstated fields of the campaign, each with the command-line option
 # that states the field.
@@ -349,10 +349,11 @@ def note_assumed_fields(
 
 
 def _note_force_law(tests: Sequence[CircularTest], log: AssumptionLog) -> None:
-    """Add to the log how the stated forces and pressures of the tests fit the usual force law.
+    """Add to the log how the stated forces and pressures of the tests fit the default force law.
 
-    Stated forces that differ by more than 5 % from the law are noted. If tests state a pressure
-    alone, it is noted that the law gives their forces.
+    The law states the force of the ball bar as a linear function of the pressure. Stated forces
+    that differ by more than 5 % from those that follow from the pressures are noted. If tests state
+    a pressure alone, it is noted that their forces follow from the law.
     """
     law = ForceLaw()
     options = "--force-slope, --force-offset"

@@ -159,9 +159,9 @@ def _passages_of_least_squares(result: LeastSquares) -> tuple[Passage, ...]:
 def _passages_of_validation(validation: Validation) -> tuple[Passage, ...]:
     """Return a table of how often credible intervals hold the true values in simulations.
 
-    The table also states, for each quantity, whether the ranks of the true values among the random
-    draws from their posteriors are uniformly distributed. Sentences with the standard uncertainty
-    of the shares and a verdict follow.
+    The table also states, for each quantity, whether the ranks of the true values are uniformly
+    distributed. A rank is the number of posterior draws below the true value. Sentences with the
+    standard uncertainty of the shares and a verdict follow.
     """
     coverage = validation.coverage()
     intervals = [name for name in coverage.columns if not name.startswith("u")]

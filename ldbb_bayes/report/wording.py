@@ -615,8 +615,8 @@ def assumed_words(uncertainty: Uncertainty) -> tuple[str, str]:
 def machine_sentences(machine: Any) -> tuple[str, ...]:
     """Return sentences on a machine's joints and on the parameters that circular tests can show.
 
-    They also state the rank of the matrix of derivatives of the readings by the compliances, and
-    the parameters without effect on the readings.
+    They also state the number of linearly independent effects that the compliances have on the
+    readings, and the parameters without effect on the readings.
     """
     return _sentences("machine_sentences", machine)
 
@@ -807,7 +807,8 @@ def short_verdict_words(entry: ParameterIdentifiability, partners: Sequence[str]
 def validation_verdict(validation: Validation) -> str:
     """Return a sentence on the result of simulation-based calibration.
 
-    It states whether the ranks of true values among posterior draws are uniformly distributed.
+    It states whether the ranks of true values are uniformly distributed. A rank is the number of
+    posterior draws below the true value in a simulated campaign.
     """
     return _sentence("validation_verdict", validation)
 

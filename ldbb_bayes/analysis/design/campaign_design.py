@@ -1,9 +1,9 @@
 """The design of the next campaign: its forces, its number of circles and its clockings.
 
 A clocking is the pair of angles by which the two balls are turned. A pilot is the campaign or plan
-that a design starts from. Shares are the fractions of the number of tests that are run at each
-candidate; their multiples need not be whole numbers. The efficiency of a design compares it with
-the best shares.
+that a design starts from. A candidate is a test that could be run, once or several times. Shares
+are the fractions of the number of tests that are run at each candidate; the resulting numbers of
+tests need not be whole. The efficiency of a design compares the design with the best shares.
 """
 
 from __future__ import annotations
@@ -40,9 +40,10 @@ from ldbb_bayes.results import Records, Result, read_result, readable
 
 __all__ = ["Certificate", "Design", "Judged", "Limits", "design", "read_design"]
 
-# A certificate that a division of tests among candidates is optimal holds if the largest
-# sensitivity exceeds its bound by no more than this relative amount. A sensitivity is the rate at
-# which the criterion grows with the fraction of the tests at one candidate.
+# A division of tests among candidates (tests that could be run) counts as proven optimal if the
+# largest sensitivity exceeds the mean of the sensitivities, weighted by the fractions of tests, by
+# no more than this relative amount. A sensitivity is the rate at which the criterion grows with the
+# fraction of the tests at one candidate.
 _CERTIFICATE_TOLERANCE = 1e-4
 # Candidate tests whose share (fraction) of the tests is below this are left out of the table of the
 # best shares.
@@ -60,7 +61,8 @@ _RESERVED_NAMES = ("recommended", _EQUAL_STEPS)
 class Certificate(Result):
     """Proof that no other division of the tests among the candidates is better.
 
-    A share is the fraction of the tests that are run at one candidate. The sensitivity of a
+    A candidate is a test that could be run; its share is the fraction of the tests that are run at
+    it. The sensitivity of a
     candidate is the rate at which the criterion grows with its share. The bound is the mean of the
     sensitivities, weighted by the shares. By Kiefer and Wolfowitz (1960), the shares are optimal if
     the largest sensitivity of all candidates does not exceed the bound; 0.01 % more is tolerated.
@@ -82,7 +84,7 @@ class Judged(Forecast):
     #: table of the design's tests, one row per test: force_N, and the columns `Design.columns`
     tests: Records
     #: efficiency of these tests by the criterion of the design, relative to the best division of as
-    #: many tests among the candidates
+    #: many tests among the candidates (tests that could be run)
     efficiency: float
 
 
@@ -157,7 +159,7 @@ class Design(Forecast):
     #: reference force F0 of the campaign or plan that the design starts from [N]
     reference_force_N: float
     #: efficiency of the design by its criterion, relative to the best division of the same number
-    #: of tests among the candidates, ``shares``
+    #: of tests among the candidates (tests that could be run), ``shares``
     efficiency: float
     certificate: Certificate  #: proof that no other shares of the tests are better than ``shares``
     #: best division of the tests, one row per candidate test: force_N, the columns `columns`, and
@@ -504,8 +506,8 @@ def _judge_tests(space: Space, name: str, tests: tuple[CircularTest, ...]) -> Ju
     """Return the forecast and the efficiency of a design that is compared with the best one.
 
     ``name`` is the name of the design in the comparison. The efficiency is relative to the best
-    division of as many tests among the candidates. It is zero for tests that leave a parameter
-    undetermined.
+    division of as many tests among the candidates (tests that could be run). It is zero for tests
+    that leave a parameter undetermined.
     """
     forecast = space.forecast(tests)
     efficiency = space.efficiency(tests) if forecast.determined else 0.0

@@ -68,7 +68,7 @@ def objective_of(
     Parameters
     ----------
     bound
-        Model bound to the tests already run, followed by the candidates.
+        Model bound to the tests already run, followed by the candidate tests.
     run
         Number of tests already run.
     phi
@@ -81,7 +81,7 @@ def objective_of(
     Returns
     -------
     Objective
-        Objective with the information of every candidate for every φ.
+        Objective with the information of every candidate test for each of the K values of φ.
     """
     rows = []
     prior = []

@@ -90,7 +90,8 @@ class Variance:
     def directions(self, root: Array) -> Array:
         """Return Q, shape (..., s, rank of W), where Q Qᵀ is the derivative of −tr(W S⁻¹) by S.
 
-        S is the precision of the s parameters of interest and W, shape (s, s), their weights.
+        S is the precision (inverse covariance) of the s parameters of interest, and W, shape
+        (s, s), the matrix of their weights, whose rank is the number of its eigenvalues above zero.
         ``root`` is the Cholesky factor of S, shape (..., s, s). Q is S⁻¹ W^½. The leading
         dimensions (...) are those of several designs or hyper-parameters.
         """

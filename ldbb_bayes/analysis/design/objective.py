@@ -1,10 +1,11 @@
 """Objective of the search for a design: a criterion averaged over the hyper-parameters.
 
-Hyper-parameters are the scales of the noise and of other effects. A design consists of n_i tests of
-each candidate i. Each test adds its information G_iᵀG_i, where G_i are the derivatives of its
-readings with respect to the parameters, in standard deviations of the noise. The precision (inverse
-covariance) of all parameters is M = P + Σ n_i G_iᵀG_i, where P is the precision before these tests.
-The criterion Φ is the figure of merit to be made large.
+Hyper-parameters are the scales of the noise and of other effects. A candidate is a test that could
+be run, once or several times. A design consists of n_i tests of each candidate i. Each test adds
+its information G_iᵀG_i, where G_i are the derivatives of its readings with respect to the
+parameters, in standard deviations of the noise. The precision (inverse covariance) of all
+parameters is M = P + Σ n_i G_iᵀG_i, where P is the precision before these tests. The criterion Φ is
+the figure of merit to be made large.
 """
 
 from __future__ import annotations
@@ -32,15 +33,18 @@ _CHUNK_SIZE = 1 << 22
 class Objective(Shown):
     """Criterion Φ as a function of a design, averaged over K values of the hyper-parameters.
 
-    A design is given by the number of tests of each candidate, ``counts``, shape (candidates,).
+    A candidate is a test that could be run. A design is given by the number of tests of each
+    candidate, ``counts``, shape (candidates,).
     """
 
-    #: derivatives G of each candidate's readings by the p parameters, shape (K, candidates, m, p),
-    #: in standard deviations of the noise; the readings are reduced to m values that hold their
+    #: derivatives G of the readings of each candidate (test that could be run) with respect to the
+    #: p parameters, at K values of the hyper-parameters, shape (K, candidates, m, p), in units of
+    #: the standard deviation of the noise; the readings are reduced to m values that hold their
     #: information, so that one test of a candidate adds GᵀG to the precision of the parameters
     rows: Array
-    #: precision of the p parameters before these tests, shape (K, p, p), from the prior and tests
-    #: already run; zeros where the prior is flat
+    #: precision (inverse covariance) of the p parameters before the tests of the design, at K
+    #: values of the hyper-parameters, shape (K, p, p), from the prior and from tests already run;
+    #: zeros where the prior is flat
     prior: Array
     #: number s of parameters of interest, which are the last s of the p parameters; the others are
     #: nuisances
@@ -71,15 +75,17 @@ class Objective(Shown):
     def value(self, counts: Array) -> float:
         """Return the criterion Φ of a design; −inf if the design leaves a parameter undetermined.
 
-        ``counts`` is the number of tests of each candidate, shape (candidates,).
+        ``counts`` is the number of tests of each candidate (test that could be run), shape
+        (candidates,).
         """
         return float(self._values(self._precision(counts)).mean())
 
     def after_adding(self, counts: Array, chosen: Array) -> Array:
         """Return the criterion Φ of a design with one more test, for each chosen candidate.
 
-        ``counts`` are the tests of the design by candidate, ``chosen`` the indices of the
-        candidates to add. The result has the shape (chosen,).
+        A candidate is a test that could be run. ``counts`` holds the number of tests of each
+        candidate in the design. ``chosen`` holds the indices of the candidates, each of which is
+        added alone. The result has the shape (chosen,).
         """
         total = np.zeros(len(chosen))
         base = self._precision(counts)
@@ -94,10 +100,11 @@ class Objective(Shown):
     def sensitivity(self, counts: Array) -> tuple[float, Array]:
         """Return the criterion Φ of a design, and its derivatives by the counts n_i of tests.
 
-        ``counts`` holds the number n_i of tests of each candidate i, shape (candidates,); the
-        derivatives ∂Φ/∂n_i have the same shape. Let ∂Φ/∂M = D_k D_kᵀ be the derivative by the
-        precision matrix M of the parameters at the k-th value of the hyper-parameters, and G_ki the
-        derivatives of candidate i's readings by the parameters. Then ∂Φ/∂n_i is the mean of ‖G_ki
+        ``counts`` holds the number n_i of tests of each candidate i (test that could be run), shape
+        (candidates,); the derivatives ∂Φ/∂n_i have the same shape. Let ∂Φ/∂M = D_k D_kᵀ be the
+        derivative with respect to the precision matrix M of the parameters at the k-th value of the
+        hyper-parameters, and G_ki the derivatives of candidate i's readings with respect to the
+        parameters. Then ∂Φ/∂n_i is the mean of ‖G_ki
         D_k‖² over k.
         """
         s = self.interest
@@ -120,8 +127,8 @@ class Objective(Shown):
     def _precision(self, counts: Array) -> Array:
         """Return the precision matrices of all p parameters after the tests of a design.
 
-        They have the shape (K, p, p), for K values of the hyper-parameters. ``counts`` is the
-        number of tests of each candidate, shape (candidates,).
+        The matrices have the shape (K, p, p), for K values of the hyper-parameters. ``counts`` is
+        the number of tests of each candidate (test that could be run), shape (candidates,).
         """
         support = np.flatnonzero(counts)
         scaled = self.rows[:, support] * np.sqrt(counts[support])[:, None, None]

@@ -31,33 +31,36 @@ __all__ = ["MAX_TESTS", "ExactDesign", "Search", "efficient_rounding", "exchange
 # Largest number of tests (circles) that a design may have.
 MAX_TESTS = 300
 # Largest number of times that the search goes through all tests of a design to replace them by
-# better candidates.
+# better ones.
 _MAX_SWEEPS = 50
 # If a design chooses among at most this many candidate tests, all are tried as a replacement of
 # each of its tests.
 _FEW_CANDIDATES = 64
 # If there are more candidate tests than ``_FEW_CANDIDATES``, this many with the largest sensitivity
-# and this many random ones are tried as a replacement of each test. The sensitivity is the rate at
-# which the criterion grows with the number of tests at the candidate.
+# and this many random ones are tried as a replacement of each test of a design. The sensitivity is
+# the rate at which the criterion (figure of merit) grows with the number of tests at the candidate.
 _TRIED_CANDIDATES = 12
-# Number of candidates of each kind, most sensitive and random, that are tried as a replacement of
-# each test at the end of a thorough exchange.
+# At the end of a thorough search, this many candidate tests with the largest sensitivity (rate at
+# which the criterion grows with the number of tests at the candidate), and this many random ones,
+# are tried as a replacement of each test of a design.
 _TRIED_AT_THE_END = 128
-# Sensitivities by which candidates are selected are averaged over every n-th value of the
-# hyper-parameters, with n this number, to save time.
+# Candidate tests are selected by their sensitivity, the rate at which the criterion grows with the
+# number of tests at the candidate. To save time, sensitivities are averaged over every n-th value
+# of the hyper-parameters only, with n this number.
 _HYPER_STEP = 4
 # Number of designs that the search starts from. The first has the best fractions of tests, rounded
 # to whole numbers; the others are random. In every third design, tests are drawn from all
-# candidates with equal probability. In the other random designs, the best fractions of tests are
-# the probabilities.
+# candidates (tests that could be run) with equal probability. In the other random designs, the best
+# fractions of tests are the probabilities.
 _STARTS = 6
-# Shares (fractions of the tests at each candidate) count as the best if the largest sensitivity
-# exceeds its bound by at most this, relative to the bound. A sensitivity is the rate at which the
-# criterion grows with the share of a candidate.
+# Shares (fractions of the tests that are run at each candidate test) count as the best if the
+# largest sensitivity exceeds the bound by at most this, relative to the bound. A sensitivity is the
+# rate at which the criterion grows with the share of a candidate; the bound is the mean of the
+# sensitivities, weighted by the shares.
 _SHARES_TOLERANCE = 1e-5
 # Largest number of restarts of the search from perturbed designs, and largest cost of all restarts.
-# The cost is the product of the numbers of elements of the precision matrices, tests, candidates
-# tried for each test, and restarts.
+# The cost is the product of four numbers: of the elements of the precision matrices, of tests, of
+# candidate tests that are tried as a replacement of each test, and of restarts.
 _MAX_RESTARTS = 100
 _RESTART_COST = 4_000_000
 # If at most this many designs are possible, the search does not restart from perturbed designs.
@@ -74,7 +77,7 @@ def efficient_rounding(share: Array, tests: int) -> Array:
     Parameters
     ----------
     share
-        Fraction of the tests by candidate, shape (candidates,).
+        Fraction of the tests at each candidate (test that could be run), shape (candidates,).
     tests
         Number of tests.
 
@@ -111,6 +114,8 @@ def exchange(
     thorough: bool = True,
 ) -> tuple[Array, float]:
     """Return a design that no exchange of one test for another candidate improves, and its value.
+
+    A candidate is a test that could be run; a design has a number of tests for each candidate.
 
     Parameters
     ----------
@@ -161,9 +166,11 @@ def exchange(
 
 
 def _with_tests(counts: Array, candidate: int, number: int = 1) -> Array:
-    """Return the counts of a design with ``number`` more tests of the candidate with this index.
+    """Return the counts of a design to which ``number`` tests of one candidate are added.
 
-    ``counts`` is the number of tests by candidate, shape (candidates,).
+    ``candidate`` is the index of this candidate, a test that could be run. ``counts`` are the
+    numbers of tests of each candidate before the addition; like the result, they have the shape
+    (candidates,).
     """
     changed = counts.copy()
     changed[candidate] += number
@@ -175,10 +182,10 @@ def _likely_candidates(
 ) -> Array:
     """Return the indices of candidates that are likely to improve a design if a test is added.
 
-    They are the ``size`` candidates with the largest sensitivity (rate at which the criterion grows
-    with the number of their tests), and ``size`` random ones. If there are at most ``size``
-    candidates, all are returned. ``base`` is the number of tests by candidate
-    in the design, shape (candidates,).
+    A candidate is a test that could be run. The indices are those of the ``size`` candidates with
+    the largest sensitivity (rate at which the criterion grows with the number of their tests), and
+    of ``size`` random ones. If there are at most ``size`` candidates, all are returned. ``base``
+    holds the number of tests of each candidate in the design, shape (candidates,).
     """
     n = objective.candidates
     if size >= n:
@@ -198,9 +205,11 @@ def _likely_candidates(
 class ExactDesign:
     """A design in whole numbers of tests, and the best fractions of the same number of tests."""
 
-    counts: Array  #: whole number of tests of each candidate, shape (candidates,)
+    #: whole number of tests of each candidate (test that could be run), shape (candidates,)
+    counts: Array
     value: float  #: value Φ of the design criterion (figure of merit) for this design
-    #: best division of as many tests among the candidates, not necessarily in whole numbers
+    #: best division of as many tests among the candidates (tests that could be run), not
+    #: necessarily in whole numbers
     optimum: Optimum
     #: efficiency of the design by its criterion, relative to the division in ``optimum``
     efficiency: float
@@ -223,14 +232,15 @@ class Search:
     def shares(self, tests: float) -> Optimum:
         """Return the best shares of this number of tests, computed once for each number.
 
-        Shares are the fractions of the tests that are run at each candidate.
+        Shares are the fractions of the tests that are run at each candidate, a test that could be
+        run once or several times.
         """
         if tests not in self._shares:
             self._shares[tests] = optimal_shares(self.objective, tests, tolerance=_SHARES_TOLERANCE)
         return self._shares[tests]
 
     def find_design(self, tests: int) -> ExactDesign:
-        """Return the best design with ``tests`` circles, each at one of the candidates."""
+        """Return the best design of ``tests`` tests, each of them one of the candidate tests."""
         possible_levels = min(tests, len(distinct_forces(self.forces_N)))
         if possible_levels < self.levels:
             raise InputError(
@@ -266,8 +276,9 @@ class Search:
     def _starting_designs(self, share: Array, tests: int, rng: np.random.Generator) -> list[Array]:
         """Return the designs that the search starts from, as counts of tests by candidate.
 
-        The first design is rounded from the best fractions of tests, ``share``, shape
-        (candidates,). The others are random.
+        A candidate is a test that could be run; each design has the shape (candidates,). The first
+        design is rounded from the best fractions of tests, ``share``, shape (candidates,). The
+        others are random.
         """
         n = self.objective.candidates
         starts = [efficient_rounding(share, tests)]
@@ -284,8 +295,8 @@ class Search:
         """Return the design with close forces merged, and the value of its criterion.
 
         All tests at one of two close forces move to the other force, if that costs at most 0.01 %
-        of the efficiency. ``counts`` is the number of tests by candidate before merging, and
-        ``value`` the value of the criterion.
+        of the efficiency. ``counts`` is the number of tests of each candidate (test that could be
+        run) before merging, and ``value`` the value of the criterion for it.
         """
         unmerged_value = value
         close_N = _CLOSE_FORCES * np.ptp(self.forces_N)
@@ -305,8 +316,9 @@ class Search:
     def _at_enough_forces(self, counts: Array, rng: np.random.Generator) -> Array:
         """Return a design with at least as many different forces as slopes need.
 
-        ``counts`` is the number of tests by candidate. If all tests are at one force but two forces
-        are needed, ``counts`` is changed: one test moves to a random candidate at another force.
+        ``counts`` holds the number of tests of each candidate (test that could be run). If all
+        tests are at one force but two forces are needed, ``counts`` is changed: one test is
+        replaced by a random candidate at another force.
         """
         if self._is_feasible(counts):
             return counts

@@ -1,7 +1,7 @@
 """Space of designs: candidate tests, criterion and parameters of interest.
 
-The pilot is the campaign or plan that a design starts from. Shares are the fractions of the tests
-that are run at each candidate.
+The pilot is the campaign or plan that a design starts from. Candidates are tests that could be run,
+once or several times. Shares are the fractions of the tests that are run at each candidate.
 """
 
 from __future__ import annotations
@@ -88,8 +88,8 @@ class Space:
     def __post_init__(self) -> None:
         """Store the fields without repeated values, and the pilot with all tests foreseen.
 
-        Radii default to those of the pilot's tests. An `InputError` is raised if the candidates,
-        the criterion or the parameters of interest are not valid.
+        Radii default to those of the pilot's tests. An `InputError` is raised if the candidate
+        tests, the criterion or the parameters of interest are not valid.
         """
         radii_mm = self.radii_mm or _radii_of(self.pilot)
         self._store("forces_N", tuple(dict.fromkeys(self.forces_N)))
@@ -185,8 +185,8 @@ class Space:
     def frame(self, tests: Sequence[CircularTest]) -> pd.DataFrame:
         """Return a table of tests with force, angles of the balls and radius, one row per test.
 
-        The table also has plane, direction and set-up, each only if candidates and compared tests
-        differ in it.
+        The table also has columns for plane, direction and set-up, each only if it is not the same
+        for all candidates (tests that could be run) and compared tests.
         """
         all_tests = (*self.tests, *self.compared_tests)
         columns = ["force_N", *_FIXED_COLUMNS]
@@ -230,7 +230,10 @@ class Space:
         return len(self.pilot.tests) if self.augment else 0
 
     def objective(self, tests: Sequence[CircularTest]) -> Objective:
-        """Return the objective of a search among these tests, which need not be candidates."""
+        """Return the objective of a search for the best division of circles among given tests.
+
+        The tests need not be among the candidate tests of the design.
+        """
         bound = bind_tests(self.model, self.pilot, tests, keep_pilot_tests=self.augment)
         phi = hyper_nodes(self.model, self.pilot, _SEARCH_NODES, self.seed)
         criterion = self._criterion(bound)
@@ -258,7 +261,8 @@ class Space:
     def efficiency(self, tests: Sequence[CircularTest]) -> float:
         """Return the efficiency of tests relative to the best shares of as many tests.
 
-        Shares are the fractions of the tests that are run at each candidate.
+        Shares are the fractions of the tests that are run at each candidate, a test that could be
+        run once or several times.
         """
         value = self.objective(tests).value(np.ones(len(tests)))
         best = self.search.shares(float(len(tests))).value

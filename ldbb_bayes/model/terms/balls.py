@@ -76,8 +76,8 @@ class BallForm(Term):
     larger by (S_work² + S_tool²)/24. S is a ball's deviation from sphericity, peak to valley, which
     its certificate or grade states, or else ``sphericity_um``. The hyper-parameters are τ, the
     scale at order 6, and p, the power by which form falls with its order. Harmonics that a
-    certificate states have their mean and variance from the certificate. With ``law`` 1/n the prior
-    sd is τ/n (model of the first edition).
+    certificate states have their mean and variance from the certificate. If the field ``law`` is
+    ``1/n``, as in the model's first edition (preset ``first``), the prior sd is τ/n instead.
 
     As long as the clocking of no ball differs between tests, the forms of the two balls are
     modelled as one sum. Otherwise each ball has its own form: the work ball at θ − ψ_work, and the
@@ -96,8 +96,8 @@ class BallForm(Term):
     #: deviation from sphericity, peak to valley [µm], assumed for a ball without certificate or
     #: grade
     sphericity_um: float = 2.5
-    #: law by which the prior sd of a ball's form falls with the order n (waves in a turn): n^(−p)
-    #: with a hyper-parameter p (decay), or 1/n
+    #: how the prior sd of a ball's form falls with the order n (waves in a turn): in proportion to
+    #: n^(−p) with a hyper-parameter p (``decay``), or to 1/n
     law: Literal["decay", "1/n"] = "decay"
     stem = ("form", "work_form", "tool_form")
     calibration = "a calibration of the balls' form"
@@ -108,8 +108,8 @@ class BallForm(Term):
     def scales(self) -> tuple[Scale, ...]:
         """Hyper-parameters of the balls' form: its scale τ at order 6, and its decay.
 
-        The decay is the power by which form falls with its order n (waves in a turn). With the law
-        1/n there is only τ.
+        The decay is the power by which form falls with its order n (waves in a turn). If the field
+        ``law`` is ``1/n``, there is only τ.
         """
         tau = Scale("tau", "tau_um", "τ", "ball form")
         return (tau, _DECAY) if self.law == "decay" else (tau,)
@@ -183,7 +183,7 @@ class BallForm(Term):
 
         These are the sds of the coefficients of the orders 2 and 3, and the amplitudes and sds that
         certificates state. The part of the sd from the hyper-parameter τ, the scale of form, is not
-        included. With the law 1/n nothing is assumed.
+        included. If the field ``law`` is ``1/n``, nothing is yielded.
         """
         if self.law != "decay":
             return

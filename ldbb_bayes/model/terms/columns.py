@@ -30,17 +30,18 @@ NOISE = "ReadingNoise"
 # Order n of the harmonics cos nθ, sin nθ at which the scales τ of ball form and ω of the machine's
 # pattern are stated. The prior sds at other orders are these scales times (n/6)^(−decay).
 FORM_ORDER = 6.0
-# Laws of the prior distribution of a hyper-parameter: half-normal for scales, decay for the power
-# by which the amplitude of form falls with its order, circle for the noise factor λ of one circle.
+# Kinds of prior distribution of a hyper-parameter: half-normal for scales, decay for the power by
+# which the amplitude of form falls with its order, circle for the noise factor λ of one circle.
 Law = Literal["half-normal", "decay", "circle"]
 
 
 class Scale(NamedTuple):
     """A hyper-parameter and its prior: usually the sd [mm] of the coefficients that it scales.
 
-    Hyper-parameters of two laws have no unit: ``decay``, the power by which the amplitude of form
-    falls with its order, and ``circle``, the factor λ on the noise of one circle, whose square has
-    the inverse gamma prior InvGamma(3/2, 3/2).
+    The field ``law`` states the kind of prior. Hyper-parameters of two kinds have no unit:
+    ``decay``, the power by which the amplitude of form falls with its order, and ``circle``, the
+    factor λ on the noise of one circle, whose square has the inverse gamma prior
+    InvGamma(3/2, 3/2).
 
     Examples
     --------
@@ -59,8 +60,8 @@ class Scale(NamedTuple):
     prior_um: float | str
     symbol: str = ""  #: symbol of the hyper-parameter in reports, such as σ
     words: str = ""  #: description of the hyper-parameter in reports, such as white noise
-    #: law of the hyper-parameter's prior: half-normal for a length, decay for the power by which
-    #: form falls with its order, or circle for the noise factor λ of one circle
+    #: kind of prior of the hyper-parameter: ``half-normal`` for a length, ``decay`` for the power
+    #: by which form falls with its order, or ``circle`` for the noise factor λ of one circle
     law: Law = "half-normal"
 
     def __repr__(self) -> str:

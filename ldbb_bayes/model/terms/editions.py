@@ -1,4 +1,7 @@
-"""Nuisance terms (effects modelled but not of interest) of the model's first edition."""
+"""Nuisance terms (effects modelled but not of interest) of the first edition of the model.
+
+This is the model that the first edition of this software had; its preset is named ``first``.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,7 @@ __all__ = ["first_edition"]
 
 
 def first_edition() -> tuple[Term, ...]:
-    """Return the nuisance terms of the model's first edition.
+    """Return the nuisance terms of the model's first edition (preset ``first``).
 
     Nuisance terms are effects modelled but not of interest. The prior sd of the balls' form falls
     as 1/n with its order n (waves in a turn), mount deflection and force have no curvature, all

@@ -1,7 +1,8 @@
 """Figure of simulation-based calibration: ranks of true values among posterior draws.
 
-Campaigns are simulated with known parameters and fitted. If the method is right, the rank of each
-true value among the random draws of its posterior is uniformly distributed.
+Campaigns are simulated with known parameters and fitted. The rank of a true value is the number of
+random draws from its posterior that are below it. If the method is right, the ranks of many
+simulated campaigns are uniformly distributed.
 """
 
 from __future__ import annotations
@@ -22,9 +23,9 @@ _COLUMNS = 4
 def rank_ecdf(validation: Validation) -> Figure:
     """Draw the empirical distribution of every quantity's ranks, minus the uniform distribution.
 
-    The ranks are those of true values among posterior draws in simulated campaigns. If they are
-    uniformly distributed, the curves of all quantities stay inside the grey band with the stated
-    probability.
+    A rank is the number of posterior draws that are below the true value in one simulated campaign.
+    If the ranks are uniformly distributed, the curves of all quantities together stay inside the
+    grey band with the stated probability.
 
     Parameters
     ----------
