@@ -163,7 +163,7 @@ class ComparedTest:
     def stands_out(self) -> bool:
         """Return whether the test stands out from its prediction by the other tests.
 
-        It does if its family-wise p-value is below 2 %, even if the test is not flagged.
+        A test stands out if its family-wise p-value is below 2 %, even if it is not flagged.
         """
         return self.lofo_family_wise_p_value < FALSE_ALARMS
 
@@ -376,7 +376,7 @@ class _ComparisonPlan:
 
     #: the first two models to compare, by the names that the caller gave
     pair: dict[str, HybridModel]
-    #: model with the most parameters; fits to the tests at neighbouring forces are made with it
+    #: model with the most parameters, with which the tests at neighbouring forces are fitted
     largest: HybridModel
     #: the largest model, but with compliance that is at most linear in force; models in which only
     #: some of its compliances change with force are compared
@@ -461,9 +461,10 @@ def compare(
     tolerance : float
         Error asked of every log evidence [nat], from 0.0001 to 1.
     prob : float
-        Probability of the bands of C(F) and of the intervals of local fits, between 0 and 1.
+        Probability, between 0 and 1, of the credible intervals of the compliance C(F) at every
+        force F, and of those from fits to the tests at neighbouring forces.
     seed : int
-        Seed of the random draws from which replicates of the readings and bands are computed.
+        Seed of the random draws from which simulated readings and credible intervals are computed.
     progress : callable, optional
         Function called with the steps done and their total number.
     evidences : Evidences, optional
@@ -839,7 +840,7 @@ def _compare_models(
     """Return evidence, fit and parameter estimates of every model, by name.
 
     ``log_densities`` holds, by model, the log density of every test given the other tests [nat].
-    ``prob`` is the probability of the bands of compliance against force.
+    ``prob`` is the probability of the credible intervals of compliance at every force.
     """
     log_evidence = [nodes.evidence.log_value for nodes in nodes_by_model.values()]
     shares = probabilities(np.array(log_evidence))
@@ -867,8 +868,8 @@ def _compare_models(
 def _least_squares_rmse_um(model: HybridModel, campaign: Campaign) -> float:
     """Return the root-mean-square residual of the paper's least-squares fit [µm].
 
-    The fit has the model's degree of compliance in force. Return NaN if the campaign has too few
-    forces for it.
+    The degree of the compliance as a polynomial in force is that of the model. Return NaN if the
+    campaign has too few different forces for a fit of this degree.
     """
     if campaign.force_levels < model.degree + 2:
         return np.nan

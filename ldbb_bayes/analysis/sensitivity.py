@@ -60,7 +60,7 @@ class Assumed:
 
     @property
     def best(self) -> float:
-        """Log evidence under the assumption of the model, of two, that has the larger one [nat]."""
+        """Log evidence of the better of the two models, computed under the assumption [nat]."""
         return max(self.log_evidence.values())
 
 

@@ -100,8 +100,8 @@ class CampaignContent(NamedTuple):
 def read_campaign_toml(path: Path) -> CampaignContent:
     """Return the tests and the other fields of the campaign that a campaign.toml describes.
 
-    The CSV files and calibration certificates that it names are read too. Raise an `InputError` for
-    a mistake in a file; the message names the file.
+    The CSV files and calibration certificates that campaign.toml names are read too. Raise an
+    `InputError` for a mistake in a file; the message names the file.
     """
     content = read_toml(path)
     _fill_from_certificates(path, content)

@@ -207,8 +207,8 @@ class Population(Result):
     #: whether every machine could be reliably compared with the others, to see if it belongs to
     #: their population
     judged: Annotated[bool, Field(exclude=True)]
-    #: SHA-256 of the readings of each campaign and of the conditions under which they were taken;
-    #: by it, the population is refused as the prior of a campaign that is already part of it
+    #: SHA-256 of the readings of each campaign and of the conditions under which they were taken.
+    #: It shows whether a campaign is part of the population, which is then refused as its prior.
     readings: Annotated[tuple[str, ...], Field(alias="readings_sha256")] = ()
 
     @property

@@ -173,8 +173,8 @@ class PopulationPrior(Shown):
 def _check_takes_prior(model: HybridModel, name: str) -> None:
     """Raise an `InputError` if a compliance of a model cannot have the prior of a population.
 
-    ``name`` is the name of the compliance. It cannot if the model fixes it at zero, or states
-    another prior for it.
+    ``name`` is the name of the compliance. The compliance cannot have this prior if the model fixes
+    the compliance at zero, or states another prior for it.
     """
     if name in model.fixed:
         raise InputError(

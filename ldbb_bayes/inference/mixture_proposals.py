@@ -49,7 +49,7 @@ _LARGEST_SCALE = 20.0
 # importance sampling, too narrow is worse than too wide.
 _WIDER = 1.05
 # Largest number of weighted points to which the tails of a proposal (the density drawn from) are
-# fitted. If there are more, this number of them is resampled by their weights.
+# fitted. If there are more, this number of points is picked in proportion to the weights.
 _FITTED_POINTS = 4096
 # Smallest share of a component in a mixture. A component that receives a smaller share of the
 # weighted points is not fitted to them again.

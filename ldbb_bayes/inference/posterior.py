@@ -362,7 +362,8 @@ def campaign_of(posterior: xr.DataTree) -> Campaign:
 def model_of(posterior: xr.DataTree) -> HybridModel:
     """Return the model that was fitted to obtain a posterior, as its record describes it.
 
-    For an average over models it is the one with the parameters of all of them.
+    If the posterior is an average over several models, return the one model that has the parameters
+    of all of them.
     """
     return model_from_toml(record_of(posterior)["model"]["toml"])
 

@@ -669,8 +669,8 @@ class BoundModel(Shown):
     def _estimate_of_pilot(self, pilot: Campaign) -> MachineEstimate:
         """Return the compliances and geometric errors estimated from a pilot campaign.
 
-        Compliances that the model of the pilot does not have get the values assumed for a plan.
-        Geometric errors that it does not have get zero.
+        Compliances that the model has for this campaign but not for the pilot get the values
+        assumed for a plan. Geometric errors that it does not have for the pilot get zero.
         """
         bound = BoundModel(self.model, pilot)
         compliance_of = dict(zip(bound.compliances, bound.setting.compliance_estimate, strict=True))

@@ -99,7 +99,7 @@ class Setting:
     # The fields from `reference_force_N` on describe the whole campaign, and the method `select`
     # keeps them unchanged. Only `circle` and `fitted` among them have one row for each test, which
     # `select` selects too.
-    #: reference force F0 [N]: compliances are stated at it, and slopes multiply F − F0
+    #: reference force F0 [N], at which compliances are stated; slopes multiply F − F0
     reference_force_N: float
     force_range_N: float  #: largest minus smallest force of the campaign [N]
     #: whether the form of work ball and tool ball is modelled separately, instead of their sum

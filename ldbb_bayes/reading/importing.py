@@ -1,4 +1,4 @@
-"""Import of foreign files as a campaign; values that they do not state are assumed and noted.
+"""Import of foreign files as a campaign; values that the files lack are assumed and noted.
 
 Foreign files are tables in any format, such as spreadsheets and exports of instruments.
 """

@@ -48,8 +48,8 @@ _CERTIFICATE_TOLERANCE = 1e-4
 # Candidate tests whose share (fraction) of the tests is below this are left out of the table of the
 # best shares.
 _LISTED_SHARE = 1e-4
-# More circles of the same kind count as useless for a parameter if very many of them would leave
-# more than this share of its expected standard uncertainty.
+# More circles of the same kind count as useless for a parameter if, after very many of them, more
+# than this share of the parameter's expected standard uncertainty would remain.
 _STUCK_SHARE = 0.8
 # Default step between the force levels that a design chooses from [N].
 _FORCE_STEP_N = 1.0

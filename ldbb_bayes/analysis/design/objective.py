@@ -20,9 +20,9 @@ from ldbb_bayes.results import Array, Shown
 
 __all__ = ["Objective"]
 
-# A parameter counts as undetermined by a design if less than this share of its column is
-# independent of the columns of the parameters before it. Columns are those of the Cholesky factor
-# of the precision matrix.
+# A parameter counts as undetermined by a design if less than this share of its column, in the
+# Cholesky factor of the precision matrix (inverse covariance), is linearly independent of the
+# columns of the parameters before this parameter.
 _SINGULAR_SHARE = 1e-6
 # Largest number of elements of the precision matrices that `Objective.after_adding` computes at a
 # time, to limit memory.

@@ -251,7 +251,7 @@ class Hysteresis(Term):
     def unit_of(cls, coefficient: str) -> Unit:
         """Return the unit of a coefficient of hysteresis, given its name.
 
-        It is µm/kN for the part proportional to force, and µm for the other part.
+        The unit is µm/kN for the part proportional to force, and µm for the other part.
         """
         if coefficient.startswith("hysteresis_force"):
             return Unit("mm/N", 1e-6, "µm/kN")

@@ -142,7 +142,7 @@ class Columns(Shown):
     #: number for all; by default zero
     mean: Any = None
     #: name of the hyper-parameter d by which the prior sd falls with the order n of the harmonic,
-    #: as (n/6)^(−d); None if it does not
+    #: as (n/6)^(−d); None if the prior sd does not depend on the order
     decay: Hyper | None = None
     #: order of the harmonic that each of the p coefficients multiplies, shape (p,); needed if
     #: ``decay`` is given
