@@ -82,7 +82,8 @@ def _to_list(array: Array) -> Any:
 def _to_frame(rows: Any) -> pd.DataFrame:
     """Return a data frame (table of pandas) from the rows of a table as JSON holds them.
 
-    They are a dictionary of rows by name, or a list of rows. A data frame is returned unchanged.
+    The rows are a dictionary of rows by name, or a list of rows. A data frame is returned
+    unchanged.
     """
     if isinstance(rows, pd.DataFrame):
         return rows

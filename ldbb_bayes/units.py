@@ -413,7 +413,7 @@ def _with_minus_sign(value: float, decimals: int) -> str:
 def is_skewed(mean: float, interval: tuple[float, float]) -> bool:
     """Return whether a credible interval is skewed about the mean of its distribution.
 
-    It is skewed if its middle differs from the mean by more than a tenth of its width.
+    The interval is skewed if its middle differs from the mean by more than a tenth of its width.
     """
     low, high = interval
     return abs(low + high - 2.0 * mean) > _SKEWED_SHARE * (high - low)

@@ -142,9 +142,9 @@ class Validation(Result):
     def calibrated(self) -> bool:
         """Whether the posterior is found to be calibrated.
 
-        It is if no replicate (simulated campaign) failed, and the empirical distributions of the
-        ranks of all quantities stay between the limits ``band``. A rank is the number of posterior
-        draws below the true value.
+        The posterior is calibrated if no replicate (simulated campaign) failed, and the empirical
+        distributions of the ranks of all quantities stay between the limits ``band``. A rank is the
+        number of posterior draws below the true value.
         """
         return not self.outside and not self.failures
 

@@ -313,7 +313,8 @@ class Comparison(Result):
     def allowed(self, assumed: Assumed) -> bool:
         """Return whether the readings allow an assumption about how circles differ.
 
-        They do unless its log evidence is 5 nat or more below that of the models' own assumption.
+        They allow the assumption unless its log evidence is 5 nat or more below that of the
+        assumption that the models themselves make.
         """
         return self.gain(assumed) > -_REJECTED
 

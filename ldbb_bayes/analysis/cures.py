@@ -105,8 +105,9 @@ def _is_among(degeneracy: Degeneracy, remaining: Sequence[Degeneracy]) -> bool:
 def _is_same(degeneracy: Degeneracy, candidate: Degeneracy) -> bool:
     """Return whether two degeneracies, combinations that no reading resolves, count as the same.
 
-    They do if their first nuisance coefficients are of the same kind. If they have no nuisance
-    coefficient, they do if they have two parameters in common.
+    Two degeneracies with nuisance coefficients (effects modelled but not of interest) are the same
+    if the first of these are of the same kind. Two without are the same if they have two
+    parameters in common.
     """
     if degeneracy.term != candidate.term:
         return False

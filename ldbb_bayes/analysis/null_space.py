@@ -103,9 +103,10 @@ class NullSpace:
         return basis
 
     def _orthonormal_basis(self, columns: NDArray[np.intp]) -> Array:
-        """Return k orthonormal combinations that change no reading beyond the limit, shape (c, k).
+        """Return k orthonormal combinations of c coefficients that change no reading, shape (c, k).
 
-        They are combinations of the c coefficients with the indices ``columns``.
+        The coefficients are those with the indices ``columns``. A change of the readings below the
+        field ``limit`` counts as none.
         """
         _, singular, right = np.linalg.svd(self._triangle[:, columns])
         singular = np.append(singular, np.zeros(len(columns) - len(singular)))

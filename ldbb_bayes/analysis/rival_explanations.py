@@ -38,7 +38,7 @@ class Explained:
     by: tuple[str, ...]  #: names of the explanations that are combined, such as "slopes"
     log_evidence: float  #: log evidence of the model with this combination [nat]
     log_evidence_error: Finite  #: error of the log evidence [nat]
-    probability: float  #: posterior probability of the combination
+    probability: float  #: posterior probability of this combination of explanations
 
 
 @dataclass(frozen=True)

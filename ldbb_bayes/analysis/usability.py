@@ -66,8 +66,9 @@ class Judgement(Result):
 def is_determined(entry: ParameterIdentifiability) -> bool:
     """Return whether the readings determine a parameter.
 
-    They do if the verdict on the parameter is identified, or if its posterior standard deviation is
-    at most about a third of its prior standard deviation. For a flat prior they always do.
+    They determine the parameter if the verdict on the parameter is identified, or if its posterior
+    standard deviation is at most about a third of its prior standard deviation. For a flat prior
+    they always do.
     """
     return entry.verdict == Verdict.IDENTIFIED or not entry.contraction < _HARDLY_DETERMINED
 

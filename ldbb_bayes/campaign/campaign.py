@@ -146,8 +146,8 @@ class CampaignFields(Shown):
     resolution_um: Positive = 0.24
     #: deflection of the work ball's mount, and whether the readings are compensated for it
     mount: MountCompensation = field(default_factory=MountCompensation)
-    #: relation between the bar's force and the regulator's pressure, used for tests that state only
-    #: one of them
+    #: force of the bar as a linear function of the regulator's pressure, used for tests that state
+    #: only the force or only the pressure
     force_law: ForceLaw = field(default_factory=ForceLaw)
     #: position (X, Y, Z) [mm] of the frame of each joint of the machine with all axes at zero,
     #: relative to the point where the two balls coincide, by the letter of the joint's axis, as in
@@ -214,8 +214,9 @@ class Campaign(CampaignFields):
     def _complete(self, test: CircularTest) -> CircularTest:
         """Return a test with radius, plane, centre, set-up, force and pressure filled in.
 
-        What the test does not state comes from the campaign. Raise an `InputError` if the force law
-        gives a force that is not positive.
+        What the test does not state comes from the campaign. Raise an `InputError` if the
+        campaign's force law (force as a linear function of pressure) gives a force that is not
+        positive.
         """
         completed: dict[str, Any] = {
             "radius_mm": self.radius_mm,

@@ -165,12 +165,12 @@ class CalibrationCertificate(Shown):
             return readers[kind]()
 
     def bar(self) -> dict[str, Any]:
-        """Return length error [µm], its U [µm] and name of the certificate of a bar.
+        """Return the length error of a bar, its expanded uncertainty, and the certificate's name.
 
-        The keys are those of the table [bar] in campaign.toml: length_error_um, U_um (k = 2) and
-        certificate. The length error is the amount by which readings are too large. An error of
-        indication in the certificate is used unchanged. A deviation from the nominal length changes
-        its sign, because a longer bar reads too small.
+        The keys are those of the table [bar] in campaign.toml: length_error_um [µm], U_um (k = 2)
+        [µm] and certificate. The length error is the amount by which readings are too large. An
+        error of indication in the certificate is used unchanged. A deviation from the nominal
+        length changes its sign, because a longer bar reads too small.
         """
         lengths = self._quantities_by_role("m")
         quantity = self._bar_quantity(lengths)

@@ -29,7 +29,7 @@ class SourceCampaign(NamedTuple):
 
 
 def has_unstated_balls(campaign: lb.Campaign) -> bool:
-    """Return whether a campaign states no grade or form deviation of work ball and tool ball.
+    """Return whether a campaign states nothing about the grade or the form of either ball.
 
     Parameters
     ----------

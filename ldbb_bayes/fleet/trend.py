@@ -557,8 +557,8 @@ def _change(weight: Array, mean: Array, sd: Array, prob: float) -> Summary:
 def _level_now(levels: Levels, j: int) -> Summary:
     """Return mean, sd and credible interval of a parameter's level at the last campaign.
 
-    ``levels`` holds those of all parameters, j is the index of the parameter. The result is in
-    units of the parameter's prior sd.
+    ``levels`` holds mean, sd and interval of all parameters, and j is the index of the parameter.
+    The result is in units of the parameter's prior sd.
     """
     low, high = levels.interval[:, j]
     return Summary(float(levels.mean[j]), float(levels.sd[j]), (float(low), float(high)))

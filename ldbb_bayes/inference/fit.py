@@ -329,10 +329,11 @@ def _log_densities(
 ) -> dict[str, Array]:
     """Return the log densities of both priors and of the likelihood at every posterior draw.
 
-    The influence of each on the posterior is examined. ``prior`` is that of the parameters, less
-    ``prior_level``; ``hyper_prior`` is that of the hyper-parameters (scales of the noise and of
-    other effects). Each has the shape (chains, draws). ``groups`` holds the arrays of the
-    posterior, by group and by name.
+    Each log density has the shape (chains, draws). They serve to examine how sensitive the
+    posterior is to the priors and to the readings. The entry ``prior`` is the log prior density of
+    the parameters minus ``prior_level``. The entry ``hyper_prior`` is that of the hyper-parameters
+    (scales of the noise and of other effects), and ``likelihood`` that of the readings. ``groups``
+    holds the arrays of the posterior, by group and by name.
     """
     phi = _stack(groups["posterior"], bound.hyper_prior.names)
     log_prior = groups["log_prior"]["parameters"]

@@ -38,8 +38,8 @@ _EXPECTED_INSIDE = 4.0
 # Rejection sampling compares the posterior density with an envelope. The envelope is the proposal
 # (the density drawn from), scaled to the integral of the posterior density and multiplied by this.
 _ENVELOPE = 2.0
-# Least estimate of the posterior probability that no compliance is negative. It is used if every
-# random draw has a negative compliance.
+# Least estimate of the posterior probability that no compliance is negative. This number replaces
+# the estimate zero if every random draw has a negative compliance.
 _LEAST_SHARE = 1e-9
 
 
@@ -200,8 +200,8 @@ def _draw_standard(
 def _estimate_share_inside(posterior: HyperPosterior, rng: np.random.Generator) -> float:
     """Return an estimate of the posterior probability that no compliance is negative.
 
-    It is the share of random draws without a negative compliance, from the posterior that allows
-    negative ones.
+    The estimate is the share of draws without a negative compliance among random draws from the
+    posterior that allows negative compliances.
     """
     nodes = posterior.plain.proposal.pick(CHUNK, rng)
     conditional = posterior.given(nodes)[1]

@@ -46,8 +46,9 @@ class _Conditionals(NamedTuple):
 class _ChangedModel(NamedTuple):
     """Changes of the posterior if the coefficients have the prior of another model.
 
-    They are given at n nodes, which are values of the hyper-parameters. Coefficients are those of
-    rival explanations of slopes, and the parameters.
+    The changes are given at n nodes, which are values of the hyper-parameters. The coefficients are
+    the parameters of interest, and those of effects that look like a change of compliance with
+    force (rival explanations of slopes).
     """
 
     #: ln p(y | φ) under the prior of the other model minus that under the prior of the given model,

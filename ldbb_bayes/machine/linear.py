@@ -187,11 +187,11 @@ class Kept:
     #: names of compliances whose effect on the reading is a combination of the effects of several
     #: kept ones, one for each proportional set
     dependent: tuple[str, ...]
-    #: number of linearly independent effects of the compliances on readings at equally spaced
+    #: number of linearly independent effects of all compliances on readings at equally spaced
     #: angles of full circles
     rank: int
     #: condition number of the matrix whose columns are the readings per unit of each kept
-    #: compliance
+    #: compliance, that is, of each one that represents a set with proportional effects
     condition_number: float
 
 
@@ -372,8 +372,8 @@ def _joint_matrices(names: Sequence[ComplianceName], halves: NDArray[np.float64]
 def _proportional_sets(candidates: _Candidates) -> list[list[int]]:
     """Return sets of compliances whose effects on the readings are proportional to each other.
 
-    Each set is a list of the indices of its compliances among the candidates. The preferred
-    compliance comes first; it represents the set.
+    ``candidates`` are all compliances that may change readings. Each set is a list of the indices
+    of its compliances among these. The preferred compliance comes first; it represents the set.
     """
     unit = candidates.unit
     sets: list[list[int]] = []
@@ -391,9 +391,10 @@ class _TableOrder(NamedTuple):
     """Sort key for the order of compliances in Table 1 of the paper."""
 
     rotations: int  # number of rotary components of the compliance: 0, 1 or 2
-    twist: int  # position of the displacement or rotation in the order of the table
-    wrench: int  # position of the force or moment in the order of the table
-    joint: int  # position of the joint in the order of the table
+    # position of the compliance's displacement or rotation in the order of Table 1 of the paper
+    twist: int
+    wrench: int  # position of the compliance's force or moment in the order of Table 1 of the paper
+    joint: int  # position of the compliance's joint in the order of Table 1 of the paper
 
 
 def _table_order(name: ComplianceName, machine: Machine) -> _TableOrder:

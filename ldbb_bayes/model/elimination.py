@@ -180,7 +180,8 @@ class Elimination(NamedTuple):
     def fronts(self) -> list[Front]:
         """All groups of columns, in the order in which `factorize` returns their factors.
 
-        The isolated groups come first, then the leaves, then the root.
+        First come the isolated groups, which have no row in common with other columns, then the
+        leaves, which have rows in common with the root only, and then the root.
         """
         return [*self.isolated, *self.leaves, self.root]
 

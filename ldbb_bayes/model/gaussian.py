@@ -274,9 +274,9 @@ class Gaussian(Shown):
 
     @cached_property
     def log_constant(self) -> Array:
-        """Logarithm of the Gaussian function at the point where all q coefficients are zero, (...).
+        """Logarithm of the Gaussian function at the point where all q coefficients are zero.
 
-        The dimensions "..." hold many Gaussian functions.
+        The result has one element for each of many Gaussian functions, shape (...).
         """
         origin = np.zeros(self.mean.shape[-1])
         return np.asarray(self.log_integral + self.log_density(origin))

@@ -37,8 +37,8 @@ _DEPENDENT = 1e-7
 # A constraint u_j ≥ 0 counts as certain to hold if the mean of u_j is more than this many sd of u_j
 # above zero.
 _CERTAIN_SD = 12.0
-# If the mean of some constraint u_j ≥ 0, divided by the sd of u_j, is below this, no constraint
-# counts as certain to hold.
+# No constraint counts as certain to hold if some constraint u_j ≥ 0 is improbable: if the mean of
+# the Gaussian variable u_j, divided by the sd of u_j, is below this.
 _PUSHED_SD = -3.0
 # The probability P(u ≥ 0) is first computed without the constraints u_j ≥ 0 whose mean is at least
 # this many sd of u_j above zero.

@@ -222,10 +222,11 @@ class Tilted(NamedTuple):
     ) -> tuple[Array, Array | None]:
         """Return lower and upper limits of x_j − tilt_j, given x_k for all k < j.
 
-        They are the limits that the constraints set. Each has the shape (s, w) for s points x of w
-        problems, or (1, w) if it is the same for all points. ``x`` has the shape (d, s, w). The
-        upper limit is None if no constraint bounds x_j from above; only constraints that are linear
-        combinations of others can do so.
+        The limits follow from the constraints on x and the tilts, the shifts of the normal
+        densities from which x is drawn. Each has the shape (s, w) for s points x of w problems, or
+        (1, w) if it is the same for all points. ``x`` has the shape (d, s, w). The upper limit is
+        None if no constraint bounds x_j from above; only constraints that are linear combinations
+        of others can do so.
         """
         # The first constraint depends on x_0 alone, so its lower limit is the same for all points.
         explained = np.einsum("kw,ksw->sw", self.unit[j, :j], x[:j]) if j > 0 else 0.0

@@ -64,10 +64,10 @@ class AssumptionLog:
         self._places.setdefault(entry, []).append(place)
 
     def keep(self, **fields: Any) -> None:
-        """Keep values of fields of the layout that are found in one sheet.
+        """Keep the values that were found in one sheet for fields of the layout.
 
-        An example is ``separator=";"``. The value is None if the sheet itself states it, such as a
-        unit in a header; the layout then need not state it.
+        An example is ``separator=";"``. The value of a field is None if the sheet itself states it,
+        as when a header contains the unit; the layout then need not state this field.
         """
         for key, value in fields.items():
             self._layout_values.setdefault(key, []).append(value)

@@ -438,7 +438,8 @@ def _note_columns(sheet: Sheet, heading: Heading, layout: Layout, log: Assumptio
 def _unused_headers(heading: Heading) -> list[str]:
     """Return the headers of the columns of a table that are not used.
 
-    They have no role, such as angle, and are not called like a field of a test, such as setup.
+    A column is not used if it has no role, such as angle, and its header is not the name of a field
+    of a test, such as setup.
     """
     columns_in_use = {*heading.roles.values(), *heading.readings}
     unused = []

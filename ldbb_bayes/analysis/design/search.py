@@ -58,9 +58,10 @@ _STARTS = 6
 # rate at which the criterion grows with the share of a candidate; the bound is the mean of the
 # sensitivities, weighted by the shares.
 _SHARES_TOLERANCE = 1e-5
-# Largest number of restarts of the search from perturbed designs, and largest cost of all restarts.
-# The cost is the product of four numbers: of the elements of the precision matrices, of tests, of
-# candidate tests that are tried as a replacement of each test, and of restarts.
+# The search restarts from perturbed designs at most ``_MAX_RESTARTS`` times, and less often if the
+# cost of all restarts would otherwise exceed ``_RESTART_COST``. The cost is the product of four
+# numbers: of the elements of the precision matrices, of tests, of candidate tests that are tried as
+# a replacement of each test, and of restarts.
 _MAX_RESTARTS = 100
 _RESTART_COST = 4_000_000
 # If at most this many designs are possible, the search does not restart from perturbed designs.
@@ -345,7 +346,11 @@ class Search:
 
 
 def _merge_tests(counts: Array, source: int, target: int) -> Array:
-    """Return the counts of a design with all tests of candidate ``source`` moved to ``target``."""
+    """Return the counts of a design after all tests of one candidate are replaced by another.
+
+    ``source`` and ``target`` are the indices of the two candidates, which are tests that could be
+    run. ``counts`` are the numbers of tests of each candidate before, shape (candidates,).
+    """
     number = int(counts[source])
     return _with_tests(_with_tests(counts, source, -number), target, number)
 

@@ -50,8 +50,9 @@ _UNDETERMINED_LOSS = 1e6
 _LOOSE_TOLERANCE = 1e-5
 _TIGHT_TOLERANCE = 1e-15
 _TOLERANCE_PER_EXCESS = 1e-3
-# The optimization of shares ends after a round that raises the criterion by less than this,
-# relative to the bound of `Optimum`.
+# The optimization of shares (fractions of the tests at each candidate test) ends after a round that
+# raises the criterion by less than this, relative to `Optimum.bound`, the mean of the sensitivities
+# weighted by the shares.
 _NO_GAIN = 1e-13
 
 

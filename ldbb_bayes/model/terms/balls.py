@@ -106,7 +106,7 @@ class BallForm(Term):
 
     @property
     def scales(self) -> tuple[Scale, ...]:
-        """Hyper-parameters of the balls' form: its scale τ at order 6, and its decay.
+        """Hyper-parameters of the balls' form: its scale τ at Fourier order 6, and its decay.
 
         The decay is the power by which form falls with its order n (waves in a turn). If the field
         ``law`` is ``1/n``, there is only τ.
