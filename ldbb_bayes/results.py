@@ -127,8 +127,8 @@ else:
 def entries_of(source: Any) -> dict[str, Any]:
     """Return the attributes of an object that are displayed, by name.
 
-    They are the attributes that its class lists in ``shown``, or else all fields of a dataclass or
-    pydantic model. For other objects the dictionary is empty.
+    The attributes are those that the object's class lists in ``shown``, or else all fields of a
+    dataclass or pydantic model. For other objects the dictionary is empty.
     """
     kind = type(source)
     names = getattr(kind, "shown", ())

@@ -61,9 +61,9 @@ _OTHER_UNITS = {
 def _display_units() -> dict[str, tuple[float, str]]:
     """Return the display unit of every internal unit (of mm, N and rad).
 
-    It is a pair: the factor from the internal unit to the display unit, and the label of the
-    display unit. Linear slopes of a compliance with force are displayed per kN, quadratic ones per
-    kN².
+    Each entry is a pair: the factor from the internal unit to the display unit, and the label of
+    the display unit. Linear slopes of a compliance with force are displayed per kN, quadratic ones
+    per kN².
     """
     slopes = {}
     curvatures = {}
@@ -251,7 +251,8 @@ def _as_quotients(match: re.Match[str]) -> str:
 def is_direct(name: str) -> bool:
     """Return whether a parameter with this name is a direct compliance, such as C_XXX.
 
-    It is the displacement per force in the direction of the force; its reciprocal is a stiffness.
+    A direct compliance is the displacement per force in the direction of the force; its reciprocal
+    is a stiffness.
     """
     return re.fullmatch(r"C_([XYZ])\1.", name) is not None
 

@@ -165,7 +165,8 @@ def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
 def _parameters_alone_if_unresolved(space: NullSpace, vector: Array) -> Array:
     """Return a combination of coefficients, with its nuisance coefficients set to zero if allowed.
 
-    They are set to zero if no reading resolves the parameters alone. If the parameters alone change
+    The nuisance coefficients (effects modelled but not of interest) are set to zero if no reading
+    resolves the parameters alone. If the parameters alone change
     the readings noticeably, the combination is returned unchanged. The combination is ``vector``,
     shape (m,): the m coefficients in units of their prior standard deviations. ``space`` is the
     null space of the campaign's design matrix.
@@ -264,8 +265,8 @@ def _modelled_term(bound: BoundModel, owner: str) -> Term | None:
 def _is_stated(bound: BoundModel, coefficient: str, term: Term | None) -> bool:
     """Return whether the size of a nuisance coefficient is stated.
 
-    It is stated by a certificate, or by a term that the user has changed. ``term`` is the model
-    term that the coefficient belongs to; the answer is false if it is None (not modelled).
+    The size is stated by a certificate, or by a term that the user has changed. ``term`` is the
+    model term that the coefficient belongs to; the answer is false if it is None (not modelled).
     """
     if term is None:
         return False

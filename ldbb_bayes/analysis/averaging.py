@@ -334,7 +334,7 @@ def _log_densities(draws_of_models: Sequence[ModelDraws], order: Array) -> dict[
 def _log_prob_truncation(weighted: _WeightedModels) -> tuple[float, float]:
     """Return the log probability that no compliance is negative, and its error [nat].
 
-    It is the probability in the posterior of the most probable model that is computed without the
+    The probability is that in the posterior of the most probable model that is computed without the
     condition that compliances are not negative.
     """
     most_probable = weighted.bounds[int(np.argmax(weighted.probability))]

@@ -251,11 +251,11 @@ def _decide_by_draws(
 def _tail_probability(outside: Array, score: float) -> float:
     """Return the probability that a quantity lies beyond a limit.
 
-    It is the share of posterior draws beyond the limit. ``outside``, shape (draws,), states of each
-    draw whether it lies there. If fewer than ``_FEWEST_DRAWS`` draws lie on one side of the limit,
-    the probability is instead the tail of a normal distribution, but on that side never more than
-    the share of ``_FEWEST_DRAWS`` draws. ``score`` is the distance from the limit to the mean in
-    standard deviations, negative if the mean lies inside the limit.
+    The probability is the share of posterior draws beyond the limit. ``outside``, shape (draws,),
+    states of each draw whether it lies there. If fewer than ``_FEWEST_DRAWS`` draws lie on one side
+    of the limit, the probability is instead the tail of a normal distribution, but on that side
+    never more than the share of ``_FEWEST_DRAWS`` draws. ``score`` is the distance from the limit
+    to the mean in standard deviations, negative if the mean lies inside the limit.
     """
     n = len(outside)
     count = int(outside.sum())

@@ -117,7 +117,7 @@ def _measure_pair(pair: _Pair) -> dict[str, Any]:
 def _measure_test(bound: BoundModel, test: CircularTest) -> dict[str, Any]:
     """Return the table row of one test, by name of the column.
 
-    It has the test's conditions and, from its readings, G, F_max, F_min, squareness and scale
+    The row has the test's conditions and, from its readings, G, F_max, F_min, squareness and scale
     mismatch.
     """
     angle, reading = _trace(test)

@@ -131,8 +131,8 @@ def quantities(units: Mapping[str, str], planes: Collection[str] = ()) -> dict[s
 def quantities_of(bound: BoundModel) -> dict[str, Quantity]:
     """Return the quantities of a bound model that may have a tolerance, by name.
 
-    They are its parameters, stiffnesses such as ``stiffness_X``, and G, F_max and F_min of the
-    machine's circular path.
+    The quantities are the model's parameters, stiffnesses such as ``stiffness_X``, and G, F_max and
+    F_min of the machine's circular path.
     """
     units = {parameter.name: parameter.unit for parameter in bound.parameters}
     return quantities(units, bound.setting.planes)
@@ -175,8 +175,8 @@ def tolerances_in(
 def check_force(campaign: Campaign, force_N: float | None) -> None:
     """Refuse a force that is too far from the forces tested to state a compliance at it [N].
 
-    It must lie between a tenth of the smallest force tested and 1.5 times the largest. None, which
-    stands for the model's reference force, is allowed.
+    The force must lie between a tenth of the smallest force tested and 1.5 times the largest. None,
+    which stands for the model's reference force, is allowed.
     """
     if force_N is None:
         return

@@ -82,12 +82,12 @@ def state_of(
 ) -> Judgement:
     """Return whether the values on a certificate can be used, with reasons against it.
 
-    They cannot be used if the sampler missed its target, the readings do not fit the model, or the
-    readings speak against non-negative compliances. Otherwise, they can be used with reservation if
-    one of these holds: the readings hardly determine a stated parameter; a result depends on the
-    prior; the noise is larger than its prior expects; the tests have too few forces for the model's
-    degree of compliance in force; the evidences of the compared models are not precise enough; or
-    the result of the comparison depends on assumptions.
+    The values cannot be used if the sampler missed its target, the readings do not fit the model,
+    or the readings speak against non-negative compliances. Otherwise, they can be used with
+    reservation if one of these holds: the readings hardly determine a stated parameter; a result
+    depends on the prior; the noise is larger than its prior expects; the tests have too few forces
+    for the model's degree of compliance in force; the evidences of the compared models are not
+    precise enough; or the result of the comparison depends on assumptions.
 
     Parameters
     ----------

@@ -61,7 +61,7 @@ def worth_of_certificates(
 ) -> dict[str, dict[str, float]]:
     """Return the standard uncertainties to expect with further certificates of the instrument.
 
-    They are given by certificate, then by parameter.
+    The uncertainties are given by certificate, then by parameter.
 
     The cases are no further certificate, each one of `CERTIFICATES` that the instrument does not
     have yet, and all of these together.

@@ -212,7 +212,8 @@ class Identifiability(Result):
 class SampledSd(NamedTuple):
     """Prior and posterior standard deviations of all p parameters, shape (p,) each.
 
-    They are those of random draws or, if there are no draws, of the linear Gaussian model.
+    The standard deviations are those of random draws or, if there are no draws, of the linear
+    Gaussian model.
     """
 
     prior: Array
@@ -503,7 +504,8 @@ def judge_parameters(
 def _gaussian_sd(bound: BoundModel, information: Information) -> SampledSd:
     """Return prior and posterior standard deviations of all parameters without random draws.
 
-    They are those of the linear Gaussian model, in which compliances may be negative.
+    The standard deviations are those of the linear Gaussian model, in which compliances may be
+    negative.
     """
     prior_sd = np.array([parameter.prior_sd for parameter in bound.parameters])
     posterior_sd = np.sqrt(information.variances()) * information.scale[information.interest]
@@ -628,7 +630,8 @@ def _inseparable_partners(
 def _twins(names: Sequence[str], combinations: Sequence[Degeneracy]) -> tuple[str, ...]:
     """Return those of the named parameters that no reading separates from other parameters.
 
-    They are in one of ``combinations``, a combination of parameters alone that changes no reading.
+    A name is returned if the parameter is in one of ``combinations``: each is a combination of
+    parameters alone that changes no reading.
     """
     inseparable = set[str]()
     for degeneracy in combinations:

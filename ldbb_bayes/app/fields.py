@@ -128,8 +128,9 @@ FIELDS: Mapping[str, Field] = _all_fields()
 def _value(field_option: Option, name: str, text: str, folder: Path) -> Any:
     """Return the value of an option from the text typed on the page.
 
-    It is the value that Typer, the library that reads the command line, would return. ``name`` is
-    the name of the option, and ``folder`` the folder of the session with the added files.
+    The result is the value that Typer, the library that reads the command line, would return.
+    ``name`` is the name of the option, and ``folder`` the folder of the session with the added
+    files.
     """
     typed = _type_read(field_option)
     flag = field_option.flag(name)

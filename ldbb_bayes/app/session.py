@@ -102,8 +102,9 @@ class Session:
     def update_after_file_change(self) -> None:
         """Remove typed entries that no longer apply, and count one more change of the files.
 
-        These are the names of deleted certificates. If the files include a ``campaign.toml``, they
-        are also the entries about the campaign and its tables, which this file states itself.
+        Entries that no longer apply are the names of deleted certificates. If the files include a
+        ``campaign.toml``, they are also the entries about the campaign and its tables, which this
+        file states itself.
         """
         file_sizes = self.held
         has_campaign_file = TOML in file_sizes
@@ -120,8 +121,8 @@ class Session:
     def state(self) -> dict[str, Any]:
         """Return the state of the session as a dictionary, which the page requests repeatedly.
 
-        It has the number of files, the numbers ``edition`` and ``fitted``, whether a fit is
-        running, its progress and its outcome.
+        The dictionary has the number of files, the numbers ``edition`` and ``fitted``, whether a
+        fit is running, its progress and its outcome.
         """
         return {
             "files": len(self.held),

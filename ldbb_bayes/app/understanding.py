@@ -243,8 +243,8 @@ def _instrument_entry(campaign: lb.Campaign, assumed: Any, part: str) -> dict[st
 def _trace(campaign: lb.Campaign, plane: str) -> dict[str, Any]:
     """Return a polar plot of the readings of all tests in a plane, for an SVG drawing.
 
-    It has one closed or open line for each test, and rings labelled in µm. The highest reading is
-    drawn at a radius of 100 units of the drawing.
+    The plot has one closed or open line for each test, and rings labelled in µm. The highest
+    reading is drawn at a radius of 100 units of the drawing.
     """
     forces = campaign.forces_N
     force_shares = (forces - forces.min()) / max(float(np.ptp(forces)), 1e-9)

@@ -56,8 +56,9 @@ class CertifiedQuantity:
     def title(self) -> str:
         """Text that names the quantity in messages.
 
-        It is the name of the quantity. If the quantity has none, it is the name of the innermost
-        named element around it in the certificate; if there is none either, its attribute refType.
+        The text is the name of the quantity. If the quantity has none, it is the name of the
+        innermost named element around it in the certificate; if there is none either, its attribute
+        refType.
         """
         for text in (self.name, *reversed(self.holders), self.ref_type):
             if text:

@@ -96,7 +96,7 @@ class Ball(Shown):
     def stated_sphericity_um(self) -> float | None:
         """Deviation from sphericity [µm] that certificate or grade of the ball states.
 
-        It is None if neither states one.
+        The deviation is None if neither states one.
         """
         if self.grade is None:
             return self.sphericity_um

@@ -318,9 +318,9 @@ class CircularTest(TestFields):
     def arc_deg(self) -> float:
         """Arc that the angles of the test cover [deg].
 
-        It is 360° minus the largest gap between neighbouring angles on the circle. If the largest
-        gap is no wider than three usual gaps, it is 360°. Half of the rest of the circle lies in
-        gaps no wider than the usual gap.
+        The arc is 360° minus the largest gap between neighbouring angles on the circle. If the
+        largest gap is no wider than three usual gaps, it is 360°. Half of the rest of the circle
+        lies in gaps no wider than the usual gap.
         """
         return _arc_of(self.angle_deg.tobytes())
 

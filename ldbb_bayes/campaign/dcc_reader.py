@@ -203,8 +203,8 @@ def _uncertainty_of(element: ElementTree.Element, name: str) -> _Uncertainty:
 def _shortest_list(units: Sequence[str], uncertainty: _Uncertainty) -> int | None:
     """Return the number of quantities for which an XML element lists units and uncertainties.
 
-    It is the length of the shortest list that has more than one entry. Return None if no list has
-    more than one: a single unit or uncertainty is then valid for all quantities.
+    The number is the length of the shortest list that has more than one entry. Return None if no
+    list has more than one: a single unit or uncertainty is then valid for all quantities.
     """
     lists = (units, uncertainty.U, uncertainty.k, uncertainty.coverage)
     lengths = [len(entries) for entries in lists if len(entries) > 1]

@@ -48,7 +48,7 @@ _SLOPE = re.compile(r"(C_.+)_([12])")
 class FleetStatistics:
     """Gaussian likelihoods of n campaigns, free of the priors used in their fits.
 
-    They are likelihoods of the c parameters to analyse and of s errors of the instrument, such as
+    The likelihoods are of the c parameters to analyse and of s errors of the instrument, such as
     mount and force gain. A likelihood has a precision matrix Λ (inverse covariance) and a shift η
     (Λ times the estimate). If the model of a campaign lacks an instrument error, its Λ and η have
     zeros for that error.
@@ -83,7 +83,8 @@ class FleetStatistics:
     def caveats(self) -> list[Caveat]:
         """Return a list with a caveat if compliances are extrapolated in force, else an empty list.
 
-        They are if the reference force is outside the range of the tests' forces in some campaign.
+        They are extrapolated if the reference force is outside the range of the tests' forces in
+        some campaign.
         """
         lowest, highest = self.forces_N
         if lowest <= self.reference_force_N <= highest:
@@ -241,9 +242,9 @@ def reference_sd(
 ) -> Array:
     """Return the reference sd of every parameter, shape (c,), in internal units (mm, N, rad).
 
-    It is the sd of the parameter's default prior or, if larger, the median of the sds of the
-    parameter's priors in the fits. Priors in the fits may be wider than the default because a
-    compliance stands for those of several joints, or because the user knows of more compliant
+    The reference sd is that of the parameter's default prior or, if larger, the median of the sds
+    of the parameter's priors in the fits. Priors in the fits may be wider than the default because
+    a compliance stands for those of several joints, or because the user knows of more compliant
     machines. Priors in the fits with another mean than zero are left out: they state how well a
     parameter is known, not how large it may be.
 

@@ -97,7 +97,8 @@ def open_journal(out: Path) -> Iterator[sqlite3.Connection]:
 def _check_folder(out: Path) -> None:
     """Raise an `InputError` if the folder ``out`` cannot be that of a batch.
 
-    It must not be a file, and not hold anything other than a batch. It need not exist.
+    A batch is a set of fits of many campaigns. ``out`` must not be a file, and not hold anything
+    other than a batch. The folder need not exist.
     """
     if not out.exists():
         return

@@ -537,12 +537,12 @@ def _pool_parameters(
 ) -> dict[str, PooledParameter]:
     """Return the distribution of every parameter over the machines, by name of the parameter.
 
-    It consists of the mean, the spread and the prediction for a further machine. Spreads are the
-    standard deviations of the machines about their mean; they are summarised from all random draws
-    ``spreads``. The distributions of the mean and of a further machine are averages of Gaussians
-    over the draws ``first_spreads``, for each of which ``shared`` holds the Gaussian of the mean
-    and the instrument's errors. ``tails`` are the cumulative probabilities of the two ends of the
-    credible intervals.
+    Each distribution is given by its mean, its spread and the prediction for a further machine.
+    Spreads are the standard deviations of the machines about their mean; they are summarised from
+    all random draws ``spreads``. The distributions of the mean and of a further machine are
+    averages of Gaussians over the draws ``first_spreads``, for each of which ``shared`` holds the
+    Gaussian of the mean and the instrument's errors. ``tails`` are the cumulative probabilities of
+    the two ends of the credible intervals.
     """
     c = len(statistics.parameters)
     scale = statistics.prior_sd[:c]
@@ -646,11 +646,11 @@ def _estimate_machines_separately(
 ) -> _Moments:
     """Return estimates from each machine's own campaigns, shape (n, c): n machines, c parameters.
 
-    They do not use the population; only the errors of the instrument are estimated from the
-    campaigns of all machines. ``weight``, shape (k,), holds the weights of k random draws of the
-    machines' spreads; for each draw, ``shared`` is the Gaussian of the population's mean and the
-    instrument's errors. ``tails`` are the cumulative probabilities of the two ends of the credible
-    intervals. All values are in units of the prior sd.
+    The estimates do not use the population of the other machines; only the errors of the instrument
+    are estimated from the campaigns of all machines. ``weight``, shape (k,), holds the weights of k
+    random draws of the machines' spreads; for each draw, ``shared`` is the Gaussian of the
+    population's mean and the instrument's errors. ``tails`` are the cumulative probabilities of the
+    two ends of the credible intervals. All values are in units of the prior sd.
     """
     c = parameters
     b_mean, b_covariance = mixture_covariance(

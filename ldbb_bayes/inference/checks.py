@@ -220,7 +220,7 @@ def _widening_by_noise(bound: BoundModel, phi: Array, tests: Sequence[str]) -> f
 def _power_beyond(bound: BoundModel) -> Array:
     """Return the variance of white noise that explains each test's readings at orders 13 to 16.
 
-    It is in mm², shape (tests,), and the orders are Fourier orders. The mean of the Fourier
+    The orders are Fourier orders. The variances are in mm², shape (tests,). The mean of the Fourier
     coefficients over tests of the same plane, radius and direction of travel is subtracted first: a
     pattern that the machine repeats is no noise.
     """
@@ -318,10 +318,10 @@ def check_predictions(
 ) -> dict[str, TestChecks]:
     """Return posterior predictive p-values of every test, by the name of the test.
 
-    They compare the readings of the test with those of a new circle that the posterior predicts.
-    ``phi``, shape (draws, h), are posterior draws of the hyper-parameters (scales of the noise and
-    of other effects) [mm]. ``beta``, shape (draws, p), are those of the parameters (compliances,
-    slopes, geometric errors).
+    Each p-value compares the readings of a test with those of a new circle that the posterior
+    predicts. ``phi``, shape (draws, h), are posterior draws of the hyper-parameters (scales of the
+    noise and of other effects) [mm]. ``beta``, shape (draws, p), are those of the parameters
+    (compliances, slopes, geometric errors).
     """
     draws = ModelDraws(bound, phi, beta).thinned(_DRAWS)
     shared = draw_shared_coefficients(bound, draws.phi, draws.beta, rng)
@@ -381,7 +381,8 @@ def _p_values_of_orders(draws: ModelDraws, r: int, shared: Array, sigma: Array) 
 class _Scatter(NamedTuple):
     """Covariance C S² Cᵀ of k residuals that v independent sources of scatter cause.
 
-    It is given for every posterior draw of the standard deviations of the sources, the diagonal of
+    The covariance is given for every posterior draw of the standard deviations of the sources, the
+    diagonal of
     the matrix S. C, shape (k, v), holds the effects of the sources on the residuals.
     """
 

@@ -187,10 +187,10 @@ def _names_of_shared(bound: BoundModel) -> list[str]:
 def shared_coefficients(bound: BoundModel, phi: Array, beta: Array) -> Array:
     """Return the prediction for each measured circle without scatter, from posterior draws [mm].
 
-    It includes the machine, ball form, bar length, mount and force error. Nuisances, that is,
-    effects that are modelled but not of interest, are at their means given the readings, the
-    parameters ``beta``, shape (draws, p), and the hyper-parameters ``phi``, shape (draws, h). The
-    result holds Fourier coefficients of the orders 0 to 12, shape (draws, tests, 25).
+    The prediction includes the machine, ball form, bar length, mount and force error. Nuisances,
+    that is, effects that are modelled but not of interest, are at their means given the readings,
+    the parameters ``beta``, shape (draws, p), and the hyper-parameters ``phi``, shape (draws, h).
+    The result holds Fourier coefficients of the orders 0 to 12, shape (draws, tests, 25).
     """
     shifted = beta - bound.centre
     mean = bound.given_interest.conditional(phi, shifted)[1].mean
@@ -238,9 +238,9 @@ def draw_shared_coefficients(
 def draw_of_circle(bound: BoundModel, phi: Array, r: int, rng: np.random.Generator) -> Array:
     """Return random draws of the effects that act on one test only, shape (draws, 25) [mm].
 
-    These are the random force error, the set-up shift (of zero and centre) and the discrepancy
-    (unexplained deviations of the orders 2 to 12) of the test with the index r, as Fourier
-    coefficients of the orders 0 to 12. ``phi``, shape (draws, h), holds draws of the
+    The effects are the random force error, the set-up shift (of zero and centre) and the
+    discrepancy (unexplained deviations of the orders 2 to 12) of the test with the index r, as
+    Fourier coefficients of the orders 0 to 12. ``phi``, shape (draws, h), holds draws of the
     hyper-parameters, which are the scales of these and other effects.
     """
     coefficients = np.zeros((len(phi), SIZE))

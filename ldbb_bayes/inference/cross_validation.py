@@ -84,8 +84,8 @@ def with_predictive(posterior: xr.DataTree, *, draws: int = 1000, seed: int = 1)
     condition that no compliance is negative if the model requires it. The factor λ_r on the set-up
     shift and discrepancy of circle r, if the model has one, is integrated out as well. The harmonic
     mean of p over draws is the density of a circle left out (Bürkner, Gabry and Vehtari 2021), so
-    that ``arviz.loo`` estimates what `compare` computes. Pareto's k̂ is low, as leaving a circle out
-    changes only the weights of the hyper-parameters that circles share. If it exceeds 0.4
+    that ``arviz.loo`` estimates what `compare` computes. Pareto's k̂ is low, as leaving a circle
+    out changes only the weights of the hyper-parameters that circles share. If it exceeds 0.4
     nevertheless, p is raised to a power below one and scaled so that its harmonic mean is the exact
     density. The sum of ln p over tests is not the log likelihood of all readings; for the
     sensitivity of the posterior to the latter see ``Fit.sensitivity``.
@@ -223,10 +223,10 @@ def _without_test(bound: BoundModel, name: str) -> BoundModel:
 def _without_circle_scale(bound: BoundModel, phi: Array, circle_scale: str) -> Array:
     """Return ln p(y | φ) with one hyper-parameter integrated out under its prior, shape (w,).
 
-    This is the factor on the set-up shift (of zero and centre) and discrepancy (unexplained
-    deviations) of one circle; ``circle_scale`` is its name. y are the readings and φ the other
-    hyper-parameters (scales of the noise and of other effects). ``phi``, shape (w, h), holds w
-    values of all hyper-parameters.
+    The hyper-parameter is the factor on the set-up shift (of zero and centre) and discrepancy
+    (unexplained deviations) of one circle; ``circle_scale`` is its name. y are the readings and φ
+    the other hyper-parameters (scales of the noise and of other effects). ``phi``, shape (w, h),
+    holds w values of all hyper-parameters.
     """
     grid = np.tile(phi[:, None], (1, len(_LOG_LAMBDA), 1))
     grid[:, :, bound.hyper_prior.names.index(circle_scale)] = np.exp(_LOG_LAMBDA)

@@ -187,9 +187,9 @@ class Fit(Result):
     def state(self) -> State:
         """Return whether the results of the fit can be used.
 
-        They are unusable if the sampler did not converge. Otherwise they are doubtful if a failing
-        check of the readings matters (see `misfits`), or if the readings contradict the condition
-        that no compliance is negative. Otherwise they are usable.
+        The results are unusable if the sampler did not converge. Otherwise they are doubtful if a
+        failing check of the readings matters (see `misfits`), or if the readings contradict the
+        condition that no compliance is negative. Otherwise they are usable.
         """
         kinds = {concern.kind for concern in self.concerns}
         if ConcernKind.NOT_CONVERGED in kinds:
@@ -215,7 +215,8 @@ class Fit(Result):
     def parameters(self) -> tuple[str, ...]:
         """Return the names of the parameters: compliances, slopes and geometric errors.
 
-        They are those in ``sensitivity``, without the hyper-parameters.
+        The names are those in ``sensitivity`` except the hyper-parameters (scales of the noise and
+        of other effects).
         """
         return tuple(name for name in self.sensitivity if name.startswith(("C_", "E_")))
 
@@ -306,8 +307,8 @@ def _average_checks(
 ) -> dict[str, TestChecks]:
     """Return the posterior predictive p-values of each test, by the name of the test.
 
-    They are averaged over the models with their ``shares``, which sum to one. ``rng`` generates the
-    random draws of new circles.
+    The p-values are averaged over the models, weighted by ``shares``, which sum to one. ``rng``
+    generates the random draws of new circles.
     """
     checks = []
     for share, draws in zip(shares, draws_by_model, strict=True):

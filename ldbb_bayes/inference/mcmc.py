@@ -127,9 +127,9 @@ class Assessment:
     def share(self, rule: StoppingRule, *, walkers: int) -> float:
         """Return the smallest ratio of an effective sample size reached to that asked for.
 
-        It is one or more if the draws suffice. For walkers, the rule also asks for a number of
-        autocorrelation times that the draws must span. ``walkers`` is the number of walkers of all
-        ensembles together, or 0 for independent draws.
+        The ratio is one or more if the draws suffice. For walkers, the rule also asks for a number
+        of autocorrelation times that the draws must span. ``walkers`` is the number of walkers of
+        all ensembles together, or 0 for independent draws.
         """
         shares = [self.ess_bulk_min / rule.ess, self.ess_tail_min / rule.ess]
         if walkers > 0:
@@ -166,7 +166,7 @@ class EnsembleRun:
 class WeightedPoints(NamedTuple):
     """Independent random points in d dimensions with their importance weights.
 
-    They are drawn from a proposal density near the target density, which is the one to sample.
+    The points are drawn from a proposal density near the target density, the one to be sampled.
     """
 
     points: Array  #: coordinates of the random points, shape (size, d)

@@ -276,8 +276,9 @@ def fit_split_t(centre: Array, root: Array, z: Array, weight: Array) -> SplitT:
 def _fit_about(offset: float, z: Array, weight: Array, freedoms: Array) -> _AxisFit:
     """Return split Student-t distributions along h directions, with sides meeting at ``offset``.
 
-    They are fitted to n points: ``z``, shape (n, h), holds the coordinates along each direction,
-    ``weight``, shape (n, h), the weights. ``freedoms`` are the degrees of freedom to try.
+    The distributions are fitted to n points: ``z``, shape (n, h), holds the coordinates along each
+    direction, ``weight``, shape (n, h), the weights. ``freedoms`` are the degrees of freedom to
+    try.
     """
     h = z.shape[1]
     square = (z - offset) ** 2

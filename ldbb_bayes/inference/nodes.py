@@ -315,7 +315,7 @@ class HyperPosterior:
     def coarse_truncated(self) -> Integral:
         """Coarse nodes of this density: values of the hyper-parameters with their exact weights.
 
-        They are those of `coarse`. If this density is ``truncated``, the weights contain the
+        The values are those of `coarse`. If this density is ``truncated``, the weights contain the
         probability that no compliance is negative itself, not its upper bound.
         """
         return self._replace_bound(self.coarse)
@@ -437,7 +437,8 @@ class Evidence:
     def trusted(self) -> bool:
         """Whether the log evidence can be trusted: its error is finite.
 
-        It is not if the weights of the nodes over the hyper-parameters cannot be trusted.
+        The error is infinite if the weights of the nodes (values of the hyper-parameters) cannot be
+        trusted.
         """
         return bool(np.isfinite(self.error))
 
@@ -490,7 +491,7 @@ class Nodes:
     def error(self) -> float:
         """Error of the log evidence [nat].
 
-        It includes the error of the integral over the nodes. If compliances must not be negative,
+        The error includes that of the integral over the nodes. If compliances must not be negative,
         it also includes the errors of the log probability of this condition, under the posterior
         and under the prior.
         """
@@ -527,8 +528,8 @@ class Nodes:
     def _digest(self) -> str:
         """Return the digest (SHA-256) of the readings from which the nodes were computed.
 
-        It also covers the conditions under which they were taken and, if tests of the campaign are
-        left out, the names of the tests that remain.
+        The digest also covers the conditions under which the readings were taken and, if tests of
+        the campaign are left out, the names of the tests that remain.
         """
         campaign = self.bound.campaign
         names = self.bound.test_names

@@ -325,8 +325,8 @@ def record_of(posterior: xr.DataTree) -> dict[str, Any]:
 def fit_of(posterior: xr.DataTree) -> Fit:
     """Return how well the model of a posterior fits the readings, with warnings.
 
-    It is read from the posterior's record. Raise an `InputError` for a fit by another edition of
-    this package.
+    The result is read from the posterior's record. Raise an `InputError` for a fit by another
+    edition of this package.
     """
     try:
         return Fit.from_dict(record_of(posterior)["fit"])

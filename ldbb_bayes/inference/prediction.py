@@ -187,7 +187,7 @@ class _MeasuredAndPlanned(NamedTuple):
 def _bind_with_plan(bound: BoundModel, plan: Campaign) -> _MeasuredAndPlanned:
     """Return a model applied to the measured tests, and the same one applied to planned tests.
 
-    Both are made as if all these tests were of one campaign. They therefore have the same
+    Both results are made as if all these tests were of one campaign. They therefore have the same
     nuisances (effects that are modelled but not of interest), such as ball forms and bar lengths.
     ``bound`` is the model applied to the measured campaign; ``plan`` holds the planned tests.
     """

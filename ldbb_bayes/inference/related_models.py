@@ -62,8 +62,8 @@ class _ChangedModel(NamedTuple):
 class _ChangedPrior(NamedTuple):
     """Coefficient that has a different prior standard deviation in another model.
 
-    It is a parameter, or belongs to a rival explanation of slopes (an effect that looks like a
-    change of compliance with force).
+    The coefficient is a parameter of interest, or belongs to a rival explanation of slopes (an
+    effect that looks like a change of compliance with force).
     """
 
     coefficient: int  #: index of the coefficient among those of the model whose nodes are known

@@ -88,8 +88,8 @@ def quality_of(bound: BoundModel, predicted: Array) -> FitQuality:
 def _fitness_percent(rmse_um: float, span_mm: float) -> float:
     """Return the fitness of a test [%] (Eq. 35 of the paper); NaN if its readings are all equal.
 
-    It is 100 % minus the root-mean-square residual ``rmse_um`` in per cent of ``span_mm``, the
-    largest minus the smallest reading.
+    The fitness is 100 % minus the root-mean-square residual ``rmse_um`` in per cent of ``span_mm``,
+    the largest minus the smallest reading.
     """
     if span_mm <= 0:
         return float("nan")

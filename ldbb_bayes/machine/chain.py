@@ -43,7 +43,7 @@ LARGEST_MM = 1e5
 class Axes(NamedTuple):
     """Names of the three motions in a plane: two translations, and the rotation about its normal.
 
-    They are letters such as X, Y and C; the rotation is right-handed.
+    The names are letters such as X, Y and C; the rotation is right-handed.
     """
 
     first: str  #: translation from which angles in the plane are measured, such as X
@@ -62,7 +62,7 @@ PLANES: Mapping[str, Axes] = {
 class Circle(Shown):
     """The nominal circle of a test, on which the tool ball runs around the work ball.
 
-    Its centre is stated in the machine coordinate system.
+    The centre of the circle is stated in the machine coordinate system.
 
     Examples
     --------

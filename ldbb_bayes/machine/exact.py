@@ -87,7 +87,7 @@ def geometric_reading_mm(
 ) -> Array:
     """Return the exact effect of geometric errors on the reading at n angles, shape (n,) [mm].
 
-    It is the distance of the two balls minus the nominal radius, by Eq. 13-14 of the paper.
+    The effect is the distance of the two balls minus the nominal radius (Eq. 13-14 of the paper).
 
     Parameters
     ----------
@@ -131,8 +131,8 @@ def _joint_transform(
 ) -> Array:
     """Return the homogeneous transforms of one joint about its frame, shape (n, 4, 4).
 
-    They contain the nominal motion and the error motions of the joint (Eq. 4-5 and 8-9 of the
-    paper). ``coordinate`` (n,) are positions of the joint's axis [mm]; ``errors`` are values of
+    The transforms contain the nominal motion and the error motions of the joint (Eq. 4-5 and 8-9 of
+    the paper). ``coordinate`` (n,) are positions of the joint's axis [mm]; ``errors`` are values of
     geometric errors by name.
     """
     motion = np.zeros((len(coordinate), 3), dtype=np.result_type(float, *errors.values()))

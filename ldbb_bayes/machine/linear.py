@@ -198,10 +198,10 @@ class Kept:
 def kept_compliances(machine: Machine, *circles: Circle) -> Kept:
     """Return the compliances that circles can separate, and the sets they represent (Table 2).
 
-    They are found numerically from the readings per unit compliance. The planar compliances of
-    every plane are examined, and all others on which the circles' lever arms act. Compliances that
-    change readings proportionally form a set. Its representative is chosen by these rules, in this
-    order; for the paper's machine they give the paper's choice:
+    The compliances and sets are found numerically from the readings per unit compliance. The planar
+    compliances of every plane are examined, and all others on which the circles' lever arms act.
+    Compliances that change readings proportionally form a set. Its representative is chosen by
+    these rules, in this order; for the paper's machine they give the paper's choice:
 
     1. a rotation caused by a force before a translation caused by a moment;
     2. the fewest rotary components;

@@ -34,8 +34,8 @@ _ORDERS: dict[GeometricKind, int] = {"gain": 1, "straightness": 2}
 class ComplianceName:
     """Name of a compliance C_ijk of the paper, at joint k.
 
-    It is the displacement or rotation i (component of a twist) caused by the force or moment j
-    (component of a wrench).
+    The compliance is the displacement or rotation i (component of a twist) caused by the force or
+    moment j (component of a wrench).
     """
 
     twist: str  #: displacement i (X, Y or Z) or rotation i (A, B or C)
@@ -127,7 +127,7 @@ class GeometricName:
     def order(self) -> int:
         """Power of the axis' coordinate that multiplies the geometric error.
 
-        It is 1 for a gain, 2 for a quadratic straightness deviation, and 0 for other errors.
+        The power is 1 for a gain, 2 for a quadratic straightness deviation, and 0 for other errors.
         """
         return _ORDERS.get(self.kind, 0)
 

@@ -189,7 +189,8 @@ class Elimination(NamedTuple):
     def chunk_size(self) -> int:
         """Number of values of the hyper-parameters for which one pass computes the factors.
 
-        It is chosen so that the factors fit into the processor's cache, between 128 and 512.
+        The number is chosen so that the factors fit into the processor's cache, between 128 and
+        512.
         """
         entries = max(sum(front.entries for front in self.fronts), 1)
         fitting = _CACHE_SIZE // entries // BLAS_MULTIPLE * BLAS_MULTIPLE

@@ -311,7 +311,8 @@ class Gaussian(Shown):
     def scale(self) -> Array:
         """Scales of the q coefficients, shape (..., q).
 
-        They are the diagonal of S in the precision matrix S⁻¹ L Lᵀ S⁻¹, with L lower triangular.
+        The scales are the diagonal of S in the precision matrix (inverse covariance) S⁻¹ L Lᵀ S⁻¹,
+        with L lower triangular.
         """
         return self._factors.scale
 

@@ -76,7 +76,7 @@ _TRUNCATION_TOLERANCE = 1e-4
 def _default_terms() -> tuple[Term, ...]:
     """Return the nuisance terms (effects modelled but not of interest) of the default model.
 
-    They are all terms except those that models have only on request.
+    The terms are all that exist, except those that models have only on request.
     """
     return tuple(kind() for kind in Term.kinds.values() if not kind.on_demand)
 
@@ -177,9 +177,9 @@ class HybridModel(Result):
     def default(cls, degree: int = 1) -> HybridModel:
         """Return the default model, with proper priors and without negative compliances.
 
-        It has all nuisances (effects that are modelled but not of interest) except those that are
-        only added on request. ``degree`` is the degree of the compliance as a polynomial in force,
-        0, 1 or 2.
+        The model has all nuisances (effects that are modelled but not of interest) except those
+        that are only added on request. ``degree`` is the degree of the compliance as a polynomial
+        in force, 0, 1 or 2.
         """
         return cls(degree)
 
@@ -196,7 +196,7 @@ class HybridModel(Result):
     def paper(cls, degree: int = 0) -> HybridModel:
         """Return the model whose point estimate is that of the paper (Eq. 31).
 
-        It has flat priors and no nuisances (effects modelled but not of interest), and its
+        The model has flat priors and no nuisances (effects modelled but not of interest), and its
         compliances may be negative. ``degree`` is the degree of the compliance as a polynomial in
         force, 0, 1 or 2.
         """
@@ -749,8 +749,9 @@ class BoundModel(Shown):
     def terms(self) -> tuple[str, ...]:
         """Names of the parts of the model that act on this campaign.
 
-        They are Compliance, GeometricErrors and the class names of nuisance terms (effects modelled
-        but not of interest). Hysteresis, for example, acts only on circles in both directions.
+        The names are Compliance, GeometricErrors and the class names of nuisance terms (effects
+        modelled but not of interest). Hysteresis, for example, acts only on circles in both
+        directions.
         """
         idle = []
         for kind, columns in self.columns_of.items():
@@ -922,7 +923,7 @@ class BoundModel(Shown):
     def log_prob_truncation_prior(self) -> float:
         """Log prior probability that no compliance is negative.
 
-        It is 0 if the prior allows negative compliances.
+        The log probability is 0 if the prior allows negative compliances.
         """
         return self.truncation_prior[0]
 
@@ -1003,8 +1004,8 @@ class BoundModel(Shown):
     def linearisation_error_mm(self, test: CircularTest, beta: Array) -> Array:
         """Return the linearisation error of one test's n readings, shape (n,) [mm].
 
-        It is the exact effect of the geometric errors on the reading (Eq. 1-14 of the paper) minus
-        the linear effect, for the p parameters of interest β (p,), in mm, N and rad.
+        The error is the exact effect of the geometric errors on the reading (Eq. 1-14 of the paper)
+        minus the linear effect, for the p parameters of interest β (p,), in mm, N and rad.
         """
         values = dict(zip(self.names, beta.tolist(), strict=True))
         angle = test.angles_rad()

@@ -148,8 +148,8 @@ def _kind_of(parameter: str) -> _Kind | None:
 def degree_of(parameter: str) -> int:
     """Return the degree in force of a parameter, from its name.
 
-    It is 1 for a linear slope of a compliance with force (C_XXX_1), 2 for a quadratic one (C_XXX_2)
-    and 0 for compliances and geometric errors.
+    The degree is 1 for a linear slope of a compliance with force (C_XXX_1), 2 for a quadratic one
+    (C_XXX_2) and 0 for compliances and geometric errors.
     """
     stem, _, suffix = parameter.rpartition("_")
     return int(suffix) if stem.startswith("C_") and suffix.isdigit() else 0
@@ -339,7 +339,8 @@ class Prior(Shown):
     def compliance_sd(self, names: Sequence[ComplianceName]) -> Array:
         """Return the prior sd of each named compliance, shape (compliances,), in mm, N and rad.
 
-        It is the sd that the user gave for the compliance, else the default for its kind.
+        The sd is the one that the user gave for the compliance, else the default for this kind of
+        compliance.
         """
         return self._overridden([name.label for name in names], self._usual_sd(names))
 
@@ -348,8 +349,8 @@ class Prior(Shown):
     ) -> Array:
         """Return the prior sd of the slope of each named compliance, shape (compliances,).
 
-        It is the sd that the user gave for the slope, else slope_scale · size / force range^degree,
-        in mm, N and rad.
+        The sd is the one that the user gave for the slope, else slope_scale · size / force
+        range^degree, in mm, N and rad.
 
         Parameters
         ----------
@@ -382,7 +383,7 @@ class Prior(Shown):
     def geometric_sd(self, names: Sequence[GeometricName]) -> Array:
         """Return the prior sd of each named geometric error, shape (errors,), in mm and rad.
 
-        It is the sd that the user gave for the error, else the default for its kind.
+        The sd is the one that the user gave for the error, else the default for this kind of error.
         """
         return self._overridden(
             [name.label for name in names],
@@ -436,8 +437,8 @@ class Prior(Shown):
 def _check_mean(name: str, mean: float) -> None:
     """Raise an `InputError` if the prior mean of a named parameter is not permitted.
 
-    It is not permitted if it is not finite, belongs to a slope, or is more than 1000 default prior
-    sds from zero.
+    A prior mean is not permitted if it is not finite, belongs to a slope, or is more than 1000
+    default prior sds from zero.
     """
     require(
         bool(np.isfinite(mean)),

@@ -281,7 +281,8 @@ def find_resolution(
 ) -> None:
     """Set the resolution of the readings, if nothing states it, to their smallest step.
 
-    It is set only if the readings of every test have a step that a readout can have.
+    The resolution is set only if the readings of every test have a step (smallest difference) that
+    a readout can have.
 
     Parameters
     ----------

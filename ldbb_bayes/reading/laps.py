@@ -145,7 +145,7 @@ def average_laps(angle_deg: Array, reading_um: Array) -> tuple[Array, Array]:
 def direction_run(angle_deg: Array) -> str | None:
     """Return the direction of travel of a test, CW or CCW, from the order of its angles.
 
-    It is None if the angles cover half a turn or less.
+    Return None if the angles cover half a turn or less.
 
     Parameters
     ----------

@@ -88,7 +88,8 @@ class Recording:
     def radius_mm(self) -> float:
         """Radius of the test's circle [mm].
 
-        It is the radius that the test's fields state, or else that of the campaign, or else 150 mm.
+        The radius is the one that the test's fields state, or else that of the campaign, or else
+        150 mm.
         """
         radius = self.fields.get("radius_mm") or self.campaign.get("radius_mm")
         return float(radius or _USUAL_RADIUS_MM)

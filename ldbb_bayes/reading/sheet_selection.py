@@ -105,8 +105,8 @@ def _workbooks_of_several_sheets(sheets: Sequence[Sheet]) -> set[Path]:
 def _has_no_readings(sheet: Sheet, error: InputError) -> bool:
     """Return whether a sheet whose header raised an error holds no readings.
 
-    It holds none if it has no table of numbers, or no row that names a column of readings and one
-    of angles or times.
+    The sheet holds none if it has no table of numbers, or no row that names a column of readings
+    and one of angles or times.
     """
     if isinstance(error, NoTableError):
         return True

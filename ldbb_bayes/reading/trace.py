@@ -123,9 +123,9 @@ def _angles_of_column(recording: Recording) -> Array:
 def _angles_of_log(recording: Recording, direction: str | None) -> _Log:
     """Return the angles of a test whose table has times instead of angles.
 
-    They are computed from times, feed and radius. Only readings on the circle are kept, without
-    run-in and run-out. ``direction`` is the stated direction of travel, CW or CCW; for None, CCW is
-    assumed.
+    The angles are computed from times, feed and radius. Only readings on the circle are kept,
+    without run-in and run-out. ``direction`` is the stated direction of travel, CW or CCW; for
+    None, CCW is assumed.
     """
     feed = quantity_of(recording, "feed_mm_per_min")
     if feed is None or not feed > 0.0:
@@ -202,9 +202,9 @@ def _deviations(recording: Recording, raw: Array) -> Array:
 def _zero_of(recording: Recording, reading_um: Array) -> str:
     """Return "deviation" or "distance": what the readings of a test are.
 
-    They are deviations from the nominal radius or distances of the balls. The user states this, or
-    else it is found from the median of the readings. Raise an `InputError` if the readings do not
-    fit.
+    Readings are deviations from the nominal radius or distances of the balls. The user states this,
+    or else it is found from the median of the readings. Raise an `InputError` if the readings do
+    not fit.
     """
     radius_mm = recording.radius_mm
     # Readings are also tested for distances of the balls on a circle with another radius. They must

@@ -126,7 +126,7 @@ def _cell_text(value: object) -> str:
 def _check_archive(path: Path, raw: bytes) -> None:
     """Raise an `InputError` for a workbook that would not fit into memory.
 
-    It unpacks to too much, or has a cell with a very high row or column number.
+    Such a workbook unpacks to too many bytes, or has a cell with a very high row or column number.
     """
     try:
         with zipfile.ZipFile(io.BytesIO(raw)) as archive:

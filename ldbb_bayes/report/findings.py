@@ -94,7 +94,7 @@ class Findings:
     def varying(self) -> float:
         """Posterior probability that compliance changes with force.
 
-        It is 1 if no average over models was computed.
+        The probability is 1 if no average over models was computed.
         """
         return 1.0 - self.probabilities.get(DEGREES[0], 0.0)
 

@@ -179,7 +179,7 @@ def _lines(findings: Findings) -> tuple[str, str, str]:
 def _alerts(findings: Findings, others: Sequence[Beside]) -> Iterator[str]:
     """Yield the warnings that a reader of the report must see before any number.
 
-    They are about the fit of the campaign, and about its differences from ``others``.
+    The warnings are about the fit of the campaign, and about its differences from ``others``.
     """
     yield from wording.alert_sentences(fit_of(findings.posterior), findings.result)
     name = str(findings.result["campaign"]["name"])

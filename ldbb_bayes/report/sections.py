@@ -112,7 +112,7 @@ def limits(findings: Findings) -> Iterator[Part]:
 def degree(findings: Findings) -> Iterator[Part]:
     """Yield the section on whether compliance changes with force.
 
-    It states the evidence for each model and how the evidence depends on assumptions. The
+    The section states the evidence for each model and how the evidence depends on assumptions. The
     probability of each slope (change of a compliance with force) and the predictions of tests that
     were left out follow, if the comparison of models includes them.
     """
@@ -209,8 +209,8 @@ def plan(findings: Findings) -> Iterator[Part]:
 def fit(findings: Findings) -> Iterator[Part]:
     """Yield the section on the quality of the fit.
 
-    It states the RMSE (root-mean-square residual), and for each test the fitness (Eq. 35 of the
-    paper) and the p-values of posterior predictive checks.
+    The section states the RMSE (root-mean-square residual), and for each test the fitness (Eq. 35
+    of the paper) and the p-values of posterior predictive checks.
     """
     quality = findings.result["fit"]
     rows = []
@@ -259,7 +259,8 @@ def _p_value_cell(value: float | None) -> str | None:
 def assumptions(findings: Findings) -> Iterator[Part]:
     """Yield the section on assumptions.
 
-    It has the prior of every parameter beside its posterior, and the model as text in TOML format.
+    The section has the prior of every parameter beside its posterior, and the model as text in TOML
+    format.
     """
     yield fit_tables.parameter_table(findings.result)
     toml = record_of(findings.posterior)["model"]["toml"]
@@ -269,7 +270,7 @@ def assumptions(findings: Findings) -> Iterator[Part]:
 def diagnostics(findings: Findings) -> Iterator[Part]:
     """Yield the section on the sampling of the posterior, with diagnostics of each parameter.
 
-    They are effective sample sizes, R-hat and sensitivity to the prior.
+    The diagnostics are effective sample sizes, R-hat and sensitivity to the prior.
     """
     sensitivity = record_of(findings.posterior)["fit"]["sensitivity"]
     yield wording.sampler_words(findings.result["sampler"])

@@ -121,9 +121,9 @@ class StatedQuantity:
     def inseparable_partners(self) -> list[str]:
         """Names of the effects that an undetermined quantity is confounded with.
 
-        These are the effects with at least half of the quantity's variance. If none has so large a
-        share, they are all effects that the quantity is confounded with. The list is empty if the
-        readings determine the quantity.
+        The names are those of the effects with at least half of the quantity's variance. If none
+        has so large a share, they are all effects that the quantity is confounded with. The list is
+        empty if the readings determine the quantity.
         """
         if self.entry is None or self.entry.verdict != "confounded" or not self.is_undetermined:
             return []
@@ -265,7 +265,8 @@ class SheetNumbers:
     def further(self) -> dict[str, StatedQuantity]:
         """Quantities of sheet 1 other than stiffnesses and circular deviations, by label.
 
-        They are cross compliances, rotations caused by forces or moments, and squareness errors.
+        The quantities are cross compliances, rotations caused by forces or moments, and squareness
+        errors.
         """
         names = _names_by_label(bound_of(self.findings.numbers))
         stated = {}
@@ -278,8 +279,8 @@ class SheetNumbers:
     def path(self) -> dict[str, StatedQuantity]:
         """Circular deviations G, F_max and F_min of the tool path in every plane, by symbol.
 
-        They are those at the force ``force_N``. Effects that the geometric errors are confounded
-        with change these deviations, too.
+        The deviations are those at the force ``force_N`` of the bar [N]. Effects that the geometric
+        errors are confounded with change these deviations, too.
         """
         prob = self.findings.prob
         table = predict_circularity(self.findings.numbers, [self.force_N], prob=prob)

@@ -615,8 +615,8 @@ def assumed_words(uncertainty: Uncertainty) -> tuple[str, str]:
 def machine_sentences(machine: Any) -> tuple[str, ...]:
     """Return sentences on a machine's joints and on the parameters that circular tests can show.
 
-    They also state the number of linearly independent effects that the compliances have on the
-    readings, and the parameters without effect on the readings.
+    The sentences also state the number of linearly independent effects that the compliances have on
+    the readings, and the parameters without effect on the readings.
     """
     return _sentences("machine_sentences", machine)
 
@@ -807,8 +807,8 @@ def short_verdict_words(entry: ParameterIdentifiability, partners: Sequence[str]
 def validation_verdict(validation: Validation) -> str:
     """Return a sentence on the result of simulation-based calibration.
 
-    It states whether the ranks of true values are uniformly distributed. A rank is the number of
-    posterior draws below the true value in a simulated campaign.
+    The sentence states whether the ranks of true values are uniformly distributed. A rank is the
+    number of posterior draws below the true value in a simulated campaign.
     """
     return _sentence("validation_verdict", validation)
 
@@ -819,8 +819,8 @@ def validation_verdict(validation: Validation) -> str:
 def comparison_sentences(comparison: Comparison) -> tuple[str, ...]:
     """Return sentences on a comparison of models.
 
-    They are on the evidence for each model, on its dependence on assumptions, and on the other
-    results of the comparison.
+    The sentences are about the evidence for each model, on its dependence on assumptions, and on
+    the other results of the comparison.
     """
     return _sentences("comparison_sentences", comparison)
 
@@ -1018,7 +1018,7 @@ def population_sentences(population: Any) -> tuple[str, ...]:
 def population_doubts(doubts: Any) -> tuple[str, ...]:
     """Return sentences on the limitations of a population of machines.
 
-    They are above all limitations of its use as a prior for another machine.
+    The limitations are above all those of its use as a prior for another machine.
     """
     return _sentences("population_doubts", doubts)
 
@@ -1039,8 +1039,8 @@ def annex_words(degree: int, averaged: bool) -> str:
 def instrument_words(force_N: float, same_instrument: bool) -> str:
     """Return sentences on what a comparison of two campaigns assumes.
 
-    They state the force at which parameters are compared, and whether both campaigns were run with
-    the same instrument.
+    The sentences state the force at which parameters are compared, and whether both campaigns were
+    run with the same instrument.
     """
     return _sentence("instrument_words", force_N, same_instrument)
 

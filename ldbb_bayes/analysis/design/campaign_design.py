@@ -188,8 +188,8 @@ class Design(Forecast):
     def columns(self) -> tuple[str, ...]:
         """Names of the columns of a table of tests that describe a test, apart from its force.
 
-        They are the angles by which the two balls are turned and the radius. Plane, direction and
-        set-up are added if tests differ in them.
+        The columns are the angles by which the two balls are turned, and the radius. Plane,
+        direction and set-up are added if tests differ in them.
         """
         return tuple(str(column) for column in self.table.columns[1:-1])
 

@@ -189,7 +189,7 @@ class _LogBayesFactorDistribution:
 def _normal_points(nodes: int, dimensions: int, seed: int) -> Array:
     """Return standard normal points, shape (nodes, points, dimensions).
 
-    They are quasi-random, with a different random shift for each of ``nodes`` values of the
+    The points are quasi-random, with a different random shift for each of ``nodes`` values of the
     hyper-parameters. ``dimensions`` is the number of components of a point.
     """
     rng = np.random.default_rng(seed)

@@ -158,7 +158,8 @@ class Space:
     def chosen(self) -> tuple[str, ...]:
         """Names of the parameters of interest.
 
-        They are those in ``parameters`` or, if it is empty, all that the criterion is about.
+        The names are those in ``parameters`` or, if none are given, all those that the criterion is
+        about.
         """
         check_known("criterion", [self.criterion], get_args(CriterionName))
         named = [inside_name(name) for name in self.parameters]

@@ -44,10 +44,10 @@ class States:
 def hyper_nodes(model: HybridModel, pilot: Campaign, size: int, seed: int) -> Array:
     """Return equally likely values of the h hyper-parameters, shape (size, h) [mm].
 
-    They represent the posterior given the pilot (the campaign that a design starts from). If the
-    pilot is a plan, they represent the prior, and ``size`` is rounded up to a power of two. With
-    flat priors of the parameters one value is returned, the root mean square. It is enough, because
-    all variances are then proportional to that of the noise.
+    The values represent the posterior given the readings of the pilot (the campaign that a design
+    starts from). If the pilot is a plan, they represent the prior, and ``size`` is rounded up to a
+    power of two. With flat priors of the parameters one value is returned, the root mean square. It
+    is enough, because all variances are then proportional to that of the noise.
     """
     if pilot.is_plan:
         prior = model.bind(pilot).hyper_prior

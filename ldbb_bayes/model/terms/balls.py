@@ -269,7 +269,7 @@ def _forms(setting: Setting) -> list[_Form]:
 def _stated_sd_um(ball: Ball) -> float:
     """Return the standard uncertainty of the harmonics that a ball's certificate states [µm].
 
-    It is half of their expanded uncertainty (k = 2).
+    The standard uncertainty is half of the harmonics' expanded uncertainty (k = 2).
     """
     return 0.5 * (ball.U_um or 0.0)
 

@@ -332,7 +332,7 @@ class Drift(Term):
     def unit_of(cls, coefficient: str) -> Unit:
         """Return the unit of a drift coefficient, given its name.
 
-        It is µm/h for a drift with time, and µm/K for a drift with temperature.
+        The unit is µm/h for a drift with time, and µm/K for a drift with temperature.
         """
         per = "h" if coefficient.startswith("drift_time") else "K"
         return Unit(f"mm/{per}", 1e-3, f"µm/{per}")

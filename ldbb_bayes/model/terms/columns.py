@@ -247,8 +247,8 @@ class BasisNoise(Shown):
     def sources(self) -> tuple[Source, ...]:
         """Factor from hyper-parameters that multiplies the noise of each test.
 
-        It contains the noise factor λ of the test's circle. If circles have no noise factors, there
-        is a single factor for all tests.
+        The factor contains the noise factor λ of the test's circle. If circles have no noise
+        factors, there is a single factor for all tests.
         """
         if not len(self.circle):
             return (Source(self.hyper),)

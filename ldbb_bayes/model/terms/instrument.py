@@ -74,7 +74,7 @@ class BarLength(Term):
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
         """Yield the error of the bar's length and its standard uncertainty that the term assumes.
 
-        They come from the bar's certificate in ``campaign``, if there is one.
+        Both come from the bar's certificate in ``campaign``, if there is one.
         """
         sd = self._sd_um(campaign.instrument) * 1e-3
         error = campaign.instrument.bar_length_error_um * 1e-3
@@ -243,7 +243,7 @@ class ForceError(Term):
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
         """Yield the errors of the force that the term models, with their standard uncertainties.
 
-        They are gain, curvature (unless ``curvature_sd`` is zero) and random error. The
+        The errors are gain, curvature (unless ``curvature_sd`` is zero) and random error. The
         uncertainties come from the certificate in ``campaign`` where it states them.
         """
         certificates = {
@@ -258,7 +258,7 @@ class ForceError(Term):
     def unit_of(cls, coefficient: str) -> Unit:
         """Return the unit of a coefficient of force error, given its name.
 
-        It is N for the random error, and % for gain and curvature.
+        The unit is N for the random error, and % for gain and curvature.
         """
         return Unit("N", 1.0, "N") if coefficient == "force_random" else cls.unit
 
@@ -313,7 +313,7 @@ class Angle(Term):
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
         """Yield the standard uncertainties that the term assumes for angle reference and lag.
 
-        They come from the certified value in ``campaign``, if there is one.
+        The uncertainties come from the certified value in ``campaign``, if there is one.
         """
         sd = self._sd_rad(campaign.instrument)
         for name in ("angle_reference", "angle_lag"):

@@ -178,7 +178,8 @@ def _draw_trace(axes: Any, shown: _Traces, r: int) -> None:
 def _draw_rings(axes: Any, shown: _Traces, plane: str) -> None:
     """Draw the scale of the polar panel of one plane.
 
-    It has the circle of zero readings, rings in µm, angles, and the names of the machine axes.
+    The scale has the circle of zero readings, rings in µm, angles, and the names of the machine
+    axes.
     """
     zero = shown.zero_radius
     circle = np.full_like(_ANGLE[::2], zero)
@@ -212,7 +213,8 @@ def _draw_rings(axes: Any, shown: _Traces, plane: str) -> None:
 def _panel_head(shown: _Traces, plane: str) -> str:
     """Return the heading of the polar panel of one plane.
 
-    It explains the panel's dots, lines, band and rings, in the language of ``shown.words``.
+    The heading explains the panel's dots, lines, band and rings, in the language of
+    ``shown.words``.
     """
     words = shown.words
     setting = shown.bound.setting
@@ -273,7 +275,7 @@ def _draw_force_scale(figure: Figure, shown: _Traces) -> None:
 def _mean_reading(shown: _Traces, force_N: float) -> float:
     """Return the mean reading of all tests at the force ``force_N`` [µm].
 
-    It is the mean of the tests' mean readings.
+    The result is the mean of the mean readings of these tests.
     """
     means = []
     for readings, force in zip(shown.readings_um, shown.bound.setting.force_N, strict=True):

@@ -136,9 +136,9 @@ class _Stretch(NamedTuple):
 def _stretches(value: Array, allowed: Array) -> list[_Stretch]:
     """Return the stretches of the broken scale of log Bayes factors that contain values.
 
-    They are returned from left to right. ``value``, shape (n,), are the log Bayes factors under n
-    assumptions; ``allowed``, shape (n,), states which assumptions the readings do not reject. The
-    middle stretch contains the values under all of these.
+    The stretches are returned from left to right. ``value``, shape (n,), are the log Bayes factors
+    under n assumptions; ``allowed``, shape (n,), states which assumptions the readings do not
+    reject. The middle stretch contains the values under all of these.
     """
     near = max(_MIDDLE_NAT, 1.2 * float(np.abs(value[allowed]).max(initial=0.0)))
     left = value[value < -near]

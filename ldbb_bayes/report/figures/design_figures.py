@@ -121,7 +121,7 @@ def _expected_sd(expected: Mapping[str, Any]) -> dict[str, float]:
 def _sizes(design: Design, plans: list[_PlanBars]) -> Array:
     """Return the expected standard uncertainties of all plans, shape (plans, parameters).
 
-    They are in the units shown, such as nm/N.
+    The uncertainties are in the units that the figure shows, such as nm/N.
     """
     factors = [display_unit(expected.unit)[0] for expected in design.expected.values()]
     rows = []
