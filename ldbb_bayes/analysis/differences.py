@@ -178,7 +178,11 @@ def _compare_independent(first: Array, second: Array, levels: Array) -> _Differe
 
 
 def _check_comparable_machines(first: BoundModel, second: BoundModel, name: str) -> None:
-    """Refuse posteriors of the same readings, or of different machines or planes."""
+    """Raise an `InputError` if the parameters of two bound models must not be compared.
+
+    The readings of the two campaigns must differ, and the machines and planes must be of the same
+    kind. ``name`` is the name of the second campaign in the error message.
+    """
     campaign = first.campaign
     other = second.campaign
     require(

@@ -327,8 +327,9 @@ def judge_circle(observed: Array, replicates: Array) -> JudgedTest:
         nearer_counts.append(int(np.sum(distances < distance)))
         replicate_distances.append(distances)
         tails.append(_minus_log_tail(float(distance), components))
-    # In its worst order, the circle deviates more than ``most_nearer`` replicates do. Count the
-    # replicates that, in any order, deviate more than that many other replicates do.
+    # In its worst Fourier order, the circle deviates more than ``most_nearer`` replicates
+    # (simulated circles) do. Count the replicates that, in any order, deviate more than
+    # ``most_nearer`` other replicates do.
     most_nearer = max(nearer_counts)
     edge = np.full((MAX_ORDER + 1, 1), -np.inf)
     if most_nearer:

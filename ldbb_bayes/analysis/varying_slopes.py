@@ -67,10 +67,11 @@ class VaryingSlope:
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """Compliance C(F) against force F with its equal-tailed credible band, in mm, N and rad.
+    """Compliance C(F) against force F with its credible intervals, in mm, N and rad.
 
-    ``mean``, ``median``, ``low`` and ``high`` (the ends of the band) are given at the forces
-    ``force_N``; ``prob`` is the probability of the band.
+    ``mean``, ``median``, ``low`` and ``high`` are given at each of the forces ``force_N``. ``low``
+    and ``high`` are the ends of the equal-tailed credible interval, and ``prob`` is its
+    probability.
     """
 
     unit: str

@@ -392,7 +392,7 @@ def _expected_uncertainties(report: _Report, settings_json: str, *, fine: bool) 
 
     Entry ``rows`` of the result has the expanded uncertainty U (k = 2) of every parameter except
     slopes, today and expected. Entry ``settle`` has the probabilities that the evidence will decide
-    for linear or for constant compliance; it is None if they cannot be forecast.
+    for linear or for constant compliance; it is None if no such forecast is possible.
 
     Parameters
     ----------

@@ -35,7 +35,7 @@ __all__ = ["AVERAGED_NAME", "STEPS", "WrittenReport", "page_settings", "report_f
 
 AVERAGED_NAME = "averaged.nc"
 _FILES_BESIDE_PAGE = (AVERAGED_NAME, "campaign", "comparison.json", "design.json")
-# Approximate relative durations of the steps of a report, by the name of the step.
+# Approximate relative durations of the steps in which a report is made, by the name of the step.
 STEPS = {"fit": 1.0, "compare": 10.0, "average": 1.0, "page": 8.0}
 # Largest numerical error of a log evidence in a report [nat]. The command compare uses 0.01, with
 # which the computation takes three to ten times as long.

@@ -101,10 +101,10 @@ def _locate(model: Any, content: Any, loc: tuple[int | str, ...]) -> _Location:
 
 
 def _nested_model(owner: Any, key: int | str) -> Any:
-    """Return the class that describes the table at one key of a table.
+    """Return the class that describes the value of one key of a table, if the value is a table too.
 
-    ``owner`` is the class that describes the table with the key; it is returned if the key holds no
-    table.
+    ``owner`` is the class that describes the table with the key ``key``. If the value of the key is
+    not a table, return ``owner``.
     """
     for name, field in owner.__pydantic_fields__.items():
         if key not in (name, field.alias):

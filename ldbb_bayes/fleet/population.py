@@ -577,7 +577,7 @@ def _instrument_sd(
 ) -> Array:
     """Return the part of the sd of the population's mean that is due to instrument errors, (c,).
 
-    It is given for each of c parameters in units of the parameter's prior sd. ``weight``, shape
+    The sd is given for each of c parameters in units of the parameter's prior sd. ``weight``, shape
     (k,), holds the weights of k random draws of the machines' spreads. For each draw, ``shared``
     is the Gaussian of the mean and the instrument's errors, and ``sd``, shape (k, c), the standard
     deviation of the mean.

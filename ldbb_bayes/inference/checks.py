@@ -382,8 +382,7 @@ class _Scatter(NamedTuple):
     """Covariance C S² Cᵀ of k residuals that v independent sources of scatter cause.
 
     The covariance is given for every posterior draw of the standard deviations of the sources, the
-    diagonal of
-    the matrix S. C, shape (k, v), holds the effects of the sources on the residuals.
+    diagonal of the matrix S. C, shape (k, v), holds the effects of the sources on the residuals.
     """
 
     columns: Array  #: effects of v sources of scatter on k residuals, shape (k, v)

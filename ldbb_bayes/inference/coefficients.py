@@ -43,7 +43,11 @@ __all__ = [
 
 
 class ModelDraws(NamedTuple):
-    """Model applied to a campaign, and n posterior draws of its hyper-parameters and parameters."""
+    """A model applied to a campaign, and n posterior draws of the model's unknowns.
+
+    The unknowns are the hyper-parameters (scales of the noise and of other effects) and the
+    parameters.
+    """
 
     bound: BoundModel
     #: n random draws of the h hyper-parameters (scales of the noise and of other effects) [mm],

@@ -273,7 +273,8 @@ class LogDensity(Shown):
         log_density = np.full(len(points), -np.inf)
         if inside.any():
             log_density[inside] = density(beta[inside], phi[inside])
-        # For one point the array has no dimensions; the empty index converts it to a number.
+        # If the density is asked for at one point only, the array of densities has no dimensions;
+        # the empty index converts it to a number.
         of_points: Array = log_density.reshape(values.shape[:-1])[()]
         return of_points
 

@@ -325,7 +325,7 @@ class HyperPosterior:
         """Points of `proposal`, that is, values of the hyper-parameters, with their exact weights.
 
         If this density is ``truncated``, the weights contain the probability that no compliance is
-        negative itself, not its upper bound. Otherwise they are those of `proposal`.
+        negative itself, not its upper bound. Otherwise the weights are those of `proposal`.
         """
         return self._replace_bound(self.proposal)
 

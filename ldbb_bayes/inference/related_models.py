@@ -31,8 +31,8 @@ _SAME_SD = 1e-12
 class _Conditionals(NamedTuple):
     """Gaussian posteriors of p coefficients given each of n values of the hyper-parameters (nodes).
 
-    Coefficients are those of rival explanations of slopes (effects that look like a change of
-    compliance with force), and the parameters.
+    The coefficients are the parameters of interest, and those of effects that look like a change of
+    compliance with force (rival explanations of slopes).
     """
 
     #: posterior means of the p coefficients given each of n values of the hyper-parameters, shape
@@ -66,7 +66,9 @@ class _ChangedPrior(NamedTuple):
     effect that looks like a change of compliance with force).
     """
 
-    coefficient: int  #: index of the coefficient among those of the model whose nodes are known
+    #: index of the coefficient among the coefficients of the model whose nodes (weighted values of
+    #: the hyper-parameters) are known
+    coefficient: int
     mean: float  #: prior mean of the coefficient, the same in both models
     #: prior standard deviation of the coefficient in the model whose nodes are known
     sd: float

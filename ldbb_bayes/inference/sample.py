@@ -173,7 +173,7 @@ def sample(
 
 
 def sampler_named(name: str) -> str:
-    """Return the present name of a sampler, "joint" or "independent", given it or a former name.
+    """Return the present name of a sampler, "joint" or "independent", from this or a former name.
 
     Raise an `InputError` for an unknown name.
     """

@@ -113,8 +113,8 @@ class ParametersOfInterest:
         """Return the prior sd of all parameters of interest, shape (parameters,).
 
         The sds are in internal units (mm, N, rad). The prior sd of a slope is proportional to the
-        least-squares estimate of its compliance, which ``setting`` holds. In the model of the first
-        edition, it is proportional to the prior sd of its compliance instead.
+        least-squares estimate of its compliance, which ``setting`` holds. In the model's first
+        edition (preset ``first``), it is proportional to the prior sd of its compliance instead.
         """
         size = self._with_dropped_sets(prior.compliance_size)
         if prior.slopes_of_estimate:

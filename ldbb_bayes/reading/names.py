@@ -63,7 +63,7 @@ class _WrittenLoad(NamedTuple):
 
     key: str  # kind of load: force_N or pressure_bar
     text: str  # number of the load as written
-    unit_size: float  # size of the written unit in N or bar
+    unit_size: float  # size of the load's unit, as written, in N or bar, such as 1000 for kN
 
 
 def load_in_name(names: Sequence[str], key: str = "") -> NamedLoad | None:

@@ -23,9 +23,9 @@ __all__ = [
     "unit_named",
 ]
 
-# Number of characters at the beginning of a line that are examined.
+# Number of characters at the beginning of a line that are examined; the rest is ignored.
 LONGEST_TEXT = 300
-# Number of characters at the beginning of a header that are examined.
+# Number of characters at the beginning of a column's header that are examined; the rest is ignored.
 LONGEST_NAME = 200
 # Longest unit [characters]; a longer text is no unit.
 _LONGEST_UNIT = 40

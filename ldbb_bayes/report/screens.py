@@ -54,8 +54,8 @@ def _(result: Identifiability) -> tuple[Passage, ...]:
 def _short_verdict(entry: ParameterIdentifiability) -> str:
     """Return the verdict on a parameter and the effects that it is confounded with, as text.
 
-    At most two effects are named, those with the largest shares of the parameter's variance. There
-    are fewer if a line of the table has no room for two.
+    At most two effects are named, those with the largest shares of the parameter's variance. Fewer
+    are named if a line of the table has no room for two.
     """
     partners = wording.partners_with_shares(entry)
     for number in range(_MOST_PARTNERS, 0, -1):

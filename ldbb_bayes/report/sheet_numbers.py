@@ -119,11 +119,11 @@ class StatedQuantity:
 
     @property
     def inseparable_partners(self) -> list[str]:
-        """Names of the effects that an undetermined quantity is confounded with.
+        """Names of the effects that the readings cannot separate from an undetermined quantity.
 
         The names are those of the effects with at least half of the quantity's variance. If none
-        has so large a share, they are all effects that the quantity is confounded with. The list is
-        empty if the readings determine the quantity.
+        has so large a share, all effects that the quantity is confounded with are named. The list
+        is empty if the readings determine the quantity.
         """
         if self.entry is None or self.entry.verdict != "confounded" or not self.is_undetermined:
             return []

@@ -46,7 +46,7 @@ class Words:
         return str(words).format(**values)
 
     def number(self, text: str) -> str:
-        """Return a text with the decimal mark of its numbers in the language, as in "1,5"."""
+        """Return a text in which numbers have the language's decimal mark, as 1,5 in German."""
         return re.sub(r"(?<=\d)\.(?=\d)", str(self.table["decimal"]), text)
 
     def joined(self, items: Sequence[str]) -> str:

@@ -526,7 +526,8 @@ def concern_sentences(concerns: tuple[Concern, ...], sampler: Mapping[str, Any])
         if kind == "forces" and concern.value == 1:
             kind = "one-force"
         verb = "contradict" if concern.value < _CONTRADICTED else "speak against"
-        # A concern about forces has as its limit the fewest force levels: the degree plus two.
+        # The limit of a warning of the kind "forces" is the fewest different forces that the model
+        # needs: its degree of compliance in force plus two.
         sentence = _SENTENCES["concerns"][kind].format(
             value=concern.value,
             limit=concern.limit,
@@ -819,7 +820,7 @@ def validation_verdict(validation: Validation) -> str:
 def comparison_sentences(comparison: Comparison) -> tuple[str, ...]:
     """Return sentences on a comparison of models.
 
-    The sentences are about the evidence for each model, on its dependence on assumptions, and on
+    The sentences are about the evidence for each model, how it depends on assumptions, and
     the other results of the comparison.
     """
     return _sentences("comparison_sentences", comparison)

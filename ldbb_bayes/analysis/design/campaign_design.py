@@ -443,8 +443,8 @@ def _levels_in_range(pilot: Campaign) -> list[float]:
 def _check_compared(name: str, campaign: Campaign, pilot: Campaign) -> None:
     """Refuse a design for comparison that has a reserved name or is of another machine.
 
-    ``campaign`` is this design, ``name`` its name; ``pilot`` is of the machine that the design is
-    for.
+    ``campaign`` holds the tests of the design for comparison, and ``name`` is its name. ``pilot``
+    is the campaign or plan, of the right machine, that the best design starts from.
     """
     require(
         name not in _RESERVED_NAMES,

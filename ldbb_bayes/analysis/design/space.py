@@ -80,8 +80,8 @@ class Space:
     parameters: Sequence[str] = ()
     augment: bool = False
     slope_size: float = 1.0
-    #: tests of designs that are only compared with this one; the model includes the parameters that
-    #: they can show
+    #: tests of other designs that are only compared with the best design; the model includes the
+    #: parameters that these tests can show
     compared_tests: tuple[CircularTest, ...] = ()
     seed: int = 1
 
