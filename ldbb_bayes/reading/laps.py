@@ -11,9 +11,12 @@ from numpy.typing import NDArray
 from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.results import Array
 
-__all__ = ["TURN_DEG", "angles_from_time", "average_laps", "direction_run", "on_the_circle"]
+__all__ = ["TURN_DEG", "angles_from_time", "average_laps", "direction_of_travel", "on_the_circle"]
 
 TURN_DEG = 360.0
+# Angle by which a test may run against its direction of travel [°]. Overshoot and scatter of the
+# angles stay well below it; a test that runs back over its circle or arc exceeds it.
+_LARGEST_RETREAT_DEG = 90.0
 
 
 def angles_from_time(
@@ -142,7 +145,7 @@ def average_laps(angle_deg: Array, reading_um: Array) -> tuple[Array, Array]:
     return angle_deg[in_first_lap], np.mean(laps, axis=0)
 
 
-def direction_run(angle_deg: Array) -> str | None:
+def direction_of_travel(angle_deg: Array) -> str | None:
     """Return the direction of travel of a test, CW or CCW, from the order of its angles.
 
     Return None if the angles cover half a turn or less.
@@ -157,14 +160,14 @@ def direction_run(angle_deg: Array) -> str | None:
     InputError
         For angles that run forth and back, which belong to two tests.
     """
-    travelled = angle_deg - angle_deg[0]
-    farthest = float(travelled[np.argmax(np.abs(travelled))])
-    if abs(farthest) <= 0.5 * TURN_DEG:
-        return None
-    if abs(farthest - travelled[-1]) > 0.5 * TURN_DEG:
+    largest_rise = float(np.max(angle_deg - np.minimum.accumulate(angle_deg)))
+    largest_fall = float(np.max(np.maximum.accumulate(angle_deg) - angle_deg))
+    if min(largest_rise, largest_fall) > _LARGEST_RETREAT_DEG:
         raise InputError(
-            f"angles must run one way in a test, got {travelled[-1] - farthest:+.0f}° after"
-            f" {farthest:+.0f}°. Name the test of each row in a column (--test-column), or split"
-            " the file."
+            f"angles must run one way in a test, got runs of {largest_rise:+.0f}° and"
+            f" {-largest_fall:+.0f}°. Name the test of each row in a column (--test-column), or"
+            " split the file."
         )
-    return "CCW" if farthest > 0.0 else "CW"
+    if max(largest_rise, largest_fall) <= 0.5 * TURN_DEG:
+        return None
+    return "CCW" if largest_rise > largest_fall else "CW"

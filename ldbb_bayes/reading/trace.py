@@ -12,7 +12,7 @@ from ldbb_bayes.reading.laps import (
     TURN_DEG,
     angles_from_time,
     average_laps,
-    direction_run,
+    direction_of_travel,
     on_the_circle,
 )
 from ldbb_bayes.reading.recording import Recording, option_for
@@ -248,7 +248,7 @@ def _handle_laps(recording: Recording, trace: Trace) -> Trace:
     angle = trace.angle_deg
     if len(angle) < 2:
         return trace
-    run = direction_run(angle)
+    run = direction_of_travel(angle)
     if trace.direction and run not in (None, trace.direction):
         recording.note(
             "direction",

@@ -359,7 +359,7 @@ def test_names_say_plane_and_radius(tmp_path: Path) -> None:
             HEADER,
             [*lines("{a},{r}", 73), *lines("{a},{r}")[::-1]],
             {},
-            r"run one way in a test, got -360° after \+360°",
+            r"run one way in a test, got runs of \+360° and -360°",
         ),
         (
             "test,angle_deg,reading_um",

@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
-from ldbb_bayes.reading.laps import angles_from_time, average_laps, on_the_circle
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.reading.laps import (
+    angles_from_time,
+    average_laps,
+    direction_of_travel,
+    on_the_circle,
+)
 
 
 def test_log_over_time() -> None:
@@ -32,3 +40,45 @@ def test_laps_are_averaged_at_the_angles_of_the_first() -> None:
     angle, mean = average_laps(np.concatenate([first, second]), np.repeat([1.0, 2.0], 72))
     np.testing.assert_array_equal(angle, first)
     np.testing.assert_allclose(mean[1:], 1.5)
+
+
+def run_through(*turning_points_deg: float) -> np.ndarray:
+    """Return angles that run from each turning point to the next in steps of about 5° [deg]."""
+    runs = [np.array(turning_points_deg[:1])]
+    for start, end in pairwise(turning_points_deg):
+        steps = round(abs(end - start) / 5.0)
+        runs.append(np.linspace(start, end, steps + 1)[1:])
+    return np.concatenate(runs)
+
+
+@pytest.mark.parametrize(
+    ("turning_points", "runs"),
+    [
+        ((0.0, 360.0, 0.0), r"\+360° and -360°"),
+        ((0.0, 360.0, 0.0, 360.0), r"\+360° and -360°"),
+        ((0.0, 360.0, -720.0), r"\+360° and -1080°"),
+        ((0.0, 180.0, 0.0), r"\+180° and -180°"),
+        ((0.0, 400.0, 225.0), r"\+400° and -175°"),
+    ],
+)
+def test_angles_that_run_forth_and_back_are_refused(
+    turning_points: tuple[float, ...], runs: str
+) -> None:
+    with pytest.raises(InputError, match=f"one way in a test, got runs of {runs}"):
+        direction_of_travel(run_through(*turning_points))
+
+
+@pytest.mark.parametrize(
+    ("turning_points", "direction"),
+    [
+        ((0.0, 720.0), "CCW"),
+        ((0.0, -360.0), "CW"),
+        ((0.0, 100.0), None),
+        ((0.0, -5.0, 365.0, 360.0), "CCW"),
+        ((45.0, 50.0, 30.0, -400.0, -360.0), "CW"),
+    ],
+)
+def test_direction_of_travel_allows_for_overshoot(
+    turning_points: tuple[float, ...], direction: str | None
+) -> None:
+    assert direction_of_travel(run_through(*turning_points)) == direction
