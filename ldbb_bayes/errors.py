@@ -59,7 +59,7 @@ class _Similarity(NamedTuple):
 
     ratio: float  # share of matching letters, from 0 to 1
     same_letters: bool  # whether both names consist of the same letters in any order
-    first_match_size: int  # number of letters in the first matching part
+    first_match_size: int  # number of letters in the first part that both names have in common
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

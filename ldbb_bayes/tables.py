@@ -404,7 +404,7 @@ def table_of(frame: pd.DataFrame) -> Table:
 
 
 def _with_named_rows(frame: pd.DataFrame) -> pd.DataFrame:
-    """Return a data frame whose rows have names instead of numbers, if one of its columns has them.
+    """Return a data frame whose rows are named by one of its columns, instead of numbered.
 
     The column is "parameter", "quantity" or "source". A data frame with named rows, or without such
     a column, is returned unchanged.

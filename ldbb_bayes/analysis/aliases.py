@@ -166,10 +166,10 @@ def _parameters_alone_if_unresolved(space: NullSpace, vector: Array) -> Array:
     """Return a combination of coefficients, with its nuisance coefficients set to zero if allowed.
 
     The nuisance coefficients (effects modelled but not of interest) are set to zero if no reading
-    resolves the parameters alone. If the parameters alone change
-    the readings noticeably, the combination is returned unchanged. The combination is ``vector``,
-    shape (m,): the m coefficients in units of their prior standard deviations. ``space`` is the
-    null space of the campaign's design matrix.
+    resolves the parameters alone. If the parameters alone change the readings noticeably, the
+    combination is returned unchanged. The combination is ``vector``, shape (m,): the m coefficients
+    in units of their prior standard deviations. ``space`` is the null space of the campaign's
+    design matrix.
     """
     is_parameter = np.arange(len(vector)) < space.parameters
     parameters_only = np.where(is_parameter, vector, 0.0)

@@ -229,8 +229,8 @@ def _space_of_sliders(
 ) -> Space:
     """Return the space of possible tests that the page's sliders and settings describe.
 
-    It has all combinations of the work ball's and the tool ball's angles, and the radii of the
-    tests run with, if the slider is above zero, a further one.
+    The space has all combinations of the work ball's and the tool ball's angles. The radii are
+    those of the tests already run, and the radius of the slider if it is above zero.
     """
     work_deg = [sliders["turn"] * k for k in range(int(sliders["work"]))]
     tool_deg = [sliders["turn"] * k for k in range(int(sliders["tool"]))]

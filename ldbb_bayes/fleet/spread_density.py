@@ -146,7 +146,8 @@ class MachineEstimates(NamedTuple):
     """Moments of the parameters of n machines, for each of k values of the spreads s.
 
     Spreads are the standard deviations of the machines about the mean μ of their population. c_m
-    are the c parameters of machine m. z_m = (c_m − μ) / s is their standardised difference from μ.
+    are the c parameters of machine m. z_m = (c_m − μ) / s are the differences of these parameters
+    from μ, divided by their spreads.
     """
 
     #: posterior means of the c parameters of n machines for each of k values of the spreads, in

@@ -279,8 +279,8 @@ def in_order_of_force(bound: BoundModel) -> bool:
 
     A steady drift would then look like a change of compliance with force. The tests are numbered in
     order of force and in order of time, and Student's t-test at 5 % shows whether the two numbers
-    are related. If some test has no recorded time, the tests are
-    taken to have run in the order in which the campaign lists them.
+    are related. If some test has no recorded time, the tests are taken to have run in the order in
+    which the campaign lists them.
     """
     setting = bound.setting
     time = setting.time_h

@@ -36,8 +36,8 @@ _OF_PLAIN_ERROR = 0.5
 # The error of an integral from a random sample is enlarged if the Pareto shape k̂ of the sample's
 # weights exceeds this.
 _HEAVY_TAIL_K = 0.4
-# The error of an integral from a random sample is multiplied by 1 + (k̂ − ``_HEAVY_TAIL_K``)
-# divided by this number, if the Pareto shape k̂ of the sample's weights exceeds ``_HEAVY_TAIL_K``.
+# If the Pareto shape k̂ of the weights of a random sample exceeds ``_HEAVY_TAIL_K``, the error of
+# the integral is multiplied by 1 + (k̂ − ``_HEAVY_TAIL_K``) / ``_HEAVY_TAIL_STEP``.
 _HEAVY_TAIL_STEP = 0.1
 # The integral beyond the outermost nodes of a lattice is taken to be at most this multiple of the
 # part of the integral that these nodes contribute.

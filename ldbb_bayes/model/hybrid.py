@@ -89,9 +89,9 @@ class HybridModel(Result):
     reference force, C_0 the compliances at F0, C_1 and C_2 their slopes (linear and quadratic
     change with force), E the geometric errors, and ε white noise. j_C is the reading per unit force
     and compliance, j_G the reading per unit geometric error. Nuisances are effects that are
-    modelled but not of interest. Start from ``default``, from ``first`` (the model of the first
-    edition) or from ``paper`` (least squares as in the paper), and change it by methods that return
-    another model.
+    modelled but not of interest. Start from ``default``, from ``first`` (the model's first edition)
+    or from ``paper`` (least squares as in the paper), and change the model by methods that return
+    another one.
 
     Raises
     ------
@@ -719,7 +719,7 @@ class BoundModel(Shown):
     def compliances(self) -> tuple[ComplianceName, ...]:
         """Names of the compliances of the model, without slopes; those fixed at zero are included.
 
-        They are the compliances that the campaign's circles can separate.
+        The model has all compliances that the campaign's circles can separate.
         """
         return self._of_interest.compliances
 

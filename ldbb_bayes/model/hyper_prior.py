@@ -139,8 +139,7 @@ class HyperPrior:
         with np.errstate(divide="ignore", over="ignore"):
             precision = noise_factor**-2.0
             # The precision λ⁻² of a noise factor λ overflows if λ is very small. The density is
-            # zero
-            # there.
+            # zero there.
             inside = (noise_factor > 0.0) & np.isfinite(precision)
             precision = np.where(inside, precision, 1.0)
             power = (_SHAPE + 0.5) * np.log(precision)

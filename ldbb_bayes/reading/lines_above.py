@@ -50,7 +50,9 @@ class LineStatement:
     #: in two ways, such as 1,000
     value: Any
     unit: str  #: unit of the value as the line writes it; empty if the line states none
-    line: int | str  #: number of the line in its file; for another sheet, number and sheet as text
+    #: number of the line in its file; if the line is on another sheet than the test, a text with
+    #: the number and the sheet
+    line: int | str
 
 
 class _Quantity(NamedTuple):

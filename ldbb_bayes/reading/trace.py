@@ -203,8 +203,8 @@ def _zero_of(recording: Recording, reading_um: Array) -> str:
     """Return "deviation" or "distance": what the readings of a test are.
 
     Readings are deviations from the nominal radius or distances of the balls. The user states this,
-    or else it is found from the median of the readings. Raise an `InputError` if the readings do
-    not fit.
+    or else it is found from the median of the readings. Raise an `InputError` if the readings seem
+    to be distances on a circle of another radius, or contradict what the user states.
     """
     radius_mm = recording.radius_mm
     # Readings are also tested for distances of the balls on a circle with another radius. They must

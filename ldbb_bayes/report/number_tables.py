@@ -126,8 +126,8 @@ def _averaged(findings: Findings) -> pd.DataFrame:
 def _with_reading_units(summary: pd.DataFrame) -> pd.DataFrame:
     """Return a table of parameters with two columns added: ``reading_unit`` and ``reading_factor``.
 
-    The first is the unit in which a report shows the parameter. A value in internal units (mm, N,
-    rad), multiplied by the second, is in this unit.
+    ``reading_unit`` is the unit in which a report shows the parameter. ``reading_factor`` is the
+    factor that converts a value in internal units (mm, N, rad) to this unit.
     """
     factors, labels = zip(*map(display_unit, summary["unit"]), strict=True)
     summary = summary.assign(reading_unit=labels, reading_factor=factors)

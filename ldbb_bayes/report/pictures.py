@@ -76,7 +76,8 @@ class DrawnPicture(NamedTuple):
     caption: str
 
 
-# Names of the functions that draw figures, by the names of the figures, where the two differ.
+# Name of the function that draws a figure, by the name of the figure; only for figures whose name
+# is not that of their function.
 _FUNCTIONS = {"budget": "budget_bars"}
 PICTURES: Mapping[str, DrawnPicture] = {
     key: DrawnPicture(getattr(figures, _FUNCTIONS.get(key, key)), caption)

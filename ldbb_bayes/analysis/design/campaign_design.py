@@ -62,12 +62,12 @@ class Certificate(Result):
     """Proof that no other division of the tests among the candidates is better.
 
     A candidate is a test that could be run; its share is the fraction of the tests that are run at
-    it. The sensitivity of a
-    candidate is the rate at which the criterion grows with its share. The bound is the mean of the
-    sensitivities, weighted by the shares. By Kiefer and Wolfowitz (1960), the shares are optimal if
-    the largest sensitivity of all candidates does not exceed the bound; 0.01 % more is tolerated.
-    For criterion D with flat priors the bound is the number of parameters. If the criterion is not
-    concave, the certificate is not ``global``: it rules out only similar shares.
+    it. The sensitivity of a candidate is the rate at which the criterion grows with its share. The
+    bound is the mean of the sensitivities, weighted by the shares. By Kiefer and Wolfowitz (1960),
+    the shares are optimal if the largest sensitivity of all candidates does not exceed the bound;
+    0.01 % more is tolerated. For criterion D with flat priors the bound is the number of
+    parameters. If the criterion is not concave, the certificate is not ``global``: it rules out
+    only similar shares.
     """
 
     max_sensitivity: float

@@ -102,7 +102,7 @@ class _Layout(NamedTuple):
 
     columns: NDArray[np.int_]  # indices of the coefficients needed, those of interest last
     rows: NDArray[np.int_]  # indices of rows that are not zero in all tests
-    has_prior: NDArray[np.bool_]  # whether each coefficient has a proper prior
+    has_prior: NDArray[np.bool_]  # whether each coefficient has a proper prior, not a flat one
 
 
 def _layout_of(information: Information, blocks: Array, chosen: Sequence[str]) -> _Layout:

@@ -178,8 +178,8 @@ class _LogBayesFactorDistribution:
         mean_of_point = np.arange(self.points.shape[1]) % mean.shape[1]
         centre = np.take_along_axis(mean, order, axis=2)[:, mean_of_point]
         squares = ((centre[..., 1:] + sd[..., 1:] * self.points) ** 2).sum(axis=2)
-        # The component of the slopes' posterior mean with the largest variance, the first after
-        # sorting, is integrated analytically.
+        # Of the components of the slopes' posterior mean, the one with the largest variance (the
+        # first after sorting) is integrated analytically; the others are averaged over points.
         needed_square = 2.0 * level - self.log_volume[:, None] - squares
         edge = np.sqrt(np.maximum(needed_square, 0.0)) / sd[..., 0]
         middle = centre[..., 0] / sd[..., 0]

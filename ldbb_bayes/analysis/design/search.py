@@ -356,7 +356,11 @@ def _merge_tests(counts: Array, source: int, target: int) -> Array:
 
 
 def _perturbed(counts: Array, rng: np.random.Generator) -> Array:
-    """Return the counts of a design with a third of its tests replaced by random candidates."""
+    """Return the counts of a design with a third of its tests replaced by random ones.
+
+    ``counts`` is the number of tests of each candidate (test that could be run) in the design,
+    shape (candidates,). A replacement is one of the candidates.
+    """
     n = len(counts)
     number = max(1, int(counts.sum()) // 3)
     removed = rng.choice(np.repeat(np.arange(n), counts), number, replace=False)
