@@ -34,6 +34,10 @@ _CLOCKINGS_DEG = (45.0, 90.0)
 # Forces of further tests, as shares of the lowest and of the highest force of the plan.
 _LOWER_FORCE_SHARE = 0.5
 _HIGHER_FORCE_SHARE = 1.5
+# Radius of further tests, as a share of a radius of the plan.
+_OTHER_RADIUS_SHARE = 2.0 / 3.0
+# Radii that differ by no more than this share of the larger count as the same.
+_SAME_RADIUS_SHARE = 0.01
 # The opposite of each direction of travel: clockwise (CW) and counterclockwise (CCW).
 _OPPOSITE: dict[str, Direction] = {"CW": "CCW", "CCW": "CW"}
 
@@ -178,14 +182,16 @@ def _clocked(
 
 
 def _at_other_radius(plan: Campaign) -> list[CircularTest]:
-    """Return copies of all tests of a plan at two thirds of the radius.
+    """Return copies of all tests of a plan at a radius that the plan does not have.
 
-    The radius is that of the test with the lowest force.
+    The radius is two thirds of that of the test with the lowest force. While a test of the plan has
+    about this radius, it is reduced to two thirds again.
     """
-    first = plan.tests[int(plan.forces_N.argmin())]
-    radius = float(first.radius_mm or plan.radius_mm)
-    other_radius = round(radius * 2.0 / 3.0, 1)
-    return [replace(test, radius_mm=other_radius) for test in plan.tests]
+    radii_of_plan = np.array([test.circle.radius_mm for test in plan.tests])
+    radius = float(radii_of_plan[plan.forces_N.argmin()])
+    while np.isclose(radius, radii_of_plan, rtol=_SAME_RADIUS_SHARE).any():
+        radius *= _OTHER_RADIUS_SHARE
+    return [replace(test, radius_mm=radius) for test in plan.tests]
 
 
 def _is_incomplete(test: CircularTest) -> bool:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import pytest
 from campaigns import clocked, plan
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.aliases import degeneracies
-from ldbb_bayes.analysis.cures import cures
+from ldbb_bayes.analysis.cures import _at_other_radius, cures
 from ldbb_bayes.report.wording import cure_words
 
 
@@ -47,3 +50,18 @@ def test_one_force_needs_other_levels() -> None:
 def test_forces_that_hardly_differ_need_other_levels() -> None:
     sentences = cures_by_name(plan((40, 40), forces_N=(390.0, 390.1)), 0)
     assert "Other force levels" in sentences["C_XXX+E_XX1"]
+
+
+@pytest.mark.parametrize(
+    ("radii_mm", "other_mm"),
+    [((150.0, 150.0), 100.0), ((150.0, 100.0), 200.0 / 3.0), ((100.0, 150.0), 200.0 / 3.0)],
+)
+def test_another_radius_is_one_that_the_plan_does_not_have(
+    radii_mm: tuple[float, ...], other_mm: float
+) -> None:
+    one_radius = plan((40, 40), forces_N=(100.0, 300.0))
+    tests = []
+    for test, radius in zip(one_radius.tests, radii_mm, strict=True):
+        tests.append(replace(test, radius_mm=radius))
+    further = _at_other_radius(replace(one_radius, tests=tuple(tests)))
+    assert [test.radius_mm for test in further] == pytest.approx([other_mm, other_mm])
