@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from importlib.resources import files
 from typing import Any, TypeAlias
 
+import numpy as np
 import pandas as pd
 
 from ldbb_bayes.analysis.aliases import degeneracies, standing_degeneracies
@@ -179,12 +180,12 @@ def _quantities_table(table: pd.DataFrame, quantities: Mapping[str, str], captio
 def _shown_forces(forces: Sequence[float]) -> list[float]:
     """Return forces for the rows of a table: all if they are few, otherwise evenly chosen ones.
 
-    The last force is always included.
+    The first and the last force are always included.
     """
     if len(forces) <= _MOST_FORCES:
         return list(forces)
-    stride = len(forces) // (_MOST_FORCES - 2)
-    return list(dict.fromkeys([*forces[::stride], forces[-1]]))
+    chosen = np.linspace(0, len(forces) - 1, _MOST_FORCES).round().astype(int)
+    return [forces[index] for index in chosen]
 
 
 def _interval_cell(row: pd.Series[Any]) -> str:

@@ -28,7 +28,7 @@ from ldbb_bayes.report.fit_tables import nuisance_table
 from ldbb_bayes.report.number_tables import tables
 from ldbb_bayes.report.page import Document, compose, html_page
 from ldbb_bayes.report.pictures import Picture
-from ldbb_bayes.report.sections import SECTIONS, Details, Section
+from ldbb_bayes.report.sections import SECTIONS, Details, Section, _shown_forces
 from ldbb_bayes.report.sheets import sheets
 from ldbb_bayes.report.translation import languages, words_of
 from ldbb_bayes.results import Table
@@ -85,6 +85,15 @@ def check_references(reader: Reader, page: str) -> set[str | None]:
     references.remove("")
     assert references <= set(ids), references - set(ids)
     return set(ids)
+
+
+@pytest.mark.parametrize("number", [2, 12, 13, 19, 29, 100])
+def test_tables_of_the_path_have_at_most_twelve_forces(number: int) -> None:
+    forces_N = [float(force) for force in range(1, number + 1)]
+    shown = _shown_forces(forces_N)
+    assert len(shown) == min(number, 12)
+    assert shown == sorted(set(shown) & set(forces_N))
+    assert (shown[0], shown[-1]) == (1.0, number)
 
 
 def test_the_page_of_the_published_experiment(published: tuple[Document, str]) -> None:
