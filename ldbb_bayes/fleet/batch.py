@@ -63,7 +63,8 @@ class Batch(Result):
     campaigns: int  #: number of all campaigns of the batch
     done: int  #: number of campaigns fitted successfully, in this run or an earlier one
     failures: int  #: number of campaigns that could not be fitted
-    #: number of fitted campaigns for which the sampler did not reach its effective number of draws
+    #: number of fitted campaigns for which the sampler did not reach the effective number of draws
+    #: that was asked for
     not_converged: int
     #: number of fitted campaigns whose readings do not fit the model, or contradict the condition
     #: that no compliance is negative

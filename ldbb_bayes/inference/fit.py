@@ -287,11 +287,11 @@ def assess_fit(
 def _average_quality(
     bound: BoundModel, draws_by_model: Sequence[ModelDraws], shares: Array
 ) -> FitQuality:
-    """Return root-mean-square residual and fitness of the mean prediction.
+    """Return root-mean-square residual and fitness of the mean prediction of several models.
 
-    The prediction is averaged over the posterior draws of each model, then over the models.
-    ``shares`` are the models' shares of all draws, and ``bound`` is the model with the parameters
-    of all models.
+    The predicted readings are averaged over the posterior draws of each model, then over the
+    models. ``shares`` are the shares of the models in all draws, and ``bound`` is the model with
+    the parameters of all models.
     """
     predictions = []
     for share, draws in zip(shares, draws_by_model, strict=True):

@@ -97,16 +97,18 @@ class _ConvexFunction(NamedTuple):
     C = unit unitᵀ − I, shape (w, d, d), is the coupling of the constraints.
     """
 
-    #: Value of the convex function for each of w problems, shape (w,).
+    #: Value, for each of w problems, of the convex function whose minimum gives the saddle point of
+    #: the log importance weight, shape (w,).
     value: Array
-    #: Derivatives of the convex function with respect to the d inverse Mills ratios of each of w
-    #: problems, shape (w, d).
+    #: Derivatives of the convex function, whose minimum gives the saddle point of the log
+    #: importance weight, with respect to the d inverse Mills ratios of each of w problems, shape
+    #: (w, d).
     gradient: Array
     #: Derivative of each inverse Mills ratio m = φ(e) / Φ(−e) with respect to e, the lower limit of
     #: a shifted normal variable; it is between 0 and 1, shape (w, d).
     slope: Array
-    #: Largest absolute element of the convex function's gradient, relative to the size of its
-    #: terms, for each of w problems, shape (w,).
+    #: Largest absolute element of the gradient of the convex function whose minimum is sought,
+    #: relative to the size of the gradient's terms, for each of w problems, shape (w,).
     error: Array
 
 

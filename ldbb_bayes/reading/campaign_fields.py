@@ -142,8 +142,8 @@ def _note_stated(recording: Recording, key: str, stated: _StatedValue) -> None:
 def _stated_values(recording: Recording, field: str) -> dict[Any, _StatedValue]:
     """Return the values that lines above a table state for a field, each with its line.
 
-    The result is a dictionary from the value to the value with its line. The names of test, column,
-    sheet and file may also state a plane.
+    The keys of the result are the stated values, and its entries hold the value and the line. If
+    ``field`` is the plane, the names of test, column, sheet and file may also state it.
     """
     values: dict[Any, _StatedValue] = {}
     if field == "plane":

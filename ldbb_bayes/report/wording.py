@@ -337,7 +337,8 @@ def _amount_words(value: float, factor: float, label: str, name: str, plus: str 
 def statement(degeneracy: Degeneracy) -> str:
     """Return a sentence on a degeneracy: changes of parameters that no reading can resolve.
 
-    It states amounts of parameters and of effects that change the readings in the same way.
+    The sentence states amounts of parameters and of effects that change the readings in the same
+    way.
     """
     sign = -1.0 if degeneracy.term else 1.0
     changes = []
