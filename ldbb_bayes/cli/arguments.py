@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -215,7 +216,8 @@ def model_from(
     model
         Path of a model file (TOML), instead of a preset.
     drift
-        Quantity that drift is proportional to: ``time`` or ``temperature``; None: no drift term.
+        Quantity that drift is proportional to: ``time`` or ``temperature``. Default: drift as the
+        model has it.
 
     Returns
     -------
@@ -224,8 +226,14 @@ def model_from(
     Raises
     ------
     InputError
-        If both a model file and a preset are given, or one of them is unknown.
+        If both a model file and a preset are given, or one of them is unknown; and for a drift that
+        is to be left out as well.
     """
+    if drift is not None and "drift" in without:
+        raise InputError(
+            f"drift must be added or left out, got --drift {drift} and --without drift. Keep one of"
+            " them."
+        )
     if model is not None and preset is not None:
         raise InputError(
             "the model must come from --model or --preset, got both. Write preset = … into the"
@@ -239,8 +247,20 @@ def model_from(
             chosen = chosen.with_degree(degree)
     chosen = chosen.without(*without)
     if drift is not None:
-        chosen = chosen.with_term(lb.terms.Drift(drift))  # type: ignore[arg-type]
+        chosen = chosen.with_term(_drift_over(drift, chosen))
     return chosen
+
+
+def _drift_over(covariate: str, model: lb.HybridModel) -> lb.terms.Drift:
+    """Return the drift term of a model, or else the default one, over another quantity.
+
+    ``covariate`` is the quantity that drift is proportional to: ``time`` or ``temperature``.
+    """
+    usual = lb.terms.Drift()
+    for term in model.nuisances:
+        if isinstance(term, lb.terms.Drift):
+            usual = term
+    return replace(usual, over=covariate)  # type: ignore[arg-type]
 
 
 def _tolerances(tolerances: dict[str, str] | None = None) -> dict[str, str]:

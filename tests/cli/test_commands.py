@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from campaigns import Invoke, plan, simulated, tidy
+from campaigns import Invoke, plan, refuses, simulated, tidy
 from matplotlib.figure import Figure
 
 import ldbb_bayes as lb
@@ -66,6 +66,25 @@ def test_options_act_on_a_model_file_too(tmp_path: Path) -> None:
         "mount", "truncation"
     )
     assert model_from(model=file, drift="time") == model.with_term(lb.terms.Drift("time"))
+
+
+def test_option_drift_keeps_the_uncertainties_of_the_model_file(tmp_path: Path) -> None:
+    file = tmp_path / "m.toml"
+    model = lb.HybridModel.first(1).with_term(lb.terms.Drift("time", length_um=1.7))
+    file.write_text(model_to_toml(model), encoding="utf-8")
+    assert model_from(model=file) == model
+    assert model_from(model=file, drift="temperature") == model.with_term(
+        lb.terms.Drift("temperature", length_um=1.7)
+    )
+
+
+def test_drift_is_not_both_added_and_left_out() -> None:
+    refuses(
+        "drift must be added or left out, got --drift time and",
+        model_from,
+        drift="time",
+        without=("mount", "drift"),
+    )
 
 
 def refuse(name: str) -> None:
