@@ -327,10 +327,11 @@ class CalibrationCertificate(Shown):
 
 
 def _title_with_holder(quantity: CertifiedQuantity) -> str:
-    """Return the name of a certified quantity, preceded by that of an element around it.
+    """Return the name of a certified quantity after that of the XML element that encloses it.
 
-    The element is the innermost one in the certificate whose name contains no underscore, because
-    names with underscores are technical. A quantity without a name has no element put before.
+    Of the elements of the certificate that enclose the quantity, it is the innermost one whose name
+    contains no underscore, because names with underscores are technical. For a quantity without a
+    name, the name of the element is left out.
     """
     if quantity.name:
         for holder in reversed(quantity.holders):

@@ -105,7 +105,7 @@ def spread_slices(spread: Array, likelihood: Gaussian) -> Iterator[slice]:
 
     Parameters
     ----------
-    spread : k values of the spreads of c parameters, shape (k, c).
+    spread : k values of the standard deviations of c parameters between machines, shape (k, c).
     likelihood : likelihoods of n machines for q parameters and instrument errors, shape (n, q).
     """
     size = max(1, _PAIRS_AT_ONCE // len(likelihood.shift))
@@ -124,7 +124,8 @@ def shared_quantities(likelihood: Gaussian, spread: Array) -> Gaussian:
     Parameters
     ----------
     likelihood : likelihoods of n machines for q parameters and instrument errors, shape (n, q).
-    spread : k values of the spreads s of the c parameters, shape (k, c).
+    spread : k values of the standard deviations s of the c parameters between machines, shape
+        (k, c).
     """
     k, c = spread.shape
     q = likelihood.shift.shape[1]
@@ -172,7 +173,7 @@ def machine_estimates(likelihood: Gaussian, spread: Array, shared: Gaussian) -> 
     Parameters
     ----------
     likelihood : likelihoods of n machines for q parameters and instrument errors, shape (n, q).
-    spread : k values of the spreads of the c parameters, shape (k, c).
+    spread : k values of the standard deviations of the c parameters between machines, shape (k, c).
     shared : Gaussian of the population's mean and the instrument's errors for each value of the
         spreads, see `shared_quantities`.
     """

@@ -88,13 +88,14 @@ class _Interval(NamedTuple):
 
 
 class _ConvexFunction(NamedTuple):
-    """Convex function whose minimum gives the saddle point, evaluated once for each of w problems.
+    """Convex function whose minimum gives the saddle point of the tilted density, for w problems.
 
-    The problems have d constraints unit · x ≥ bound on a standard normal vector x. The value of the
-    function is ½ mᵀ C m − boundᵀ m + Σ_j (e_j m_j + ln Φ(−e_j)). Its argument m (w, d) are the
-    inverse Mills ratios m = φ(e) / Φ(−e) of the edges e, the lower limits of the shifted normal
-    variables. φ and Φ are the standard normal density and distribution function.
-    C = unit unitᵀ − I, shape (w, d, d), is the coupling of the constraints.
+    Each problem has d constraints on a standard normal vector x: every element of U x must be at
+    least that of ``bound``, where the rows of the matrix U are unit normals of the constraints. The
+    value of the function is ½ mᵀ C m − boundᵀ m + Σ_j (e_j m_j + ln Φ(−e_j)), with the coupling
+    C = U Uᵀ − I of the constraints, shape (w, d, d). The argument m, shape (w, d), holds the
+    inverse Mills ratios φ(e) / Φ(−e) of the edges e: the lower limits of normal variables that the
+    tilting has shifted. φ and Φ are the standard normal density and distribution function.
     """
 
     #: Value, for each of w problems, of the convex function whose minimum gives the saddle point of

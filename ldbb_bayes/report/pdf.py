@@ -31,10 +31,11 @@ _TOP = 14.0  # top margin of an A4 page [mm]
 _BOTTOM = 272.0
 # The fields for signatures begin at this position or below it [mm from the top of the page].
 _SIGNATURES = 256.0
-_PAIRED_WIDTH = 104.0  # width of a figure that has a list beside it [mm]
-# Largest height allowed for a figure that has a list beside or below it [mm].
+_PAIRED_WIDTH = 104.0  # width of a figure with a list of sentences beside it [mm]
+# Largest height allowed for a figure with a list of sentences beside or below it [mm].
 _PAIRED_HEIGHT = 88.0
-_PICTURE_HEIGHT = 100.0  # largest height allowed for a figure that has no list [mm]
+# Largest height allowed for a figure without a list of sentences [mm].
+_PICTURE_HEIGHT = 100.0
 _DPI = 300.0
 _MM_PER_INCH = 25.4
 _LINE_HEIGHT = 0.46  # height of a line of text per point of the size of its letters [mm]

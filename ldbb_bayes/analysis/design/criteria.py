@@ -88,7 +88,7 @@ class Variance:
         return np.asarray(-np.einsum("ij,...jk,...ik->...", self.weight, inverse, inverse))
 
     def directions(self, root: Array) -> Array:
-        """Return Q, shape (..., s, rank of W), where Q Qᵀ is the derivative of −tr(W S⁻¹) by S.
+        """Return Q, shape (..., s, rank of W): Q Qᵀ is the derivative of −tr(W S⁻¹) in S.
 
         S is the precision (inverse covariance) of the s parameters of interest, and W, shape
         (s, s), the matrix of their weights, whose rank is the number of its eigenvalues above zero.
@@ -139,10 +139,12 @@ class LogBayesFactor:
     def directions(self, root: Array) -> Array:
         """Return Q, shape (..., s, s), with Q Qᵀ the derivative of the expected log Bayes factor Φ.
 
-        The derivative is by the precision S of the s parameters of interest, and ``root`` is the
-        Cholesky factor of S, shape (..., s, s). Q holds the eigenvectors of S times √(dΦ/d(1 + λ)),
-        where 1 + λ are its eigenvalues. The leading dimensions (...) are those of several designs
-        or hyper-parameters.
+        The Bayes factor compares the model in which the s parameters of interest are free with the
+        model in which they are zero. The derivative is taken with respect to S, the precision of
+        these parameters in units of their prior, so that S without readings is the identity.
+        ``root`` is the Cholesky factor of S, shape (..., s, s). The columns of Q are the
+        eigenvectors of S, each times √(dΦ/dμ) at the eigenvalue μ of S. The leading dimensions
+        (...) are those of several designs or hyper-parameters.
         """
         eigenvalues, vectors = np.linalg.eigh(_square(root))
         rate = 0.25 * self.size**2 * (1.0 - 1.0 / np.maximum(eigenvalues, 1.0) ** 2)
