@@ -33,11 +33,15 @@ _STRICT = ConfigDict(extra="forbid", defer_build=True)
 
 
 @dataclass(frozen=True, kw_only=True, config=_STRICT)
-class _TestFile(TestFields):
-    file: str | None = None
+class _PlannedTest(TestFields):
     readings: Annotated[int, Field(ge=9, le=1_000_000)] | None = None
     start_deg: Number | None = None
     arc_deg: Annotated[Number, Field(ge=-360.0, le=360.0)] | None = None
+
+
+@dataclass(frozen=True, kw_only=True, config=_STRICT)
+class _TestFile(_PlannedTest):
+    file: str | None = None
 
 
 # The classes _Balls, _Bar, _Mount, _Force and _Angle are the tables of campaign.toml that hold
@@ -88,10 +92,14 @@ class _CampaignFile(CampaignFields):
     angle: _Angle = field(default_factory=_Angle)
     tolerances: Annotated[dict[str, str], Field(alias="tolerance")] = field(default_factory=dict)
     test: Annotated[list[_TestFile], Field(min_length=1, max_length=1000)]
+    foreseen: Annotated[list[_PlannedTest], Field(max_length=1000)] = field(default_factory=list)
 
 
 class CampaignContent(NamedTuple):
-    """Content of campaign.toml: the tests, and the other fields of the campaign by name."""
+    """Content of campaign.toml: the tests, and the other fields of the campaign by name.
+
+    Foreseen tests are among the other fields.
+    """
 
     tests: tuple[CircularTest, ...]
     fields: dict[str, Any]  # values of the campaign's fields other than its tests, by name
@@ -106,19 +114,25 @@ def read_campaign_toml(path: Path) -> CampaignContent:
     content = read_toml(path)
     _fill_from_certificates(path, content)
     file = validated(_CampaignFile, content, str(path))
-    planned = sum(entry.readings or _PLANNED_READINGS for entry in file.test if entry.file is None)
+    planned_tests: list[_PlannedTest] = [entry for entry in file.test if entry.file is None]
+    planned_tests += file.foreseen
+    planned = sum(entry.readings or _PLANNED_READINGS for entry in planned_tests)
     require(
         planned <= LARGEST_PLAN,
         f"{path}: a plan must have at most {LARGEST_PLAN} readings, got {planned}. Plan fewer"
         " readings a circle.",
     )
     tests = [_read_test(path, number, entry) for number, entry in enumerate(file.test, start=1)]
+    foreseen = []
+    for number, foreseen_test in enumerate(file.foreseen, start=1):
+        foreseen.append(_planned_test(f"{path}, foreseen test {number}", foreseen_test))
     campaign_fields = {entry.name: getattr(file, entry.name) for entry in fields(CampaignFields)}
     campaign_fields["name"] = file.name or path.resolve().parent.name
     law = file.force_law
     campaign_fields["force_law"] = ForceLaw(law.slope_N_per_bar, law.offset_N)
     campaign_fields["mount"] = _mount_of(path, file, content)
     campaign_fields["instrument"] = _instrument_of(path, file)
+    campaign_fields["foreseen"] = tuple(foreseen)
     return CampaignContent(tuple(tests), campaign_fields)
 
 
@@ -187,22 +201,39 @@ def _instrument_of(path: Path, file: _CampaignFile) -> Instrument:
 
 
 def _read_test(toml: Path, number: int, entry: _TestFile) -> CircularTest:
-    stated = {key: value for key, value in vars(entry).items() if value is not None}
-    plan = {key: stated.pop(key) for key in _PLAN_KEYS if key in stated}
-    file = stated.pop("file", None)
-    if file is None:
-        stated["angle_deg"] = _planned_angles(plan)
-        with placed(f"{toml}, test {number}"):
-            return CircularTest(**stated)
-    for key in plan:
-        raise InputError(
+    """Return the test that the table [[test]] of this number describes, with readings if any.
+
+    ``entry`` is the validated content of the table. It is a planned test if it names no file.
+    """
+    if entry.file is None:
+        return _planned_test(f"{toml}, test {number}", entry)
+    stated = _stated_values(entry)
+    file = stated.pop("file")
+    for key in _PLAN_KEYS:
+        require(
+            key not in stated,
             f"{toml}, test {number}: {key} must stand in planned tests only, got it beside 'file'."
-            " Remove one of them."
+            " Remove one of them.",
         )
     path = _path_inside(toml, f"test {number}: file", file)
     test_fields: dict[str, Any] = {"name": Path(file).stem, **stated, **read_readings(path)}
     with placed(path):
         return CircularTest(**test_fields)
+
+
+def _planned_test(place: str, entry: _PlannedTest) -> CircularTest:
+    """Return the planned or foreseen test that a table of campaign.toml describes.
+
+    ``place`` names the table in error messages; ``entry`` is its validated content.
+    """
+    stated = _stated_values(entry)
+    plan = {key: stated.pop(key) for key in _PLAN_KEYS if key in stated}
+    with placed(place):
+        return CircularTest(angle_deg=_planned_angles(plan), **stated)
+
+
+def _stated_values(entry: _PlannedTest) -> dict[str, Any]:
+    return {key: value for key, value in vars(entry).items() if value is not None}
 
 
 def _planned_angles(plan: Mapping[str, Any]) -> Any:

@@ -26,11 +26,14 @@ _TURN_TOLERANCE = 1e-6
 def write_campaign_into(campaign: Campaign, folder: Path) -> None:
     """Write campaign.toml and one CSV file of readings for each test into an existing folder.
 
-    Planned tests, which have no readings, get no CSV file.
+    Planned and foreseen tests, which have no readings, get no CSV file. Of a foreseen test whose
+    angles are in unequal steps, as many angles in equal steps are written.
     """
     text = tomli_w.dumps(_without_none(_campaign_tables(campaign)))
     for test in campaign.tests:
         text += f"\n[[test]]\n{tomli_w.dumps(_test_table(campaign, test))}"
+    for test in campaign.foreseen:
+        text += f"\n[[foreseen]]\n{tomli_w.dumps(_test_table(campaign, test.planned()))}"
     (folder / TOML_NAME).write_text(text, encoding="utf-8")
     for test in campaign.tests:
         if test.reading_um is not None:
@@ -83,7 +86,7 @@ def _add_certificates(tables: dict[str, Any], instrument: Instrument) -> None:
 
 
 def _test_table(campaign: Campaign, test: CircularTest) -> dict[str, Any]:
-    """Return the table [[test]] of campaign.toml for one test of a campaign.
+    """Return the table [[test]] or [[foreseen]] of campaign.toml for one test of a campaign.
 
     Fields with the value that reading the file would fill in anyway are left out, such as the
     campaign's radius.
@@ -97,8 +100,9 @@ def _test_table(campaign: Campaign, test: CircularTest) -> dict[str, Any]:
     }
     is_planned = test.reading_um is None
     table: dict[str, Any] = {"file": None if is_planned else f"{test.name}.csv"}
-    for key in ("force_N", "pressure_bar", "name", "direction"):
+    for key in ("force_N", "pressure_bar", "direction"):
         table[key] = getattr(test, key)
+    table["name"] = test.name or None  # foreseen tests have none
     for key in PER_TEST:
         value = getattr(test, key)
         if value != usual.get(key, 0.0):

@@ -45,6 +45,33 @@ def test_round_trip(tmp_path: Path) -> None:
     assert len([*folder.glob("*.csv")]) == 3
 
 
+def test_foreseen_tests_are_written_and_read(tmp_path: Path) -> None:
+    measured = simulated(plan())
+    uneven_deg = np.concatenate([np.arange(0.0, 180.0, 10.0), np.arange(180.0, 360.0, 5.0)])
+    foreseen = (
+        lb.CircularTest(500.0, np.arange(36) * 10.0, plane="YZ", direction="CW", setup=2),
+        lb.CircularTest(300.0, np.linspace(10.0, 230.0, 45), radius_mm=100.0),
+        lb.CircularTest(pressure_bar=4.0, angle_deg=uneven_deg),
+    )
+    campaign = replace(measured, foreseen=foreseen)
+    assert campaign.sha256 != measured.sha256
+    back = lb.read_campaign(lb.write_campaign(campaign, tmp_path / "c"))
+    assert back.sha256 == campaign.sha256
+    for read, written in zip(back.foreseen[:2], foreseen[:2], strict=True):
+        np.testing.assert_allclose(read.angle_deg, written.angle_deg)
+    np.testing.assert_allclose(back.foreseen[2].angle_deg, np.arange(54) * 360.0 / 54)
+
+
+def test_foreseen_tests_have_no_readings(tmp_path: Path) -> None:
+    write(tmp_path, TOML + '\n[[foreseen]]\nfile = "a.csv"\nforce_N = 100.0\n')
+    refuses("foreseen.*file", lb.read_campaign, tmp_path)
+
+
+def test_mistakes_in_foreseen_tests_are_refused_with_their_number(tmp_path: Path) -> None:
+    write(tmp_path, TOML + "\n[[foreseen]]\nforce_N = 100.0\narc_deg = 90.0\n")
+    refuses("foreseen test 1", lb.read_campaign, tmp_path)
+
+
 def test_certificates_are_read_and_written(root: Path, tmp_path: Path) -> None:
     """Those of the docs."""
     blocks = re.findall(
