@@ -207,7 +207,8 @@ def model_from(
     Parameters
     ----------
     degree
-        Degree of the polynomial of compliance in force. Default: that of the model file, or else 1.
+        Degree of the polynomial of compliance in force. Default: that of the model file as
+        `read_model` reads it; without such a file 1.
     preset
         Name of a set of terms and priors: ``default``, ``first`` or ``paper``. Default:
         ``default``.
@@ -242,7 +243,7 @@ def model_from(
     if model is None:
         chosen = lb.HybridModel.from_preset(preset or "default", 1 if degree is None else degree)
     else:
-        chosen = lb.read_model(model, degree=1)
+        chosen = lb.read_model(model)
         if degree is not None:
             chosen = chosen.with_degree(degree)
     chosen = chosen.without(*without)

@@ -68,6 +68,13 @@ def test_options_act_on_a_model_file_too(tmp_path: Path) -> None:
     assert model_from(model=file, drift="time") == model.with_term(lb.terms.Drift("time"))
 
 
+@pytest.mark.parametrize("preset", ["default", "first", "paper"])
+def test_a_model_file_is_one_model_for_commands_and_python(tmp_path: Path, preset: str) -> None:
+    file = tmp_path / "m.toml"
+    file.write_text(f'schema = 1\npreset = "{preset}"\n', encoding="utf-8")
+    assert model_from(model=file) == lb.read_model(file)
+
+
 def test_option_drift_keeps_the_uncertainties_of_the_model_file(tmp_path: Path) -> None:
     file = tmp_path / "m.toml"
     model = lb.HybridModel.first(1).with_term(lb.terms.Drift("time", length_um=1.7))
