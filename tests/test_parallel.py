@@ -16,6 +16,7 @@ from functools import partial
 from itertools import count
 from multiprocessing import get_context
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy  # noqa: F401, its threads are counted
@@ -34,6 +35,7 @@ from ldbb_bayes.parallel import (
     second_process,
     start_early,
 )
+from ldbb_bayes.parallel.dask_workers import _local_cluster
 
 
 class Late(Executor):
@@ -309,6 +311,19 @@ def run(script: str, folder: Path, *arguments: object) -> subprocess.CompletedPr
     return subprocess.run(
         command, env=environment, capture_output=True, text=True, timeout=120, check=False
     )
+
+
+def test_why_a_cluster_of_dask_does_not_start_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    def cluster_without_port(**_: object) -> None:
+        raise RuntimeError("Cluster failed to start: no free port")
+
+    distributed = SimpleNamespace(LocalCluster=cluster_without_port)
+    monkeypatch.setitem(sys.modules, "distributed", distributed)
+    with (
+        pytest.raises(InputError, match=r"got 'Cluster failed to start: no free port'\. Remove"),
+        _local_cluster(1),
+    ):
+        pass
 
 
 @pytest.mark.parametrize("kind", ["process", pytest.param("dask", marks=pytest.mark.slow)])

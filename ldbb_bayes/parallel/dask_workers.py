@@ -19,7 +19,6 @@ from typing import Any
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.parallel.blas_threads import ONE_THREAD
 from ldbb_bayes.parallel.process_pool import (
-    UNGUARDED_SCRIPT,
     ignore_interruption,
     refuse_to_nest,
     usable_cores,
@@ -175,8 +174,12 @@ def _local_cluster(workers: int) -> Iterator[Any]:
 
     try:
         cluster = LocalCluster(n_workers=workers or usable_cores(), **_CLUSTER_OPTIONS)
-    except RuntimeError:
-        raise InputError(UNGUARDED_SCRIPT) from None
+    except RuntimeError as error:
+        cause = " ".join(str(error).split())
+        raise InputError(
+            f"worker processes must be able to start, got {cause!r}. Remove this cause. A script"
+            ' must do its work under `if __name__ == "__main__":`, because every worker imports it.'
+        ) from None
     try:
         yield cluster
     finally:

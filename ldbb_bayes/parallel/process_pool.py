@@ -26,7 +26,6 @@ from ldbb_bayes.errors import InputError
 from ldbb_bayes.parallel.blas_threads import ONE_THREAD
 
 __all__ = [
-    "UNGUARDED_SCRIPT",
     "WorkerDiedError",
     "ignore_interruption",
     "process_executor",
@@ -36,7 +35,7 @@ __all__ = [
 
 # Error message for a script without the line ``if __name__ == "__main__":``. Every worker imports
 # the script and ends at once if this line is missing.
-UNGUARDED_SCRIPT = (
+_UNGUARDED_SCRIPT = (
     "worker processes must be able to start, got some that ended at once. A script must do its work"
     ' under `if __name__ == "__main__":`, because every worker imports it.'
 )
@@ -172,7 +171,7 @@ class _ProcessPool(Executor):
         try:
             connection.recv()
         except (EOFError, OSError):
-            raise InputError(UNGUARDED_SCRIPT) from None
+            raise InputError(_UNGUARDED_SCRIPT) from None
         return connection
 
 
