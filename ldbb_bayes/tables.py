@@ -147,7 +147,7 @@ class Table:
         """Return the table as HTML; special characters in its texts are escaped."""
         head_tags = ['th scope="col"'] * len(self.heads)
         row_tags = ['th scope="row"', *["td"] * (len(self.heads) - 1)]
-        head = self._html_row(head_tags, self.heads)
+        head = self._html_row(head_tags, [typeset(head) for head in self.heads])
         body = "".join(f"<tr>{self._html_row(row_tags, row)}</tr>\n" for row in self.shown())
         caption = ""
         if self.caption:

@@ -286,6 +286,11 @@ def test_tables_are_escaped() -> None:
     assert all(text in page for text in ("&lt;script&gt;", "0.1235", "–"))
 
 
+def test_heads_of_tables_are_typeset_in_html() -> None:
+    page = Table.of("", ["circle", "at -5 °C (1e-05 mm)"], [["f036", 1.0]]).html()
+    assert "at −5 °C (1·10⁻⁵ mm)" in page
+
+
 def test_words_are_registered_when_a_result_is_first_displayed() -> None:
     class Length(Shown):
         """A result of a class of which nothing is registered yet."""
