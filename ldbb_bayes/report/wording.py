@@ -974,8 +974,8 @@ def limit_words(lower: float | None, upper: float | None, factor: float = 1.0) -
     -------
     str
     """
-    low = "" if lower is None else f"{lower * factor:.4g}".replace("-", "−")
-    high = "" if upper is None else f"{upper * factor:.4g}".replace("-", "−")
+    low = "" if lower is None else _limit_digits(lower * factor)
+    high = "" if upper is None else _limit_digits(upper * factor)
     if low == f"−{high}":
         return f"± {high}"
     if low and high:
@@ -983,6 +983,12 @@ def limit_words(lower: float | None, upper: float | None, factor: float = 1.0) -
     if low:
         return f"≥ {low}"
     return f"≤ {high}"
+
+
+def _limit_digits(limit: float) -> str:
+    """Return a limit with four significant digits, and one from 1000 on as a whole number."""
+    digits = f"{limit:.0f}" if abs(limit) >= 1000.0 else f"{limit:.4g}"
+    return digits.replace("-", "−")
 
 
 def trend_sentences(trend: Any) -> tuple[str, ...]:

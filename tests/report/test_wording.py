@@ -353,6 +353,9 @@ def test_no_probability_reads_0_or_1(probability: float, words: str) -> None:
         (18.0, None, "≥ 18"),
         (-20.0, 20.0, "± 20"),
         (-20.0, 40.0, "−20 to 40"),
+        (None, 12_000.0, "≤ 12000"),
+        (-1e6, 9999.7, "−1000000 to 10000"),
+        (0.12345, None, "≥ 0.1235"),
     ],
 )
 def test_limits_in_words(lower: float | None, upper: float | None, words: str) -> None:
