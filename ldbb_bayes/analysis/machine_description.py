@@ -104,7 +104,7 @@ def describe_machine(machine: Machine, circles: Sequence[Circle] = ()) -> Descri
     -------
     DescribedMachine
         Parameters with units, meanings and patterns, in internal units (mm, N, rad). A pattern is
-        formula for the change of the reading with the angle θ of the circle, in which c = cos θ,
+        a formula for the change of the reading with the angle θ of the circle, in which c = cos θ,
         s = sin θ, and R is the radius in mm.
 
     Raises
