@@ -55,7 +55,8 @@ def read_campaign(
     path : str or os.PathLike
         Path of the folder or file.
     certificates : mapping of str to object, optional
-        Fields of `Instrument` that replace those stated in ``campaign.toml``.
+        Fields of `Instrument`. They replace those that ``campaign.toml`` states; a tidy CSV states
+        none.
     **options : object
         Values of fields of `Campaign`, such as ``radius_mm=150``. They are permitted only with a
         tidy CSV, because otherwise ``campaign.toml`` states them.

@@ -123,7 +123,7 @@ def choose(
     batch = rows if among is None else among
     caveats: list[Caveat] = []
     relied = _leave_out(CaveatKind.EXCLUDED, rows, _is_named(rows, exclude, batch), caveats)
-    is_early = _is_before(relied, since)
+    is_early = _is_undated_or_before(relied, since)
     relied = _leave_out(CaveatKind.BEFORE, relied, is_early, caveats, text=since or "")
     relied = _leave_out(CaveatKind.FAILED, relied, relied["status"] != "done", caveats)
     lacks_statistics = relied["gaussian_names"].isna()
@@ -233,7 +233,7 @@ def _last_part(path: str) -> str:
     return os.path.basename(path.rstrip("/"))
 
 
-def _is_before(rows: pd.DataFrame, since: str | None) -> pd.Series[bool]:
+def _is_undated_or_before(rows: pd.DataFrame, since: str | None) -> pd.Series[bool]:
     """Return for each campaign whether its date is missing or before the date ``since``.
 
     If ``since`` is None, the result is false for all campaigns. ``rows`` has one row per campaign.

@@ -234,7 +234,10 @@ class HyperPrior:
 
     @property
     def sd(self) -> Array:
-        """Prior standard deviations of the h hyper-parameters, shape (h,), for lengths in mm."""
+        """Prior standard deviations of the h hyper-parameters, shape (h,).
+
+        Those of lengths are in mm; the others have no unit.
+        """
         centre = np.where(self._decay, self.scale, 0.0)
         spread = np.where(self._decay, self.decay_sd, self.scale)
         edges = (self.bounds - centre[:, None]) / spread[:, None]

@@ -98,6 +98,7 @@ class ParametersOfInterest:
         return tuple(parameters)
 
     def _rows(self) -> list[_Row]:
+        """Return name, unit, group and degree of every parameter of interest, in the order of β."""
         rows = [
             _Row(name.label, compliance_unit(name), "compliance", 0) for name in self.compliances
         ]

@@ -128,6 +128,10 @@ def model_sha256(model: HybridModel) -> str:
 
 
 def _model_of(content: dict[str, Any], place: str, degree: int | None) -> HybridModel:
+    """Return the model that the content of a model file describes.
+
+    ``degree`` is used only if the file states none. ``place`` names the file in error messages.
+    """
     spec = validated(_SpecFile, content, place)
     with placed(place):
         model = replace(

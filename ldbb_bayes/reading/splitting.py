@@ -66,10 +66,11 @@ class _SheetColumns:
         place = self.sheet.place
         return numbers_in(place, title, self.lines, self.cells[column], self.decimal)
 
-    def constant(self, test: str, key: str, column: int, rows: Sequence[int]) -> Any:
-        """Return the value that a column has in all rows of one test.
+    def constant(self, test: str, key: str, column: int, rows: Sequence[int]) -> str | float | None:
+        """Return the value of a column in all rows of one test; None if its cells there are empty.
 
-        Raise an `InputError` if these rows have different values.
+        Planes and directions are returned as texts, all other values as numbers. Raise an
+        `InputError` if these rows have different values.
 
         Parameters
         ----------
