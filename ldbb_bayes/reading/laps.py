@@ -16,7 +16,7 @@ __all__ = ["TURN_DEG", "angles_from_time", "average_laps", "direction_of_travel"
 TURN_DEG = 360.0
 # Angle by which a test may run against its direction of travel [°]. Overshoot and scatter of the
 # angles stay well below it; a test that runs back over its circle or arc exceeds it.
-_LARGEST_RETREAT_DEG = 90.0
+_LARGEST_RETREAT_DEG = 120.0
 
 
 def angles_from_time(
