@@ -46,5 +46,10 @@ def test_a_bar_does_not_push(posterior: xr.DataTree) -> None:
     refuses("must not be negative, got -3", lb.analysis.decompose_deviation, posterior, -3.0)
 
 
+def test_forces_are_no_text(posterior: xr.DataTree) -> None:
+    """The text 300 would be read as 3, 0 and 0 N."""
+    refuses("must be a list of numbers", lb.analysis.predict_circularity, posterior, "300")
+
+
 def test_a_plan_has_no_circularity(recovered: lb.Campaign) -> None:
     refuses("must have readings", lb.analysis.measure_circularity, recovered.plan())

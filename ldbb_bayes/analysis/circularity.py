@@ -153,6 +153,10 @@ def path_draws(
     hysteresis = _draw_hysteresis(bound, draws_of_models)
     beta = np.concatenate([model_draws.beta for model_draws in draws_of_models])
     beta = np.where(is_tool_ball_offset(bound), 0.0, beta)
+    require(
+        not isinstance(forces_N, str),
+        f"forces_N must be a list of numbers, got the text {forces_N!r}. Write for example [300.0].",
+    )
     forces = [float(force) for force in forces_N]
     if not forces:
         forces = [0.0, *distinct_forces(bound.setting.force_N).tolist()]
