@@ -155,7 +155,8 @@ def path_draws(
     beta = np.where(is_tool_ball_offset(bound), 0.0, beta)
     require(
         not isinstance(forces_N, str),
-        f"forces_N must be a list of numbers, got the text {forces_N!r}. Write for example [300.0].",
+        f"forces_N must be a list of numbers, got the text {forces_N!r}. Write for example"
+        " [300.0].",
     )
     forces = [float(force) for force in forces_N]
     if not forces:
