@@ -9,6 +9,7 @@ from pkgutil import resolve_name
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from numpydoc.validate import validate
 from public_names import public_names
@@ -25,12 +26,32 @@ OPTIONS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 
 
 @pytest.fixture(scope="session")
-def names_of_examples() -> dict[str, Any]:
+def names_of_examples(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """Return what every example may use, as the reference of Python says."""
     campaign = lb.read_campaign(lb.embedded_campaign())
     model = lb.HybridModel.default(degree=1)
     posterior = lb.sample(model, campaign, sampler="independent", seed=1)
-    return {"lb": lb, "np": np, "campaign": campaign, "model": model, "posterior": posterior}
+    return {
+        "lb": lb,
+        "np": np,
+        "campaign": campaign,
+        "model": model,
+        "posterior": posterior,
+        "rows": rows_of_two_campaigns(campaign, tmp_path_factory.mktemp("batch")),
+    }
+
+
+def rows_of_two_campaigns(campaign: lb.Campaign, folder: Path) -> pd.DataFrame:
+    """Return the table of a batch: two campaigns, C_XXX = 50 nm/N in one and 70 in the other."""
+    model = lb.HybridModel.first(0)
+    for number, compliance in ((1, 50e-6), (2, 70e-6)):
+        truth = {"C_XXX": compliance, "C_YYY": 50e-6}
+        simulated = model.simulate(campaign, seed=number, parameters=truth).campaign
+        lb.write_campaign(simulated, folder / "campaigns" / str(number))
+    batch = lb.fleet.run_batch(
+        [folder / "campaigns"], folder / "fitted", model=model, compare=False
+    )
+    return batch.rows()
 
 
 def faults(name: str) -> list[str]:

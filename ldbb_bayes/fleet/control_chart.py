@@ -51,13 +51,7 @@ def draw_control_chart(trend: Trend) -> Figure:
 
     Examples
     --------
-    >>> fast = lb.HybridModel.first(0)
-    >>> for k, compliance in ((1, 50e-6), (2, 70e-6)):
-    ...     truth = {"C_XXX": compliance, "C_YYY": 50e-6}
-    ...     simulated = fast.simulate(campaign, seed=k, parameters=truth).campaign
-    ...     folder = lb.write_campaign(simulated, f"campaigns/{k}")
-    >>> batch = lb.fleet.run_batch(["campaigns"], "fitted", model=fast, compare=False)
-    >>> figure = lb.fleet.draw_control_chart(lb.fleet.find_trend(batch.rows()))
+    >>> figure = lb.fleet.draw_control_chart(lb.fleet.find_trend(rows))
     >>> len(figure.axes), figure.axes[0].get_ylabel()
     (6, 'C_XXX (nm/N)')
     """

@@ -207,12 +207,7 @@ def read_population_prior(path: str | os.PathLike[str]) -> PopulationPrior:
 
     Examples
     --------
-    >>> fast = lb.HybridModel.first(0)
-    >>> for k in (1, 2):
-    ...     simulated = fast.simulate(campaign, seed=k).campaign
-    ...     folder = lb.write_campaign(simulated, f"campaigns/machine_{k}")
-    >>> batch = lb.fleet.run_batch(["campaigns"], "fitted", model=fast, compare=False)
-    >>> population = lb.fleet.fit_population(batch.rows())
+    >>> population = lb.fleet.fit_population(rows)
     >>> import json, pathlib
     >>> text = json.dumps(lb.report.with_words(population))
     >>> size = pathlib.Path("population.json").write_text(text)
