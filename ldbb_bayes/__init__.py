@@ -6,6 +6,7 @@ posterior = lb.sample(lb.HybridModel.default(degree=1), campaign, seed=1)
 print(lb.summarize(posterior))
 """
 
+from difflib import get_close_matches
 from typing import Any
 
 import lazy_loader
@@ -33,7 +34,17 @@ def __getattr__(name: str) -> Any:
         if room_name:
             return getattr(_import_public_name(room_name), renamed)
         name = renamed
+    if name not in _public and not name.startswith("_"):
+        raise AttributeError(_unknown_name_message(name))
     return _import_public_name(name)
+
+
+def _unknown_name_message(name: str) -> str:
+    """Return the message for a name that the package does not have, with the most similar one."""
+    similar = get_close_matches(name, _public, n=1)
+    if not similar:
+        return f"module 'ldbb_bayes' has no attribute {name!r}. dir(ldbb_bayes) lists its names."
+    return f"module 'ldbb_bayes' has no attribute {name!r}. Did you mean {similar[0]!r}?"
 
 
 def _load_words() -> None:

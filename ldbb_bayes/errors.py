@@ -6,9 +6,21 @@ import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from difflib import SequenceMatcher
+from numbers import Integral, Real
 from typing import NamedTuple
 
-__all__ = ["InputError", "check_known", "nearest", "placed", "plain_reason", "renamed", "require"]
+__all__ = [
+    "InputError",
+    "check_known",
+    "check_probability",
+    "check_seed",
+    "nearest",
+    "placed",
+    "plain_reason",
+    "renamed",
+    "require",
+    "require_whole",
+]
 
 # Longest error message [characters]; a message may quote a file.
 LONGEST_MESSAGE = 1200
@@ -40,6 +52,30 @@ def require(condition: object, message: str) -> None:
     """Raise an `InputError` with the given message unless the condition is true."""
     if not condition:
         raise InputError(message)
+
+
+def check_probability(prob: object, name: str = "prob") -> None:
+    """Raise an `InputError` unless the argument ``prob`` is a number between 0 and 1."""
+    require(
+        isinstance(prob, Real) and 0.0 < prob < 1.0,
+        f"{name} must be a number between 0 and 1, got {prob!r}. For 95 % give 0.95.",
+    )
+
+
+def require_whole(name: str, number: object) -> None:
+    """Raise an `InputError` unless the argument ``number``, called ``name``, is a whole number."""
+    require(
+        isinstance(number, Integral),
+        f"{name} must be a whole number, got {number!r}. Give for example {name}=6.",
+    )
+
+
+def check_seed(seed: object) -> None:
+    """Raise an `InputError` unless a seed of random numbers is a whole number of at least zero."""
+    require(
+        isinstance(seed, Integral) and seed >= 0,
+        f"seed must be a whole number of at least 0, got {seed!r}. Give for example seed=1.",
+    )
 
 
 @contextmanager

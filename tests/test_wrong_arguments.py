@@ -53,3 +53,66 @@ def test_forces_are_no_text(posterior: xr.DataTree) -> None:
 
 def test_a_plan_has_no_circularity(recovered: lb.Campaign) -> None:
     refuses("must have readings", lb.analysis.measure_circularity, recovered.plan())
+
+
+@pytest.mark.parametrize(
+    "function",
+    [
+        lb.identify,
+        lb.log_evidence,
+        lb.log_density,
+        lb.sample,
+        lb.design,
+        lb.local_fits,
+        lb.inference.marginalize,
+        lb.calibrate,
+    ],
+)
+def test_the_model_comes_first(function: Callable[..., Any], recovered: lb.Campaign) -> None:
+    refuses("model must be a HybridModel, got Campaign.*comes first", function, recovered, MODEL)
+
+
+@pytest.mark.parametrize("prob", ["95%", 95, float("nan"), None])
+def test_a_probability_is_a_number_between_0_and_1(posterior: xr.DataTree, prob: Any) -> None:
+    refuses("prob must be a number between 0 and 1, got", lb.summarize, posterior, prob=prob)
+
+
+@pytest.mark.parametrize("tests", ["six", 2.5])
+def test_tests_are_counted_in_whole_numbers(recovered: lb.Campaign, tests: Any) -> None:
+    refuses("tests must be a whole number, got", lb.design, MODEL, recovered, tests=tests)
+
+
+@pytest.mark.parametrize("seed", ["a", -1, 1.5])
+def test_a_seed_is_a_whole_number(recovered: lb.Campaign, seed: Any) -> None:
+    refuses("seed must be a whole number", lb.sample, MODEL, recovered, seed=seed)
+    refuses("seed must be a whole number", lb.design, MODEL, recovered, seed=seed)
+    refuses("seed must be a whole number", MODEL.simulate, recovered, seed=seed)
+
+
+def test_emcee_is_in_the_joint_sampler(recovered: lb.Campaign) -> None:
+    refuses("emcee draws in sampler='joint'", lb.sample, MODEL, recovered, sampler="emcee", seed=1)
+
+
+def test_tolerances_are_texts_with_a_unit_by_name(posterior: xr.DataTree) -> None:
+    refuses("tolerances must be texts or Tolerances by name", lb.assess_conformity, posterior, "5")
+    refuses("must be a text with a unit", lb.assess_conformity, posterior, {"C_XXX": 3})
+
+
+@pytest.mark.parametrize("read", [lb.read_campaign, lb.load])
+def test_a_path_is_a_text(read: Callable[[Any], Any]) -> None:
+    refuses("path must be the name of a f.*, got 3", read, 3)
+
+
+def test_readings_are_numbers() -> None:
+    refuses("must have reading_um made of numbers", lb.CircularTest, 100.0, reading_um=["a"])
+
+
+def test_force_levels_are_numbers(recovered: lb.Campaign) -> None:
+    refuses("forces_N must be a list of numbers", lb.design, MODEL, recovered, forces_N="abc")
+
+
+def test_a_misspelt_name_gets_the_nearest() -> None:
+    with pytest.raises(AttributeError, match="Did you mean 'read_campaign'"):
+        lb.read_campaing  # noqa: B018
+    with pytest.raises(AttributeError, match="has no attribute 'xyz'"):
+        lb.xyz  # noqa: B018

@@ -22,10 +22,10 @@ from pydantic import model_serializer
 
 from ldbb_bayes.analysis.rank_uniformity import ecdf, simultaneous_band
 from ldbb_bayes.campaign.campaign import Campaign
-from ldbb_bayes.errors import InputError, require
+from ldbb_bayes.errors import InputError, check_probability, check_seed, require, require_whole
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.sample import draw, sampler_named
-from ldbb_bayes.model.hybrid import HybridModel
+from ldbb_bayes.model.hybrid import HybridModel, require_model
 from ldbb_bayes.parallel import Lost, done
 from ldbb_bayes.results import Array, Numbers, Result, readable
 
@@ -265,6 +265,7 @@ def calibrate(
     (True, ())
     """
     sampler = sampler_named(sampler)
+    require_model(model)
     if generator is None:
         generator = model
     require(
@@ -274,10 +275,10 @@ def calibrate(
     )
     limits = (("replicates", replicates, _MIN_REPLICATES), ("draws", draws, _MIN_DRAWS))
     for name, number, least in limits:
+        require_whole(name, number)
         require(number >= least, f"{name} must be at least {least}, got {number}. Ask for more.")
-    require(
-        0.0 < prob < 1.0, f"prob must lie between 0 and 1, got {prob}. For a 99 % band give 0.99."
-    )
+    check_probability(prob)
+    check_seed(seed)
     bound = model.bind(plan)
     rank_replicate = partial(_rank_replicate, _Study(model, generator, plan, sampler, draws))
     outcomes: dict[int, _Ranks | str] = {}

@@ -26,7 +26,7 @@ from ldbb_bayes.analysis.circle_columns import (
 )
 from ldbb_bayes.campaign.campaign import distinct_forces
 from ldbb_bayes.deprecation import renamed_keyword
-from ldbb_bayes.errors import require
+from ldbb_bayes.errors import check_probability, require
 from ldbb_bayes.inference.coefficients import (
     ModelDraws,
     draw_shared,
@@ -34,7 +34,6 @@ from ldbb_bayes.inference.coefficients import (
     shared_terms,
 )
 from ldbb_bayes.inference.posterior import bound_of, model_draws_of
-from ldbb_bayes.inference.summary import check_probability
 from ldbb_bayes.model.fourier import SIZE, basis
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.parallel import one_blas_thread

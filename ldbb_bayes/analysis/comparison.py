@@ -38,7 +38,7 @@ from ldbb_bayes.analysis.sensitivity import WHITE_NOISE, Assumed
 from ldbb_bayes.analysis.varying_slopes import Curve, SlopeSubset, VaryingSlope
 from ldbb_bayes.campaign.campaign import Campaign, require_campaign
 from ldbb_bayes.deprecation import renamed_keyword
-from ldbb_bayes.errors import require
+from ldbb_bayes.errors import check_probability, require
 from ldbb_bayes.inference.evidence import (
     check_comparable,
     log_bayes_factor,
@@ -49,7 +49,6 @@ from ldbb_bayes.inference.evidences import Evidences, leave_one_out
 from ldbb_bayes.inference.least_squares import fit_least_squares
 from ldbb_bayes.inference.nodes import Evidence, Nodes
 from ldbb_bayes.inference.residuals import fit_quality
-from ldbb_bayes.inference.summary import check_probability
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.parallel import one_blas_thread, start_early
 from ldbb_bayes.results import Array, Finite, Number, Records, Result, read_result

@@ -19,9 +19,8 @@ from scipy.special import ndtr, ndtri
 from ldbb_bayes.analysis.circle_columns import is_tool_ball_offset
 from ldbb_bayes.analysis.common_instrument import Conflict, joint_difference
 from ldbb_bayes.deprecation import renamed_keyword
-from ldbb_bayes.errors import require
+from ldbb_bayes.errors import check_probability, require
 from ldbb_bayes.inference.posterior import bound_of, draws_of, record_of
-from ldbb_bayes.inference.summary import check_probability
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array, readable

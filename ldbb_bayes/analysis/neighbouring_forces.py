@@ -17,13 +17,12 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
-from ldbb_bayes.campaign.campaign import Campaign, distinct_forces, require_campaign
+from ldbb_bayes.campaign.campaign import Campaign, distinct_forces
 from ldbb_bayes.deprecation import renamed_keyword
-from ldbb_bayes.errors import InputError
+from ldbb_bayes.errors import InputError, check_probability
 from ldbb_bayes.inference.evidence import check_comparable
 from ldbb_bayes.inference.least_squares import fit_least_squares
 from ldbb_bayes.inference.nodes import HyperPosterior
-from ldbb_bayes.inference.summary import check_probability
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import readable
@@ -87,7 +86,6 @@ def local_fits(
     >>> bool(of_x["mean"].between(45e-6, 70e-6).all())  # mm/N
     True
     """
-    require_campaign(campaign)
     check_comparable(model, campaign)
     check_probability(prob)
     # The model term that gives each circle its own scale of scatter is left out, because a pair of

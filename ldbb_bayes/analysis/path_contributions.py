@@ -17,9 +17,8 @@ from ldbb_bayes.analysis.circle_columns import (
 )
 from ldbb_bayes.analysis.circularity import summarise_draws
 from ldbb_bayes.deprecation import renamed_keyword
-from ldbb_bayes.errors import require
+from ldbb_bayes.errors import check_probability, require
 from ldbb_bayes.inference.posterior import bound_of, draws_of
-from ldbb_bayes.inference.summary import check_probability
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.parallel import one_blas_thread

@@ -151,6 +151,11 @@ def tolerances_in(
     text such as ``−20..40 µrad`` gives both limits. The sign ``≤``, ``≥`` or ``±`` before a number
     states which limit it is.
     """
+    require(
+        isinstance(given, Mapping),
+        f"tolerances must be texts or Tolerances by name, got {given!r}. Give for example"
+        " {'C_XXX': '60 nm/N'}.",
+    )
     tolerances = {}
     for stated_name, stated in given.items():
         name = inside_name(stated_name)
@@ -158,6 +163,11 @@ def tolerances_in(
         if isinstance(stated, Tolerance):
             tolerance = stated
         else:
+            require(
+                isinstance(stated, str),
+                f"tolerance of {name} must be a text with a unit or a Tolerance, got {stated!r}."
+                " Write for example '60 nm/N'.",
+            )
             tolerance = _read_tolerance(name, stated, known[name])
         if _NEVER_NEGATIVE.fullmatch(name):
             limit = tolerance.upper

@@ -37,7 +37,7 @@ from ldbb_bayes.inference.checks import centre_shift
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.posterior import bound_of, draws_of
 from ldbb_bayes.model.bound_information import information_of
-from ldbb_bayes.model.hybrid import BoundModel, HybridModel
+from ldbb_bayes.model.hybrid import BoundModel, HybridModel, require_model
 from ldbb_bayes.model.information import Information
 from ldbb_bayes.model.linear_algebra import minimum_norm_solution
 from ldbb_bayes.parallel import one_blas_thread
@@ -256,6 +256,7 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
     >>> result.parameters["C_XXX"].partners[0]  # the mount, too, deflects with force
     'Mount'
     """
+    require_model(model)
     bound = model.bind(campaign)
     weight, nodes = hyper_parameter_nodes(bound)
     phi = weight @ nodes

@@ -188,7 +188,13 @@ class CircularTest(TestFields):
         return array
 
     def _finite_array(self, name: str, column: Any) -> Array:
-        array = np.array(column, dtype=float)
+        try:
+            array = np.array(column, dtype=float)
+        except (TypeError, ValueError) as error:
+            raise InputError(
+                f"{self.label} must have {name} made of numbers, got: {error}. Pass one number per"
+                " reading."
+            ) from None
         require(
             array.ndim == 1,
             f"{self.label} must have {name} of shape (n,), got shape {array.shape}. Pass one value"

@@ -16,7 +16,7 @@ from ldbb_bayes.campaign.campaign_toml import LARGEST_PLAN, read_campaign_toml
 from ldbb_bayes.campaign.campaign_writer import TOML_NAME, write_campaign_into
 from ldbb_bayes.campaign.certified_instrument import Instrument
 from ldbb_bayes.campaign.readings_table import tests_of_table
-from ldbb_bayes.errors import InputError, check_known, placed
+from ldbb_bayes.errors import InputError, check_known, placed, require
 from ldbb_bayes.files import read_toml, staged_folder
 
 __all__ = [
@@ -79,6 +79,10 @@ def read_campaign(
     >>> calibrated.instrument.bar_U_um
     1.0
     """
+    require(
+        isinstance(path, str | os.PathLike),
+        f"path must be the name of a folder or file, got {path!r}. Give for example 'campaign'.",
+    )
     path = Path(path)
     if path.is_dir():
         path = path / TOML_NAME

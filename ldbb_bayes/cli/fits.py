@@ -40,7 +40,7 @@ def fit(
     Exit code 1: the random draws from the posterior did not reach the effective number of --ess.
     """
     from ldbb_bayes.cli.fit_results import RESULT_FILES, with_tolerances, write_result
-    from ldbb_bayes.inference.summary import check_probability
+    from ldbb_bayes.errors import check_probability
     from ldbb_bayes.report.fit_tables import full_result, parts_of_fit
 
     check_probability(settings["prob"])

@@ -22,10 +22,9 @@ from ldbb_bayes.cli.output import Output, figure_files, show
 from ldbb_bayes.cli.progress import counting_progress, step_progress
 from ldbb_bayes.cli.questions import can_ask
 from ldbb_bayes.cli.sources import ReportSource
-from ldbb_bayes.errors import InputError, require
+from ldbb_bayes.errors import InputError, check_probability, require
 from ldbb_bayes.files import check_target, staged_folder
 from ldbb_bayes.inference.posterior import bound_of, campaign_of, record_of
-from ldbb_bayes.inference.summary import check_probability
 from ldbb_bayes.report.page import REPORT_FILES, check_report_target
 from ldbb_bayes.report.pictures import PICTURES
 

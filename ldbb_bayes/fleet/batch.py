@@ -18,14 +18,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ldbb_bayes.deprecation import renamed_keyword
-from ldbb_bayes.errors import InputError
+from ldbb_bayes.errors import InputError, check_probability
 from ldbb_bayes.fleet.campaign_row import Job, Settings, failed_row, fit_row
 from ldbb_bayes.fleet.dataset import DATASET, check_pyarrow, read_batch, write_dataset
 from ldbb_bayes.fleet.gathering import gather
 from ldbb_bayes.fleet.journal import batch_identity, begin_batch, open_journal, save_row
 from ldbb_bayes.inference.fit import State
 from ldbb_bayes.inference.sample import sampler_named
-from ldbb_bayes.inference.summary import check_probability
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.model.specification import model_from_toml, model_to_toml
 from ldbb_bayes.parallel import Lost, done

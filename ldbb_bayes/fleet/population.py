@@ -28,7 +28,7 @@ from pydantic import Field
 from scipy.special import ndtri
 
 from ldbb_bayes.deprecation import renamed_keyword
-from ldbb_bayes.errors import InputError
+from ldbb_bayes.errors import InputError, check_probability
 from ldbb_bayes.fleet.campaign_statistics import mixture_covariance
 from ldbb_bayes.fleet.compliance_meaning import Meaning
 from ldbb_bayes.fleet.deviations import estimate_separately
@@ -45,7 +45,6 @@ from ldbb_bayes.fleet.spread_density import (
     machine_likelihoods,
     shared_quantities,
 )
-from ldbb_bayes.inference.summary import check_probability
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.mixtures import mixture_moments, mixture_quantiles, weighted_quantiles
 from ldbb_bayes.parallel import one_blas_thread

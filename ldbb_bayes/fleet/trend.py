@@ -28,7 +28,7 @@ from scipy.special import ndtri
 from ldbb_bayes.analysis.conformity import Conformity, normal_conformity
 from ldbb_bayes.analysis.tolerances import Tolerance, quantities, tolerances_in
 from ldbb_bayes.deprecation import renamed_keyword
-from ldbb_bayes.errors import InputError, check_known
+from ldbb_bayes.errors import InputError, check_known, check_probability
 from ldbb_bayes.fleet.change_point import (
     Levels,
     current_levels,
@@ -42,7 +42,6 @@ from ldbb_bayes.fleet.deviations import deviating
 from ldbb_bayes.fleet.fleet_statistics import FleetStatistics, fleet_statistics
 from ldbb_bayes.fleet.interval_summary import Summary, name_intervals
 from ldbb_bayes.fleet.selection import Caveat, CaveatKind, check_rows, choose, labels
-from ldbb_bayes.inference.summary import check_probability
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.mixtures import mixture_moments, mixture_quantiles
 from ldbb_bayes.parallel import one_blas_thread

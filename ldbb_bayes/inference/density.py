@@ -23,7 +23,7 @@ from ldbb_bayes.campaign.campaign import Campaign, require_campaign
 from ldbb_bayes.errors import require
 from ldbb_bayes.inference.mcmc import WeightedPoints
 from ldbb_bayes.inference.nodes import HyperPosterior
-from ldbb_bayes.model.hybrid import BoundModel, HybridModel
+from ldbb_bayes.model.hybrid import BoundModel, HybridModel, require_model
 from ldbb_bayes.results import Array, Shown
 
 __all__ = ["JointDensity", "LinearRedraw", "LogDensity", "log_density", "starting_points"]
@@ -69,6 +69,7 @@ def log_density(model: HybridModel, campaign: Campaign) -> LogDensity:
     >>> sampler.get_chain().shape
     (5, 40, 17)
     """
+    require_model(model)
     require_campaign(campaign)
     require(
         not campaign.is_plan,

@@ -16,7 +16,7 @@ from ldbb_bayes.campaign.campaign import Campaign, require_campaign
 from ldbb_bayes.errors import require
 from ldbb_bayes.inference.integrals import LARGEST_PARETO_K
 from ldbb_bayes.inference.nodes import Evidence, HyperPosterior, Nodes
-from ldbb_bayes.model.hybrid import HybridModel
+from ldbb_bayes.model.hybrid import HybridModel, require_model
 from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array
 
@@ -132,6 +132,7 @@ def check_comparable(model: HybridModel, campaign: Campaign) -> None:
     There is none if the prior of the model is flat, or if the campaign is a plan, that is, has no
     readings.
     """
+    require_model(model)
     require(
         not model.prior.flat,
         "a model must have a proper prior to have an evidence, got a flat one. Use the default"

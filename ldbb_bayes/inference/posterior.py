@@ -187,6 +187,10 @@ def load(path: str | os.PathLike[str]) -> xr.DataTree:
     >>> loaded["posterior"].equals(posterior["posterior"])
     True
     """
+    require(
+        isinstance(path, str | os.PathLike),
+        f"path must be the name of a file, got {path!r}. Give for example 'posterior.nc'.",
+    )
     source = Path(path)
     if source.is_dir():
         source = source / "posterior.nc"

@@ -18,7 +18,7 @@ import xarray as xr
 
 from ldbb_bayes.campaign.campaign import Campaign, require_campaign
 from ldbb_bayes.deprecation import renamed_keyword
-from ldbb_bayes.errors import require
+from ldbb_bayes.errors import check_probability, check_seed, require
 from ldbb_bayes.inference.coefficients import (
     ModelDraws,
     draw_of_circle,
@@ -30,7 +30,6 @@ from ldbb_bayes.inference.coefficients import (
 from ldbb_bayes.inference.nodes import Nodes
 from ldbb_bayes.inference.posterior import model_draws_of
 from ldbb_bayes.inference.residuals import matrix_to_harmonics
-from ldbb_bayes.inference.summary import check_probability
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.parallel import one_blas_thread
@@ -88,6 +87,7 @@ def predict(
     ['mean_um', 'median_um', 'ci_low_um', 'ci_high_um']
     """
     check_probability(prob)
+    check_seed(seed)
     require_campaign(plan)
     rng = np.random.default_rng(seed)
     levels = [0.5, 0.5 - 0.5 * prob, 0.5 + 0.5 * prob]

@@ -11,13 +11,13 @@ import warnings
 import numpy as np
 import pandas as pd
 
-from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.campaign.campaign import Campaign, require_campaign
 from ldbb_bayes.deprecation import renamed_keyword
-from ldbb_bayes.errors import require
+from ldbb_bayes.errors import check_probability, check_seed, require
 from ldbb_bayes.inference.evidence import warn_of_untrusted_weights
 from ldbb_bayes.inference.independent_sampler import TooRoughError, draw_jointly
 from ldbb_bayes.inference.nodes import HyperPosterior
-from ldbb_bayes.model.hybrid import HybridModel
+from ldbb_bayes.model.hybrid import HybridModel, require_model
 from ldbb_bayes.model.mixtures import mixture_moments
 from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array, readable
@@ -84,12 +84,15 @@ def marginalize(
     >>> [round(limit * 1e6) for limit in interval]  # nm/N
     [38, 47]
     """
+    require_model(model)
+    require_campaign(campaign)
+    check_seed(seed)
     require(
         not campaign.is_plan,
         "marginals must be asked of a campaign with readings, got a plan. Run the tests or"
         " simulate.",
     )
-    require(0.0 < prob < 1.0, f"prob must lie between 0 and 1, got {prob}. For 95 % give 0.95.")
+    check_probability(prob)
     require(
         0.0 < tolerance < 1.0,
         f"tolerance must lie between 0 and 1, got {tolerance}. For example 1e-3.",

@@ -16,7 +16,7 @@ import numpy as np
 import xarray as xr
 
 from ldbb_bayes.campaign.campaign import Campaign, require_campaign
-from ldbb_bayes.errors import check_known, renamed, require
+from ldbb_bayes.errors import check_known, check_seed, renamed, require
 from ldbb_bayes.inference.coefficients import ModelDraws, pool_draws
 from ldbb_bayes.inference.density import JointDensity, LinearRedraw, starting_points
 from ldbb_bayes.inference.evidence import log_prob_truncation
@@ -26,7 +26,7 @@ from ldbb_bayes.inference.mcmc import EnsembleRun, Progress, StoppingRule, asses
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.posterior import build_tree
 from ldbb_bayes.inference.record import densities_of, groups_of, prior_draws_of, record_from
-from ldbb_bayes.model.hybrid import HybridModel
+from ldbb_bayes.model.hybrid import HybridModel, require_model
 from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array
 
@@ -154,6 +154,8 @@ def sample(
     43
     """
     sampler = sampler_named(sampler)
+    require_model(model)
+    check_seed(seed)
     require_campaign(campaign)
     require(
         not campaign.is_plan,
@@ -177,6 +179,10 @@ def sampler_named(name: str) -> str:
 
     Raise an `InputError` for an unknown name.
     """
+    require(
+        name != "emcee",
+        "sampler must be joint or independent, got 'emcee'. emcee draws in sampler='joint'.",
+    )
     sampler = renamed(
         "sampler", name, {"quadrature": "independent"}, refused_from="0.3.0", stacklevel=5
     )

@@ -14,7 +14,7 @@ import pandas as pd
 import xarray as xr
 
 from ldbb_bayes.deprecation import renamed_keyword
-from ldbb_bayes.errors import require
+from ldbb_bayes.errors import check_probability
 from ldbb_bayes.inference.coefficients import ModelDraws, shared_terms
 from ldbb_bayes.inference.diagnostics import diagnose
 from ldbb_bayes.inference.posterior import bound_of, fit_of, model_draws_of, record_of
@@ -23,7 +23,6 @@ from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array, readable
 
 __all__ = [
-    "check_probability",
     "interval_numbers",
     "priors_of",
     "result_json",
@@ -175,11 +174,6 @@ def interval_numbers(draws: Array, prob: float) -> dict[str, float]:
         "ci_low": float(low),
         "ci_high": float(high),
     }
-
-
-def check_probability(prob: float) -> None:
-    """Raise an `InputError` for a probability that is not between 0 and 1."""
-    require(0.0 < prob < 1.0, f"prob must lie between 0 and 1, got {prob}. For 95 % give 0.95.")
 
 
 @one_blas_thread

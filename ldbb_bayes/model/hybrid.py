@@ -27,7 +27,7 @@ from ldbb_bayes.campaign.campaign import (
     distinct_forces,
     require_campaign,
 )
-from ldbb_bayes.errors import check_known, renamed, require
+from ldbb_bayes.errors import check_known, check_seed, renamed, require
 from ldbb_bayes.machine.exact import geometric_reading_mm
 from ldbb_bayes.machine.linear import kept_compliances
 from ldbb_bayes.machine.parameters import ComplianceName, GeometricName
@@ -58,7 +58,7 @@ from ldbb_bayes.model.truncation import Truncation
 from ldbb_bayes.results import Array, Result, Shown
 from ldbb_bayes.units import inside_name
 
-__all__ = ["BoundModel", "HybridModel", "Preset", "Simulation"]
+__all__ = ["BoundModel", "HybridModel", "Preset", "Simulation", "require_model"]
 
 Preset = Literal["default", "first", "paper"]
 _SIGMA = Scale("sigma", "sigma_um", "σ", "white noise")
@@ -474,6 +474,7 @@ class HybridModel(Result):
         >>> simulation.campaign.readings
         4320
         """
+        check_seed(seed)
         rng = np.random.default_rng(seed)
         bound = self.bind(plan)
         if parameters is None:
@@ -1030,6 +1031,15 @@ class BoundModel(Shown):
             if test.name in self.test_names:
                 errors.append(np.abs(self.linearisation_error_mm(test, beta)).max())
         return float(max(errors))
+
+
+def require_model(model: object) -> None:
+    """Raise an `InputError` unless the argument is a `HybridModel`."""
+    require(
+        isinstance(model, HybridModel),
+        f"model must be a HybridModel, got {type(model).__name__}. Make one with"
+        " lb.HybridModel.default(degree=1); the model comes first, then the campaign.",
+    )
 
 
 def _rows_of_tests(campaign: Campaign, names: Sequence[str] | None) -> list[int]:

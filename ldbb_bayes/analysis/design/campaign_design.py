@@ -32,8 +32,8 @@ from ldbb_bayes.campaign.campaign import (
     distinct_forces,
     require_campaign,
 )
-from ldbb_bayes.errors import InputError, require
-from ldbb_bayes.model.hybrid import BoundModel, HybridModel
+from ldbb_bayes.errors import InputError, check_seed, require, require_whole
+from ldbb_bayes.model.hybrid import BoundModel, HybridModel, require_model
 from ldbb_bayes.model.terms import Drift, Hysteresis
 from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Records, Result, read_result, readable
@@ -396,8 +396,11 @@ def design(
     >>> best.table["force_N"].to_list(), best.table["count"].to_list()
     ([36.0, 742.0], [1, 2])
     """
+    require_model(model)
     require_campaign(pilot)
+    check_seed(seed)
     number = len(pilot.tests) if tests is None else tests
+    require_whole("tests", number)
     require(
         1 <= number <= MAX_TESTS,
         f"tests must be between 1 and {MAX_TESTS}, got {number}. Give the number of circles.",
@@ -413,7 +416,7 @@ def design(
     space = Space(
         model=model,
         pilot=pilot,
-        forces_N=tuple(float(force) for force in forces_N),
+        forces_N=_force_levels(forces_N),
         clockings_deg=clockings_deg,
         radii_mm=radii_mm,
         directions=directions,
@@ -430,6 +433,17 @@ def design(
         compared[name] = tuple(planned)
     exact = space.search.find_design(number)
     return _describe_design(space, exact, Pilot(pilot.name, pilot.sha256), compared)
+
+
+def _force_levels(forces_N: Sequence[float]) -> tuple[float, ...]:
+    """Return the force levels [N] that a user gave, as numbers."""
+    try:
+        return tuple(float(force) for force in forces_N)
+    except (TypeError, ValueError):
+        raise InputError(
+            f"forces_N must be a list of numbers [N], got {forces_N!r}. Give for example"
+            " forces_N=(100.0, 400.0, 700.0)."
+        ) from None
 
 
 def _levels_in_range(pilot: Campaign) -> list[float]:
