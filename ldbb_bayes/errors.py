@@ -6,8 +6,7 @@ import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from difflib import SequenceMatcher
-from numbers import Integral, Real
-from typing import NamedTuple
+from typing import NamedTuple, SupportsIndex
 
 __all__ = [
     "InputError",
@@ -57,7 +56,7 @@ def require(condition: object, message: str) -> None:
 def check_probability(prob: object, name: str = "prob") -> None:
     """Raise an `InputError` unless the argument ``prob`` is a number between 0 and 1."""
     require(
-        isinstance(prob, Real) and 0.0 < prob < 1.0,
+        isinstance(prob, int | float) and 0.0 < prob < 1.0,
         f"{name} must be a number between 0 and 1, got {prob!r}. For 95 % give 0.95.",
     )
 
@@ -65,7 +64,7 @@ def check_probability(prob: object, name: str = "prob") -> None:
 def require_whole(name: str, number: object) -> None:
     """Raise an `InputError` unless the argument ``number``, called ``name``, is a whole number."""
     require(
-        isinstance(number, Integral),
+        isinstance(number, SupportsIndex),
         f"{name} must be a whole number, got {number!r}. Give for example {name}=6.",
     )
 
@@ -73,7 +72,7 @@ def require_whole(name: str, number: object) -> None:
 def check_seed(seed: object) -> None:
     """Raise an `InputError` unless a seed of random numbers is a whole number of at least zero."""
     require(
-        isinstance(seed, Integral) and seed >= 0,
+        isinstance(seed, SupportsIndex) and int(seed) >= 0,
         f"seed must be a whole number of at least 0, got {seed!r}. Give for example seed=1.",
     )
 

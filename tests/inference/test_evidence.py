@@ -303,7 +303,7 @@ def test_marginals_against_independent_draws() -> None:
     ("options", "message"),
     [
         ({"campaign": plan()}, "must be asked of a campaign with readings, got a plan"),
-        ({"prob": 95.0}, "prob must lie between 0 and 1, got 95"),
+        ({"prob": 95.0}, "prob must be a number between 0 and 1, got 95"),
         ({"tolerance": -1.0}, "tolerance must lie between 0 and 1, got -1"),
     ],
 )

@@ -120,7 +120,7 @@ def test_summary_numbers(posterior: xr.DataTree) -> None:
     row = lb.summarize(posterior, prob=0.9).loc["C_XXX"]
     np.testing.assert_allclose([row["ci_low"], row["ci_high"]], np.quantile(draws, [0.05, 0.95]))
     assert (row["prior_sd"], row["unit"]) == (1e-4, "mm/N")
-    refuses("prob must lie between 0 and 1, got 95", lb.summarize, posterior, prob=95)
+    refuses("prob must be a number between 0 and 1, got 95", lb.summarize, posterior, prob=95)
     result = result_json(posterior)
     sigma = posterior["posterior"]["sigma"].to_numpy()
     assert result["parameters"]["C_XXX"]["ci95"] == pytest.approx(
