@@ -55,8 +55,8 @@ _LOBES = 4
 class Degeneracy:
     """A combination of parameters and nuisance coefficients that no reading resolves.
 
-    Nuisance coefficients are effects that are modelled but not of interest, or are left out of the
-    model.
+    Nuisance coefficients are effects that are not of interest. The model includes some of them and
+    leaves out others.
     """
 
     #: class name of the model term of the pivot, the coefficient for which the combination is
@@ -91,9 +91,9 @@ class Degeneracy:
 class StandingKind(StrEnum):
     """Kind of effect on the readings that looks like a parameter of the machine.
 
-    It is friction, drift, a nonlinear mount or force device (curvature), or a four-lobed form error
-    of the balls (lobes). The effect is no term of the model, or only tests at different forces
-    separate it from the parameter.
+    The kinds are friction, drift, a nonlinear mount or force device (curvature), and a four-lobed
+    form error of the balls (lobes). Such an effect is no term of the model, or only tests at
+    different forces separate it from the parameter.
     """
 
     FRICTION = "friction"
@@ -163,13 +163,12 @@ def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
 
 
 def _parameters_alone_if_unresolved(space: NullSpace, vector: Array) -> Array:
-    """Return a combination of coefficients, with its nuisance coefficients set to zero if allowed.
+    """Return a combination of coefficients without its nuisance coefficients, if it needs none.
 
-    The nuisance coefficients (effects modelled but not of interest) are set to zero if no reading
-    resolves the parameters alone. If the parameters alone change the readings noticeably, the
-    combination is returned unchanged. The combination is ``vector``, shape (m,): the m coefficients
-    in units of their prior standard deviations. ``space`` is the null space of the campaign's
-    design matrix.
+    Nuisance coefficients are effects that are modelled but not of interest. They are set to zero if
+    no reading resolves the parameters of the combination alone. Otherwise the combination is
+    returned unchanged. The combination is ``vector``, shape (m,): the m coefficients in units of
+    their prior standard deviations. ``space`` is the null space of the campaign's design matrix.
     """
     is_parameter = np.arange(len(vector)) < space.parameters
     parameters_only = np.where(is_parameter, vector, 0.0)
@@ -185,10 +184,10 @@ def _describe_degeneracy(
 ) -> Degeneracy | None:
     """Return the `Degeneracy` that describes an unresolved combination of coefficients.
 
-    Return None if the combination involves no parameter. The combination is ``vector``, shape (m,):
-    the m coefficients in units of their prior standard deviations. ``pivot`` is the index of the
-    coefficient for which the combination is written, with the value one. ``space`` is the null
-    space that the combination belongs to.
+    The combination is ``vector``, shape (m,): the m coefficients in units of their prior standard
+    deviations. ``pivot`` is the index of the coefficient for which the combination is written, with
+    the value one. ``space`` is the null space that the combination belongs to. Return None if no
+    parameter in the combination has more than 2 % of the largest effect on the readings.
     """
     names = coefficients.names
     effect = space.largest * np.abs(vector)
@@ -335,9 +334,9 @@ def _like_friction(bound: BoundModel) -> tuple[str, ...]:
 def _like_drift(bound: BoundModel) -> tuple[str, ...]:
     """Return the names of the compliances that a drift of the readings can be mistaken for.
 
-    There are none for a plan, if the model has the term ``Drift``, or if the tests were not run in
-    the order of their forces. Otherwise they are the direct compliances. If the model has the term
-    ``Position``, rotations caused by a force are added.
+    For a campaign whose tests were run in the order of their forces, these are the direct
+    compliances and, if the model has the term ``Position``, the rotations caused by a force. There
+    are none for another campaign, for a plan, or if the model has the term ``Drift``.
     """
     modelled = _modelled_terms(bound)
     if "Drift" in modelled or bound.campaign.is_plan or not in_order_of_force(bound):

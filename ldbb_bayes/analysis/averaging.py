@@ -106,7 +106,7 @@ def average(
     draws: int = 4000,
     evidences: Evidences | None = None,
 ) -> xr.DataTree:
-    """Average the posterior over models and over rival explanations of a change with force.
+    """Average the posterior over models, and over the subsets of their rival explanations.
 
     The average is p(β, φ | y) = Σ_M p(M | y) p(β, φ | y, M): the posterior of the parameters β and
     hyper-parameters φ under each model M, weighted by the probability of the model given the
@@ -124,8 +124,8 @@ def average(
     seed : int
         Seed of the random draws.
     draws : int
-        Number of draws in all four chains, at least 400; each model has a share equal to its
-        probability.
+        Number of draws in all four chains together, at least 400; it is rounded down to a multiple
+        of four. Each model has a share equal to its probability.
     evidences : Evidences, optional
         Evidences that are known already, for example those that `compare` was given; they are not
         computed again.
@@ -134,9 +134,10 @@ def average(
     -------
     DataTree
         Posterior as returned by `sample`, with the parameters of the largest model; a parameter
-        that a model lacks is zero in its draws. ``sample_stats.model`` is the index of the model
-        that each draw comes from; the entry ``averaged`` of the record lists the models with rival
-        explanations, log evidence and probability. The prior draws come from all models, too.
+        that a model lacks is zero in its draws. The entry ``averaged`` of the record lists the
+        models with rival explanations, log evidence and probability. ``sample_stats.model`` is the
+        index in this list, from 0, of the model that each draw comes from. The prior draws come
+        from all models in equal numbers.
 
     Raises
     ------
@@ -288,7 +289,7 @@ def _draw_priors(
 ) -> list[ModelDraws]:
     """Return random draws from the prior of each model, the same number for every model.
 
-    ``draws`` is the number of draws from all models together.
+    ``draws`` is the least number of draws from all models together.
     """
     size = -(-draws // len(weighted.nodes))
     draws_of_models = []
@@ -334,8 +335,8 @@ def _log_densities(draws_of_models: Sequence[ModelDraws], order: Array) -> dict[
 def _log_prob_truncation(weighted: _WeightedModels) -> tuple[float, float]:
     """Return the log probability that no compliance is negative, and its error [nat].
 
-    The probability is that in the posterior of the most probable model that is computed without the
-    condition that compliances are not negative.
+    The probability is that under the posterior of the most probable model. This posterior is
+    computed without the condition that compliances are not negative.
     """
     most_probable = weighted.bounds[int(np.argmax(weighted.probability))]
     near = weighted.nodes[0].posterior.plain.mode

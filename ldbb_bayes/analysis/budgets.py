@@ -189,10 +189,11 @@ def budget_uncertainty(posterior: xr.DataTree) -> dict[str, Budget]:
 
 
 def _contributions(variance: _PosteriorVariance, i: int, u: float) -> tuple[Contribution, ...]:
-    """Return the lines of the budget of parameter i, the largest share of the variance first.
+    """Return the lines of the budget of one parameter, the largest share of the variance first.
 
-    ``variance`` holds the shares of all sources; ``u`` is the parameter's standard uncertainty.
-    Small contributions of one model term are summed in one line.
+    ``i`` is the index of the parameter, ``u`` its standard uncertainty; ``variance`` holds the
+    shares of all sources. Coefficients of one model term with shares below 0.1 % have a common
+    line.
     """
     lines = []
     unlisted_shares: dict[str, float] = {}
@@ -214,7 +215,7 @@ def _contributions(variance: _PosteriorVariance, i: int, u: float) -> tuple[Cont
 def _coefficient_line(
     variance: _PosteriorVariance, i: int, source: str, term: str, share: float, u: float
 ) -> Contribution:
-    """Return the line of one nuisance coefficient in the budget of parameter i.
+    """Return the line of one nuisance coefficient in the budget of the parameter with index i.
 
     ``source`` is the name of the coefficient and ``term`` that of its model term. ``share`` is the
     share of the coefficient in the parameter's variance; ``u`` is the standard uncertainty of the
@@ -306,10 +307,11 @@ def _heaviest_term(contributions: Sequence[Contribution]) -> str:
 def _uncertainty_if_known(
     variance: _PosteriorVariance, i: int, term: str, u: float
 ) -> float | None:
-    """Return the standard uncertainty of parameter i if a model term were known exactly.
+    """Return the standard uncertainty that a parameter would have if a term were known exactly.
 
-    Return None if the term cannot be known, such as noise of the readings. ``u`` is the present
-    standard uncertainty of the parameter.
+    ``i`` is the index of the parameter, ``term`` the name of the model term, and ``u`` the present
+    standard uncertainty of the parameter. Return None if the term cannot be known, such as noise of
+    the readings.
     """
     if term not in variance.variance_if_known:
         return None

@@ -102,5 +102,5 @@ def first_circle(bound: BoundModel, plane: str) -> int:
 
 
 def is_tool_ball_offset(bound: BoundModel) -> Array:
-    """Return whether each parameter is an offset of the tool ball, shape (p,)."""
+    """Return a mask of the p parameters, shape (p,), that is true for offsets of the tool ball."""
     return np.array([name.startswith("E_") and name[3] == "t" for name in bound.names])

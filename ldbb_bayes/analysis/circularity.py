@@ -227,8 +227,8 @@ def summarise_draws(values: Array, prob: float) -> dict[str, float]:
 class _Hysteresis(NamedTuple):
     """Posterior draws of the hysteresis of a circle, as 25 Fourier coefficients.
 
-    Hysteresis is half the difference of radial deviation between clockwise and counterclockwise
-    travel.
+    Hysteresis is half the difference of the radial deviations in clockwise and counterclockwise
+    travel, clockwise minus counterclockwise.
     """
 
     #: part of the hysteresis that does not depend on force, as Fourier coefficients of the radial
@@ -247,7 +247,7 @@ def _draw_hysteresis(
 ) -> dict[str, _Hysteresis]:
     """Return random draws of hysteresis for each plane run in both directions of travel.
 
-    Hysteresis is half the difference of radial deviation between clockwise and counterclockwise
+    Hysteresis is half the difference of the radial deviations in clockwise and counterclockwise
     travel. If the posterior is an average over models, the draws of one model follow those of
     another. Planes whose hysteresis is zero are left out.
     """

@@ -127,7 +127,10 @@ def joint_difference(
 
 
 def _several_clockings(bounds: Sequence[BoundModel]) -> bool:
-    """Return whether a ball is turned to another angle in any of the tests of both campaigns."""
+    """Return whether the tests of both campaigns together have more than one clocking.
+
+    A clocking is the pair of angles by which work ball and tool ball are turned in their sockets.
+    """
     clockings = set()
     for bound in bounds:
         for test in bound.campaign.tests:

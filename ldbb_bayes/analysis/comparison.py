@@ -72,8 +72,9 @@ SLOPE_SCALES = (0.03, 0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 2.0, 3.0)
 # The readings reject an assumption about how circles differ if its log evidence is lower than that
 # of the models' own assumption by this or more [nat].
 _REJECTED = 5.0
-# The evidences under an assumption about how circles differ need to be only rough if both log
-# evidences are lower by this [nat] than the better one under the models' own assumption.
+# Under an assumption about how circles differ, the evidences of the two models are computed only
+# roughly if both log evidences are lower by this [nat] than the better one under the models' own
+# assumption.
 _FAR_REJECTED = 10.0
 # Number of posterior draws over which each model's prediction of the readings is averaged.
 _QUALITY_DRAWS = 1000
@@ -182,9 +183,10 @@ class ScaledSlopes:
 
 @dataclass(frozen=True)
 class Difference:
-    """The sum over the tests of a log predictive density, or of its difference of two models [nat].
+    """A sum over the tests of a campaign, and its standard error from their scatter [nat].
 
-    ``value`` is the sum; ``se`` is its standard error, from the scatter over the tests.
+    Summed is the log predictive density of each test, or the difference of this density between two
+    models. ``value`` is the sum and ``se`` its standard error.
     """
 
     value: Number
@@ -297,9 +299,9 @@ class Comparison(Result):
     def turning(self) -> list[Assumed]:
         """Return the assumptions that reverse the sign of the log Bayes factor `headline`.
 
-        It is that of the second model over the first. The assumptions are about how circles differ
-        from one another; white noise alone is left out. The one with the largest log evidence comes
-        first.
+        This log Bayes factor is that of the second model over the first. The assumptions are about
+        how circles differ from one another; white noise alone is left out. The assumption with the
+        largest log evidence comes first.
         """
         opposite_sign = -np.sign(self.headline[0])
         turning = []

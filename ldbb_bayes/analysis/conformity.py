@@ -252,10 +252,10 @@ def _tail_probability(outside: Array, score: float) -> float:
     """Return the probability that a quantity lies beyond a limit.
 
     The probability is the share of posterior draws beyond the limit. ``outside``, shape (draws,),
-    states of each draw whether it lies there. If fewer than ``_FEWEST_DRAWS`` draws lie on one side
-    of the limit, the probability is instead the tail of a normal distribution, but on that side
-    never more than the share of ``_FEWEST_DRAWS`` draws. ``score`` is the distance from the limit
-    to the mean in standard deviations, negative if the mean lies inside the limit.
+    is true for these draws. If fewer than ``_FEWEST_DRAWS`` draws lie on one side of the limit, the
+    probability is instead the tail of a normal distribution. The probability of that side is then
+    at most the share of ``_FEWEST_DRAWS`` draws. ``score`` is the distance from the limit to the
+    mean in standard deviations, negative if the mean lies inside the limit.
     """
     n = len(outside)
     count = int(outside.sum())

@@ -38,7 +38,7 @@ _HIGHER_FORCE_SHARE = 1.5
 _OTHER_RADIUS_SHARE = 2.0 / 3.0
 # Radii that differ by no more than this share of the larger count as the same.
 _SAME_RADIUS_SHARE = 0.01
-# The opposite of each direction of travel: clockwise (CW) and counterclockwise (CCW).
+# Opposite of each direction of travel, which is clockwise (CW) or counterclockwise (CCW).
 _OPPOSITE: dict[str, Direction] = {"CW": "CCW", "CCW": "CW"}
 
 
@@ -109,9 +109,9 @@ def _is_among(degeneracy: Degeneracy, remaining: Sequence[Degeneracy]) -> bool:
 def _is_same(degeneracy: Degeneracy, candidate: Degeneracy) -> bool:
     """Return whether two degeneracies, combinations that no reading resolves, count as the same.
 
-    Two degeneracies with nuisance coefficients (effects modelled but not of interest) are the same
-    if the first of these are of the same kind. Two without are the same if they have two
-    parameters in common.
+    Two degeneracies that are written for a nuisance coefficient (an effect modelled but not of
+    interest) are the same if these coefficients are of the same kind. Two that are written for a
+    parameter are the same if they have two parameters in common, or one if the first has only one.
     """
     if degeneracy.term != candidate.term:
         return False
@@ -184,8 +184,8 @@ def _clocked(
 def _at_other_radius(plan: Campaign) -> list[CircularTest]:
     """Return copies of all tests of a plan at a radius that the plan does not have.
 
-    The radius is two thirds of that of the test with the lowest force. While a test of the plan has
-    about this radius, it is reduced to two thirds again.
+    The radius is two thirds of that of the test with the lowest force. If a test of the plan has
+    about this radius already, the new radius is reduced to two thirds until no test has it.
     """
     radii_of_plan = np.array([test.circle.radius_mm for test in plan.tests])
     radius = float(radii_of_plan[plan.forces_N.argmin()])

@@ -80,9 +80,9 @@ _DIGESTED_ALWAYS = (
     "centre_x_mm",
     "centre_y_mm",
 )
-# Usual values of those fields of a test that enter the SHA-256 digest of its campaign only if they
-# have another value. Digests from older versions of the program, which lacked these fields, thereby
-# stay valid.
+# Names of further fields of a test, each with its usual value. Such a field enters the SHA-256
+# digest of the campaign only if it has another value. Thereby digests from older versions of the
+# program, which lacked these fields, stay valid.
 _DIGESTED_UNLESS_USUAL = {
     "centre_z_mm": 0.0,
     "setup": 1.0,
@@ -160,9 +160,10 @@ class CampaignFields(Shown):
 class Campaign(CampaignFields):
     """Circular tests of one machine, with readings or, as a plan, without.
 
-    ``lb.Plan`` is another name of the same class. Tests take the radius, plane and centre that they
-    do not state from the campaign. If a test states only force or only pressure, the campaign's
-    force law gives the other. Tests without a name are named after their force.
+    ``lb.Plan`` is another name of the same class. If a test does not state its radius, plane or
+    centre, it gets the one that the campaign states. If a test states only its force or only its
+    pressure, the campaign's force law gives the other. Tests without a name are named after their
+    force.
 
     Raises
     ------
@@ -214,8 +215,9 @@ class Campaign(CampaignFields):
     def _complete(self, test: CircularTest) -> CircularTest:
         """Return a test with radius, plane, centre, set-up, force and pressure filled in.
 
-        What the test does not state comes from the campaign. Raise an `InputError` if the
-        campaign's force law (force as a linear function of pressure) gives a force that is not
+        Radius, plane and centre that the test does not state are those of the campaign; the set-up
+        is then number 1. A force or pressure that it does not state follows from the campaign's
+        force law, which is linear in the pressure. Raise an `InputError` if this force is not
         positive.
         """
         completed: dict[str, Any] = {
@@ -247,7 +249,7 @@ class Campaign(CampaignFields):
         return force_N
 
     def machine(self) -> Machine:
-        """Return the machine of the campaign, with the planes of all tests and foreseen tests."""
+        """Return the machine of the campaign, for the planes of all tests and foreseen tests."""
         return Machine(self.topology, tuple(str(test.plane) for test in self.scope), self.frames_mm)
 
     @property
@@ -315,9 +317,9 @@ class Campaign(CampaignFields):
     def sha256(self) -> str:
         """SHA-256 digest of the readings and the conditions under which they were taken.
 
-        Campaigns with equal readings and conditions have the same digest, however their files are
-        written. Certificates do not change the digest, because they enter the model as prior
-        knowledge.
+        Campaigns with the same tests, in the same order and with the same names, have the same
+        digest, however their files are written. Certificates do not change the digest, because they
+        enter the model as prior knowledge.
         """
         digest = hashlib.sha256()
         head: list[Any] = [

@@ -1,4 +1,4 @@
-"""Reading of the file campaign.toml, and of CSV files and calibration certificates it names."""
+"""Reading of campaign.toml, and of the CSV files and calibration certificates that it names."""
 
 from __future__ import annotations
 
@@ -137,11 +137,11 @@ def read_campaign_toml(path: Path) -> CampaignContent:
 
 
 def _fill_from_certificates(path: Path, content: dict[str, Any]) -> None:
-    """Replace the file name of each digital calibration certificate (DCC) by what it states.
+    """Replace the key ``dcc`` of each table by the keys that the named certificate states.
 
-    ``content`` is the content of the campaign.toml at ``path``, which is changed in place. The key
-    ``dcc`` of a table names the file of a certificate; it is replaced by the keys that the
-    certificate states. Raise an `InputError` if the table states one of these keys too.
+    The key names the file of a digital calibration certificate (DCC). ``content`` is the content of
+    the campaign.toml at ``path`` and is changed in place. Raise an `InputError` if a table and its
+    certificate state the same key.
     """
     tables = {"bar": content.get("bar"), "force": content.get("force")}
     balls = content.get("balls", {})
@@ -201,9 +201,11 @@ def _instrument_of(path: Path, file: _CampaignFile) -> Instrument:
 
 
 def _read_test(toml: Path, number: int, entry: _TestFile) -> CircularTest:
-    """Return the test that the table [[test]] of this number describes, with readings if any.
+    """Return the test that one table [[test]] of campaign.toml describes.
 
-    ``entry`` is the validated content of the table. It is a planned test if it names no file.
+    If the table names a file, its readings are read; otherwise the test is a planned one. ``toml``
+    is the path of campaign.toml, ``number`` the number of the table, counted from 1, for error
+    messages, and ``entry`` the validated content of the table.
     """
     if entry.file is None:
         return _planned_test(f"{toml}, test {number}", entry)
@@ -239,8 +241,9 @@ def _stated_values(entry: _PlannedTest) -> dict[str, Any]:
 def _planned_angles(plan: Mapping[str, Any]) -> Any:
     """Return the angles of a planned test [deg], in equal steps.
 
-    ``plan`` holds number of readings, start and arc, by the keys of campaign.toml. The arc includes
-    both end points, unless it is a full turn, in which the first angle is not repeated.
+    ``plan`` holds number of readings, start and arc, by the keys readings, start_deg and arc_deg of
+    campaign.toml. By default, they are 720, 0° and 360°. The angles include both ends of the arc,
+    but in a full turn the first angle is not repeated.
     """
     readings = plan.get("readings", _PLANNED_READINGS)
     arc_deg = plan.get("arc_deg", 360.0)

@@ -26,8 +26,8 @@ _TURN_TOLERANCE = 1e-6
 def write_campaign_into(campaign: Campaign, folder: Path) -> None:
     """Write campaign.toml and one CSV file of readings for each test into an existing folder.
 
-    Planned and foreseen tests, which have no readings, get no CSV file. Of a foreseen test whose
-    angles are in unequal steps, as many angles in equal steps are written.
+    Planned and foreseen tests, which have no readings, get no CSV file. If the angles of a foreseen
+    test are in unequal steps, as many angles in equal steps are written instead.
     """
     text = tomli_w.dumps(_without_none(_campaign_tables(campaign)))
     for test in campaign.tests:
@@ -70,7 +70,7 @@ def _add_certificates(tables: dict[str, Any], instrument: Instrument) -> None:
     """Add the certified values of the instrument to the tables of campaign.toml, in place.
 
     The field bar_U_um of the instrument, for example, becomes the key U_um of the table [bar].
-    Values that no certificate states are left out.
+    Values that are None or zero are left out.
     """
     stated = asdict(instrument)
     balls = {}
@@ -88,8 +88,7 @@ def _add_certificates(tables: dict[str, Any], instrument: Instrument) -> None:
 def _test_table(campaign: Campaign, test: CircularTest) -> dict[str, Any]:
     """Return the table [[test]] or [[foreseen]] of campaign.toml for one test of a campaign.
 
-    Fields with the value that reading the file would fill in anyway are left out, such as the
-    campaign's radius.
+    A field is left out if reading the file fills in the same value, such as the campaign's radius.
     """
     usual = {
         "radius_mm": campaign.radius_mm,

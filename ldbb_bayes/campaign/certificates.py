@@ -1,6 +1,6 @@
 """Digital calibration certificates (DCC) of bar, force device and balls.
 
-The numbers of a certificate are converted to keys of ``campaign.toml``, which become the fields of
+The numbers of a certificate become values of keys of ``campaign.toml``, and these become fields of
 `Instrument`.
 """
 
@@ -56,9 +56,9 @@ class CertifiedQuantity:
     def title(self) -> str:
         """Text that names the quantity in messages.
 
-        The text is the name of the quantity. If the quantity has none, it is the name of the
-        innermost named element around it in the certificate; if there is none either, its attribute
-        refType.
+        The text is the first of these that is not empty: the name of the quantity, the name or
+        attribute refType of the innermost element of the certificate that contains the quantity,
+        the attribute refType of the quantity, and "no name".
         """
         for text in (self.name, *reversed(self.holders), self.ref_type):
             if text:
@@ -69,8 +69,8 @@ class CertifiedQuantity:
     def role(self) -> str:
         """Role of the quantity, such as length or force, from its name and attribute refType.
 
-        If these show no role, the names of the certificate's elements around the quantity decide.
-        The role is an empty text for a quantity that concerns neither bar, force device nor ball.
+        If name and refType show no role, those of the certificate's elements that contain the
+        quantity decide. The role is an empty text if these show none either.
         """
         own_text = f"{self.name} {self.ref_type}".lower()
         holder_text = " ".join(self.holders).lower()
@@ -169,9 +169,11 @@ class CalibrationCertificate(Shown):
         """Return the length error of a bar, its expanded uncertainty, and the certificate's name.
 
         The keys are those of the table [bar] in campaign.toml: length_error_um [µm], U_um (k = 2)
-        [µm] and certificate. The length error is the amount by which readings are too large. An
-        error of indication in the certificate is used unchanged. A deviation from the nominal
-        length changes its sign, because a longer bar reads too small.
+        [µm] and certificate. The length error is the amount by which readings are too large. If the
+        certificate states an error of indication, this error is returned unchanged. If it states a
+        deviation from the nominal length, the sign is changed, because a longer bar reads too
+        small. If it states the length and its nominal value, the length is subtracted from the
+        nominal value. Raise an `InputError` if no uncertainty is stated.
         """
         lengths = self._quantities_by_role("m")
         quantity = self._bar_quantity(lengths)
@@ -209,10 +211,11 @@ class CalibrationCertificate(Shown):
     def force(self) -> dict[str, Any]:
         """Return what the certificate states about a force device, by the keys of campaign.toml.
 
-        The key U_percent is the expanded uncertainty (k = 2) of the gain or, if no gain is stated,
-        of the largest force, in percent of it. The key linearity_percent is the largest deviation
-        from a straight line, in percent of the largest force. The key certificate is the name of
-        the certificate.
+        The key U_percent is the relative expanded uncertainty (k = 2) of the gain in percent or, if
+        no gain is stated, that of the largest certified force. The key linearity_percent is the
+        largest deviation from a straight line, in percent of the largest force. The key certificate
+        is the name of the certificate. Of U_percent and linearity_percent, one that the certificate
+        does not state is left out. Raise an `InputError` if it states neither.
         """
         stated: dict[str, Any] = {}
         sources = []
@@ -258,10 +261,11 @@ class CalibrationCertificate(Shown):
         return _largest([*shares, *newtons])
 
     def _full_scale(self, linearity: CertifiedQuantity) -> float:
-        """Return the number by which the linearity error of a force device is divided.
+        """Return the number by which the linearity error of a force device must be divided.
 
-        The quotient is a ratio. The number is 1 if the error is already a ratio, and the largest
-        certified force [N] if it is a force. Raise an `InputError` if no force is certified.
+        The quotient is the error as a ratio. The number is 1 if the certificate states the error as
+        a ratio, and the largest certified force [N] if it states the error in newtons. Raise an
+        `InputError` for an error in newtons if no force is certified.
         """
         if linearity.dimension == "":
             return 1.0
@@ -274,11 +278,11 @@ class CalibrationCertificate(Shown):
         return largest_force.magnitude()
 
     def ball(self) -> dict[str, Any]:
-        """Return deviation from sphericity [µm] and name of the certificate of a ball.
+        """Return a ball's deviation from sphericity [µm] and the name of its certificate.
 
-        The keys are those of campaign.toml: sphericity_um and certificate. The deviation from
-        sphericity is the largest sum of a form deviation that the certificate states and its
-        expanded uncertainty (k = 2).
+        The keys are those of campaign.toml: sphericity_um and certificate. To each form deviation
+        that the certificate states, its expanded uncertainty (k = 2) is added. The largest of these
+        sums is the deviation from sphericity.
         """
         largest_bound = 0.0
         quantity = None
@@ -300,8 +304,8 @@ class CalibrationCertificate(Shown):
     def _quantities_by_role(self, dimension: str) -> dict[str, list[CertifiedQuantity]]:
         """Return the certified quantities of one dimension, such as m, in lists by their role.
 
-        Quantities of an unknown unit are included, and those without a role left out. A role is
-        what a quantity states, such as length or force.
+        A role is what a quantity states, such as length or force. Quantities of an unknown unit are
+        included; quantities without a role are left out.
         """
         by_role: dict[str, list[CertifiedQuantity]] = {}
         for quantity in self.quantities:
@@ -327,11 +331,11 @@ class CalibrationCertificate(Shown):
 
 
 def _title_with_holder(quantity: CertifiedQuantity) -> str:
-    """Return the name of a certified quantity after that of the XML element that encloses it.
+    """Return a text that names a certified quantity and an XML element that contains it.
 
-    Of the elements of the certificate that enclose the quantity, it is the innermost one whose name
-    contains no underscore, because names with underscores are technical. For a quantity without a
-    name, the name of the element is left out.
+    An example is "Bar: length error". The element is the innermost one of the certificate whose
+    name contains no underscore, because names with underscores are technical. If there is no such
+    element, or if the quantity has no name, return the title of the quantity alone.
     """
     if quantity.name:
         for holder in reversed(quantity.holders):

@@ -50,8 +50,8 @@ _ORDINARY_GAP = 3.0
 # Forces of several tests count as the same if they differ by no more than this fraction of the
 # largest force, because a pressure regulator does not repeat a force more closely.
 _SAME_FORCE_SHARE = 1e-3
-# Relative tolerance within which steps from angle to angle count as equal, and the angles of a test
-# as covering no more than one turn.
+# Relative tolerance of two comparisons: whether the steps from angle to angle of a test are equal,
+# and whether its angles cover no more than one turn.
 _EVEN_TOLERANCE = 1e-6
 # Names of the fields of a test that hold the coordinates X, Y, Z of the circle's centre.
 CENTRE = ("centre_x_mm", "centre_y_mm", "centre_z_mm")
@@ -61,8 +61,8 @@ CENTRE = ("centre_x_mm", "centre_y_mm", "centre_z_mm")
 class TestFields(Shown):
     """Conditions of a circular test: load, circle, set-up and direction, without the readings.
 
-    A program, the file ``campaign.toml`` or the layout of a foreign file states them. A field that
-    is not stated is None.
+    They are stated by a program, by the file ``campaign.toml``, or by the layout of a file that
+    another program wrote. A field that is not stated is None.
     """
 
     __test__ = False
@@ -150,7 +150,7 @@ class CircularTest(TestFields):
     reading_mm: Any = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
-        """Store the angles in degrees and the readings in µm, in whichever unit they were given.
+        """Convert the angles to degrees and the readings to µm, and check the test.
 
         Raise an `InputError` for the first fault of the test.
         """
@@ -167,10 +167,11 @@ class CircularTest(TestFields):
     def _column(
         self, name: str, other_name: str, convert: Callable[[Array], Array]
     ) -> Array | None:
-        """Return the angles [deg] or the readings [µm], from the unit in which the user gave them.
+        """Return the angles in degrees, or the readings in µm, of a test.
 
-        ``name`` is the field in the unit that is kept, and ``other_name`` the field in the other
-        unit, which ``convert`` converts. Return None if the user gave neither.
+        ``name`` is the field in this unit, such as angle_deg, and ``other_name`` the field in the
+        other unit, such as angle_rad, from which ``convert`` converts. Return None if the user gave
+        neither field. Raise an `InputError` if both are given, or if a value is not finite.
         """
         column = getattr(self, name)
         other_column = getattr(self, other_name)
@@ -210,8 +211,8 @@ class CircularTest(TestFields):
     def _faults(self, angle: Array | None, reading: Array | None) -> Iterator[str]:
         """Yield one text for each fault of the test: what the test must have, and the remedy.
 
-        ``angle`` (n,) [deg] and ``reading`` (n,) [µm] are the columns of the test; None for a
-        column that is not given.
+        ``angle`` [deg] are the angles of the test, and ``reading`` [µm] its readings. Either is
+        None if it is not given.
         """
         if angle is None:
             yield "have angles, got none. Give angle_deg (or angle_rad)."
@@ -267,7 +268,7 @@ class CircularTest(TestFields):
         return np.asarray(self.reading_um) * 1e-3
 
     def with_reading_um(self, reading_um: ArrayLike | None) -> CircularTest:
-        """Return the same test with the readings ``reading_um`` [µm], or without any for None."""
+        """Return the same test with the readings ``reading_um`` [µm]; None removes the readings."""
         return replace(self, reading_um=reading_um)
 
     def select(self, keep: NDArray[np.bool_]) -> CircularTest:
@@ -284,7 +285,7 @@ class CircularTest(TestFields):
     def step_deg(self) -> float:
         """Step from one angle of the test to the next [deg]; negative if the angles decrease.
 
-        The step is zero if the steps are unequal, or if the angles cover more than one turn.
+        Zero stands for angles in unequal steps, and for angles over more than one turn.
         """
         steps = np.diff(self.angle_deg)
         is_even = np.allclose(steps, steps[0], rtol=_EVEN_TOLERANCE)
@@ -295,8 +296,8 @@ class CircularTest(TestFields):
     def planned(self) -> CircularTest:
         """Return the same test as a planned one, without readings.
 
-        If the steps between the angles are unequal, the angles are replaced by as many angles in
-        equal steps over the same arc.
+        Angles in unequal steps, or over more than one turn, are replaced by as many angles in equal
+        steps over the arc of the circle that they cover, which is at most one turn.
         """
         if self.step_deg:
             return replace(self, reading_um=None)
@@ -324,9 +325,9 @@ class CircularTest(TestFields):
     def arc_deg(self) -> float:
         """Arc that the angles of the test cover [deg].
 
-        The arc is 360° minus the largest gap between neighbouring angles on the circle. If the
-        largest gap is no wider than three usual gaps, it is 360°. Half of the rest of the circle
-        lies in gaps no wider than the usual gap.
+        The arc is 360° minus the largest gap between neighbouring angles on the circle. It is 360°
+        if the largest gap is no wider than three usual gaps, see `usual_gap`. Angles of several
+        turns are first reduced to one turn.
         """
         return _arc_of(self.angle_deg.tobytes())
 
@@ -337,10 +338,11 @@ def _um_of_mm(millimetres: Array) -> Array:
 
 @lru_cache(maxsize=64)
 def _arc_of(angles: bytes) -> float:
-    """Return the arc that angles cover [deg], from the bytes of the array of angles [deg].
+    """Return the arc [deg] that the angles of a test cover, see `CircularTest.arc_deg`.
 
-    Bytes can be keys of the cache, which is used because many tests of a campaign or of a design
-    have the same angles.
+    The arc is zero if all angles are equal. ``angles`` are the bytes of the array of angles [deg].
+    Bytes, unlike an array, can be the key of a cache. The cache is used because many tests of a
+    campaign or of a design have the same angles.
     """
     wrapped = np.unique(np.mod(np.frombuffer(angles), 360.0))
     if len(wrapped) < 2:
@@ -355,8 +357,9 @@ def _arc_of(angles: bytes) -> float:
 def usual_gap(gaps_deg: Array) -> float:
     """Return the usual one of n ≥ 2 gaps between neighbouring angles on a circle [deg].
 
-    Without the largest gap, half of the circle lies in gaps no wider than the usual one. Angles
-    that (nearly) repeat one another therefore do not make it smaller, as they would the median.
+    The usual gap is the smallest one for which the gaps up to its width cover half of the circle;
+    the largest gap is left out first. Angles that nearly repeat one another make the median gap
+    smaller, but hardly this one.
 
     Parameters
     ----------
@@ -371,8 +374,8 @@ def usual_gap(gaps_deg: Array) -> float:
 def distinct_forces(forces_N: ArrayLike) -> Array:
     """Return the different ones of several forces, in ascending order [N].
 
-    A force that exceeds the one before by at most a thousandth of the largest force counts as equal
-    to it and is left out.
+    A force is left out if it exceeds the last force that was kept by at most a thousandth of the
+    largest force.
     """
     ordered = np.unique(np.asarray(forces_N, dtype=float))
     distinct: list[float] = []

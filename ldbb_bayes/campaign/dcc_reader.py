@@ -1,6 +1,7 @@
 """Reading of digital calibration certificates (DCC, schema 2 and 3) from XML.
 
-Document types, and with them entities, are refused, because the XML file is not trusted.
+XML files that declare a document type, which may define entities, are refused, because the file is
+not trusted.
 """
 
 from __future__ import annotations
@@ -52,8 +53,8 @@ _T = TypeVar("_T")
 def read_dcc(path: str | os.PathLike[str]) -> CalibrationCertificate:
     """Return a digital calibration certificate (DCC) with the numbers of its results.
 
-    The versions 2 and 3 of the DCC schema are understood. Document types, and with them entities,
-    are refused, because the XML file is not trusted.
+    The versions 2 and 3 of the DCC schema are understood. A file that declares a document type,
+    which may define entities, is refused, because the file is not trusted.
 
     Parameters
     ----------
@@ -64,8 +65,8 @@ def read_dcc(path: str | os.PathLike[str]) -> CalibrationCertificate:
     -------
     CalibrationCertificate
         The certificate: its ``identifier`` and its ``quantities``. Its method ``fields`` returns
-        what it states of a ``"bar"``, a ``"force"`` device or a ``"ball"``, under the keys of
-        ``campaign.toml``.
+        what the certificate states about a ``"bar"``, a ``"force"`` device or a ``"ball"``, by the
+        keys of ``campaign.toml``.
 
     Raises
     ------
@@ -152,7 +153,8 @@ def _quantities_of(
     """Yield one certified quantity for each finite number in an XML element.
 
     The element holds one number or a list of numbers. A single unit or uncertainty is valid for all
-    numbers of the list.
+    numbers of the list. If a list of units or uncertainties is shorter than the list of numbers,
+    the numbers beyond its end are left out.
 
     Parameters
     ----------
@@ -212,10 +214,9 @@ def _shortest_list(units: Sequence[str], uncertainty: _Uncertainty) -> int | Non
 
 
 def _entry(entries: Sequence[_T], k: int) -> _T | None:
-    """Return the entry of a list that is valid for the quantity with the index ``k``.
+    """Return the entry of a list that is valid for quantity ``k``, counted from 0.
 
-    It is the entry with this index or, if the list has a single entry, that entry. Return None for
-    an empty list.
+    It is entry ``k`` or, if the list has a single entry, that entry. Return None for an empty list.
     """
     if not entries:
         return None
@@ -227,8 +228,8 @@ def _entry(entries: Sequence[_T], k: int) -> _T | None:
 def _words(element: ElementTree.Element, tag: str) -> list[str]:
     """Return the words that an XML element contains in the inner element ``tag``.
 
-    If there is no such element, return those in the list element, whose name ends in XMLList. The
-    list is empty if there is neither.
+    If there is no such element, return the words of the element ``tag`` + "XMLList", which holds a
+    list. Return an empty list if there is neither.
     """
     text = element.findtext(_SI + tag) or element.findtext(f"{_SI}{tag}XMLList") or ""
     return text.split()

@@ -48,7 +48,8 @@ def _require_printable(text: str) -> str:
 def _iso_date(when: Any) -> str:
     """Return a date as text in ISO 8601, such as 2026-11-20.
 
-    A text is returned unchanged if it is a date in this form. Raise a ValueError for anything else.
+    ``when`` is a date of Python, or a text. A text in ISO 8601, with or without the time of day, is
+    returned unchanged. Raise a ValueError for anything else.
     """
     if isinstance(when, date):
         return when.isoformat()

@@ -128,7 +128,7 @@ def _with_certificates(instrument: Instrument, certificates: Mapping[str, Any]) 
 def write_campaign(
     campaign: Campaign, folder: str | os.PathLike[str], *, force: bool = False
 ) -> Path:
-    """Write a campaign or plan into a folder, completely or not at all, and return its path.
+    """Write a campaign or plan into a folder, completely or not at all; return the folder's path.
 
     The folder holds ``campaign.toml`` and, unless it is a plan, one CSV file of readings for each
     test. Numbers are written with all digits, so that reading them returns the same numbers.
@@ -184,11 +184,12 @@ def files_of(folder: Path) -> set[str]:
 
 
 def labels_of(path: str | os.PathLike[str]) -> dict[str, str]:
-    """Return name, machine_id and date of a campaign by these keys, as far as they are stated.
+    """Return the name, the machine_id and the date that a campaign.toml states, by these keys.
 
-    If no machine_id is stated, the serial number of the machine is returned instead. ``path`` is
-    the path of a campaign folder or of a campaign.toml; a CSV file states none of the three. Dates
-    are in ISO 8601.
+    If no machine_id is stated, the serial number of the machine takes its place. A date is a text
+    in ISO 8601. Keys that are not stated, or have a text of more than 200 characters, are left out;
+    for a file that cannot be read, and for a CSV file, nothing is returned. ``path`` is the path of
+    a campaign folder or of a file.
     """
     file = Path(path)
     if os.path.isdir(path):

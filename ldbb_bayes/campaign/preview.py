@@ -27,12 +27,12 @@ __all__ = [
 
 # Highest order of the Fourier series that is fitted to the readings of a test in its preview.
 _ORDER = 12
-# A test whose angles cover a smaller arc [deg] than this is reported in the preview, as an arc or
-# as a gap.
+# Smallest arc [deg] that counts as a full circle in the preview. A remark is made on a test whose
+# angles cover less.
 _FULL_DEG = 359.0
-# A test whose angles cover at most this arc [deg] is reported as an arc; of a test that covers
-# more, the gap is reported. An arc leaves out at least one period of the Fourier series' highest
-# order.
+# Largest arc [deg] for which the remark on a test says that its angles cover an arc. If they cover
+# more, but not a full circle, the remark says that they have a gap. The limit is a full circle less
+# one period of the highest order of the fitted Fourier series.
 _LARGEST_ARC_DEG = 360.0 - 360.0 / _ORDER
 # A gap between neighbouring angles of a test is reported if it is wider than this number of usual
 # steps from one angle to the next.
@@ -60,17 +60,17 @@ _SPIKE_SCATTERS = 8.0
 # reading by more than this number of standard deviations of the noise, or of resolutions if the
 # resolution is larger.
 _OPEN_SCATTERS = 10.0
-# Largest number of rounds of the two iterations by which spikes are found: that which reweights the
-# readings, and that which leaves out spikes and fits again.
+# Number of rounds of the first iteration by which spikes are found, which reweights the readings.
+# The second iteration leaves out spikes and fits again; it has at most this number of rounds.
 _MAX_ROUNDS = 20
 # Standard deviation of a normal distribution divided by its median absolute deviation (MAD). A MAD
 # times this factor estimates the standard deviation.
 _SD_PER_MAD = 1.4826
-# Smallest step between readings [µm] that counts as their resolution if few of them are equal. A
-# smaller step then only shows how many digits were written.
+# Smallest step between readings [µm] that counts as their resolution if fewer than a tenth of them
+# repeat another. A smaller step then only shows how many digits were written.
 _FINEST_STEP_UM = 0.005
-# Smallest number of different readings from which a resolution is determined if few readings are
-# equal.
+# Smallest number of different readings from which a resolution is determined if fewer than a tenth
+# of the readings repeat another.
 _MIN_VALUES = 50
 
 
@@ -444,12 +444,13 @@ def _fit(columns: Array, reading: Array, regular: NDArray[np.bool_]) -> _Fit:
 
 
 def _regular_readings(columns: Array, reading: Array) -> NDArray[np.bool_]:
-    """Return whether each of the n readings of a test is no spike, shape (n,).
+    """Return a mask of the n readings of a test, shape (n,), that is false for spikes.
 
     A reading is a spike if it deviates from a fitted curve by more than eight standard deviations.
     The first curve minimises the sum of absolute deviations. Then the spikes are left out and a new
-    curve is fitted by least squares, until the same readings as before are spikes. ``columns``
-    (n, k) are the functions that are fitted, at the angles of the readings.
+    curve is fitted by least squares. This step is repeated until the same readings as before are
+    spikes, at most 20 times. ``columns`` (n, k) are the values of the k fitted functions at the
+    angles of the readings, and ``reading`` (n,) [µm] are the readings.
     """
     deviation, p = _least_absolute_deviations(columns, reading)
     regular = np.ones(len(reading), dtype=bool)
@@ -466,11 +467,11 @@ def _regular_readings(columns: Array, reading: Array) -> NDArray[np.bool_]:
 
 
 def _least_absolute_deviations(columns: Array, reading: Array) -> tuple[Array, int]:
-    """Return deviations of n readings from a robust fit, and how many functions it determines.
+    """Return the deviations of n readings from a robust fit, and the rank of ``columns``.
 
     The fit minimises the sum of absolute deviations, by iteratively reweighted least squares.
-    ``columns`` (n, k) are the k fitted functions at the angles of the readings. The deviations have
-    the shape (n,). The number is the rank of ``columns``.
+    ``columns`` (n, k) are the values of the k fitted functions at the angles of the readings,
+    and ``reading`` (n,) are the readings. The deviations have the shape (n,).
     """
     basis, size, _ = np.linalg.svd(columns, full_matrices=False)
     basis = basis[:, size > 1e-9 * size[0]]

@@ -178,8 +178,8 @@ def _split_line(path: Path, line: int, content: str, separator: str) -> list[str
 def columns_of(place: str, rows: Sequence[Row], width: int) -> tuple[list[int], list[list[str]]]:
     """Return the line numbers and the columns of a table, from its rows.
 
-    The first ``width`` cells of each row are used. Raise an `InputError` for a row that has fewer
-    cells, or further ones that are not empty. ``place`` is the file's name for error messages.
+    The table has ``width`` columns. Raise an `InputError` for a row that has fewer cells, and for a
+    row with further cells that are not empty. ``place`` is the file's name for error messages.
     """
     for row in rows:
         if len(row.cells) < width or any(row.cells[width:]):
@@ -199,8 +199,9 @@ def strict_numbers(
 ) -> Array:
     """Return the numbers in the n cells of a table's column, shape (n,).
 
-    Raise an `InputError` for a cell that is no finite number, or has marks between thousands. A
-    single such mark that is also the decimal mark, as in 1.000, cannot be noticed.
+    Raise an `InputError` for a cell that is no finite number, and for one with marks between
+    thousands, such as 1,000,000. The only mark of a cell such as 1.000 cannot be recognised as a
+    mark between thousands: it is read as the decimal mark.
 
     Parameters
     ----------
