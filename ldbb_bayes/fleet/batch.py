@@ -159,8 +159,9 @@ def run_batch(
     Raises
     ------
     InputError
-        If there are no campaigns, ``out`` holds a batch that may not be changed or is a different
-        one, ``out`` cannot be written, an option is out of range, or pyarrow is not installed.
+        If there are no campaigns, an option is out of range, pyarrow is not installed, or ``out``
+        cannot be written. Also if ``out`` holds a batch without ``resume`` or ``force``, or, with
+        ``resume``, a batch of other campaigns, options or versions.
 
     Examples
     --------

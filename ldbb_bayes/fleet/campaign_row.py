@@ -215,8 +215,9 @@ def _functions_of_further_columns(
 ) -> dict[str, Callable[[], dict[str, Any]]]:
     """Return functions that compute further columns of a campaign's row, by name of the quantity.
 
-    A Bayes factor needs a model whose compliances depend on force and a campaign of several forces;
-    conformity needs tolerances. With flat priors there is only conformity.
+    The Bayes factor is computed if the settings ask for it, the compliances of the model depend on
+    force, and the campaign has several forces. Sufficient statistics are always computed. With flat
+    priors there are neither of these. Conformity is computed if the campaign has tolerances.
     """
     model = settings.model
     steps: dict[str, Callable[[], dict[str, Any]]] = {}

@@ -10,8 +10,8 @@ campaigns. In units of the prior's sd:
 
 c ~ N(0, I), b ~ N(0, I), w_t ~ N(0, r² I), r ~ HalfNormal(repeatability), Δ ~ N(0, change_scale²)
 
-The prior probability of a change is that of exactly one step; each parameter j and each campaign k
-from 2 to n is then equally probable. A hypothesis is one choice of r, k and j, or of no step. Under
+There is one step or none. If there is one, each parameter j and each campaign k from 2 to n is
+equally probable a priori. A hypothesis is one choice of r, k and j, or of r and no step. Under
 each hypothesis all distributions are Gaussian: w_t is integrated out in each campaign, and the
 result follows from sums over t ≥ k and one small linear system. The likelihood of a campaign has a
 precision matrix (inverse covariance) Λ of (c, b), which may be singular.
@@ -130,7 +130,9 @@ def hypothesis_probabilities(
 
     A hypothesis states which of the p parameters of a machine changed by a step, just before which
     of the n campaigns, or that none did, and which of r values the machine's scatter from campaign
-    to campaign has. The last of the n times means no step. The probabilities sum to one.
+    to campaign has. Index k of the second array axis, from 0, means a step just before campaign
+    k + 2, counted from 1. The last index means no step; its probability is shared out equally over
+    the p parameters. All probabilities together sum to one.
 
     Parameters
     ----------
@@ -150,9 +152,9 @@ def instrument_moments(posteriors: Gaussian, probabilities: Array) -> tuple[Arra
     """Return the posterior mean (s,) and covariance (s, s) of the instrument's s errors.
 
     They are averages over all hypotheses, weighted by their probabilities. A hypothesis states
-    which of the p parameters of a machine changed by a step, just before which of the n campaigns
-    (the last of n times means no step), and which of r values the machine's scatter from campaign
-    to campaign has. Means and covariance are in units of the errors' prior sd.
+    which of the p parameters of a machine changed by a step, just before which of the n campaigns,
+    or that none did, and which of r values the machine's scatter from campaign to campaign has.
+    Mean and covariance are in units of the errors' prior sd.
 
     Parameters
     ----------
@@ -192,8 +194,8 @@ def current_levels(posteriors: Gaussian, probabilities: Array, *, prob: float = 
 
     The values are averages over all hypotheses, weighted by their probabilities. A hypothesis
     states which of the p parameters of a machine changed by a step, just before which of the n
-    campaigns (the last of n times means no step), and which of r values the machine's scatter from
-    campaign to campaign has.
+    campaigns, or that none did, and which of r values the machine's scatter from campaign to
+    campaign has.
 
     Parameters
     ----------

@@ -62,7 +62,7 @@ def stands_for(campaign: Campaign) -> dict[str, dict[str, float]]:
 
 
 def same_meaning(name: str, one: Meaning, other: Meaning) -> bool:
-    """Return whether a fitted compliance stands for the same sum of joint compliances twice.
+    """Return whether a compliance stands for the same sum of joint compliances in two campaigns.
 
     Two weighted sums count as the same if they differ by at most 5 % of the compliance's default
     prior sd. For this comparison, each joint's compliance is independent of the others and has its

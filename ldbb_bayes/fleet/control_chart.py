@@ -187,9 +187,10 @@ def _vertical_range(data: _PanelData) -> tuple[float, float]:
 
 
 def _panel_title(trend: Trend, name: str, factor: float) -> str:
-    """Return the probability of a change, and the uncertainty that all campaigns have in common.
+    """Return the title of a parameter's panel: the probability of a change of the parameter.
 
-    ``factor`` is that from the internal unit of the parameter to the unit shown.
+    If the estimates from all campaigns have an uncertainty in common, a second line states it.
+    ``factor`` converts the internal unit of the parameter to the unit shown.
     """
     parameter = trend.parameters[name]
     probability = probability_words(parameter.probability)

@@ -69,7 +69,8 @@ class FleetStatistics:
     #: ``prior_sd``, shape (n, c + s)
     likelihood: Gaussian
     reference_force_N: float  #: force at which the compliances of all campaigns are stated [N]
-    #: lowest and highest force of the range that the tests of every campaign cover [N]
+    #: lowest and highest force of the range that the tests of every campaign cover [N]; if there is
+    #: no such range, the first number exceeds the second
     forces_N: tuple[float, float]
     topology: str
     #: weighted sum of joint compliances that each fitted compliance stands for, by its name; empty
@@ -330,12 +331,13 @@ def _likelihood(row: Mapping[Any, Any], wanted: Sequence[str], force_N: float) -
 def _divide_out_prior(
     *, mean: Array, covariance: Array, prior_mean: Array, prior_covariance: Array
 ) -> tuple[Array, Array]:
-    """Return precision (q, q) and shift (q,) of a likelihood: a Gaussian posterior over its prior.
+    """Return precision (q, q) and shift (q,) of a likelihood: a posterior divided by its prior.
 
-    All are densities of q quantities, with means of shape (q,) and covariances of shape (q, q). The
-    precision (inverse covariance) of the likelihood is that of the posterior minus that of the
-    prior. Negative eigenvalues of it are set to zero: in these directions the readings add nothing
-    to the prior. The shift is the precision times the estimate.
+    All three are Gaussian functions of q quantities. Posterior and prior are given by their means,
+    shape (q,), and covariances, shape (q, q). The precision (inverse covariance) of the likelihood
+    is that of the posterior minus that of the prior. Negative eigenvalues of it are set to zero: in
+    these directions the readings add nothing to the prior. The shift is the precision times the
+    estimate.
     """
     scale = np.sqrt(np.diag(prior_covariance))
     squared_scale = scale[:, None] * scale

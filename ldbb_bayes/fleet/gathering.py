@@ -21,10 +21,11 @@ def gather(given: Iterable[str | os.PathLike[str]]) -> tuple[str, ...]:
 
     Parameters
     ----------
-    given : file paths. A campaign folder, a campaign.toml or a tidy CSV stands for itself; any
-        other folder for its direct subfolders that hold a campaign.toml, sorted; ``@FILE`` or a
-        .txt file for the file paths in it, one per line, without comment lines (#). A path that
-        does not exist is kept: its row in the table states that it does not exist.
+    given : file paths. A campaign folder, a campaign.toml or a tidy CSV stands for itself. Any
+        other folder stands for its direct subfolders that hold a campaign.toml, sorted by name.
+        ``@FILE`` or a .txt file stands for the paths in it, one per line; lines that begin with #
+        are comments. A path that does not exist is kept: its row in the table states that it does
+        not exist.
 
     Returns
     -------
@@ -90,7 +91,7 @@ def _expand_folder(path: str) -> list[str]:
     """Return the sorted file paths of the campaigns directly in a folder of campaigns.
 
     If the path is not a folder, is itself the folder of a campaign, or contains no campaigns, it is
-    returned unchanged as the only one.
+    returned unchanged as the only one. Raise an `InputError` if the folder cannot be read.
     """
     if not os.path.isdir(path) or _has_toml(path):
         return [path]

@@ -174,7 +174,8 @@ def begin_batch(
     ------
     InputError
         If the folder holds a batch that is neither to be continued nor replaced, or, with
-        ``resume``, a different batch.
+        ``resume``, a different batch. Also if it holds a table without a journal, unless ``force``
+        is true.
     """
     saved = journal.execute("SELECT record FROM batch").fetchone()
     has_table = (out / DATASET).exists()
@@ -242,7 +243,7 @@ def save_row(journal: sqlite3.Connection, number: int, row: Mapping[str, Any]) -
     Parameters
     ----------
     journal : open journal, see `open_journal`.
-    number : number of the campaign in the batch.
+    number : number of the campaign in the batch, from 0.
     row : values by column, see `fit_row`.
     """
     journal.execute(

@@ -85,7 +85,8 @@ def judge_machines(
     The spreads s are the standard deviations of the machines' parameters about the mean μ of the
     population. Random draws of s are made from the posterior with all machines. For each machine,
     weights convert them to draws without this machine. If these weights cannot be trusted, new
-    draws are made without the machine.
+    draws are made without the machine. This is done for at most 200 machines, the most outlying
+    ones first.
 
     Parameters
     ----------

@@ -93,9 +93,9 @@ class _DrawLimits(NamedTuple):
     highest: int  #: largest number of random draws of the spreads, for any number of machines
 
     def size(self, machines: int) -> int:
-        """Return the number of random draws of the spreads, a power of two, for some machines.
+        """Return the number of random draws of the spreads for this number of machines.
 
-        ``machines`` is the number of machines.
+        It is the largest power of two within the limits.
         """
         count = min(max(self.pairs / machines, self.lowest), self.highest)
         return int(2 ** int(np.log2(count)))
@@ -161,7 +161,8 @@ class PooledMachine(Result):
 class Population(Result):
     """Population of machines of one kind, and the estimates for each machine.
 
-    That no machine stands out is a finding only if ``judged`` is true.
+    If no machine stands out, this is a finding only if ``judged`` is true. Otherwise the machines
+    could not all be reliably compared with each other.
 
     Examples
     --------
@@ -202,7 +203,8 @@ class Population(Result):
     #: their population
     judged: Annotated[bool, Field(exclude=True)]
     #: SHA-256 of the readings of each campaign and of the conditions under which they were taken.
-    #: It shows whether a campaign is part of the population, which is then refused as its prior.
+    #: It shows whether a campaign is part of the population. Such a campaign is not fitted with a
+    #: prior from this population, because its readings would count twice.
     readings: Annotated[tuple[str, ...], Field(alias="readings_sha256")] = ()
 
     @property
@@ -663,7 +665,7 @@ def _caveats(
     """Return what a reader of a population must know before using its numbers.
 
     ``judged`` is None if there are too few machines to compare each with the others; ``machines``
-    are their names.
+    are the names of all machines.
     """
     caveats = list(statistics.caveats)
     if not spreads.trusted:

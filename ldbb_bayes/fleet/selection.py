@@ -237,6 +237,7 @@ def _is_undated_or_before(rows: pd.DataFrame, since: str | None) -> pd.Series[bo
     """Return for each campaign whether its date is missing or before the date ``since``.
 
     If ``since`` is None, the result is false for all campaigns. ``rows`` has one row per campaign.
+    Raise an `InputError` if ``since`` is not a date.
     """
     if since is None:
         return pd.Series(False, index=rows.index, dtype=bool)

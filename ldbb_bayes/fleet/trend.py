@@ -5,10 +5,11 @@ exceeds a threshold p*. If there is no change, the Bayes factor B of a change ha
 so that B > x has a probability of at most 1 / x (Markov's inequality). Hence a false alarm has a
 probability of at most (1 − p*) / p* · p / (1 − p), with the prior probability p of a change.
 
-A trend does not use that compliances cannot be negative (truncation). Parameters not chosen, ball
-form and bar length are integrated out in each campaign separately, as if they were independent of
-the other campaigns, although they are the same for one machine and one bar. This overstates the
-uncertainty of changes, above all of geometric errors, but understates that of levels.
+A trend does not use the fact that compliances cannot be negative (truncation). Parameters not
+chosen, ball form and bar length are integrated out in each campaign separately, as if they were
+independent of the other campaigns, although they are the same for one machine and one bar. This
+overstates the uncertainty of changes, above all of geometric errors, but understates that of
+levels.
 """
 
 from __future__ import annotations
@@ -129,10 +130,11 @@ class Trend(Result):
     The table ``estimates`` has one row per campaign and parameter, in internal units (mm, N, rad).
     Its columns are: campaign, date, parameter, unit; estimate, sd, ci_low and ci_high, from this
     campaign alone; limit_low and limit_high, the 99.7 % control limits that the campaigns before
-    predict if nothing changes; outside, whether the estimate is outside these limits; change_here
-    and change_by_here, the probabilities that the parameter changed just before this campaign, and
-    then or earlier. The instrument's errors are fixed at their posterior mean throughout the table.
-    The JSON record does not contain the table.
+    predict if nothing changes (NaN for the first campaign); outside, whether the estimate is
+    outside these limits; change_here, the probability that the parameter changed just before this
+    campaign; change_by_here, the probability that it changed then or earlier. The instrument's
+    errors are fixed at their posterior mean throughout the table. The JSON record does not contain
+    the table.
 
     Examples
     --------

@@ -97,7 +97,7 @@ class CheckKind(StrEnum):
 class Check:
     """One posterior predictive check of one test: whether its readings look as the model expects.
 
-    Small p-values mean that they do not.
+    A small p-value means that they do not.
     """
 
     kind: CheckKind
@@ -165,11 +165,13 @@ def effects_of_failures(
 
     The first result holds, for each test with a failing Fourier order, the largest change of any
     parameter when the test is left out. The change is in units of the parameter's posterior
-    standard deviation. The second result is the largest share by which a parameter's interval grows
-    if tests with a failing check of noise or autocorrelation are noisier than modelled. Their noise
-    is taken to be as strong as the readings show at the Fourier orders 13 to 16. Both results are
-    computed at one value ``phi`` of the hyper-parameters (scales of the noise and of other
-    effects), shape (h,). ``checks`` holds the p-values of each test, by the name of the test.
+    standard deviation. This result is empty if no such check fails, if the campaign has one test
+    only, or if the prior is flat. The second result is the largest share by which a parameter's
+    interval grows if tests with a failing check of noise or autocorrelation are noisier than
+    modelled. Their noise is taken to be as strong as the readings show at the Fourier orders 13 to
+    16. The share is 0 if no such check fails. Both results are computed at one value ``phi`` of the
+    hyper-parameters (scales of the noise and of other effects), shape (h,). ``checks`` holds the
+    p-values of each test, by the name of the test.
     """
     failing = failing_checks(all_checks(checks))
     of_order = [check.test for check in failing if check.kind == CheckKind.ORDER]
@@ -179,11 +181,12 @@ def effects_of_failures(
 
 
 def _shift_without(bound: BoundModel, phi: Array, tests: Sequence[str]) -> dict[str, float]:
-    """Return, for each of the named tests, the largest change of a parameter when it is left out.
+    """Return the largest change of any parameter when a test is left out, by the name of the test.
 
-    The change is in units of the parameter's posterior standard deviation. It is computed at one
-    value ``phi`` of the hyper-parameters (scales of the noise and of other effects), shape (h,).
-    The result is empty if the campaign has one test only or the prior is flat.
+    ``tests`` are the names of the tests that are left out one at a time. The change is in units of
+    the parameter's posterior standard deviation. It is computed at one value ``phi`` of the
+    hyper-parameters (scales of the noise and of other effects), shape (h,). The result is empty if
+    the campaign has one test only or the prior is flat.
     """
     if len(bound.test_names) < 2 or bound.model.prior.flat:
         return {}
@@ -199,10 +202,11 @@ def _shift_without(bound: BoundModel, phi: Array, tests: Sequence[str]) -> dict[
 def _widening_by_noise(bound: BoundModel, phi: Array, tests: Sequence[str]) -> float:
     """Return the largest share by which any interval grows if the named tests are noisier.
 
-    Intervals are those of the parameters. The noise of the named tests is taken to be as strong as
-    their readings show at the Fourier orders 13 to 16, if that exceeds the noise of the model.
-    ``phi``, shape (h,), is one value of the hyper-parameters (scales of the noise and of other
-    effects).
+    Intervals are those of the parameters; a share of 0.1 means intervals wider by 10 %. The noise
+    variance of the named tests is taken to be as large as their readings show at the Fourier orders
+    13 to 16, if that exceeds the noise variance of the model. The mean noise variance of all tests
+    then replaces σ², for every test. ``phi``, shape (h,), is one value of the hyper-parameters
+    (scales of the noise and of other effects); ``tests`` are the names of the tests.
     """
     sigma = bound.hyper_prior.names.index("sigma")
     fails = np.isin(bound.test_names, tests)
@@ -259,7 +263,8 @@ def centre_shift(bound: BoundModel, beta: Array) -> dict[str, float]:
     The result maps each such axis to a p-value, which is that of Student's t-test of the slope of
     the centre (Fourier coefficients of order 1) over force. An axis is in the result if its p-value
     times the number of axes tested (Bonferroni) is below 1 %. Only planes with at least four tests
-    at three different forces are checked.
+    and at least three different forces are checked. If an axis belongs to several of these planes,
+    its p-value is that of the last one.
     """
     residuals = reduced_residuals(bound, machine_coefficients(bound, beta[None])[0])
     harmonics = [matrix_to_harmonics(bound, r) @ residual for r, residual in enumerate(residuals)]
@@ -277,9 +282,9 @@ def centre_shift(bound: BoundModel, beta: Array) -> dict[str, float]:
 def in_order_of_force(bound: BoundModel) -> bool:
     """Return whether the tests of any plane ran in order of rising or falling force.
 
-    A steady drift would then look like a change of compliance with force. The tests are numbered in
-    order of force and in order of time, and Student's t-test at 5 % shows whether the two numbers
-    are related. If some test has no recorded time, the tests are taken to have run in the order in
+    A steady drift would then look like a change of compliance with force. All tests are ranked by
+    force and by time. In each plane, Student's t-test at 5 % shows whether the two ranks are
+    related. If some test has no recorded time, the tests are taken to have run in the order in
     which the campaign lists them.
     """
     setting = bound.setting
@@ -319,9 +324,9 @@ def check_predictions(
     """Return posterior predictive p-values of every test, by the name of the test.
 
     Each p-value compares the readings of a test with those of a new circle that the posterior
-    predicts. ``phi``, shape (draws, h), are posterior draws of the hyper-parameters (scales of the
-    noise and of other effects) [mm]. ``beta``, shape (draws, p), are those of the parameters
-    (compliances, slopes, geometric errors).
+    predicts. ``phi``, shape (draws, h), holds posterior draws of the hyper-parameters (scales of
+    the noise and of other effects). ``beta``, shape (draws, p), holds posterior draws of the
+    parameters (compliances, slopes, geometric errors). At most 500 of the draws are used.
     """
     draws = ModelDraws(bound, phi, beta).thinned(_DRAWS)
     shared = draw_shared_coefficients(bound, draws.phi, draws.beta, rng)
@@ -435,7 +440,8 @@ def autocorrelation(test: CircularTest) -> tuple[float, float]:
     noise the autocorrelation has the mean tr(M S) / tr(M) and a variance of about 1/n. The matrix
     M, shape (n, n), removes the Fourier orders 0 to 12 from the readings; S, shape (n, n), shifts
     them by one reading. If a test has more than 100 000 readings, only the first 100 000 in order
-    of angle are used.
+    of angle are used. If the residuals are rounding errors only, the autocorrelation is 0 and its
+    p-value is 1.
     """
     order = np.argsort(test.angle_deg, kind="stable")[:_LONGEST_STRETCH]
     angle = test.angles_rad()[order]

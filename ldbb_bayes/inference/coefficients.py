@@ -50,8 +50,8 @@ class ModelDraws(NamedTuple):
     """
 
     bound: BoundModel
-    #: n random draws of the h hyper-parameters (scales of the noise and of other effects) [mm],
-    #: shape (n, h)
+    #: n random draws of the h hyper-parameters (scales of the noise and of other effects), shape
+    #: (n, h); lengths are in mm, factors are pure numbers
     phi: Array
     #: n random draws of the p parameters (compliances, slopes, geometric errors) in mm, N and rad,
     #: shape (n, p)
@@ -83,9 +83,9 @@ def pool_draws(beta: Array, phi: Array, size: int | None = None) -> tuple[Array,
     """Return the draws of all chains joined: those of the parameters, then of hyper-parameters.
 
     ``beta``, shape (chains, draws, p), are draws of the parameters; ``phi``, shape (chains, draws,
-    h), those of the hyper-parameters. The results have the shapes (draws of all chains, p) and
-    (draws of all chains, h). If ``size`` is given, at most that many draws are returned, evenly
-    spaced.
+    h), those of the hyper-parameters. The results have the shapes (chains × draws, p) and (chains ×
+    draws, h), with all draws of the first chain first. If ``size`` is not None, at most that many
+    draws are returned, evenly spaced.
     """
     flat_beta = beta.reshape(-1, beta.shape[2])
     flat_phi = phi.reshape(-1, phi.shape[2])
@@ -108,12 +108,12 @@ def machine_coefficients(bound: BoundModel, beta: Array) -> Array:
 def shared_terms(
     columns: Iterable[Columns | BasisNoise], *, private: bool = False
 ) -> list[Columns]:
-    """Return the columns of shared nuisances or, if ``private``, of those of single tests.
+    """Return the columns of the shared nuisances; if ``private``, those of the private ones.
 
-    Nuisances are effects that are modelled but not of interest; shared ones are common to several
-    tests. A column holds the effect of one nuisance coefficient on the readings of every test.
-    ``columns`` are those of all nuisances of a model; noise of the Fourier coefficients themselves
-    (`BasisNoise`) is left out.
+    Nuisances are effects that are modelled but not of interest. Shared ones are common to several
+    tests; private ones belong to a single test. A column holds the effect of one nuisance
+    coefficient on the readings of every test. ``columns`` holds the columns of all nuisances of a
+    model. Noise of the Fourier coefficients themselves (`BasisNoise`) is left out.
     """
     return [term for term in columns if isinstance(term, Columns) and term.private == private]
 
@@ -121,9 +121,9 @@ def shared_terms(
 def shared_columns(bound: BoundModel, *, private: bool = False) -> Array:
     """Return the effects of q nuisance coefficients on every test [mm], shape (tests, 25, q).
 
-    Nuisances are effects that are modelled but not of interest. Those that tests share are chosen
-    or, if ``private``, those of single tests. The array holds the change of the 25 Fourier
-    coefficients of each test per unit of each nuisance coefficient.
+    Nuisances are effects that are modelled but not of interest. The q coefficients are those that
+    tests share; if ``private``, they are those that belong to a single test. The array holds the
+    change of the 25 Fourier coefficients of each test per unit of each nuisance coefficient.
     """
     columns = [np.zeros((len(bound.test_names), SIZE, 0))]
     columns += [term.values for term in shared_terms(bound.nuisance_columns, private=private)]
@@ -148,13 +148,14 @@ def draw_shared(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Gener
 def compliance_curves(
     bound: BoundModel, phi: Array, beta: Array, force_N: Array, rng: np.random.Generator
 ) -> Array:
-    """Return the compliances C(F) at n forces F, shape (draws, n, compliances).
+    """Return the compliances C(F) at n bar forces F, shape (draws, n, compliances).
 
-    C(F) follows from the compliance C at the reference force and its slopes, for each draw of the
-    parameters ``beta``, shape (draws, p), and hyper-parameters ``phi``, shape (draws, h). The
-    direct compliance of a machine axis is its deflection divided by the bar force along it. It
-    includes what the term `JointLoad` (joints that yield to their own load) adds. This part is
-    drawn at random given the parameters, the hyper-parameters and the readings.
+    ``force_N``, shape (n,), holds the forces [N]. C(F) follows from the compliance C at the
+    reference force and its slopes, for each draw of the parameters ``beta``, shape (draws, p), and
+    hyper-parameters ``phi``, shape (draws, h). The direct compliance of a machine axis is its
+    deflection divided by the bar force along it. If the model has the term `JointLoad` (joints that
+    yield to their own load), direct compliances include what this term adds. That part is drawn at
+    random given the parameters, the hyper-parameters and the readings.
     """
     at_forces = np.stack([bound.compliance_at(force) for force in force_N])
     curves = np.einsum("fcp,wp->wfc", at_forces, beta)

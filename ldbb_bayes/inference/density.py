@@ -124,10 +124,10 @@ class LogDensity(Shown):
     def bounds(self) -> Array:
         """Return the least and the greatest value of each of the d coordinates, shape (d, 2).
 
-        The coordinates are the parameters, then the hyper-parameters. The condition that no
-        compliance is negative at any force tested (truncation) also restricts combinations of
-        parameters, such as a compliance and its slope. These bounds do not show that; `log_prior`
-        accounts for it.
+        The coordinates are the parameters, then the hyper-parameters. A coordinate without a bound
+        has ±inf. The condition that no compliance is negative at any force tested (truncation) also
+        restricts combinations of parameters, such as a compliance and its slope. These bounds do
+        not show that; `log_prior` accounts for it.
         """
         return np.concatenate([self.bound.truncation.bounds, self.bound.hyper_prior.bounds])
 
@@ -170,7 +170,7 @@ class LogDensity(Shown):
         """Return the log density ln p(y | x) of the readings y in mm, given x.
 
         x holds the parameters, then the hyper-parameters, shape (d,) or (n, d). The result is −inf
-        if a hyper-parameter is outside its bounds.
+        if a hyper-parameter is outside its bounds or x is not finite.
         """
         return self._evaluate(x, self._log_likelihood)
 
@@ -208,8 +208,8 @@ class LogDensity(Shown):
     def split(self, x: Array) -> dict[str, dict[str, Any]]:
         """Return the coordinates of x by name, as ``{"parameters": {…}, "hyper": {…}}``.
 
-        ``hyper`` holds the hyper-parameters. For one point x, shape (d,), the values are numbers;
-        for n points, shape (n, d), they have the shape (n,).
+        ``hyper`` holds the hyper-parameters. If x is one point, shape (d,), each value is a number.
+        If x holds n points, shape (n, d), each value is an array of shape (n,).
         """
         points = self._check_points(x)
         by_coordinate: Any = np.moveaxis(points, -1, 0)

@@ -183,7 +183,8 @@ def _smooth_tail(log_weight: Array) -> tuple[Array, float]:
     """Return log importance weights with the largest ones smoothed, and the Pareto shape k̂.
 
     A Pareto distribution with the shape k̂ is fitted to the largest weights. ``log_weight`` and the
-    smoothed log weights have the shape (n,). If the fit fails, NaN is returned.
+    smoothed log weights have the shape (n,). If the fit fails, NaN is returned. ArviZ raises a
+    ValueError if the largest weights are too few or all equal.
     """
     from arviz_stats.base import array_stats
 

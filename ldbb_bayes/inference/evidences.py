@@ -25,8 +25,8 @@ from ldbb_bayes.results import Array, Shown
 
 __all__ = ["Evidences", "leave_one_out"]
 
-# Models are first computed with this error of the log evidence [nat], which is small enough to
-# reject a model.
+# A log evidence that serves only to decide whether a model is rejected is computed to this error
+# [nat], or to the tolerance asked for if that is larger.
 _ROUGH_TOLERANCE = 0.1
 
 
@@ -93,7 +93,7 @@ class Evidences(Shown):
         return self
 
     def of(self, *models: HybridModel) -> list[Nodes]:
-        """Return the quadrature nodes of each model, in the order given.
+        """Return the quadrature nodes of each model, in the order given; equal models count once.
 
         The evidence of a model follows from its nodes, which are weighted values of its
         hyper-parameters (scales of the noise and of other effects). Models share one calculation
@@ -112,10 +112,10 @@ class Evidences(Shown):
         """Return the quadrature nodes of each model; coarse ones if all the models are rejected.
 
         If nodes of all the models are known already, they are returned. Otherwise the nodes of all
-        the models are first computed coarsely. If then all log evidences, errors added, are at most
-        ``below``, the models are rejected and these coarse nodes are returned. Otherwise the nodes
-        of all the models are computed again to the tolerance of this object. Evidences from coarse
-        nodes do not appear in `every`.
+        the models are first computed coarsely. If every log evidence plus its error is then at most
+        ``below`` [nat], the models are rejected and these coarse nodes are returned. Otherwise the
+        nodes of all the models are computed again to the tolerance of this object. Evidences from
+        coarse nodes do not appear in `every`.
         """
         if all(model_to_toml(model) in self._nodes for model in models):
             return self.of(*models)
@@ -129,9 +129,9 @@ class Evidences(Shown):
     def apart(self, tolerance: float | None = None) -> Evidences:
         """Return new ``Evidences`` of the same readings, with no model computed yet.
 
-        In it, the search for the mode of a model's posterior starts from the mode that this object
+        The new object searches for the mode of a model's posterior from the mode that this object
         has found for a model with the same hyper-parameters. ``tolerance`` is the error asked of
-        every log evidence [nat]; by default it is that of this object.
+        every log evidence [nat]; if None, it is that of this object.
         """
         return self._with_modes(tolerance or self.tolerance, self._keep, self._modes)
 
@@ -222,7 +222,7 @@ def leave_one_out(
     tolerance : float
         Error allowed in every log evidence [nat].
     progress : callable
-        Function called without arguments after each model.
+        Function called without arguments after each model, for every test left out.
 
     Returns
     -------

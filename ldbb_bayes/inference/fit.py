@@ -137,7 +137,8 @@ class Fit(Result):
     sensitivity: dict[str, dict[str, float]]
     #: largest change of any parameter when a test is left out, in units of the parameter's standard
     #: uncertainty. Keys are the names of the tests whose readings fail the posterior predictive
-    #: check of a Fourier order. Empty for flat priors.
+    #: check of a Fourier order. Empty if there is no such test, if the prior is flat, or if the
+    #: campaign has one test only.
     shift: dict[str, float]
     #: largest share by which a parameter's interval grows if the noise is as strong as the readings
     #: show at the Fourier orders 13 to 16; zero unless a posterior predictive check of the noise or
@@ -162,9 +163,10 @@ class Fit(Result):
         """Return the failing posterior predictive checks that matter for the credible intervals.
 
         A failing check of a Fourier order matters if leaving out its test changes some parameter by
-        more than half the parameter's standard uncertainty. A failing check of noise or of its
-        autocorrelation matters if the noise that the readings show would widen some interval by
-        more than a tenth.
+        more than half the parameter's standard uncertainty. It also matters if this change is not
+        known, because the prior is flat or the campaign has one test only. A failing check of noise
+        or of its autocorrelation matters if the noise that the readings show would widen some
+        interval by more than a tenth.
         """
         return tuple(check for check in self.unexpected if self._moves_intervals(check))
 
@@ -328,13 +330,14 @@ def _stack(group: Mapping[str, Array], names: Sequence[str]) -> Array:
 def _log_densities(
     bound: BoundModel, groups: Mapping[str, Mapping[str, Array]], prior_level: Array | float
 ) -> dict[str, Array]:
-    """Return the log densities of both priors and of the likelihood at every posterior draw.
+    """Return the log densities of priors and likelihood at every posterior draw, by name.
 
     Each log density has the shape (chains, draws). They serve to examine how sensitive the
     posterior is to the priors and to the readings. The entry ``prior`` is the log prior density of
-    the parameters minus ``prior_level``. The entry ``hyper_prior`` is that of the hyper-parameters
-    (scales of the noise and of other effects), and ``likelihood`` that of the readings. ``groups``
-    holds the arrays of the posterior, by group and by name.
+    the parameters minus ``prior_level``; see `assess_fit`. The entry ``hyper_prior`` is the log
+    prior density of the hyper-parameters (scales of the noise and of other effects). The entry
+    ``likelihood`` is the log density of the readings given both. ``groups`` holds the arrays of the
+    posterior, by group and by name.
     """
     phi = _stack(groups["posterior"], bound.hyper_prior.names)
     log_prior = groups["log_prior"]["parameters"]
@@ -355,16 +358,17 @@ def _check_posterior(
     """Check a posterior against the assumptions of its model; yield a warning for each misfit.
 
     There is a warning if the readings contradict non-negative compliances, and one if there are too
-    few different forces for the degree of the compliances in force. There is also a warning for
-    each of these that is larger than the priors lead to expect: a hyper-parameter, the distance of
-    a parameter from its stated prior mean, and the shift of the circles' centre with force.
+    few different forces for the degree of the compliances in force. There is a warning for each
+    hyper-parameter that is larger than its prior leads to expect, and for each parameter that is
+    too far from the prior mean that the user stated. Finally there is a warning for each machine
+    axis along which the circles' centre shifts in proportion to force.
 
     Parameters
     ----------
     bound
         Model applied to the campaign.
     phi
-        Posterior draws of the hyper-parameters, shape (n, h) [mm].
+        Posterior draws of the hyper-parameters, shape (n, h); lengths are in mm.
     beta
         Posterior draws of the parameters, shape (n, p), in internal units (mm, N, rad).
     log_prob_truncation
@@ -386,7 +390,7 @@ def _large_hyper_parameters(bound: BoundModel, phi: Array) -> Iterator[Concern]:
     """Yield a warning for each hyper-parameter with a median above the 99.9 % prior quantile.
 
     Only hyper-parameters (scales of the noise and of other effects) that are lengths are examined.
-    ``phi``, shape (n, h), holds their posterior draws [mm].
+    ``phi``, shape (n, h), holds posterior draws of all hyper-parameters; lengths are in mm.
     """
     prior = bound.hyper_prior
     limits = prior.quantile(np.full(phi.shape[1], _EXPECTED_HYPER))

@@ -73,7 +73,8 @@ def importance_sample(
     even enough, the round is extended by as many points again. The first round that reaches the
     tolerance with weights that can be trusted is returned. If there is none, the best round is
     returned; its ``trusted`` states whether its weights can be trusted. If the weights of no round
-    can be trusted, another seed is tried, as a round may miss a tail of f by chance.
+    can be trusted, another seed is tried, as a round may miss a tail of f by chance. If no seed
+    gives weights that can be trusted, the best round of the first seed is returned.
 
     Parameters
     ----------

@@ -64,8 +64,9 @@ class JointDraws(NamedTuple):
 
 
 def draw_jointly(posterior: HyperPosterior, size: int, rng: np.random.Generator) -> JointDraws:
-    """Return independent random draws of hyper-parameters φ and parameters β, by rejection.
+    """Return ``size`` independent random draws of hyper-parameters φ and parameters β.
 
+    The draws are made by rejection sampling.
     φ are the scales of the noise and of other effects; β are compliances, slopes and geometric
     errors. φ is drawn from a proposal, a density fitted to the posterior of φ, and β from its
     Gaussian density given φ and the readings. φ is then accepted in proportion to its weight, the
@@ -74,8 +75,8 @@ def draw_jointly(posterior: HyperPosterior, size: int, rng: np.random.Generator)
     compliances. This is exact, as the share is on average the probability, given φ and the
     readings, that no compliance is negative. If the share is too small, the weight is multiplied by
     this probability itself, and β is drawn from a density shifted (tilted) towards compliances that
-    are not negative. A value of φ whose weight exceeds the envelope is used several times, each
-    time with another β.
+    are not negative. The probability of acceptance is the weight divided by twice the mean weight.
+    If this ratio exceeds one, φ may be used several times, each time with another β.
 
     Raises
     ------
@@ -118,10 +119,11 @@ def _propose_tilted(
 ) -> tuple[Array, Array]:
     """Return accepted draws of hyper-parameters φ and parameters β from one block of proposals.
 
-    φ is drawn from ``proposal`` and accepted in proportion to its weight, which is its posterior
-    density, under the condition that no compliance is negative, divided by the proposal. β is drawn
-    given φ from a density shifted (tilted) towards compliances that are not negative. The results
-    have the shapes (accepted, h), with φ in unbounded coordinates, and (accepted, p).
+    φ is drawn from ``proposal`` and accepted in proportion to its weight. The weight is the
+    posterior density of φ under the condition that no compliance is negative, divided by the
+    proposal. β is drawn given φ from a density shifted (tilted) towards compliances that are not
+    negative. The results have the shapes (accepted, h), with φ in unbounded coordinates, and
+    (accepted, p).
     """
     log_scale = proposal.log_integral + np.log(_ENVELOPE)
     free = proposal.draw(CHUNK, rng)
@@ -164,8 +166,8 @@ def _propose_untruncated(
 def _accept(log_weight: Array, rng: np.random.Generator) -> Index:
     """Return the indices of accepted proposals, given the log weight of each proposal, shape (n,).
 
-    On average over the random numbers of ``rng``, an index occurs as many times as the weight of
-    the proposal, which may exceed one.
+    The expected number of times that an index occurs in the result is the weight of the proposal.
+    If the weight exceeds one, the index occurs at least once. Indices are in ascending order.
     """
     weight = np.exp(log_weight)
     rounded_up = rng.random(len(weight)) < weight % 1.0
@@ -201,7 +203,7 @@ def _estimate_share_inside(posterior: HyperPosterior, rng: np.random.Generator) 
     """Return an estimate of the posterior probability that no compliance is negative.
 
     The estimate is the share of draws without a negative compliance among random draws from the
-    posterior that allows negative compliances.
+    posterior that allows negative compliances. It is at least 1e-9.
     """
     nodes = posterior.plain.proposal.pick(CHUNK, rng)
     conditional = posterior.given(nodes)[1]

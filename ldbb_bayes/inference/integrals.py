@@ -167,7 +167,7 @@ class Integral:
     def trusted(self) -> bool:
         """Whether the weights of the nodes can be trusted: their Pareto shape k̂ is at most 0.6.
 
-        Those of a lattice always can.
+        The weights of a lattice can always be trusted.
         """
         return self.pareto_k <= LARGEST_PARETO_K
 
@@ -245,10 +245,10 @@ class Integral:
 
 
 def in_chunks(log_density: Callable[..., Array], points: Array, size: int = CHUNK) -> Array:
-    """Return a log density at n points, evaluated in blocks of about ``size`` points.
+    """Return a log density at n points, shape (n,), evaluated in blocks of at most ``size`` points.
 
-    The log density is a function of the rows of ``points``, an array of length n; the result has
-    the shape (n,).
+    ``points`` is an array of length n. ``log_density`` is a function that takes a block of its rows
+    and returns one number for each row.
     """
     chunks = np.array_split(points, max(1, -(-len(points) // size)))
     return np.concatenate([log_density(chunk) for chunk in chunks])

@@ -60,7 +60,7 @@ def grow_lattice(
     The nodes of the lattice are the points of two regular grids, moved against each other by half a
     step, the distance from a point of a grid to the next one. Points are added around the modes
     until f is negligible at the outermost points, and the step is shortened as needed. Both stop at
-    ``max_nodes`` nodes; the error of the result then exceeds the tolerance.
+    ``max_nodes`` nodes; the error of the result may then exceed the tolerance.
 
     Parameters
     ----------
@@ -76,7 +76,8 @@ def grow_lattice(
         Step of each grid that is tried first, in units of the standard deviation of the Gaussian
         fitted to f at the highest mode. Default: the step that a Gaussian density would need.
     max_nodes : int
-        Number of nodes from which on no points are added and the step is not shortened.
+        Number of nodes of a grid above which no points are added to it. The step is not shortened
+        either if that would give a lattice of more nodes than this.
     """
     centre = modes[0][0]
     root = modes[0][1]

@@ -44,7 +44,8 @@ class LeastSquares(Result):
 
     #: table of the parameters with the columns unit, estimate and u, in internal units (mm, N,
     #: rad). u is the standard uncertainty from the scatter of the residuals, taken as white noise.
-    #: estimate and u are NaN if the readings do not determine the parameters.
+    #: All estimates and u are NaN if the readings do not determine all parameters, or if there are
+    #: no more readings than parameters.
     table: ByRow
     #: root-mean-square residual over all readings and of each test [µm], and fitness of each test
     #: [%] (Eq. 34-35 of the paper)
@@ -91,8 +92,8 @@ def fit_least_squares(
     Raises
     ------
     InputError
-        For an object that is no campaign, a plan (a campaign without readings), another degree, an
-        unknown name in ``fixed``, or fewer than degree + 2 force levels.
+        For an object that is no campaign, a plan (a campaign without readings), a degree other than
+        0, 1 or 2, an unknown name in ``fixed``, or fewer than degree + 2 force levels.
 
     Examples
     --------

@@ -37,9 +37,9 @@ __all__ = [
 _BLOCKS_PER_LENGTH = 4
 # Largest number of times that the sampler's blocks of steps double in length.
 _LARGEST_DOUBLING = 5
-# At the first doublings of the length of the sampler's blocks of steps, up to this number of
-# doublings, a block stores twice as many draws. At later ones, the number of steps from one stored
-# draw to the next doubles instead.
+# This number of times, a block of twice as many steps also stores twice as many draws. At later
+# doublings of the block length, the number of stored draws stays the same, and the number of steps
+# from one stored draw to the next doubles instead.
 _DOUBLINGS_STORED = 2
 # A walker moves by differential evolution: by a factor times the difference of two other walkers.
 # In this share of such moves the factor is one, by which walkers jump between modes.
@@ -66,9 +66,10 @@ class BlockPlan(NamedTuple):
 class StoppingRule(Shown):
     """Rule that decides when sampling stops.
 
-    Sampling stops when every parameter has bulk and tail ESS ≥ ``ess`` and R-hat ≤ ``rhat``, or
-    when ``max_steps`` are used up. ESS is the effective sample size; R-hat compares the variance of
-    all draws with that within each chain, and is one after convergence.
+    Sampling stops when every parameter has bulk and tail ESS ≥ ``ess`` and R-hat ≤ ``rhat``, and
+    the draws span ``lengths`` autocorrelation times. It also stops when another block of steps
+    would exceed ``max_steps``. ESS is the effective sample size. R-hat compares the variance of all
+    draws with that within each chain, and is one after convergence.
 
     Examples
     --------
@@ -114,7 +115,7 @@ class Assessment:
     #: smallest effective sample size for the tails, of all parameters and hyper-parameters
     ess_tail_min: float
     rhat_max: float  #: largest R-hat of all parameters and hyper-parameters
-    #: index of the parameter or hyper-parameter with the smallest effective sample size
+    #: index, from 0, of the parameter or hyper-parameter with the smallest effective sample size
     worst: int = 0
 
     def meets(self, rule: StoppingRule, *, walkers: int) -> bool:

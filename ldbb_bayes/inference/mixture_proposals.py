@@ -33,8 +33,8 @@ _FEW_DIMENSIONS = 5
 _HEAVY_TAILS = 2
 # Degrees of freedom from which the fit of a Student-t distribution starts.
 _FIRST_FREEDOM = 9.0
-# Values of the coordinate z at which the two sides of a split Student-t distribution may meet. It
-# has different scales and degrees of freedom on its sides; for z see `SplitT`.
+# Values of the coordinate z (see `SplitT`) at which the two sides of a split Student-t distribution
+# may meet. Such a distribution has different scales and degrees of freedom on its two sides.
 _OFFSETS = np.linspace(-0.4, 0.4, 9)
 # A split Student-t distribution is fitted by alternately fitting its scales and its degrees of
 # freedom. ``_ALTERNATIONS`` is the number of alternations; in each, the scales are fitted by

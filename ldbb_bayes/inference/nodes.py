@@ -100,9 +100,8 @@ class HyperPosterior:
     bound : BoundModel
         The model applied to its campaign.
     truncated : bool
-        Whether the density is conditional on no compliance being negative, whether or not the model
-        requires it. It then contains P(T | y, φ), the probability of this condition T given y and
-        φ.
+        Whether the density is multiplied by P(T | y, φ), the probability, given y and φ, of the
+        condition T that no compliance is negative. This need not be what the model requires.
     seed : int
         Seed of the starting points of the search for modes, and of the quasi-random points from
         which P(T | y, φ) is computed.
@@ -190,8 +189,8 @@ class HyperPosterior:
         tolerance is the error asked for of the log integral. If this density is ``truncated``, the
         nodes of the density that allows negative compliances are used first. Their weights are
         multiplied by the probability that no compliance is negative. If the result misses the
-        tolerance, nodes of the truncated density itself are computed. The better nodes are
-        returned.
+        tolerance, nodes of the truncated density itself are computed. Of the two sets of nodes, the
+        one with the smaller error is returned.
         """
         if not self.truncated:
             return Nodes(self, self._integral(tolerance))
@@ -363,8 +362,10 @@ class HyperPosterior:
 
         The other hyper-parameters compensate for the one held. Each maximum is a pair as in
         `modes`: its point in unbounded coordinates, shape (h,), and a square root of the inverse of
-        minus the Hessian there. The density does not end there: near zero, where a hyper-parameter
-        no longer matters, the log density falls only by one per unit of its unbounded coordinate.
+        minus the Hessian there. Negligible maxima are left out. The list is empty if there are more
+        than five hyper-parameters. The density extends beyond such a maximum: near zero, where a
+        hyper-parameter no longer matters, the log density falls only by one per unit of its
+        unbounded coordinate.
         """
         corners: list[tuple[Array, Array]] = []
         dimensions = len(self.mode)
@@ -383,8 +384,9 @@ class HyperPosterior:
     def _derivatives_along(self, free_axes: Array) -> Callable[[Array], tuple[Array, Array]]:
         """Return a function that gives gradient and Hessian of the log density at a point.
 
-        Both are zero except in some of the h unbounded coordinates of the hyper-parameters:
-        ``free_axes``, booleans of shape (h,), states in which.
+        A point holds the hyper-parameters in unbounded coordinates, shape (h,). ``free_axes``,
+        shape (h,), is True for the coordinates that may change. The elements of gradient and
+        Hessian are set to zero for all other coordinates.
         """
 
         def derivatives(point: Array) -> tuple[Array, Array]:
@@ -540,9 +542,9 @@ class Nodes:
     def draw(self, size: int, rng: np.random.Generator) -> tuple[Array, Array]:
         """Return posterior draws of parameters, shape (size, p), and hyper-parameters, (size, h).
 
-        Hyper-parameters (scales of the noise and of other effects) [mm] are picked from the nodes
-        by their weights. Parameters (compliances, slopes, geometric errors) are drawn at random
-        given these and the readings.
+        Hyper-parameters (scales of the noise and of other effects; lengths in mm) are picked from
+        the nodes by their weights. Parameters (compliances, slopes, geometric errors) are drawn at
+        random given these and the readings.
         """
         free = self.integral.pick(size, rng)
         beta = draw_parameters_given(self.bound, free, rng)
@@ -567,13 +569,13 @@ class Nodes:
         return mean, np.sqrt(weight @ (conditional.variance + (conditional.mean - mean) ** 2))
 
     def quantiles(self, levels: Array, *, seed: int, components: int = _COMPONENTS) -> Array:
-        """Return posterior quantiles of the p parameters at the probabilities ``levels``.
+        """Return posterior quantiles of the p parameters at the n probabilities ``levels``, (n, p).
 
-        The result has the shape (levels, p). They are the quantiles of a mixture of Gaussians: the
-        densities of a parameter given each of ``components`` values of the hyper-parameters, which
-        are picked from the nodes by their weights. If compliances must not be negative, the
-        components of the parameters that this restricts are drawn at random, and each Gaussian is
-        also conditional on them.
+        The quantiles are those of a mixture of Gaussians: the densities of a parameter given each
+        of ``components`` values of the hyper-parameters, which are picked from the nodes by their
+        weights. If compliances must not be negative, this restricts the parameters along some
+        directions. Their components along these directions are then drawn at random with the given
+        ``seed``, and each Gaussian is also conditional on them.
         """
         rng = np.random.default_rng(seed)
 

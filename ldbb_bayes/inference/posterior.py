@@ -178,7 +178,7 @@ def load(path: str | os.PathLike[str]) -> xr.DataTree:
     ------
     InputError
         For a file that is missing, that is damaged (its digest then differs), that this package did
-        not write, or that an earlier edition of it wrote.
+        not write, or that another edition of it wrote.
 
     Examples
     --------
@@ -314,7 +314,8 @@ def _require_tree(posterior: object) -> None:
 def record_of(posterior: xr.DataTree) -> dict[str, Any]:
     """Return the record of a posterior, which states what was fitted, how, and how well.
 
-    The record is kept as JSON in the group ``provenance``.
+    The record is kept as JSON in the group ``provenance``. Raise an `InputError` for a posterior
+    from `to_units`, which has no record.
     """
     _require_tree(posterior)
     if "provenance" not in posterior.children:
@@ -383,9 +384,10 @@ def draws_of(
     """Return posterior draws of the p parameters and of the h hyper-parameters.
 
     Parameters are compliances, slopes and geometric errors, in mm, N and rad; hyper-parameters are
-    the scales of the noise and of other effects [mm]. The draws of all chains are joined. The
-    results have the shapes (draws, p) and (draws, h). If ``size`` is given, at most that many draws
-    are returned, evenly spaced. ``bound`` is the posterior's model applied to its campaign.
+    the scales of the noise and of other effects, with lengths in mm. The draws of all chains are
+    joined. The results have the shapes (draws, p) and (draws, h). If ``size`` is not None, at most
+    that many draws are returned, evenly spaced. ``bound`` is the posterior's model applied to its
+    campaign.
     """
     group = posterior["posterior"].dataset
     beta = _stack_draws(group, bound.names)
@@ -435,10 +437,10 @@ def curves_of(
 ) -> Array:
     """Return posterior draws of the compliances C(F) at n forces, shape (draws, n, compliances).
 
-    ``force_N``, shape (n,), holds the forces F. C(F) follows from the compliance at the reference
-    force and its slopes; see `compliance_curves`. At most ``size`` draws are used. If the posterior
-    is an average over models, the draws of each model follow one another. ``seed`` is that of the
-    random draws of effects that are not among the parameters.
+    ``force_N``, shape (n,), holds the forces F [N]. C(F) follows from the compliance at the
+    reference force and its slopes; see `compliance_curves`. At most ``size`` draws are used, all if
+    ``size`` is None. If the posterior is an average over models, the draws of each model follow one
+    another. ``seed`` is that of the random draws of effects that are not among the parameters.
     """
     rng = np.random.default_rng(seed)
     curves = [

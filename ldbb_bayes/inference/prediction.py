@@ -189,7 +189,9 @@ def _bind_with_plan(bound: BoundModel, plan: Campaign) -> _MeasuredAndPlanned:
 
     Both results are made as if all these tests were of one campaign. They therefore have the same
     nuisances (effects that are modelled but not of interest), such as ball forms and bar lengths.
-    ``bound`` is the model applied to the measured campaign; ``plan`` holds the planned tests.
+    ``bound`` is the model applied to the measured campaign; ``plan`` holds the planned tests. Raise
+    an `InputError` if the plan is of another machine, or if its tests depend on parameters that the
+    model lacks.
     """
     campaign = bound.campaign
     machine = (campaign.topology, dict(campaign.frames_mm))

@@ -50,9 +50,9 @@ def prior_draws_of(bound: BoundModel, size: int, rng: np.random.Generator) -> tu
     """Return random draws from the prior: of the p parameters, then of the h hyper-parameters.
 
     Parameters are compliances, slopes and geometric errors; hyper-parameters are the scales of the
-    noise and of other effects [mm]. The arrays have the shapes (size, p) and (size, h). No
-    compliance is negative, if the model requires it. If the prior of the parameters is flat, their
-    array has the shape (0, 0).
+    noise and of other effects. The arrays have the shapes (size, p) and (size, h). If the model
+    requires it, no compliance is negative. If the prior of the parameters is flat, their array has
+    the shape (0, 0).
     """
     phi = bound.hyper_prior.draw(size, rng)
     if bound.model.prior.flat:
@@ -179,8 +179,8 @@ def _model_record(bound: BoundModel) -> dict[str, Any]:
 def _has_preset_priors(model: HybridModel) -> bool:
     """Return whether a model has the priors of the preset from which it was derived.
 
-    Two changes do not count: a drift that was added, and the condition that no compliance is
-    negative switched on or off.
+    Two changes do not count. A drift over time or temperature may have been added, with its default
+    priors. The condition that no compliance is negative may have been switched on or off.
     """
     preset = HybridModel.from_preset(model.preset, model.degree)
     preset_terms = {type(term): term for term in preset.nuisances}

@@ -1,10 +1,11 @@
 """Nodes and evidence of a model, computed from those of a related larger model.
 
-φ are the hyper-parameters, the scales of the noise and of other effects. Given φ, the coefficients
-(the parameters, and those of rival explanations of slopes) have a Gaussian posterior. Related
-models differ only in the Gaussian priors of coefficients, and in truncation. The posterior of one
-model therefore follows from that of the other. Nodes are weighted points that represent p(φ | y),
-where y are the readings. Truncation T restricts compliances to values that are not negative.
+φ are the hyper-parameters, the scales of the noise and of other effects. Rival explanations of
+slopes are effects that look like a change of compliance with force. Given φ, the coefficients (the
+parameters, and those of rival explanations of slopes) have a Gaussian posterior. Related models
+differ only in the Gaussian priors of coefficients, and in truncation. The posterior of one model
+therefore follows from that of the other. Nodes are weighted points that represent p(φ | y), where y
+are the readings. Truncation T restricts compliances to values that are not negative.
 """
 
 from __future__ import annotations
@@ -149,8 +150,9 @@ class RelatedModels:
     def _conditionals(self) -> _Conditionals:
         """Gaussian posteriors of the coefficients in the given model, for each of its nodes.
 
-        A node is a value of the hyper-parameters. Coefficients are those of rival explanations of
-        slopes (effects that look like a change of compliance with force), and the parameters.
+        A node is a value of the hyper-parameters. The first coefficients are those of rival
+        explanations of slopes (effects that look like a change of compliance with force), the last
+        are the parameters.
         """
         bound = self._bound
         free = self._integral.free

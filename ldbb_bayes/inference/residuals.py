@@ -45,7 +45,7 @@ class FitQuality:
     #: root-mean-square residual over the readings of each test [µm], by name of the test
     rmse_by_test_um: dict[str, float]
     #: fitness of each test [%], by name of the test: 100 % minus the root-mean-square residual in
-    #: per cent of the range of the readings
+    #: per cent of the range of the readings; NaN if these are all equal
     fitness_percent: dict[str, float]
 
 
@@ -55,7 +55,7 @@ def fit_quality(bound: BoundModel, phi: Array, beta: Array) -> FitQuality:
     The prediction is the mean over posterior draws of the effects of the machine and of shared
     nuisances, that is, effects that are modelled but not of interest and that tests have in common,
     such as ball form. ``phi``, shape (draws, h), holds draws of the hyper-parameters (scales of the
-    noise and of other effects) [mm], ``beta``, shape (draws, p), those of the parameters.
+    noise and of other effects), ``beta``, shape (draws, p), those of the parameters.
     """
     return quality_of(bound, shared_coefficients(bound, phi, beta).mean(axis=0))
 

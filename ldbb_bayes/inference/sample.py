@@ -69,8 +69,8 @@ class SampledDraws(NamedTuple):
     #: posterior draws of the p parameters (compliances, slopes, geometric errors) in mm, N and rad,
     #: shape (chains, draws, p)
     beta: Array
-    #: posterior draws of the h hyper-parameters (scales of the noise and of other effects) [mm],
-    #: shape (chains, draws, h)
+    #: posterior draws of the h hyper-parameters (scales of the noise and of other effects; lengths
+    #: in mm), shape (chains, draws, h)
     phi: Array
 
 
@@ -80,8 +80,8 @@ class IndependentDraws(NamedTuple):
     #: posterior draws of the p parameters (compliances, slopes, geometric errors) in mm, N and rad,
     #: shape (size, p)
     beta: Array
-    #: posterior draws of the h hyper-parameters (scales of the noise and of other effects) [mm],
-    #: shape (size, h)
+    #: posterior draws of the h hyper-parameters (scales of the noise and of other effects; lengths
+    #: in mm), shape (size, h)
     phi: Array
     #: whether the draws are thinned from a run of emcee; if not, they are independent
     by_emcee: bool
@@ -175,9 +175,9 @@ def sample(
 
 
 def sampler_named(name: str) -> str:
-    """Return the present name of a sampler, "joint" or "independent", from this or a former name.
+    """Return the present name of a sampler, "joint" or "independent".
 
-    Raise an `InputError` for an unknown name.
+    ``name`` is the present name itself or a former one. Raise an `InputError` for an unknown name.
     """
     require(
         name != "emcee",
@@ -378,7 +378,8 @@ def draw(
     Parameters and hyper-parameters are drawn from the posterior density ``start``. If ``sampler``
     is "joint", the draws are thinned from a run of emcee with an effective sample size four times
     as large as their number. If it is "independent", they are drawn independently; if the weights
-    of the density drawn from cannot be trusted, emcee is used instead.
+    of the density drawn from cannot be trusted, emcee is used instead. Raise an `InputError` if
+    emcee does not converge.
     """
     if sampler == "independent":
         try:

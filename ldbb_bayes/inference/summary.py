@@ -108,8 +108,9 @@ def result_json(posterior: xr.DataTree, *, prob: float = 0.95) -> dict[str, Any]
     """Return the result of a fit in the form that the command ``fit --json`` writes.
 
     The result holds the numbers of every parameter and hyper-parameter, and the entries of the
-    posterior's record. ``prob`` is the probability of the credible intervals, which is also part of
-    their key: ``ci95`` for 95 %.
+    posterior's record. Hyper-parameters that are lengths are in µm, all other numbers in mm, N and
+    rad. ``prob`` is the probability of the credible intervals, which is also part of their key:
+    ``ci95`` for 95 %.
     """
     check_probability(prob)
     record = record_of(posterior)
