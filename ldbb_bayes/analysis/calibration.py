@@ -67,8 +67,8 @@ class Validation(Result):
     #: error messages of replicates (simulated campaigns) whose posterior could not be sampled;
     #: these replicates have no ranks
     failures: tuple[str, ...]
-    #: indices, from 0, of the rows of ``ranks`` whose draws come from the sampler emcee, because the
-    #: weights of independent draws could not be trusted there
+    #: indices, counted from 0, of the rows of ``ranks`` whose draws come from the sampler emcee,
+    #: because the weights of independent draws could not be trusted there
     by_emcee: tuple[int, ...] = ()
 
     @property

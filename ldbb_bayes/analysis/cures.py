@@ -64,10 +64,9 @@ def cures(bound: BoundModel, aliases: Sequence[Degeneracy]) -> tuple[tuple[Cure,
     """Return the remedies that would resolve each degeneracy, in the order of ``aliases``.
 
     A degeneracy is a combination of parameters and nuisance coefficients (effects that are modelled
-    but not of interest) that no reading resolves.
-    To find out whether further tests help, they are added to the plan, and the degeneracies of the
-    longer plan are found. A degeneracy that involves a nuisance coefficient can always be resolved
-    by a calibration.
+    but not of interest) that no reading resolves. To find out whether further tests help, they are
+    added to the plan, and the degeneracies of the longer plan are found. If a degeneracy is written
+    for a nuisance coefficient, a calibration is always among its remedies.
 
     Parameters
     ----------

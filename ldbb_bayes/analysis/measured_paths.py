@@ -21,8 +21,8 @@ from ldbb_bayes.results import Array, readable
 
 __all__ = ["measure_circularity"]
 
-# A test whose arc is at least this angle [°] counts as a full circle, from which squareness and
-# scale mismatch are computed.
+# Smallest arc [°] of a test that counts as a full circle. Squareness and scale mismatch are computed
+# only from full circles.
 _FULL_CIRCLE_DEG = 350.0
 
 
@@ -41,7 +41,8 @@ def measure_circularity(posterior: xr.DataTree | Campaign) -> tuple[pd.DataFrame
     tests : DataFrame
         One row per test. Columns are force_N, direction, plane, radius_mm and arc_deg; G, F_max and
         F_min about the least-squares centre, and G_minimum_zone about that of the minimum zone
-        [µm]; squareness and scale_mismatch [µm/m], not a number for less than a full circle.
+        [µm]; squareness and scale_mismatch [µm/m], which are not a number for an arc of less than
+        350°, and for a test of at most 25 readings.
     pairs : DataFrame
         One row per pair of a clockwise and a counterclockwise test of the same circle. Columns are
         force_N and plane; the bidirectional deviation G_b about the least-squares centre,

@@ -93,10 +93,11 @@ class Limits(Result):
     """Limits of what the tests of a design can show."""
 
     #: number of different forces of the tests, if there are too few to show that the model's degree
-    #: of compliance in force is wrong; None if there are enough
+    #: of compliance in force is wrong; None if there are enough, or if the tests only add to those
+    #: already run
     levels: int | None
-    #: the only direction of travel, by plane, of the planes in which hysteresis is modelled but all
-    #: circles run in one direction
+    #: direction of travel, by plane, for planes in which all circles run in this one direction
+    #: although the model has a hysteresis there
     one_way: dict[str, str]
     #: whether the model has a drift; the forecast assumes that the drift does not depend on the
     #: tests' settings
@@ -195,9 +196,10 @@ class Design(Forecast):
 
     @property
     def tests(self) -> tuple[CircularTest, ...]:
-        """The recommended tests, sorted by the angles of the balls, the radius and the force.
+        """The recommended tests; a test that is to be run several times is repeated.
 
-        A test that is to be run several times is repeated.
+        They have the order of the candidates, the tests that could be run: by plane and direction,
+        then by radius, angles of the balls, and force.
         """
         return self._require_planned().tests
 
@@ -301,7 +303,7 @@ def _with_drift_covariate(
     """Return the tests with the times or the temperature that the model's drift term needs.
 
     The interval between tests, or the mean temperature, is that of ``pilot``, the campaign that the
-    design starts from. A model without drift needs none.
+    design starts from. For a model without drift, the tests are returned unchanged.
     """
     covariates = {term.over for term in model.nuisances if isinstance(term, Drift)}
     times = np.sort([test.time_s for test in pilot.tests if test.time_s is not None])
@@ -447,7 +449,11 @@ def _force_levels(forces_N: Sequence[float]) -> tuple[float, ...]:
 
 
 def _levels_in_range(pilot: Campaign) -> list[float]:
-    """Return force levels [N] over the range of force of a campaign or plan, in steps of 1 N."""
+    """Return the force levels [N] from the lowest to the highest force of a pilot, in 1 N steps.
+
+    The pilot is the campaign or plan that a design starts from. Its highest force is always the
+    last level.
+    """
     low = float(pilot.forces_N.min())
     high = float(pilot.forces_N.max())
     levels: list[float] = np.unique([*np.arange(low, high, _FORCE_STEP_N), high]).tolist()
@@ -481,9 +487,9 @@ def _describe_design(
 ) -> Design:
     """Return the design that the search found, with the forecast of its results.
 
-    ``space`` is the problem of the search and ``exact`` its solution. ``pilot`` states the campaign
-    that the design starts from. ``compared`` are the tests of other designs by name; their
-    forecasts are included.
+    ``space`` is the problem of the search and ``exact`` its solution. ``pilot`` holds the name and
+    the digest of the campaign that the design starts from. ``compared`` are the tests of other
+    designs by name; their forecasts are included.
     """
     tests = space.tests_of(exact)
     optimum = exact.optimum

@@ -122,8 +122,9 @@ def _layout_of(information: Information, blocks: Array, chosen: Sequence[str]) -
 def _stack_blocks(blocks: Sequence[Array]) -> Array:
     """Return the information of all tests as one array, with rounding errors set to zero.
 
-    ``blocks`` has one matrix per test, of at most 25 rows and a column per coefficient. The result
-    has the shape (tests, rows, coefficients); matrices of fewer rows are filled up with zeros.
+    ``blocks`` has one matrix G per test, of at most 25 rows and a column per coefficient; GᵀG is
+    what the test adds to the precision of the coefficients. The result has the shape (tests, rows,
+    coefficients); matrices of fewer rows are filled up with zeros.
     """
     rows = max(len(block) for block in blocks)
     stacked = np.zeros((len(blocks), rows, blocks[0].shape[1]))

@@ -74,11 +74,11 @@ def add_foreseen_tests(
     candidates: Sequence[CircularTest],
     compared_tests: Sequence[CircularTest] = (),
 ) -> Campaign:
-    """Return the pilot, with all kinds of tests that a design may contain as foreseen tests.
+    """Return the pilot with one foreseen test of every new kind that a design may contain.
 
-    The model of a campaign has the parameters that its tests, run or foreseen, can show. One test
-    of every new kind (of plane, set-up, centre, radius, direction) is added to ``pilot.foreseen``.
-    The same model therefore applies to every design.
+    The kind of a test is its plane, set-up, centre, radius and direction. The model of a campaign
+    has the parameters that its tests, run or foreseen, can show. Because of the foreseen tests, the
+    same model applies to every design.
 
     Parameters
     ----------

@@ -33,8 +33,8 @@ __all__ = [
 # Number of posterior means that a forecast draws at random for each possible state of the machine.
 # Each is one that an analysis of the new tests may find.
 _MEANS_PER_STATE = 4
-# Number of times that every test counts when the floor of a parameter's uncertainty is computed:
-# the standard deviation that remains after very many tests.
+# Number of times that every test counts when the standard deviation is computed that very many
+# tests would leave (the floor of a parameter's uncertainty).
 _REPETITIONS_OF_FLOOR = 1e6
 # Singular values of the design matrix of the readings below this count as zero, when it is tested
 # whether the tests determine every parameter.
@@ -143,9 +143,9 @@ def truncated_variances(
     """Return expected posterior variances with truncation, and their standard errors.
 
     With truncation, compliances must not be negative. A state is one possible machine. States in
-    which a compliance would be negative at a force of the new tests are left out. For every other
-    state, posterior means that the analysis may find are drawn at random. The variance is that of
-    the truncated Gaussian about each of these means.
+    which a compliance would be negative at a force of the new tests are left out, unless all are
+    such. For every other state, posterior means that the analysis may find are drawn at random. The
+    variance is that of the truncated Gaussian about each of these means.
 
     Parameters
     ----------
@@ -195,7 +195,7 @@ def _variance_change_by_truncation(
     states
         K states of the machine before the tests.
     is_possible
-        Whether no compliance is negative in each state, shape (K,).
+        Mask of the states that are used, shape (K,): those in which no compliance is negative.
     covariance
         Posterior covariances of the p parameters without truncation, shape (K, p, p), in internal
         units (mm, N, rad).
@@ -231,9 +231,9 @@ def _draw_posterior_means(
     Let m₁ be the mean and P₁ the precision of the p parameters β before the tests, C their
     covariance after the tests, and W = 1 − C P₁. Given β of a state, the posterior mean is normally
     distributed with the mean m₁ + W (β − m₁) and the covariance W C. ``is_possible``, shape (K,),
-    states in which of the K states no compliance is negative; ``covariance`` holds C for each of
-    these. C and the result, shape (draws, possible states, p), are in units of ``scale``, the prior
-    standard deviations.
+    is true for those of the K states in which no compliance is negative; ``covariance`` holds C for
+    each of these. C and the result, shape (draws, possible states, p), are in units of ``scale``,
+    the prior standard deviations.
     """
     prior_mean = states.before.mean[is_possible]
     prior_precision = states.before.precision[is_possible] * np.outer(scale, scale)
@@ -267,7 +267,8 @@ def posteriors(bound: BoundModel, phi: Array, run: int) -> tuple[Gaussian | None
         Posterior in which compliances may be negative; None where, with flat priors, a parameter is
         undetermined.
     floor : Array
-        Standard deviations of the p parameters if every test were run a million times, shape (p,).
+        Standard deviations of the p parameters if every test were run a million times, shape (p,):
+        their root mean square over the K values of φ. Empty where ``posterior`` is None.
     """
     phi = extend_hyper_parameters(bound, phi, run)
     first = information_of(bound, phi[0])

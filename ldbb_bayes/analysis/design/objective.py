@@ -104,8 +104,7 @@ class Objective(Shown):
         (candidates,); the derivatives ∂Φ/∂n_i have the same shape. Let ∂Φ/∂M = D_k D_kᵀ be the
         derivative with respect to the precision matrix M of the parameters at the k-th value of the
         hyper-parameters, and G_ki the derivatives of candidate i's readings with respect to the
-        parameters. Then ∂Φ/∂n_i is the mean of ‖G_ki
-        D_k‖² over k.
+        parameters. Then ∂Φ/∂n_i is the mean of ‖G_ki D_k‖² over k.
         """
         s = self.interest
         precision = self._precision(counts)

@@ -114,9 +114,11 @@ def exchange(
     feasible: Callable[[Array], bool] = _always_feasible,
     thorough: bool = True,
 ) -> tuple[Array, float]:
-    """Return a design that no exchange of one test for another candidate improves, and its value.
+    """Return a design improved by exchanging one test at a time, and its criterion.
 
-    A candidate is a test that could be run; a design has a number of tests for each candidate.
+    A candidate is a test that could be run; a design has a number of tests for each candidate. A
+    test is exchanged for another candidate if that improves the design. The function ends when no
+    exchange that is tried improves the design, or after it has gone through all tests 50 times.
 
     Parameters
     ----------
@@ -241,7 +243,11 @@ class Search:
         return self._shares[tests]
 
     def find_design(self, tests: int) -> ExactDesign:
-        """Return the best design of ``tests`` tests, each of them one of the candidate tests."""
+        """Return the best design found of ``tests`` tests, each of them one of the candidates.
+
+        A candidate is a test that could be run. Raise an `InputError` if no design has tests at
+        enough different forces, or if the design found leaves a parameter undetermined.
+        """
         possible_levels = min(tests, len(distinct_forces(self.forces_N)))
         if possible_levels < self.levels:
             raise InputError(
@@ -359,7 +365,7 @@ def _perturbed(counts: Array, rng: np.random.Generator) -> Array:
     """Return the counts of a design with a third of its tests replaced by random ones.
 
     ``counts`` is the number of tests of each candidate (test that could be run) in the design,
-    shape (candidates,). A replacement is one of the candidates.
+    shape (candidates,). A replacement is one of the candidates. At least one test is replaced.
     """
     n = len(counts)
     number = max(1, int(counts.sum()) // 3)
