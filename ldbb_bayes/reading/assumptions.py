@@ -34,7 +34,7 @@ class _Entry(NamedTuple):
 
 @dataclass
 class AssumptionLog:
-    """Log of the assumptions that are made to import foreign files, in the order of their making.
+    """Log of the assumptions that are made to import foreign files, in the order first made.
 
     An assumption that is made for several files, sheets or tests is kept once. The log also keeps
     the values of fields of the layout, such as the separator of cells, that are found in each

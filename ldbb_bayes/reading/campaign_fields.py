@@ -69,10 +69,12 @@ class _StatedValue(NamedTuple):
 
 
 def take_stated_fields(campaign: dict[str, Any], recordings: Sequence[Recording]) -> None:
-    """Fill in fields that no option states from lines above tables and names of files and sheets.
+    """Fill in the fields that no option states, as far as the files state them.
 
-    Planes and temperatures are filled in as fields of each test. All other fields are fields of
-    the campaign, and so is a plane that all tests have in common.
+    Files state fields in the lines above their tables; the names of files and sheets may state the
+    plane. Planes and temperatures are filled in as fields of each test. All other fields are fields
+    of the campaign, and so is a plane that all tests have in common. If no machine_id is stated, it
+    is the serial number or else the type of the machine.
 
     Parameters
     ----------
@@ -168,7 +170,8 @@ def _stated_values(recording: Recording, field: str) -> dict[Any, _StatedValue]:
 def _certain_value(recording: Recording, key: str) -> Any:
     """Return the value that the user or a column of the table states for a field of a test.
 
-    The field has the name ``key``. Return None if neither states it.
+    The field has the name ``key``. Return None if neither states it. A `MountCompensation` is
+    returned as the text "compensated" or "raw".
     """
     value = recording.stated.get(key)
     if not value:
@@ -317,6 +320,9 @@ def note_assumed_fields(
     unclear: Mapping[str, str],
 ) -> tuple[str, ...]:
     """Add to the log the usual values that are assumed for unstated fields of the campaign.
+
+    Lines that could not be understood are noted too, and how the loads fit the default force law
+    if no other law is stated.
 
     Parameters
     ----------

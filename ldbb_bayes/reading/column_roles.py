@@ -128,7 +128,12 @@ def _unit_at_end(header: str) -> Header:
 
 
 def has_role(name: str, role: str) -> bool:
-    """Return whether the name of a column contains a word for ``role``, such as angle or time."""
+    """Return whether the name of a column contains a word for ``role``, such as angle or time.
+
+    For the role of test, every word of the name must be such a word or one like "number". The roles
+    of force and pressure are not found in a name that also has a word for another quantity, such as
+    a maximum.
+    """
     name_words = re.findall(r"[^\W\d_]+", comparable(name[:LONGEST_NAME]))
     role_words = ROLES[role]
     if role in ("force", "pressure") and OTHER_QUANTITY.search(" ".join(name_words)):
@@ -203,7 +208,8 @@ def find_columns(place: str, layout: Layout, headers: Sequence[str]) -> ColumnRo
     Raises
     ------
     InputError
-        For a stated column that does not exist, and for several columns that may have one role.
+        For a stated column that does not exist, for several columns that may have one role, and for
+        a table without a header whose columns are neither stated nor just two.
     """
     roles = _stated_columns(place, layout, headers)
     if not any(headers):

@@ -18,9 +18,9 @@ _LONGEST_LIST = 200
 def matching(files: Iterable[str | os.PathLike[str]]) -> list[Path]:
     """Return the paths of the named files, with each pattern replaced by the matching files.
 
-    Patterns contain ``*`` or ``?``, which not every shell expands. Matching files are in natural
-    order (2 N before 10 N). Backslashes may separate folders. Hidden files, and lock files of
-    spreadsheet programs (``~$``), do not match.
+    Patterns contain ``*`` or ``?``, which not every shell expands. The name of an existing file is
+    no pattern. Matching files are in natural order (2 N before 10 N). Backslashes may separate
+    folders. Hidden files, and lock files of spreadsheet programs (``~$``), do not match.
 
     Raises
     ------

@@ -104,7 +104,8 @@ def _join(first: MeasuredArc, second: MeasuredArc) -> MeasuredArc:
     """Return two half circles as one test.
 
     Whole turns are added to the angles of the second half, so that they continue those of the
-    first.
+    first. The name of the test is the common beginning of the names of both halves, or else the
+    name of the first half.
     """
     n_turns = round((first.angle_deg[-1] - second.angle_deg[0]) / TURN_DEG)
     first_name = str(first.fields["name"])

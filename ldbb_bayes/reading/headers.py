@@ -205,7 +205,9 @@ def _find_block(sheet: Sheet, layout: Layout) -> int:
     """Return the index of the row of a sheet at which the numbers of its table begin.
 
     The numbers are the first block of nine rows with equally many cells, of which at least two in
-    each row are numbers. If the user states the line of the header, only rows below it count.
+    each row are numbers. A block at the end of the sheet may have fewer rows, but at least two. If
+    the user states the line of the header, only rows below it count. The search ends after 1000
+    rows; raise a `NoTableError` if it finds no block.
     """
     rows = sheet.rows
     header_line = layout.header_line or 0
@@ -232,8 +234,8 @@ def _find_block(sheet: Sheet, layout: Layout) -> int:
 def _is_block(sheet: Sheet, start: int) -> bool:
     """Return whether a block of numbers begins at the row with the index ``start``.
 
-    The nine rows from this one on then have equally many cells, of which at least two in each row
-    are numbers.
+    The nine rows from this one on, or all rows up to the end of a shorter sheet, then have equally
+    many cells, of which at least two in each row are numbers.
     """
     width = len(sheet.rows[start].cells)
     for row in sheet.rows[start : start + _BLOCK_ROWS]:
@@ -326,7 +328,8 @@ def _column_names(sheet: Sheet, header_row: int, block: int) -> list[str]:
 
     ``header_row`` is the index of the header row in the sheet, and ``block`` that of the row at
     which the numbers begin. If blanks separate the cells, a unit in brackets belongs to the name
-    before it.
+    before it. Raise an `InputError` if there are more names than columns, or if a column of the
+    table has numbers but no name.
     """
     row = sheet.rows[header_row]
     names = list(row.cells)
@@ -361,7 +364,8 @@ def _join_units(words: Sequence[str]) -> list[str]:
 def _row_of_units(cells: Sequence[str]) -> list[str]:
     """Return the units in a row of cells below a header; an empty list if it is no row of units.
 
-    An unknown unit is returned as it is written.
+    An unknown unit is returned as it is written. A row with a load, such as 36 N, is no row of
+    units.
     """
     units = []
     for cell in cells:
@@ -376,9 +380,9 @@ def _row_of_units(cells: Sequence[str]) -> list[str]:
 def _holds_only_units(cells: Sequence[str]) -> bool:
     """Return whether a row of cells is a row of units.
 
-    At least one cell must be a known unit, and two cells must be known units or texts in brackets;
-    in a row with a single filled cell, this one is enough. All other filled cells must have at most
-    four characters.
+    At least one cell must be a known unit, and two cells must be known units or texts in brackets.
+    One such cell is enough if it is the only filled cell, or if another cell is the German word
+    Grad (degree). All other filled cells must have at most four characters.
     """
     n_known = 0
     n_bracketed = 0

@@ -156,8 +156,8 @@ def _select_tables(
 ) -> SheetSelection:
     """Return the sheets of all files with a table of readings, and the sheets without one.
 
-    ``matched`` are the files that were found by a pattern with ``*`` or ``?``; they may have no
-    table.
+    ``matched`` are the files that were found by a pattern with ``*`` or ``?``; these files need not
+    have a table.
     """
     sheets = []
     for path in paths:
@@ -233,9 +233,10 @@ def _measured_arc(recording: Recording, loads: Mapping[str, float]) -> MeasuredA
 
 
 def _name_tests(arcs: Iterable[MeasuredArc]) -> list[CircularTest]:
-    """Return the circular tests of the arcs, with different names for tests of different sheets.
+    """Return the circular tests of the arcs, in the order given.
 
-    If an earlier test has the same name, the name of the sheet is put in front of it.
+    If a test is one of several in its sheet and an earlier test has the same name, the name of the
+    sheet is put in front of its name.
     """
     tests: list[CircularTest] = []
     for arc in arcs:

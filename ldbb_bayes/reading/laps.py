@@ -103,10 +103,9 @@ def on_the_circle(angle_deg: Array, *, start_deg: float, sense: int) -> NDArray[
 def average_laps(angle_deg: Array, reading_um: Array) -> tuple[Array, Array]:
     """Return the readings of a test averaged over its whole laps, with the angles of the first lap.
 
-    A lap is one turn of the bar.
-
-    Readings of later laps are interpolated at the angles of the first lap. Readings after the last
-    whole lap are left out.
+    A lap is one turn of the bar. Readings of later laps are interpolated at the angles of the first
+    lap. Readings after the last whole lap are left out. Of successive readings at the same angle,
+    only the first counts.
 
     Parameters
     ----------
@@ -158,7 +157,7 @@ def direction_of_travel(angle_deg: Array) -> str | None:
     Raises
     ------
     InputError
-        For angles that run forth and back, which belong to two tests.
+        For angles that run more than 120° in both directions; they belong to two tests.
     """
     largest_rise = float(np.max(angle_deg - np.minimum.accumulate(angle_deg)))
     largest_fall = float(np.max(np.maximum.accumulate(angle_deg) - angle_deg))

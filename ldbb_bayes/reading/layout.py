@@ -176,7 +176,8 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
 
         ``options`` are values by name of the field; a value of None changes nothing. A field that
         an option states for all tests, such as the direction, is removed from the entries [[test]],
-        each of which states fields of one test.
+        each of which states fields of one test. If an option lists forces or pressures, it replaces
+        all forces and pressures of the layout and of its entries [[test]].
         """
         stated = {key: value for key, value in options.items() if value is not None}
         keys_of_tests = stated.keys() & TestLayout.__dataclass_fields__.keys()

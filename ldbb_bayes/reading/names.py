@@ -132,9 +132,8 @@ def radius_in_name(names: Sequence[str]) -> float | None:
 def plane_in_name(names: Sequence[str]) -> str | None:
     """Return the plane (XY, YZ or ZX) that names of test, column, sheet or file state.
 
-    A plane in the other order, such as XZ, is returned as ZX.
-
-    The first name that contains exactly one plane counts. Return None if there is no such name.
+    The first name that contains exactly one plane counts. A plane in the other order, such as XZ,
+    is returned in the usual order, ZX. Return None if there is no such name.
     """
     for name in names:
         planes = set()

@@ -129,8 +129,8 @@ class Recording:
     def name_of_file(self, title: str) -> str:
         """Return a name for the test that can be the name of a file, made from ``title``.
 
-        Characters that file names cannot have are replaced by underscores. If this changes the
-        title, it is noted as an assumption.
+        Characters that file names cannot have are replaced by underscores, and only the first 100
+        characters are kept. If this changes the title, it is noted as an assumption.
         """
         name = re.sub(r"^[^\w+\-]|[^\w+\-. ]", "_", title)[:_LONGEST_TEST_NAME]
         if name != title:

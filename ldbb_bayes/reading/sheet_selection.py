@@ -129,7 +129,8 @@ def _is_complete(heading: Heading) -> bool:
 def _mark_only_tables(selection: SheetSelection, tables: Sequence[HeadedSheet]) -> SheetSelection:
     """Return the selection of sheets with ``is_only_table`` set for the only table of a file.
 
-    ``tables`` are the sheets with a table; those that are left out of the selection do not change.
+    ``tables`` are the sheets with a table, which become the tables of the result. The sheets that
+    are left out of the selection do not change.
     """
     paths = [table.sheet.path for table in tables]
     marked = []

@@ -228,6 +228,11 @@ def unit_size(
         Unit that is assumed if none is stated.
     reason
         Reason for the usual unit, for the note.
+
+    Raises
+    ------
+    InputError
+        For a unit that is unknown for this role.
     """
     header_line = recording.heading.line
     header_unit = recording.heading.units[recording.heading.roles[role]]
@@ -275,7 +280,8 @@ def direction_of(recording: Recording) -> str | None:
     """Return the direction of travel of a test, CW or CCW; None if nothing states it.
 
     The first source that states a direction counts, in this order: the user, the column of
-    directions, lines above the table and names, sheets without a table.
+    directions, lines above the table and names, sheets without a table. Raise an `InputError` if
+    this source states both directions, or if the column has another word.
     """
     column_senses: dict[str, int] = {}
     for word, line in recording.direction_words.items():

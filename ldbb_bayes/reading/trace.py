@@ -105,7 +105,8 @@ def _missing_column(recording: Recording, role: str, content: str) -> InputError
 def _angles_of_column(recording: Recording) -> Array:
     """Return the angle of every reading from the column of angles, shape (n,) [deg].
 
-    Angles are counted from the plane's first axis.
+    Angles are counted from the plane's first axis, counter-clockwise, and continue beyond 360°.
+    Raise an `InputError` if there is no column of angles.
     """
     raw = recording.numbers.get("angle")
     if raw is None:

@@ -124,10 +124,11 @@ def _cell_text(value: object) -> str:
 
 
 def _check_archive(path: Path, raw: bytes) -> None:
-    """Raise an `InputError` for an XLSX workbook that is damaged or would not fit into memory.
+    """Raise an `InputError` for a zipped workbook that is damaged or would not fit into memory.
 
-    A workbook that would not fit unpacks to too many bytes, or has a cell with a very high row or
-    column number. ``raw`` is the content of the file at ``path``, a ZIP archive.
+    Zipped workbooks are XLSX and ODS. A workbook that would not fit unpacks to too many bytes or,
+    in XLSX, has a cell with a very high row or column number. ``raw`` is the content of the file at
+    ``path``, a ZIP archive.
     """
     try:
         with zipfile.ZipFile(io.BytesIO(raw)) as archive:
