@@ -13,7 +13,7 @@ _Arguments = ParamSpec("_Arguments")
 _Result = TypeVar("_Result")
 
 #: New name of every public function and class of version 0.2 that was renamed or moved, by its old
-#: name. Both are written after ``lb.``, the usual short name of this package.
+#: name. Both names are written after ``lb.``, the usual short name of this package.
 NEW_NAMES = {
     "BallForm": "terms.BallForm",
     "BarLength": "terms.BarLength",
@@ -90,7 +90,7 @@ NEW_NAMES = {
 def warn_of_new_name(old: str) -> None:
     """Give a FutureWarning that states the new name of a renamed or moved function or class.
 
-    ``old`` is its public name in version 0.2.
+    ``old`` is the public name of this function or class in version 0.2, without ``lb.``.
     """
     warnings.warn(
         f"lb.{old} is now lb.{NEW_NAMES[old]}. Use the new name: version 0.4 will not have the old"
@@ -105,7 +105,8 @@ def renamed_keyword(
 ) -> Callable[[Callable[_Arguments, _Result]], Callable[_Arguments, _Result]]:
     """Return a decorator that lets a function still accept the old name of a renamed argument.
 
-    A call with the old name of the argument gives a FutureWarning that states the new one.
+    ``old`` and ``new`` are the names of the argument. A call with the old name gives a
+    FutureWarning that states the new one.
     """
 
     def decorate(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:

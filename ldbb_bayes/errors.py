@@ -21,7 +21,7 @@ __all__ = [
     "require_whole",
 ]
 
-# Longest error message [characters]; a message may quote a file.
+# Longest error message [characters]. Longer ones are shortened, because a message may quote a file.
 LONGEST_MESSAGE = 1200
 
 
@@ -29,7 +29,7 @@ class InputError(ValueError):
     """Input that cannot be used.
 
     The message states in one line what must hold, what was found, and how to mend it. The middle
-    of a message longer than 1200 characters is left out. It is a ValueError.
+    of a message longer than 1200 characters is left out. The error is also a ValueError.
 
     Examples
     --------
@@ -54,7 +54,10 @@ def require(condition: object, message: str) -> None:
 
 
 def check_probability(prob: object, name: str = "prob") -> None:
-    """Raise an `InputError` unless the argument ``prob`` is a number between 0 and 1."""
+    """Raise an `InputError` unless ``prob`` is a number above 0 and below 1.
+
+    ``name`` is the name of the argument in the message.
+    """
     require(
         isinstance(prob, int | float) and 0.0 < prob < 1.0,
         f"{name} must be a number between 0 and 1, got {prob!r}. For 95 % give 0.95.",

@@ -51,6 +51,7 @@ __all__ = [
 ]
 
 T = TypeVar("T")
+# Type of a NumPy array with elements of any kind.
 Array: TypeAlias = NDArray[Any]
 # Largest size of a JSON file with a result that is read [bytes].
 _LARGEST_BYTES = 200_000_000
@@ -264,6 +265,8 @@ class Result(Shown):
         return result
 
 
+# Objects of pydantic, the library that checks content, that convert results to and from
+# dictionaries, by the class of the result. Each is made when it is first needed.
 _ADAPTERS: dict[type, TypeAdapter[Any]] = {}
 
 

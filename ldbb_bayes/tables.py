@@ -85,6 +85,7 @@ _UNBREAKABLE = "|".join(
 )
 # Regular expression for short texts in brackets, within which a line of text must not be broken.
 _SHORT_BRACKETS = r"[(\[][^()\[\]]{1,16}[)\]]"
+# Space at which a line of text is not broken.
 _NO_BREAK = "\xa0"
 
 

@@ -115,6 +115,7 @@ def _units_to_write() -> dict[str, _Size]:
 # Sizes of the units that a user may write, by name; a user may also write quotients and squares of
 # these units.
 UNITS_TO_WRITE = _units_to_write()
+# Superscripts of the minus sign and the digits, for powers of ten.
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 # Unit of a setting (such as the standard deviation of a prior) by the ending of its name: sd_um is
 # in µm.
@@ -423,9 +424,10 @@ def is_skewed(mean: float, interval: tuple[float, float]) -> bool:
 def stiffness(median: float, interval: tuple[float, float]) -> str:
     """Return a stiffness [N/µm] with its credible interval as text, from a compliance [mm/N].
 
-    ``median`` and ``interval`` are those of the compliance. If its lower limit is below a fifth of
-    its median, the text states only a lower limit of the stiffness. If its upper limit is not
-    positive, the text is empty.
+    ``median`` is the median of the compliance, and ``interval`` its credible interval. If the lower
+    limit of the compliance is below a fifth of its median or not positive, the text states only a
+    lower limit of the stiffness. If the upper limit of the compliance is not positive, the text is
+    empty.
     """
     low, high = interval
     if high <= 0.0:

@@ -75,7 +75,8 @@ def _require_ordinary_file(path: Path, expected: str) -> None:
 def refuse_unwritable(target: Path) -> Iterator[None]:
     """Raise an `InputError` if the ``with`` block fails to write the file or folder ``target``.
 
-    It replaces the ``OSError`` that the ``with`` block raises; its message names the target.
+    The `InputError` replaces the ``OSError`` that the ``with`` block raises; its message names the
+    target.
     """
     try:
         yield

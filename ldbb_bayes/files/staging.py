@@ -19,7 +19,8 @@ __all__ = ["check_target", "staged_folder"]
 def check_target(target: Path, *, force: bool, ours: Collection[str] = ()) -> None:
     """Raise an `InputError` if a folder for results must not be replaced or cannot be written.
 
-    It is called before a long computation, so that the results can be written afterwards.
+    The function is called before a long computation, so that the results can be written afterwards.
+    It creates the folders above the target if they do not exist.
 
     Parameters
     ----------

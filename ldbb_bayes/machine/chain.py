@@ -51,6 +51,7 @@ class Axes(NamedTuple):
     rotation: str  #: rotation about the normal of the plane, such as C
 
 
+# Motions of every plane in which circles can be tested.
 PLANES: Mapping[str, Axes] = {
     "XY": Axes("X", "Y", "C"),
     "YZ": Axes("Y", "Z", "A"),
@@ -137,8 +138,9 @@ class Machine(Shown):
     Raises
     ------
     InputError
-        For an unknown plane, a topology that is none or lacks an axis of a plane, and for a frame
-        of another axis or with other than three finite numbers.
+        If a plane is unknown; if the topology is not written as described, has an unknown or
+        repeated axis, or lacks an axis of a tested plane; if a frame belongs to no linear axis of
+        the topology, or is not three finite numbers of at most 100 000 mm.
 
     Examples
     --------
@@ -153,10 +155,11 @@ class Machine(Shown):
     """
 
     topology: str = "wCAFYXZSt"  #: machine axes in order from workpiece to tool
-    planes: str | Sequence[str] = ("XY",)  #: planes of the circular tests, of XY, YZ and ZX
-    #: position (X, Y, Z) of the frame of each joint with all axes at zero, by the letter of its
-    #: axis. It is relative to the point where the two balls coincide, and by default zero, as in
-    #: the paper.
+    #: planes of the circular tests: one or more of XY, YZ and ZX
+    planes: str | Sequence[str] = ("XY",)
+    #: position (X, Y, Z) of the frame of each joint with all axes at zero, by the letter of the
+    #: joint's axis. The position is relative to the point where the two balls coincide. A joint
+    #: that is not named has its frame at this point, as in the paper.
     frames_mm: Mapping[str, Sequence[float]] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:
@@ -285,8 +288,9 @@ class Machine(Shown):
     def end_mm(self, branch: Branch, circle: Circle, angle_rad: Array) -> Array:
         """Return the position (X, Y, Z) of a ball with all axes at zero, shape (n, 3) [mm].
 
-        The work ball is at the circle's centre. The tool ball is at the origin, but coordinates for
-        which the machine has no linear axis follow the circle.
+        The work ball is at the circle's centre. The tool ball is at the origin, except for
+        coordinates for which the machine has no linear axis: these are the nominal coordinates of
+        the tool ball on the circle.
 
         Parameters
         ----------

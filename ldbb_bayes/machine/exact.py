@@ -46,8 +46,9 @@ def exact_reading_mm(
         Values of any of the 36 compliances ``C_ijk`` of each joint, by name [mm/N, rad/N,
         rad/(N mm)]; the others are zero.
     geometric_errors : mapping of str to float, optional
-        Values of any geometric errors of the machine, such as ``E_XX1``, by name [1, 1/mm, rad,
-        mm]; the others are zero.
+        Values of any geometric errors of the machine, such as ``E_XX1``, by name; the others are
+        zero. Gains have no unit; straightness deviations are in 1/mm, squareness errors in rad and
+        tool offsets in mm.
 
     Returns
     -------
@@ -57,7 +58,7 @@ def exact_reading_mm(
     Raises
     ------
     InputError
-        For names that the machine does not have.
+        For the name of a compliance or geometric error that the machine does not have.
 
     Examples
     --------
@@ -96,7 +97,8 @@ def geometric_reading_mm(
     angle_rad
         Angles of the bar from the first axis of the plane, shape (n,) [rad].
     geometric_errors
-        Values of geometric errors by name, such as E_XX1 [1, 1/mm, rad, mm]; all others are zero.
+        Values of geometric errors by name, such as E_XX1; all others are zero. Gains have no unit;
+        straightness deviations are in 1/mm, squareness errors in rad and tool offsets in mm.
         Complex values are allowed, for derivatives by the complex-step method.
     """
     check_known("parameter", geometric_errors, [name.label for name in geometric_names(machine)])

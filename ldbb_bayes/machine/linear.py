@@ -57,7 +57,8 @@ _PARALLEL = 1e-10
 # smaller than this share of the largest norm.
 _NULL_SHARE = 1e-10
 # Weights of compliances in a linear combination that are smaller than this share of the largest
-# weight are rounding errors.
+# weight are rounding errors. So are negative eigenvalues of a matrix of such weights whose absolute
+# value is smaller than this share of the largest weight.
 _ROUNDING_WEIGHT = 1e-7
 # The effect of a compliance is independent of the effects of others if the part of its column that
 # is no combination of their columns is longer than this; the column itself has length one.
@@ -74,11 +75,11 @@ class ErrorBearer(NamedTuple):
 
 
 def wrench_jacobian(machine: Machine, circle: Circle, angle_rad: Array) -> Array:
-    """Return the reading per unit force and unit of each planar compliance, at n angles.
+    """Return the reading per unit force and per unit of each planar compliance, at n angles.
 
-    This is the wrench Jacobian of the paper, shape (n, 18) for one plane [1, mm or mm²]. Columns
-    are in the order of `wrench_names`. ``angle_rad`` (n,) are angles of the bar from the first axis
-    of the plane [rad].
+    This is the wrench Jacobian of the paper. It has the shape (n, 18) for one plane; the unit of an
+    element is 1, mm or mm². Columns are in the order of `wrench_names`. ``angle_rad`` (n,) are
+    angles of the bar from the first axis of the plane [rad].
     """
     return compliance_jacobian(machine, circle, angle_rad, wrench_names(machine))
 
@@ -86,7 +87,7 @@ def wrench_jacobian(machine: Machine, circle: Circle, angle_rad: Array) -> Array
 def compliance_jacobian(
     machine: Machine, circle: Circle, angle_rad: Array, names: Sequence[ComplianceName]
 ) -> Array:
-    """Return the reading per unit force and unit of each compliance (Eq. 20-23 of the paper).
+    """Return the reading per unit force and per unit of each compliance (Eq. 20-23 of the paper).
 
     Parameters
     ----------
@@ -117,8 +118,9 @@ def compliance_jacobian(
 def geometric_jacobian(machine: Machine, circle: Circle, angle_rad: Array) -> Array:
     """Return the reading per unit of each geometric error, at n angles (Eq. 16-18 of the paper).
 
-    It has shape (n, number of geometric errors), in the order of `geometric_names` [mm per unit of
-    the error]. ``angle_rad`` (n,) are angles of the bar from the first axis of the plane [rad].
+    The result has the shape (n, number of geometric errors) [mm per unit of the error], with one
+    column for each name that `geometric_names` returns. ``angle_rad`` (n,) are angles of the bar
+    from the first axis of the plane [rad].
     """
     columns = [_error_column(machine, circle, angle_rad, name) for name in geometric_names(machine)]
     return np.stack(columns, axis=1)
@@ -140,9 +142,10 @@ def _error_column(machine: Machine, circle: Circle, angle_rad: Array, name: Geom
 def error_bearer(machine: Machine, name: GeometricName) -> ErrorBearer:
     """Return the joint at which a geometric error acts, and whether before or after its motion.
 
-    A squareness error concerns two axes. If both carry the tool, or both the workpiece, it acts
-    after the motion of the reference axis; otherwise it acts before the motion of the other axis.
-    Gains and straightness deviations act at the joint of their axis.
+    A squareness error concerns two axes. If both carry the tool, or both the workpiece, the error
+    acts after the motion of the reference axis; otherwise it acts before the motion of the other
+    axis. Gains and straightness deviations act at the joint of their axis, after its motion. The
+    error must not be an offset of the tool, which acts at no joint.
     """
     if name.kind != "squareness":
         return ErrorBearer(machine.joint(name.axis), before_motion=False)
@@ -175,7 +178,7 @@ class Kept:
     #: for each kept compliance, the names in its proportional set, its own name first (Table 2)
     sets: tuple[tuple[str, ...], ...]
     #: for each kept compliance, the weights of the compliances in its set: their effect on the
-    #: reading divided by that of the kept one [powers of mm]
+    #: reading divided by that of the kept one; the unit of a weight is a power of mm
     weights: tuple[tuple[float, ...], ...]
     #: for each kept compliance, the weights of further compliances that it represents in part: the
     #: effects of these are combinations of several kept ones
@@ -185,7 +188,8 @@ class Kept:
     not_negative: tuple[bool, ...]
     null: tuple[str, ...]  #: names of the compliances that never change a reading
     #: names of compliances whose effect on the reading is a combination of the effects of several
-    #: kept ones, one for each proportional set
+    #: kept ones; of each proportional set without a kept compliance, only the representative is
+    #: named
     dependent: tuple[str, ...]
     #: number of linearly independent effects of all compliances on readings at equally spaced
     #: angles of full circles
@@ -199,9 +203,10 @@ def kept_compliances(machine: Machine, *circles: Circle) -> Kept:
     """Return the compliances that circles can separate, and the sets they represent (Table 2).
 
     The compliances and sets are found numerically from the readings per unit compliance. The planar
-    compliances of every plane are examined, and all others on which the circles' lever arms act.
-    Compliances that change readings proportionally form a set. Its representative is chosen by
-    these rules, in this order; for the paper's machine they give the paper's choice:
+    compliances of every tested plane are examined, and those other compliances of the joints that
+    change a reading. Compliances that change readings proportionally form a set. The representative
+    of a set is the compliance that these rules prefer, applied in this order; for the paper's
+    machine they give the paper's choice:
 
     1. a rotation caused by a force before a translation caused by a moment;
     2. the fewest rotary components;
@@ -209,9 +214,9 @@ def kept_compliances(machine: Machine, *circles: Circle) -> Kept:
     4. for a rotation, a joint that drives the plane in which it turns;
     5. alphabetical order.
 
-    The circles of a campaign are taken as one set of readings: another centre or plane can separate
-    compliances that one circle cannot. Without circles, one of R = 150 mm about the origin is taken
-    in every plane.
+    The readings of all circles are examined together: circles with other centres or planes can
+    separate compliances that one circle cannot. If no circles are given, one with the radius 150 mm
+    about the origin is assumed in every plane of the machine.
     """
     if not circles:
         circles = tuple(Circle(plane=plane) for plane in machine.planes)
@@ -220,7 +225,10 @@ def kept_compliances(machine: Machine, *circles: Circle) -> Kept:
 
 @dataclass(frozen=True, eq=False)
 class _Candidates:
-    """Compliances that may change readings, with their effect at n angles of full circles."""
+    """Compliances that may change readings, with their effect at n angles of full circles.
+
+    n counts the angles of all circles together.
+    """
 
     names: tuple[ComplianceName, ...]  #: names of the compliances
     #: reading per unit force and unit of each compliance, shape (n, compliances)
@@ -232,7 +240,8 @@ class _Candidates:
 def _candidates(machine: Machine, circles: tuple[Circle, ...]) -> _Candidates:
     """Return the compliances that may change readings on given circles, with their effects.
 
-    They are all planar compliances, and those others on which the circles' lever arms act.
+    They are all planar compliances of the tested planes, and those other compliances of the joints
+    that change a reading.
     """
     angle = np.arange(_ANGLES) * (2 * np.pi / _ANGLES)
     names = joint_names(machine)
@@ -323,8 +332,8 @@ def _not_negative(
 
     A kept compliance represents a weighted sum Σ_k ⟨A_k, C_k⟩ of the compliance matrices C_k of the
     joints k. A_k are symmetric matrices of weights, all of shape (6, 6), and ⟨ , ⟩ is the sum of
-    the products of elements. If every A_k is positive semi-definite, the sum is not negative for
-    any positive semi-definite C_k, and only then.
+    the products of elements. A compliance matrix is positive semi-definite. The weighted sum can
+    therefore not be negative if every A_k is positive semi-definite; otherwise it can.
 
     Parameters
     ----------
@@ -415,11 +424,12 @@ def _table_order(name: ComplianceName, machine: Machine) -> _TableOrder:
 
 
 def _independent(unit: Array, representatives: Sequence[int]) -> list[int]:
-    """Return those compliances whose effect is no linear combination of the effects before it.
+    """Return the indices of compliances with effects that are linearly independent of each other.
 
-    ``representatives`` are the indices of the compliances in the order in which they are examined;
-    the result is a part of them. ``unit`` (n, m) holds, in a column for each of m compliances, the
-    readings at n angles, scaled to length one.
+    The compliances are examined in the order of their indices ``representatives``. A compliance is
+    left out if its effect is a linear combination of the effects of those already chosen. ``unit``
+    (n, m) has one column for each of m compliances, which holds the readings at n angles, scaled to
+    length one.
     """
     chosen: list[int] = []
     basis = np.zeros((unit.shape[0], 0))
@@ -520,8 +530,8 @@ def patterns(machine: Machine, circle: Circle, angle_rad: Array) -> pd.DataFrame
     Returns
     -------
     pandas.DataFrame
-        Table of n rows, with 25 columns for one plane [mm per unit of a geometric error; for
-        compliances, mm per unit and newton].
+        Table of n rows, with 25 columns for one plane. Columns of geometric errors are in mm per
+        unit of the error, columns of compliances in mm per newton and per unit of the compliance.
 
     Examples
     --------

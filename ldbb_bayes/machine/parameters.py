@@ -110,7 +110,9 @@ class GeometricName:
     #: kind of the error: gain (scale error), straightness, squareness, or offset (of the tool)
     kind: GeometricKind
     reference: str = ""  #: reference axis of a squareness error; empty for other errors
-    setup: int = 0  #: number of the set-up of a tool offset if there are several set-ups, else 0
+    #: number of the set-up to which a tool offset belongs, from 1; 0 for other errors, and for tool
+    #: offsets if there is only one set-up
+    setup: int = 0
 
     @property
     def label(self) -> str:
@@ -182,8 +184,9 @@ def joint_names(machine: Machine) -> tuple[ComplianceName, ...]:
 def geometric_names(machine: Machine) -> tuple[GeometricName, ...]:
     """Return the names of the machine's geometric errors in the order of the paper.
 
-    For each plane these are the gains, quadratic straightness deviations and squareness error. One
-    offset of the tool along every linear axis that a test moves follows.
+    For each tested plane these are the gains, quadratic straightness deviations and squareness
+    error. An error that belongs to two planes is named once. The offsets of the tool are last, one
+    along every linear axis that moves in a tested plane.
     """
     names: list[GeometricName] = []
     for plane in machine.planes:

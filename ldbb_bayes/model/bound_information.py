@@ -42,7 +42,7 @@ class _Noise:
         hyper
             Values of the hyper-parameters (scales of noise and nuisances) by name; lengths in mm.
         test
-            Index of the test.
+            Index of the test, from 0.
         """
         if isinstance(self.columns, BasisNoise):
             root = factor * self.columns.sd_at(hyper, test)
@@ -82,9 +82,11 @@ def informations_of(bound: BoundModel, phi: Array) -> Iterator[Information]:
     """Yield the information about all coefficients for each of w values of the hyper-parameters.
 
     The coefficients are the parameters of interest and those of nuisances (effects modelled but not
-    of interest) that are the same in all tests. ``phi``, shape (w, h), are the hyper-parameters,
-    which are the scales of noise and nuisances; lengths are in mm. The design matrix does not
-    depend on them and is computed once. Tests with the same noise use one covariance in common.
+    of interest) that are the same in all tests. Nuisances whose coefficients differ between tests
+    are treated as noise of each test. ``bound`` is the model of a campaign. ``phi``, shape (w, h),
+    are the hyper-parameters, which are the scales of noise and nuisances; lengths are in mm. The
+    design matrix does not depend on the hyper-parameters and is computed once. Tests with the same
+    noise use one covariance in common.
     """
     shared, shared_owners, noises = _sort_columns(bound)
     names = list(bound.names)
@@ -130,8 +132,9 @@ def _first_tests_of_equal_noise(bound: BoundModel, noises: list[_Noise], phi: Ar
     """Return for each test the index of the first test that has the same noise covariance.
 
     Two tests have the same noise if their angles, the noise factors λ of their circles and their
-    columns of ``noises`` are equal. ``phi``, shape (w, h), are the hyper-parameters, among them the
-    factors λ.
+    columns of the terms in ``noises`` are equal. Equal angles are recognised only in a plan; in a
+    campaign with readings, all tests count as different. ``phi``, shape (w, h), are the
+    hyper-parameters, among them the factors λ. Indices count from 0.
     """
     scale_of = dict(zip(bound.hyper_prior.names, phi.T, strict=True))
     first_of_kind: dict[tuple[object, ...], int] = {}
@@ -153,7 +156,8 @@ def _noise_covariances(
 
     The keys are the class names of the nuisance terms that act as noise, and the name of the
     reading noise. ``factor`` (m, 25) turns Fourier coefficients into reduced readings, ``hyper``
-    holds the hyper-parameters by name [mm], and ``test`` is the index of the test.
+    holds the hyper-parameters by name, with lengths in mm, and ``test`` is the index of the test,
+    from 0.
     """
     blocks = {NOISE: np.eye(len(factor)) * hyper["sigma"] ** 2}
     for noise in noises:

@@ -31,9 +31,10 @@ class ParameterConditional(Gaussian):
     physical: Truncation
 
     def select(self, index: NDArray[np.intp]) -> ParameterConditional:
-        """Return the Gaussian densities with the indices ``index``, which may repeat.
+        """Return the Gaussian densities with the given indices.
 
-        Each of the w Gaussian densities belongs to one value of the hyper-parameters φ.
+        Each of the w Gaussian densities belongs to one value of the hyper-parameters φ. ``index``
+        holds indices from 0 to w − 1; an index may repeat.
         """
         selected = ParameterConditional.factored(
             self.mean[index], self.root[index], self.scale[index]

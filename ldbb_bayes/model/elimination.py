@@ -8,9 +8,10 @@ L⁻¹ Aᵀ D⁻¹ r of
 
     P = Aᵀ D⁻¹ A = L Lᵀ.
 
-Rows with the same variance are of one kind. There are few kinds, so P and Aᵀ D⁻¹ r are sums over
-the kinds of a matrix that does not depend on φ (its elements are called Gram entries), times 1/D.
-The last axis of every array, of length w, runs over the values of φ and is contiguous.
+Rows with the same variance are of one kind, and there are few kinds. Every kind has one matrix that
+does not depend on φ; its elements are called Gram entries. P and Aᵀ D⁻¹ r are the sums of these
+matrices, each times 1/D of its kind. The last dimension of every array that depends on φ has the
+length w, the number of values of φ, and is contiguous.
 
 Two columns have a row in common if both are non-zero in that row. Columns are divided into three
 kinds of groups. Isolated groups have no row in common with other columns. Leaves have rows in
@@ -63,12 +64,14 @@ class Front(NamedTuple):
 
     #: Indices of the s columns of each group in the design matrix, shape (groups, s).
     columns: NDArray[np.intp]
-    #: Indices of the at most k kinds of rows in which each group's columns are not all zero, shape
-    #: (groups, k). Rows of one kind have the same noise variance.
+    #: Indices of the kinds of rows in which each group's columns are not all zero, shape (groups,
+    #: k). Rows of one kind have the same noise variance. A group with fewer than k kinds has the
+    #: index 0 in the remaining places; the products in ``gram`` are zero there.
     kinds: NDArray[np.intp]
     #: Scalar products of the s columns of each group with each other, with the m columns eliminated
-    #: later that have rows in common with the group, and with the readings. They are sums over the
-    #: rows of each of k kinds (rows with the same noise variance), shape (groups, s, s + m + 1, k).
+    #: later that have rows in common with the group, and with the readings. There is one product
+    #: for each of k kinds of rows (rows with the same noise variance), a sum over the rows of this
+    #: kind; shape (groups, s, s + m + 1, k).
     gram: Array
     #: Signs ±1 of the Cholesky pivots of the s columns of each group, shape (groups, s); None if
     #: all pivots are positive.
@@ -125,11 +128,12 @@ class Front(NamedTuple):
     def factorize(
         self, matrix: Array, links: Array | None = None, link_signs: Array | None = None
     ) -> Array:
-        """Compute the Cholesky factors L of the groups in place, from the output of `assemble`.
+        """Factorise the groups' matrices in place, and return their contributions to ln p(r | φ).
 
-        They are factors of P = Aᵀ D⁻¹ A = L Lᵀ for w values of the hyper-parameters φ. A is the
-        design matrix, D the diagonal noise covariance and r are the readings. Each group has s
-        columns of A, and m columns eliminated later have rows in common with it.
+        The Cholesky factor L, with P = Aᵀ D⁻¹ A = L Lᵀ, is computed for w values of the
+        hyper-parameters φ. A is the design matrix, D the diagonal noise covariance and r are the
+        readings. Each group has s columns of A, and m columns eliminated later have rows in common
+        with it.
 
         Parameters
         ----------
@@ -138,8 +142,9 @@ class Front(NamedTuple):
             L⁻¹ Aᵀ D⁻¹ r.
         links, link_signs
             Rows of the factors of columns eliminated earlier that have rows in common with these
-            groups, and the signs ±1 of their pivots; see `eliminate`. ``links`` is None if there
-            are no such columns, and ``link_signs`` is None if all signs are positive.
+            groups, shape (earlier columns, s + m + 1, w), and the signs ±1 of their pivots, shape
+            (earlier columns,); see `eliminate`. ``links`` is None if there are no such columns, and
+            ``link_signs`` is None if all signs are positive.
 
         Returns
         -------
@@ -189,8 +194,8 @@ class Elimination(NamedTuple):
     def chunk_size(self) -> int:
         """Number of values of the hyper-parameters for which one pass computes the factors.
 
-        The number is chosen so that the factors fit into the processor's cache, between 128 and
-        512.
+        It is the largest multiple of 8 for which the factors fit into the processor's cache, but at
+        least 128 and at most 512.
         """
         entries = max(sum(front.entries for front in self.fronts), 1)
         fitting = _CACHE_SIZE // entries // BLAS_MULTIPLE * BLAS_MULTIPLE

@@ -42,7 +42,7 @@ def basis(angle_rad: Array) -> Array:
 def harmonic_index(order: int) -> tuple[int, int]:
     """Return the indices of cos nθ and sin nθ among the 25 basis functions, for an order n ≥ 1.
 
-    The basis functions are 1, cos θ, sin θ, …, cos 12θ, sin 12θ.
+    The basis functions are 1, cos θ, sin θ, …, cos 12θ, sin 12θ. The constant 1 has the index 0.
     """
     return 2 * order - 1, 2 * order
 
@@ -55,7 +55,8 @@ def coefficients(columns: Callable[[Array], Array]) -> Array:
     Parameters
     ----------
     columns
-        Function that takes n angles (n,) [rad] and returns the values of the p functions (n, p).
+        Function that takes m angles, shape (m,) [rad], and returns the values of the p functions at
+        these angles, shape (m, p).
     """
     n = 4 * MAX_ORDER
     angle = np.arange(n) * (2 * np.pi / n)

@@ -16,7 +16,8 @@ linear and Gaussian:
 
 P is kept by its square root, P = S⁻¹ L Lᵀ S⁻¹, with L lower triangular and S a diagonal matrix of
 scales. Against rounding, rows are factorised by QR with scaled columns; normal equations are not
-formed and no matrix is inverted. Moments need a positive definite P; products of densities do not.
+formed and no matrix is inverted. Means and covariances exist only if P is positive definite;
+products of densities can be computed for any P.
 """
 
 from __future__ import annotations
@@ -238,8 +239,8 @@ class Gaussian(Shown):
             Part of the logarithm of the integral that does not follow from R and ``scale``; with a
             prior it includes ln det L.
         has_prior
-            Whether the decomposed matrix has also the rows [Lᵀ, 0] of a prior with the mean
-            ``origin`` and the precision matrix S⁻¹ L Lᵀ S⁻¹.
+            Whether the decomposed matrix also has the rows [Lᵀ, 0] of a prior with the mean
+            ``origin`` and the precision matrix S⁻¹ L Lᵀ S⁻¹, where L is lower triangular.
         """
         q = scale.shape[-1]
         upper = triangle[..., :q, :q]

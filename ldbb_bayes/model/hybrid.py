@@ -61,12 +61,13 @@ from ldbb_bayes.units import inside_name
 __all__ = ["BoundModel", "HybridModel", "Preset", "Simulation", "require_model"]
 
 Preset = Literal["default", "first", "paper"]
+# Hyper-parameter that every model has: the standard deviation σ of the readings' white noise.
 _SIGMA = Scale("sigma", "sigma_um", "σ", "white noise")
 # Order of the hyper-parameters (scales of the noise and of other effects) in all arrays and lists.
 # Hyper-parameters of terms not listed here follow; the noise factors λ of single circles are last.
 _HYPER_ORDER = ("sigma", "delta", "delta_0", "delta_1", "kappa", "tau", "decay", "omega", "eta")
-# Number of circles from which on every circle of a campaign has a noise factor λ of its own. With
-# fewer circles, none has.
+# Smallest number of circles of a campaign with which every circle has a noise factor λ of its own,
+# if the model has the term ``CircleScale``. With fewer circles, no circle has one.
 _FEWEST_SCALED_CIRCLES = 4
 # Largest error [nat] of the log prior probability that compliances are not negative. It applies to
 # each group of compliances that depend on common parameters.
@@ -76,7 +77,7 @@ _TRUNCATION_TOLERANCE = 1e-4
 def _default_terms() -> tuple[Term, ...]:
     """Return the nuisance terms (effects modelled but not of interest) of the default model.
 
-    The terms are all that exist, except those that models have only on request.
+    All existing terms are returned, except those that a model has only on request.
     """
     return tuple(kind() for kind in Term.kinds.values() if not kind.on_demand)
 
@@ -389,7 +390,7 @@ class HybridModel(Result):
     def scales(self) -> tuple[Scale, ...]:
         """Hyper-parameters of the model: the sd σ of white noise, then those of its terms.
 
-        A term has as hyper-parameters the scales (sds) of its effect, or numbers without unit.
+        The hyper-parameters of a term are the scales (sds) of its effect, or numbers without unit.
         """
         scales = [_SIGMA]
         for term in self.nuisances:
@@ -450,8 +451,8 @@ class HybridModel(Result):
             True compliances, slopes and geometric errors by name, in internal units (mm, N, rad);
             those not named are zero. By default, all are drawn at random from the prior.
         hyper_um : mapping of str to float, optional
-            True hyper-parameters (scales of noise and other effects) by name [µm]; those not named
-            are drawn at random from their priors.
+            True hyper-parameters (scales of noise and other effects) by name, with lengths in µm;
+            those not named are drawn at random from their priors.
         exact : bool, default False
             Whether geometric errors act through the exact forward model (Eq. 1-14 of the paper)
             instead of the linear one.
@@ -827,9 +828,9 @@ class BoundModel(Shown):
         """Prior mean and sd by name of the rivals' coefficients and of the parameters of interest.
 
         Rivals are effects that resemble a change of compliance with force, such as a force that is
-        not a linear function of pressure; their coefficients come first. In this order, these
-        coefficients are the last ones of `collapsed`. Means and sds are in internal units (mm, N,
-        rad).
+        not a linear function of pressure; their coefficients come first. In `collapsed`, the same
+        coefficients are, in the same order, the last of those that are the same in all tests. Means
+        and sds are in internal units (mm, N, rad).
         """
         priors: dict[str, tuple[float, float]] = {}
         for columns in self.nuisance_columns:
@@ -891,7 +892,7 @@ class BoundModel(Shown):
 
         The parameters are in mm, N and rad. If the prior is flat, the log density is 0. If the
         prior excludes negative compliances, the log density is −inf where a compliance is negative,
-        and the density is normalised over all other parameters.
+        and the integral of the density over all other values of the parameters is one.
         """
         if self.model.prior.flat:
             return np.zeros(beta.shape[:-1])
@@ -1052,8 +1053,8 @@ def _rows_of_tests(campaign: Campaign, names: Sequence[str] | None) -> list[int]
 def _check_levels(model: HybridModel, campaign: Campaign) -> None:
     """Raise an `InputError` if a campaign has too few different forces for a model.
 
-    A model of degree 1 or 2 in force needs two; with flat priors, the number needed is the degree
-    plus two.
+    A model of degree 1 or 2 in force needs at least two different forces. A model with flat priors
+    needs at least as many as its degree plus two.
     """
     levels = campaign.force_levels
     degree = model.degree

@@ -150,9 +150,10 @@ class HyperPrior:
     def free(self, phi: Array) -> Array:
         """Return unbounded coordinates of the h hyper-parameters φ, shape (..., h).
 
-        The coordinate of a hyper-parameter is ln(φ − lower), where ``lower`` is its lower bound.
-        For a decay, which is bounded on both sides, the coordinate is ln(s / (1 − s)), where s is
-        its position between the bounds, from 0 to 1.
+        ``phi``, shape (..., h), holds the hyper-parameters, with lengths in mm. The coordinate of a
+        hyper-parameter is ln(φ − lower), where ``lower`` is its lower bound. For a decay, which is
+        bounded on both sides, the coordinate is ln(s / (1 − s)), where s is its position between
+        the bounds, from 0 to 1.
         """
         with np.errstate(divide="ignore"):
             free = np.log(phi - self.lower)

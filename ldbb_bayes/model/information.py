@@ -28,11 +28,11 @@ __all__ = ["Information"]
 class Information:
     """Linear model z = A c + e of the readings, at given scales of the noise and of other effects.
 
-    z are the reduced readings divided by their noise, c (m,) all coefficients divided by their
-    prior sd, A their columns, and e is white noise of unit variance. Coefficients are the
-    parameters of interest and those of nuisances (effects modelled but not of interest) that are
-    the same in all tests. The posterior covariance of c is (1 + AᵀA)⁻¹. Methods can fix terms and
-    coefficients, that is take them as known; these then have no part in c or e.
+    z are the reduced readings, scaled so that their noise e is white and has unit variance. c (m,)
+    are all coefficients divided by their prior sd, and A is the design matrix of c. Coefficients
+    are the parameters of interest and those of nuisances (effects modelled but not of interest)
+    that are the same in all tests. If no prior is flat, the posterior covariance of c is
+    (1 + AᵀA)⁻¹. Methods can take terms and coefficients as known; c and e are then without them.
     """
 
     #: Names of the m coefficients: parameters of interest, then nuisance coefficients, which belong
@@ -50,7 +50,8 @@ class Information:
     #: array (k, m) for each test.
     design: tuple[Array, ...]
     #: Covariances (k, k) [mm²] of the k reduced readings of each test: one for every independent
-    #: source of noise, by the class name of the term that causes it.
+    #: source of noise, by the class name of the term that causes it. The noise of the readings
+    #: themselves has the key ``NOISE``.
     noise: tuple[dict[str, Array], ...]
 
     def __post_init__(self) -> None:
@@ -240,7 +241,8 @@ class Information:
         Returns
         -------
         Shares (p,) of every source. The key of a source is a pair of names: that of the coefficient
-        or noise, and that of the term to which it belongs.
+        or noise, and that of the term to which it belongs. The priors of the parameters of interest
+        are one source with the key ``(OWN, OWN)``, and with flat priors there is no such source.
         """
         joint = self.covariance()
         interest = self.interest
@@ -271,10 +273,11 @@ class Information:
     def contributions(self) -> dict[str, Array]:
         """Return the share of every term in the variances of the p parameters of interest.
 
-        The key is the class name of the term, the value has the shape (p,). The shares of all terms
-        sum to one. A share is also the derivative d ln u / d ln s, where u is the standard
-        uncertainty of the parameter and s the scale (prior sd) of the term, with all other scales
-        constant.
+        The key is the class name of the term, the value has the shape (p,). The noise of the
+        readings (key ``NOISE``) and the priors of the parameters of interest (key ``OWN``) count as
+        terms. The shares of all terms sum to one. A share is also the derivative d ln u / d ln s,
+        where u is the standard uncertainty of the parameter and s the scale (prior sd) of the term,
+        with all other scales constant.
         """
         by_term: dict[str, Array] = {}
         for (_, term), share in self.shares().items():

@@ -22,8 +22,9 @@ from ldbb_bayes.results import Array
 __all__ = ["Group", "Parameter", "ParametersOfInterest", "compliance_rows", "physical_rows"]
 
 Group = Literal["compliance", "slope", "geometric"]
-# The prior sd of a slope (change of a compliance with force) is proportional to the estimate of the
-# compliance. The estimate counts as at least the prior sd of the compliance divided by this number.
+# The prior sd of a slope (change of a compliance with force) is proportional to the absolute value
+# of the compliance's estimate. This value counts as at least the typical size of the compliance
+# (usually its prior sd) divided by this number.
 _SD_PER_LEAST_SIZE = 20.0
 
 
@@ -32,7 +33,7 @@ class Parameter:
     """Parameter of interest: a compliance, its slope with force, or a geometric error."""
 
     name: str
-    unit: str
+    unit: str  #: internal unit, made of mm, N and rad
     #: standard deviation of the parameter's prior, in internal units (mm, N, rad); infinite if the
     #: prior is flat
     prior_sd: float
@@ -113,9 +114,11 @@ class ParametersOfInterest:
     def prior_sd(self, prior: Prior, setting: Setting) -> Array:
         """Return the prior sd of all parameters of interest, shape (parameters,).
 
-        The sds are in internal units (mm, N, rad). The prior sd of a slope is proportional to the
-        least-squares estimate of its compliance, which ``setting`` holds. In the model's first
-        edition (preset ``first``), it is proportional to the prior sd of its compliance instead.
+        The sds are in internal units (mm, N, rad). Sds that the user gave are not changed. Any
+        other prior sd of a slope is proportional to the absolute value of the least-squares
+        estimate of its compliance, which ``setting`` holds, unless this value is very small. In the
+        model's first edition (preset ``first``), it is proportional to the prior sd of the
+        compliance instead.
         """
         size = self._with_dropped_sets(prior.compliance_size)
         if prior.slopes_of_estimate:
@@ -220,9 +223,10 @@ def _check_slope_has_compliance(
 ) -> None:
     """Raise an `InputError` if a compliance is fixed at zero but changes sign with force.
 
-    Such a compliance changes sign if its linear slope is free and tested forces lie on both sides
-    of the reference force. ``label`` is its name, ``parameters`` are those that are not fixed, and
-    ``rows`` (p,) give the compliance at each tested force.
+    Such a compliance changes sign if its linear slope is free, it has no free quadratic slope, and
+    tested forces lie on both sides of the reference force. ``label`` is the name of the compliance,
+    and ``parameters`` are the p parameters that are not fixed. ``rows`` holds one array (p,) for
+    each tested force; its product with the parameters is the compliance at this force.
     """
     belongs = [p.group != "geometric" and p.compliance == label for p in parameters]
     degrees = [p.degree for p, belonging in zip(parameters, belongs, strict=True) if belonging]

@@ -53,8 +53,8 @@ _LEAST_VARIANCE = 1e-60
 class _Batch(NamedTuple):
     """Quantities for w values of the hyper-parameters φ that are processed together.
 
-    The last value of φ is repeated so that w is a multiple of eight. The library of matrix products
-    (BLAS) rounds such multiples identically.
+    Where needed, the last value of φ is repeated so that w is a multiple of eight. The library of
+    matrix products (BLAS) rounds such multiples identically.
     """
 
     #: Index of each of the w values of the hyper-parameters among all values asked for, shape (w,).
@@ -265,8 +265,8 @@ class StructuredGaussian:
         """Return the order in which coefficients are eliminated before a Gaussian is returned.
 
         Shared coefficients are the same in all tests. The final ``last`` of them are eliminated at
-        the end. If the angles of all circles are uniform, or ``last`` is None, all shared
-        coefficients even keep their order: results from quasi-random points are sensitive to the
+        the end. If ``last`` is None, or if no columns correct for unevenly spaced angles, all
+        shared coefficients keep their order: results from quasi-random points are sensitive to the
         last digits of the Cholesky factors, which another order would change.
         """
         return self._design.elimination(last if self._uneven else None)
@@ -277,16 +277,21 @@ class StructuredGaussian:
         beta: Array | None,
         batch_size: int,
     ) -> Iterator[_Batch]:
-        """Yield batches of at most ``batch_size`` values of the hyper-parameters φ.
+        """Yield, for batches of values of φ, the quantities that elimination needs (`_Batch`).
 
-        Each batch holds reciprocal noise variances, and products of the readings with them.
+        φ are the hyper-parameters. Each item holds, for the values of φ of one batch, the
+        reciprocal noise variances, the part of Aᵀ D⁻¹ r that depends on β, and the part of the log
+        density that needs no elimination. A is the design matrix of the nuisance coefficients, D
+        the diagonal noise covariance, and r the readings less their part from β.
 
         Parameters
         ----------
         phi
             Values of the h hyper-parameters, shape (values, h); lengths in mm.
         beta
-            Values of the p parameters of interest, shape (values, p) or (p,); None for none.
+            Values of the p parameters of interest β, shape (values, p), or (p,) for all values of φ
+            alike. If it is None, the part of Aᵀ D⁻¹ r is None too, and β does not enter the log
+            density.
         batch_size
             Largest number of values of φ in a batch.
         """

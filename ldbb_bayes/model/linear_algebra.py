@@ -41,7 +41,8 @@ def minimum_norm_solution(
 def singular_root(covariance: Array) -> Array:
     """Return a square root X of covariance matrices, with X Xᵀ = covariance, shape (..., p, p).
 
-    Unlike a Cholesky factor, X exists for singular covariance matrices too.
+    Unlike a Cholesky factor, X exists for singular covariance matrices too. Eigenvalues that are
+    negative because of rounding count as zero.
     """
     symmetric = 0.5 * (covariance + np.swapaxes(covariance, -1, -2))
     values, vectors = np.linalg.eigh(symmetric)

@@ -31,8 +31,8 @@ __all__ = [
     "planned_compliances",
 ]
 
-# Direct compliance of a typical machine tool [mm/N], a stiffness of 20 N/µm. It is assumed for
-# plans, which have no readings.
+# Direct compliance of a typical machine tool [mm/N], a stiffness of 20 N/µm. It is assumed where no
+# readings determine a direct compliance, such as for plans.
 _USUAL_DIRECT_COMPLIANCE = 5e-5
 
 
@@ -51,8 +51,9 @@ def linearise(
 ) -> Setting:
     """Return the conditions of the tests with an estimated machine and its predicted readings.
 
-    ``setting`` are the conditions. The compliances and geometric errors of ``estimate``, and the
-    readings that they cause, are filled in; ``compliances`` are the names of the former.
+    ``setting`` are the conditions of the tests. In the result, they hold the estimated compliances,
+    the direct compliance along each axis, and the readings that the machine ``estimate`` causes.
+    ``compliances`` are the names of the estimated compliances.
     """
     axial = np.zeros(3)
     for name, value in zip(compliances, estimate.compliances, strict=True):
@@ -98,7 +99,9 @@ def estimate_machine(
     """Return compliances and geometric errors estimated by least squares from the whole campaign.
 
     Compliances are taken as constant in force. If the least-squares solution is not unique, it is
-    the one nearest to the prior mean, with distances in units of the prior sd.
+    the one nearest to the prior mean, with distances in units of the prior sd. Compliances that
+    change no reading get the values assumed for a plan. For a plan, which has no readings, all
+    compliances get these values, and the geometric errors get their prior means.
 
     Parameters
     ----------

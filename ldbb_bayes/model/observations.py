@@ -7,11 +7,11 @@ parameters of interest (compliances, their slopes and geometric errors), with th
 (rows, p). x are the coefficients of nuisances, which are effects modelled but not of interest, with
 the design matrix A (rows, coefficients); each coefficient is expressed in a unit of its own
 (`Observations.unit`). Shared coefficients are the same in all tests; private ones belong to a
-single test. The rows of a test are rotated so that all its noise is diagonal. Every prior of a
-coefficient is one more row. Only the diagonal matrix D depends on the hyper-parameters φ, the
-scales (standard deviations) of the noise and of nuisances. The entries of D are sums of known
-numbers times squared sources of variance; a source is a hyper-parameter or a product of
-hyper-parameters.
+single test. The rows of a test are rotated so that the covariance of all its noise is diagonal.
+Every prior of a coefficient that is not flat is one more row. Only the diagonal matrix D depends on
+the hyper-parameters φ, the scales (standard deviations) of the noise and of nuisances. The entries
+of D are sums of known numbers times squared sources of variance; a source is a hyper-parameter or a
+product of hyper-parameters.
 """
 
 from __future__ import annotations
@@ -47,8 +47,9 @@ class Rows(NamedTuple):
     #: Design matrix H of the p parameters of interest (compliances, their slopes and geometric
     #: errors), shape (n rows, p).
     interest: Array
-    #: Left-hand side z of each of the n rows [mm for readings]: a reduced reading, or the prior
-    #: mean of a coefficient, shape (n,).
+    #: Left-hand side z of each of the n rows, shape (n,). It is a reduced reading [mm], the prior
+    #: mean of a coefficient or, in one row for each test, the norm of that part of the readings
+    #: which Fourier series to order 12 cannot describe [mm].
     values: Array
     #: Number of readings that each of the n rows represents, shape (n,); 1 for a row that is the
     #: prior of a coefficient.
@@ -74,8 +75,8 @@ class Observations(NamedTuple):
     #: (standard deviations of effects) and products of hyper-parameters.
     sources: list[Source]
     #: Unit in which every nuisance coefficient is expressed, shape (coefficients,): its prior sd
-    #: divided by the hyper-parameter that scales it, or with a flat prior the reciprocal norm of
-    #: its column.
+    #: divided by the hyper-parameter that scales it, or its prior sd if no hyper-parameter scales
+    #: it, or with a flat prior the reciprocal norm of its column.
     unit: Array
     #: Signs ±1 of the prior variances of the nuisance coefficients, shape (coefficients,). A
     #: negative variance removes noise, as `_columns_for_uneven_angles` explains.
@@ -249,10 +250,10 @@ def _sort_nuisances(
     terms
         Columns and noise of the nuisance terms.
     near_uniform
-        Departures of the angles of every test from uniform ones. None if some test covers an arc
-        only: the covariance of only one term of noise can then be made diagonal. The term that
-        affects the most Fourier coefficients is chosen, and the other noise becomes private
-        columns.
+        Departures of the angles of every test from uniform ones. None if some test is not a full
+        circle with nearly uniform angles: the covariance of only one term of noise can then be made
+        diagonal. The term that affects the most Fourier coefficients is chosen, and the other noise
+        becomes private columns.
     tests
         Number of tests.
     """
@@ -301,10 +302,12 @@ def _sort_sources(
     terms: Sequence[Columns | BasisNoise],
     hypers: Sequence[Hyper],
 ) -> list[Source]:
-    """Return every source of variance of the terms once, in the order of the hyper-parameters.
+    """Return every source of variance once, in the order of the hyper-parameters.
 
     A source of variance is a hyper-parameter (the sd of an effect) or a product of
-    hyper-parameters. ``hypers`` are the names of the hyper-parameters.
+    hyper-parameters. The sources are those of the terms, the sd σ of white noise, and the constant
+    one, for variances that no hyper-parameter scales. ``hypers`` are the names of the
+    hyper-parameters.
     """
     sources = {Source(), Source("sigma")}
     for term in terms:
@@ -391,13 +394,14 @@ def _rotate(
     *,
     uniform: bool,
 ) -> _Rotated:
-    """Return the matrix that makes the noise of a test's Fourier coefficients diagonal.
+    """Return the matrix Q that makes the noise of one test diagonal, and what follows from it.
 
-    R (m, 25) is the triangular factor of the test's m reduced readings (``test.factor``). If all
-    tests are circles with nearly uniform angles (``uniform``), the matrix is S R⁻¹, where the
-    diagonal matrix S holds the norms of the 25 Fourier functions; it makes any number of noise
-    terms diagonal. Otherwise ``noise`` has at most one term, and the matrix is the transpose of the
-    left singular vectors of R · diag(sd of this noise).
+    The m reduced readings of the test are multiplied by Q. R (m, 25) is the triangular factor of
+    these readings (``test.factor``). If all tests are circles with nearly uniform angles
+    (``uniform``), Q is S R⁻¹, where the diagonal matrix S holds the norms of the 25 Fourier
+    functions; Q then makes any number of noise terms diagonal. Otherwise ``noise`` has at most one
+    term, and Q is the transpose of the left singular vectors of R · diag(sd of this noise). If
+    there is no term, the sd counts as one.
     """
     if uniform and test.near_uniform is not None:
         column_norms = test.near_uniform.column_norms
@@ -419,8 +423,9 @@ def _add_priors(
     """Return the rows of the readings and of the priors, with rescaled nuisance coefficients.
 
     The unit of a nuisance coefficient is its prior sd divided by the hyper-parameter that scales
-    it, or for a flat prior the reciprocal norm of its column. ``tests`` is the number of tests, and
-    ``sources`` are the sources of variance: hyper-parameters and their products.
+    it, or its prior sd if no hyper-parameter scales it, or for a flat prior the reciprocal norm of
+    its column. ``tests`` is the number of tests, and ``sources`` are the sources of variance:
+    hyper-parameters and their products.
     """
     priors = _coefficient_priors(nuisances, tests, sources)
     norms = np.linalg.norm(reading_rows.columns, axis=0)

@@ -2,9 +2,9 @@
 
 Each element u_j is one constraint u_j ≥ 0, such as a compliance that must not be negative. The
 region u ≥ 0 is called the orthant. Small probabilities and random draws are computed by minimax
-tilting, that is by sampling from a shifted density (`tilting`). Most probabilities P do not need
-it, because they lie between close bounds. Let u₁ and u₂ be the two constraints most likely to fail,
-and P₁₂ = P(u₁ ≥ 0, u₂ ≥ 0); then
+tilting, that is by sampling from a shifted density (`tilting`). Most probabilities P are computed
+without sampling, because they lie between close bounds. Let u₁ and u₂ be the two constraints most
+likely to fail, and P₁₂ = P(u₁ ≥ 0, u₂ ≥ 0); then
 
     P₁₂ − Σ_{j>2} P(u_j < 0 ≤ u₁) ≤ P ≤ P₁₂.
 
@@ -157,15 +157,17 @@ class Orthant:
         u is the Gaussian vector of the constraints of a problem. ln P is computed from analytical
         bounds if these are closer than the tolerance; otherwise from up to 65 536 quasi-random
         points. In the second case, the error is the standard error from the scatter between eight
-        random shifts of the points, times a factor from Student's t, so that ±3 errors hold 99 %.
-        The result of a problem does not depend on the others in the batch. All problems use the
+        random shifts of the points, times a factor from Student's t. The true value of ln P is then
+        within three errors of the result with a probability of 99 %. The result of a problem does
+        not depend on the others in the batch. All problems use the
         same points, so that their errors are correlated. If no point satisfies all constraints,
         ln P is replaced by its upper bound and the error is infinite.
 
         Parameters
         ----------
         tolerance
-            Largest error of ln P that is accepted [nat]. More points are used until it is reached.
+            Largest error of ln P that is accepted [nat]. More points are used until the error is
+            small enough or all 65 536 points are used.
         seed
             Seed of the random shifts of the quasi-random points.
         """
@@ -367,8 +369,8 @@ class Orthant:
         """Return ln P(u ≥ 0) and its error [nat] from quasi-random points, each of shape (w,).
 
         u are the constraints of each of w problems. The number of points is multiplied by four
-        until the error is within ``tolerance`` [nat]. ``seed`` is the seed of the random shifts of
-        the points.
+        until the error is within ``tolerance`` [nat] or 65 536 points are used. ``seed`` is the
+        seed of the random shifts of the points.
         """
         tilted = self._tilted
         value = tilted.log_bound.copy()
@@ -675,8 +677,8 @@ def _core_rows(
 
     The rank is the number of linearly independent constraints, the same in all problems. Each
     problem has m constraints u = mean + spread e ≥ 0, with standard normal e of q elements;
-    ``mean`` has shape (w, m) and ``spread`` (w, m, q). The constraint whose mean divided by its sd
-    is smallest is first.
+    ``mean`` has shape (w, m) and ``spread`` (w, m, q). The indices of a problem are in increasing
+    order of the mean of the constraint divided by its sd.
     """
     if not mean.shape[1]:
         return np.zeros(mean.shape, dtype=np.intp)

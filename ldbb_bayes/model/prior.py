@@ -40,6 +40,7 @@ class _Kind(NamedTuple):
     sd_field: str
 
 
+# Internal unit and default prior of every kind of compliance.
 _COMPLIANCES: dict[ComplianceKind, _Kind] = {
     "direct": _Kind("mm/N", "direct_mm_per_N"),
     "cross": _Kind("mm/N", "cross_mm_per_N"),
@@ -47,6 +48,7 @@ _COMPLIANCES: dict[ComplianceKind, _Kind] = {
     "rotation_for_moment": _Kind("rad/(N mm)", "rotation_for_moment_rad_per_N_mm"),
     "rotation_for_other_moment": _Kind("rad/(N mm)", "rotation_for_moment_rad_per_N_mm"),
 }
+# Internal unit and default prior of every kind of geometric error.
 _GEOMETRIC: dict[GeometricKind, _Kind] = {
     "gain": _Kind("1", "gain"),
     "straightness": _Kind("1/mm", "straightness_per_mm"),

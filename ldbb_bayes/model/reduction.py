@@ -83,7 +83,8 @@ class Reduced:
     def near_uniform(self) -> NearUniform | None:
         """Departure of the test's angles from uniformly spaced ones on a full circle.
 
-        The value is None if the test is an arc or has fewer than 25 readings.
+        The value is None if the test is an arc, has fewer than 25 readings, or has angles that are
+        spaced too unevenly.
         """
         if self.readings < SIZE:
             return None

@@ -28,11 +28,13 @@ class Rival(NamedTuple):
     stem: str  #: beginning of the names of the effect's coefficients, such as joint_load
 
 
+# Rivals of the slopes, by the names that results use for them.
 RIVALS: dict[str, Rival] = {
     "joint load": Rival(JointLoad, "", "joint_load"),
     "curved mount": Rival(Mount, "curvature_um", "mount_curvature"),
     "curved force law": Rival(ForceError, "curvature_sd", "force_curvature"),
 }
+# Beginnings of the names of the rivals' coefficients.
 _STEMS = tuple(rival.stem for rival in RIVALS.values())
 
 

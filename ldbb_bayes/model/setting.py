@@ -72,13 +72,15 @@ class Setting:
     25 coefficients of 1, cos θ, sin θ, …, cos 12θ, sin 12θ.
     """
 
-    force_N: Array
-    pressure_bar: Array
-    radius_mm: Array
+    force_N: Array  #: radial force of the bar in each test, shape (tests,)
+    pressure_bar: Array  #: pressure of the regulator in each test, shape (tests,)
+    radius_mm: Array  #: nominal radius of each test's circle, shape (tests,)
+    #: clocking of the work ball, the angle by which it is turned in its socket, shape (tests,)
     work_ball_rad: Array
+    #: clocking of the tool ball, the angle by which it is turned in its socket, shape (tests,)
     tool_ball_rad: Array
-    plane: Array
-    setup: Array
+    plane: Array  #: plane of each test, such as XY, shape (tests,)
+    setup: Array  #: number of each test's set-up, from 1, shape (tests,)
     #: direction of travel along each test's circle: +1 for clockwise or not stated, −1 for
     #: counterclockwise, shape (tests,)
     travel: Array
@@ -136,9 +138,10 @@ class Setting:
         return len(self.force_N)
 
     def select(self, rows: Sequence[int]) -> Setting:
-        """Return the conditions of the tests with the indices ``rows``.
+        """Return the conditions of some of the tests.
 
-        Properties of the whole campaign, such as its range of forces, do not change.
+        ``rows`` holds the indices of these tests, from 0. Properties of the whole campaign, such as
+        its range of forces, do not change.
         """
         selected: dict[str, Any] = {}
         for name, value in vars(self).items():

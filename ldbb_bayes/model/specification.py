@@ -38,6 +38,7 @@ __all__ = [
     "read_truths",
 ]
 
+# Version of the format of model files, which every file states as ``schema``.
 SCHEMA = 1
 # Names of the tables within the table [prior] of a model file. Tables without entries are not
 # written, so that the SHA-256 digests of existing models stay the same if a name is added here.
@@ -78,10 +79,11 @@ def model_to_toml(model: HybridModel) -> str:
 def model_from_toml(text: str) -> HybridModel:
     """Return the model that the TOML text of a model file describes.
 
-    Settings that the text omits are those of the preset that it names (``default``, ``first`` or
-    ``paper``). If the text has a table ``[terms]``, the model has exactly the nuisances (effects
-    that are modelled but not of interest) listed there. Raise an `InputError` for a mistake in the
-    text.
+    Settings that the text omits are those of the preset that it names: ``default``, ``first`` or
+    ``paper``. A text without a preset means ``default``. A text without a degree means degree 0 for
+    the preset ``paper`` and degree 1 for the others. If the text has a table ``[terms]``, the model
+    has exactly the nuisances (effects that are modelled but not of interest) listed there. Raise an
+    `InputError` for a mistake in the text.
     """
     return _model_of(parse_toml(text, "model"), "model", None)
 
@@ -90,8 +92,8 @@ def read_model(path: str | os.PathLike[str], *, degree: int | None = None) -> Hy
     r"""Return the model that a TOML file describes.
 
     Settings that the file omits are those of the preset that it names: ``default``, ``first`` or
-    ``paper``. If the file has a table ``[terms]``, the model has exactly the nuisances (effects
-    that are modelled but not of interest) listed there.
+    ``paper``. A file without a preset means ``default``. If the file has a table ``[terms]``, the
+    model has exactly the nuisances (effects that are modelled but not of interest) listed there.
 
     Parameters
     ----------
@@ -240,8 +242,8 @@ class Truths:
     #: true compliances, slopes and geometric errors by name, in internal units (mm, N, rad); None
     #: to draw them at random from the prior
     parameters: dict[str, float] | None
-    #: true hyper-parameters (scales of noise and other effects) by name [µm]; those not named are
-    #: drawn at random from their priors
+    #: true hyper-parameters (scales of noise and other effects) by name, with lengths in µm; those
+    #: not named are drawn at random from their priors
     hyper_um: dict[str, float]
     #: whether geometric errors act on the simulated readings through the exact kinematic equations,
     #: instead of linearised ones
@@ -252,7 +254,7 @@ def is_truths(path: Path) -> bool:
     """Return whether a file is a TOML file of true values for a simulation.
 
     Such a file is recognised by its suffix ``.toml`` and because it lists no tests, unlike a
-    campaign.
+    campaign. Return False if the file does not exist or is not valid TOML.
     """
     if path.suffix.lower() != ".toml" or not path.is_file():
         return False

@@ -10,8 +10,9 @@ shifted by a tilt μ_j. The log importance weight (Φ is the standard normal dis
 is bounded by its value at the saddle point. Rejection sampling is therefore exact, and averages of
 weights are efficient, however small the probability is (Botev, J. R. Statist. Soc. B 79, 125-148,
 2017). The e_j are called edges: lower limits of the shifted variables. Further constraints may be
-linear combinations of those above (rows beyond the rank of the matrix of constraints). Each
-restricts the last x_j on which it depends to an interval, which only reduces the weights.
+linear combinations of those above (rows beyond the rank of the matrix of constraints). Each further
+constraint restricts the last x_j on which it depends to an interval, which only reduces the
+weights.
 """
 
 from __future__ import annotations
@@ -156,7 +157,7 @@ class Tilted(NamedTuple):
     last: Array
 
     def select(self, members: NDArray[np.intp]) -> Tilted:
-        """Return the batch of the problems with the indices ``members``."""
+        """Return the batch of the problems with the indices ``members``, counted from 0."""
         return Tilted(
             self.unit[..., members],
             self.bound[..., members],

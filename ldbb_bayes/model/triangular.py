@@ -39,9 +39,10 @@ def eliminate(
         there are none. Σ s l lᵀ is subtracted from P before it is factorised, where s = ±1 is the
         sign of each column (``link_signs``).
     signs
-        Signs ±1 on the diagonal of S, shape (groups, s).
+        Signs ±1 on the diagonal of S, shape (groups, s); None if all are positive.
     link_signs
-        Signs ±1 on the diagonal of S for the columns in ``links``, shape (k,).
+        Signs ±1 on the diagonal of S for the columns in ``links``, shape (k,); None if all are
+        positive.
     """
     signed = front
     if signs is not None:

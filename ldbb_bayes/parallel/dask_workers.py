@@ -40,6 +40,7 @@ _LOGGERS = (
     "distributed.scheduler",
     "distributed.core",
 )
+# Environment variables with which the worker processes of a local Dask cluster start.
 _WORKER_ENVIRONMENT: dict[str, Any] = {
     # These thresholds [bytes] let workers keep freed memory. By Dask's defaults, workers return it
     # to the operating system and request it again, so that computations with many small matrices
@@ -50,6 +51,7 @@ _WORKER_ENVIRONMENT: dict[str, Any] = {
     "DASK_LOGGING__DISTRIBUTED": "critical",
     **ONE_THREAD,
 }
+# Configuration of Dask for a cluster on this computer.
 _DASK_OPTIONS: dict[str, Any] = {
     # Dask must not repeat a job whose worker was killed: `done` repeats it after all other jobs.
     "distributed.scheduler.allowed-failures": 0,
@@ -59,6 +61,7 @@ _DASK_OPTIONS: dict[str, Any] = {
     "distributed.worker.preload": [__name__],
     "distributed.nanny.pre-spawn-environ": _WORKER_ENVIRONMENT,
 }
+# Arguments with which a Dask cluster on this computer is started.
 _CLUSTER_OPTIONS: dict[str, Any] = {
     "threads_per_worker": 1,
     "processes": True,
@@ -90,7 +93,8 @@ def dask_executor(scheduler: str | None = None, workers: int = 0) -> Iterator[Ex
     ----------
     scheduler : address of a Dask scheduler that is running (tcp://10.0.0.1:8786); None: start a
         cluster on this computer, which ends with the ``with`` block.
-    workers : number of workers of a cluster on this computer; 0: one per processor core.
+    workers : number of workers of a cluster on this computer; 0: one per processor core. It has no
+        effect if ``scheduler`` is given.
 
     Raises
     ------

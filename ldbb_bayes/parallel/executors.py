@@ -48,7 +48,8 @@ def executor_named(
 
     Returns
     -------
-    The executor; None if there would be one worker process only, so that jobs run in this process.
+    The executor. It is None if ``kind`` is "process" and there would be one worker process only:
+    jobs then run in this process.
 
     Raises
     ------

@@ -1,10 +1,10 @@
 """Executor of worker processes on this computer, each with its own communication pipe.
 
 If a worker dies, even while it sends a result, no other job fails and the executor does not hang.
-The pools of the standard library and of loky (3.7, which joblib uses) share one pipe for all
-results. They have three faults. A worker that dies breaks the whole pool, so that all running jobs
-fail. If a worker is killed while it sends a result, the pool waits for ever. Workers keep running
-when the process that started them is killed.
+The pools of the standard library and of loky (3.7, which joblib uses) have one pipe in common for
+all results. Such pools have three faults. A worker that dies breaks the whole pool, so that all
+running jobs fail. If a worker is killed while it sends a result, the pool waits for ever. Workers
+keep running when the process that started them is killed.
 """
 
 from __future__ import annotations

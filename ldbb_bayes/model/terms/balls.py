@@ -29,6 +29,8 @@ _FORM_ORDERS = range(2, MAX_ORDER + 1)
 # Orders n of the harmonics cos nθ, sin nθ of the machine's pattern (geometric and cyclic errors of
 # higher orders). They start at 4, because other geometric errors describe the lower orders.
 _PATTERN_ORDERS = range(4, MAX_ORDER + 1)
+# Hyper-parameter p, the power by which the sds of the balls' form and of the machine's pattern fall
+# with the order n (waves in a turn).
 _DECAY = Scale("decay", "decay", "p", "decay of form with its order", "decay")
 # Prior variance of each coefficient of a ball's form at the orders 2 and 3 (waves in a turn),
 # divided by the square of the ball's deviation from sphericity (peak to valley).
@@ -81,8 +83,9 @@ class BallForm(Term):
 
     As long as the clocking of no ball differs between tests, the forms of the two balls are
     modelled as one sum. Otherwise each ball has its own form: the work ball at θ − ψ_work, and the
-    tool ball, which is touched on its far side, at θ + 180° − ψ_tool, each with τ²/2 and its own
-    S². Every plane has separate forms, because it runs over another great circle of the balls.
+    tool ball, which is touched on its far side, at θ + 180° − ψ_tool. In the prior variance of a
+    single ball's form, τ²/2 replaces τ², and only the S² of this ball counts. Every plane has
+    separate forms, because its circles run over another great circle of the balls.
 
     Examples
     --------

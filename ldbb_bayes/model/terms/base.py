@@ -76,7 +76,7 @@ class Uncertainty:
 
 @dataclass(frozen=True)
 class Uncertainties(Result):
-    """All values that a model's terms assume about the instrument, and its certificates.
+    """All values that a model's terms assume about the instrument, and names of its certificates.
 
     Examples
     --------
@@ -129,21 +129,26 @@ def uncertainties(campaign: Campaign, terms: Iterable[Term] | None = None) -> Un
 def assumption(
     campaign: Campaign, name: str, certificate: str, sd: float, value: float = 0.0
 ) -> Uncertainty:
-    """Return the value and standard uncertainty that a term assumes for a coefficient.
+    """Return the record of what a term assumes about a coefficient, with its unit and origin.
+
+    The unit follows from the name of the coefficient. The origin is whether the campaign has a
+    certificate that states the uncertainty; this function does not read the uncertainty from it.
 
     Parameters
     ----------
     campaign
-        Campaign or plan.
+        Campaign or plan, which holds the certificates.
     name
         Name of the coefficient, such as bar_length.
     certificate
-        Name of the field of `Instrument` that holds the uncertainty from a certificate, such as
-        bar_U_um; empty text if no field does.
+        Name of the field of `Instrument` where a certificate's uncertainty is stored, such as
+        bar_U_um. The assumption counts as stated by a certificate if this field is filled in. Empty
+        text if no certificate can state the uncertainty.
     sd
-        Standard uncertainty of the coefficient, in its internal unit (made of mm, N, rad).
+        Standard uncertainty of the coefficient that the term assumes, in the internal unit of the
+        coefficient (made of mm, N, rad).
     value
-        Value of the coefficient, in the same unit.
+        Value of the coefficient that the term assumes, in the same unit.
     """
     stated = bool(certificate) and getattr(campaign.instrument, certificate) is not None
     unit = Term.owner(name).unit_of(name)
@@ -307,7 +312,8 @@ class Term(Shown):
     def describe(cls, coefficient: str) -> str:
         """Return a coefficient of this term in words, from its name.
 
-        For example, pattern_cos4 is "machine pattern (cos 4θ)".
+        For example, pattern_cos4 is "machine pattern (cos 4θ)". The class `Term` itself, to which
+        coefficients of unknown terms belong, returns the name unchanged.
         """
         if cls is Term:
             return coefficient

@@ -56,7 +56,7 @@ class Scale(NamedTuple):
     #: lengths
     name: Hyper
     #: scale of the hyper-parameter's half-normal prior [µm], or the name of the field of `Prior`
-    #: that holds the scale
+    #: that holds the scale; prior mean for the kind ``decay``; not used for the kind ``circle``
     prior_um: float | str
     symbol: str = ""  #: symbol of the hyper-parameter in reports, such as σ
     words: str = ""  #: description of the hyper-parameter in reports, such as white noise

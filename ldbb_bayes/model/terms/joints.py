@@ -73,9 +73,9 @@ class JointLoad(Term):
     def secants(self, setting: Setting, force_N: Array) -> Array:
         """Return the change of an axis' compliance per unit of its two coefficients, shape (n, 2).
 
-        It is the nonlinear deflection where the bar is along the axis, divided by the force, at the
-        n forces ``force_N``. ``setting`` holds the reference force and the campaign's largest
-        force.
+        The change is the nonlinear deflection where the bar is along the axis, divided by the
+        force. ``force_N`` holds n forces, none of them zero, shape (n,). ``setting`` holds the
+        reference force and the campaign's largest force.
         """
         deflections = self._deflections(setting, force_N, u_squared=1.0, u_cubed=1.0, u_contact=1.0)
         return deflections / force_N[:, None]
