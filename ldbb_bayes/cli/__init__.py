@@ -53,6 +53,7 @@ class _Commands(TyperGroup):
         sys.exit(code)
 
 
+# The program for Typer, the library that reads the command line.
 app = typer.Typer(
     cls=_Commands,
     name="ldbb-bayes",

@@ -29,7 +29,9 @@ __all__ = ["compare", "design", "identify", "validate"]
 
 # Names of the models by the degree of compliance in force: 0, 1 and 2.
 _DEGREES = ("constant", "linear", "quadratic")
+# Columns of the file parameters.csv that the command identify writes, besides the parameter's name.
 _PARAMETER_COLUMNS = ["unit", "prior_sd", "sd", "contraction", "information_gain", "verdict"]
+# Names of the figures that the command compare writes.
 _COMPARISON_FIGURES = ("evidence", "compliance_with_local_fits", "geometry_with_local_fits")
 
 
@@ -82,7 +84,8 @@ def identify(
 def _with_remarks(passages: tuple[Passage, ...], campaign: lb.Campaign) -> tuple[Passage, ...]:
     """Return the passages (tables and sentences) of a result, followed by remarks on readings.
 
-    The remarks are about readings of the campaign that look odd, such as a wrong unit.
+    The remarks are about readings of the campaign that look odd, for example because they seem to
+    be in a wrong unit, or are equal in two tests.
     """
     preview = lb.check_campaign(campaign)
     remarks = [
@@ -266,8 +269,8 @@ def design(
 def _running_order(plan: lb.Campaign) -> str:
     """Return the names of a plan's tests, in the order in which to run them, as one text.
 
-    Each name is followed by those of direction, radius and angles of the balls that differ between
-    the tests.
+    After each name, brackets hold the direction, the radius and the angles of the balls, as far as
+    these differ between the tests.
     """
     settings_by_test = []
     for test in plan.tests:

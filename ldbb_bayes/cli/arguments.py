@@ -81,8 +81,8 @@ def instrument_fields(*, balls: lb.Ball | None = None, **options: Any) -> dict[s
     balls
         Ball for the workpiece side and the tool side, if one option states them together.
     **options
-        Fields of `Instrument`, and DCC files: ``bar_dcc``, ``force_dcc``, ``work_dcc``,
-        ``tool_dcc``.
+        Fields of `Instrument`, and paths of digital calibration certificates (DCC): ``bar_dcc``,
+        ``force_dcc``, ``work_dcc``, ``tool_dcc``.
 
     Returns
     -------
@@ -227,8 +227,8 @@ def model_from(
     Raises
     ------
     InputError
-        If both a model file and a preset are given, or one of them is unknown; and for a drift that
-        is to be left out as well.
+        If both a model file and a preset are given; if the preset or a term is unknown; if the file
+        cannot be used; or if drift is to be both added and left out.
     """
     if drift is not None and "drift" in without:
         raise InputError(
@@ -268,7 +268,9 @@ def _tolerances(tolerances: dict[str, str] | None = None) -> dict[str, str]:
     return tolerances or {}
 
 
+# Options that describe a tidy CSV and name the measurement.
 _TABLE_OPTIONS = options_of("table", "labels")
+# Options that state what calibration certificates say.
 _CERTIFICATE_OPTIONS = options_of("certificates")
 # Arguments of ``instrument_fields`` that calibration certificates state. The last two have no
 # command-line option: only files can state them.
@@ -277,6 +279,7 @@ _CERTIFICATE_KEYWORDS = [
     "bar_certificate",
     "force_certificate",
 ]
+# Options that several commands have, by name. The constants below are single ones of them.
 _SHARED = options_of("shared")
 CI = _SHARED["ci"]
 SEED = _SHARED["seed"]

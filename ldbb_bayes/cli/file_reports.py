@@ -33,7 +33,9 @@ if TYPE_CHECKING:
 
 __all__ = ["AVERAGED_NAME", "STEPS", "WrittenReport", "page_settings", "report_files"]
 
+# Name of the file with the posterior that is averaged over constant and linear compliance.
 AVERAGED_NAME = "averaged.nc"
+# Files and folders that a report made from readings has beside its page and the files of the fit.
 _FILES_BESIDE_PAGE = (AVERAGED_NAME, "campaign", "comparison.json", "design.json")
 # Approximate relative durations of the steps in which a report is made, by the name of the step.
 STEPS = {"fit": 1.0, "compare": 10.0, "average": 1.0, "page": 8.0}
@@ -83,8 +85,8 @@ def report_files(
     source
         The files, and options that describe their tables and the instrument.
     output
-        Output of the command ``report``. If it has no folder, this is set to one beside the first
-        file.
+        Output of the command ``report``. If it names no folder, its folder becomes one beside the
+        first file.
     settings
         Options of the report by name.
     model
@@ -165,7 +167,7 @@ def page_settings(settings: dict[str, Any]) -> dict[str, Any]:
     Returns
     -------
     dict
-        Those of probability, language, annex and force that are stated, by name of the argument.
+        Probability, language, annex and force, as far as they are stated, by name of the argument.
     """
     names = ("prob", "language", "annex", "force_N")
     return {name: settings[name] for name in names if name in settings}

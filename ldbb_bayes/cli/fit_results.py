@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 __all__ = ["RESULT_FILES", "with_tolerances", "write_result"]
 
+# Names of the files and folders that a fit, and a report of the fit, write into the fit's folder. A
+# new fit may replace a folder that holds nothing else.
 RESULT_FILES = (
     "posterior.nc",
     "summary.json",

@@ -43,10 +43,12 @@ __all__ = [
 EXIT_MISSED = 1  # exit code if a target (of sampling, accuracy or optimality) was not reached
 EXIT_BAD_INPUT = 2  # exit code if options or files cannot be used
 EXIT_INTERRUPTED = 130  # exit code of shells for Ctrl-C: 128 + SIGINT
+# Default of an option that the user must type.
 REQUIRED = inspect.Parameter.empty
 # Placeholder of an option's value in the help, by type. The placeholders are short, so that the
 # names of options fit on narrow terminals.
 _METAVARS: Mapping[Any, str] = {float: "X", int: "N", str: "TEXT", bool: " "}
+# Content of the file options.toml, which states the options of all commands.
 CATALOGUE: Mapping[str, Any] = tomllib.loads(
     (Path(__file__).parent / "options.toml").read_text(encoding="utf-8")
 )
@@ -174,7 +176,8 @@ def option(kind: Any, help: str, default: Any = None, to: str = "", **settings: 
     to
         Keyword argument that gets the value. Default: the option's own name.
     **settings
-        Arguments of `typer.Option`, and ``name``, the flag.
+        Further arguments of `typer.Option`, and ``name``, the flag if it differs from the option's
+        name.
 
     Returns
     -------
@@ -343,7 +346,9 @@ def _read_tolerances(entries: list[str], flag: str) -> dict[str, str]:
     return pairs_in(entries, flag, 'NAME="VALUE UNIT"')
 
 
+# Kind of an option whose value is a comma-separated list of numbers.
 NUMBERS = Kind(str, numbers_in)
+# Types and kinds of option values, by the names that the file options.toml uses for them.
 _KINDS: Mapping[str, Any] = {
     "text": str,
     "integer": int,

@@ -31,7 +31,9 @@ class MachineType(NamedTuple):
     looks: str
 
 
+# Types of machine tools from which the user can choose.
 MACHINES = tuple(MachineType(**entry) for entry in CATALOGUE["machines"])
+# Meaning of the answers to a question of yes or no, in English and German.
 _ANSWERS = {"y": True, "yes": True, "j": True, "ja": True, "n": False, "no": False, "nein": False}
 
 

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
 __all__ = ["make_report", "report_figure_files"]
 
+# File formats of the figures that a report writes into a folder of their own.
 _FIGURE_FORMATS = ("svg", "png", "pdf")
 
 
@@ -119,8 +120,8 @@ def _print_report(output: Output, written: WrittenReport, figures: Path | None) 
 def _report_fits(source: ReportSource, output: Output, settings: dict[str, Any]) -> WrittenReport:
     """Write a report from stored fits, and return it.
 
-    It is written into the folder that the user chose, or else into the folder of the first fit.
-    ``settings`` are the options of the report by name.
+    The report is written into the folder that the user chose, or else into the folder of the first
+    fit. ``settings`` are the options of the report by name.
     """
     source.refuse_table_options()
     paths = source.paths

@@ -15,6 +15,7 @@ from ldbb_bayes.reading.importing import Imported
 
 __all__ = ["TOML_NAME", "ReportSource", "SourceCampaign", "has_unstated_balls"]
 
+# Name of the file by which a folder is recognised as a campaign.
 TOML_NAME = "campaign.toml"
 
 
