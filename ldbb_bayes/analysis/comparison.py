@@ -223,7 +223,7 @@ class Comparison(Result):
     #: assumptions state the log Bayes factor of the second model over the first
     sensitivity_of: str
     #: log Bayes factor of the second model over the first at each scale of the prior of the slopes
-    #: (changes of compliance with force)
+    #: (changes of compliance with force); empty if neither model has slopes
     prior_sensitivity: tuple[ScaledSlopes, ...]
     #: scales of the prior of the slopes (changes of compliance with force) at which the log Bayes
     #: factor in ``prior_sensitivity`` changes sign
@@ -384,7 +384,8 @@ class _ComparisonPlan:
     #: some of its compliances change with force are compared
     linear: HybridModel
     #: the first two models under each scale of the prior of the slopes (changes of compliance with
-    #: force), in the order of `SLOPE_SCALES`; empty if neither model has slopes
+    #: force), in the order of `SLOPE_SCALES`; empty if neither model has slopes, or if the two
+    #: models differ only in this prior
     by_slope_scale: dict[str, tuple[HybridModel, ...]]
     #: the first two models under their own assumption about how circles differ from one another
     unchanged: dict[str, tuple[HybridModel, ...]]
@@ -404,7 +405,8 @@ class _ComparisonPlan:
     def slope_scales(self) -> tuple[float, ...]:
         """Return the scales of the prior of the slopes (changes of compliance with force).
 
-        Return an empty tuple if neither model has slopes.
+        Return an empty tuple if neither of the first two models has slopes, or if they differ only
+        in this prior.
         """
         return SLOPE_SCALES if self.by_slope_scale else ()
 
@@ -628,7 +630,8 @@ def _models_by_slope_scale(
 ) -> dict[str, tuple[HybridModel, ...]]:
     """Return both models of a pair under every scale of the slopes' prior, by name of the scale.
 
-    Slopes are changes of compliance with force. The dictionary is empty if neither model has any.
+    Slopes are changes of compliance with force. The dictionary is empty if neither model has
+    slopes, or if the two models differ only in this prior.
     """
     changes: dict[str, sensitivity.Change] = {}
     if any(model.degree for model in pair.values()):

@@ -179,9 +179,9 @@ def _compare_independent(first: Array, second: Array, levels: Array) -> _Differe
 def _check_comparable_machines(first: BoundModel, second: BoundModel, name: str) -> None:
     """Raise an `InputError` if the parameters of two bound models must not be compared.
 
-    The readings of the two campaigns must differ. The machines must have the same topology and joint
-    frames, and the campaigns the same planes. ``name`` is the name of the second campaign, for the
-    error message.
+    The readings of the two campaigns must differ. Their machines must have the same topology and
+    joint frames, and their tests the same planes. ``name`` is the name of the second campaign, for
+    the error message.
     """
     campaign = first.campaign
     other = second.campaign

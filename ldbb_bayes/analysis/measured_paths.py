@@ -21,8 +21,8 @@ from ldbb_bayes.results import Array, readable
 
 __all__ = ["measure_circularity"]
 
-# Smallest arc [°] of a test that counts as a full circle. Squareness and scale mismatch are computed
-# only from full circles.
+# Smallest arc [°] of a test that counts as a full circle. Squareness and scale mismatch are
+# computed from full circles only.
 _FULL_CIRCLE_DEG = 350.0
 
 

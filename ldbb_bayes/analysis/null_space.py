@@ -89,9 +89,10 @@ class NullSpace:
         """Return a basis of the unresolved combinations of some coefficients, by index of pivot.
 
         ``columns`` are the indices of these coefficients. Each vector of the basis has the value
-        one at its pivot. It has values at coefficients that are no pivots, so that their effects on
-        the readings cancel. ``preferred`` states which of the coefficients should be pivots where
-        possible.
+        one at its pivot, and zero at all other pivots. The values of the other coefficients cancel
+        the effect of the pivot on the readings. ``preferred``, with one entry for each of
+        ``columns``, is true for coefficients that should be pivots where possible. A pivot whose
+        effect cannot be cancelled well enough is left out.
         """
         pivots = columns[_choose_pivots(self._orthonormal_basis(columns), preferred)]
         imitators = np.setdiff1d(columns, pivots)
@@ -143,10 +144,10 @@ class NullSpace:
 
 
 def _choose_pivots(basis: Array, preferred: NDArray[np.bool_]) -> list[int]:
-    """Return the indices of k rows of a basis of k vectors that are as independent as possible.
+    """Return the indices of k rows of a matrix that are as independent as possible.
 
-    ``basis`` has the shape (c, k), with one row for each of c coefficients. ``preferred``, shape
-    (c,), states which rows are chosen before other rows.
+    The matrix is ``basis``, shape (c, k): k vectors with one row for each of c coefficients.
+    ``preferred``, shape (c,), is true for rows that are chosen before other rows.
     """
     pivots: list[int] = []
     remainder = basis.copy()

@@ -40,9 +40,9 @@ __all__ = ["FALSE_ALARMS", "JudgedTest", "find_outlying_tests", "judge_circle", 
 FALSE_ALARMS = 0.02
 # Least number of replicates (simulated circles) that each test is compared with.
 _REPLICATES = 20_000
-# Number of replicates (simulated circles) for each test, divided by the number of tests of the
-# campaign. With more tests, Holm's method flags only smaller p-values, and no p-value can be below
-# one over the number of replicates.
+# In a campaign of n tests, each test is compared with at least n times this number of replicates
+# (simulated circles). With more tests, Holm's method flags only smaller p-values, and smaller
+# p-values need more replicates.
 _REPLICATES_PER_TEST = 400
 # Number of replicates (simulated circles) from each posterior draw when a test is first judged.
 _CIRCLES_PER_DRAW = 5
@@ -89,7 +89,8 @@ def find_outlying_tests(
 
     Each test is compared with circles simulated from what the other tests predict. Its p-value is
     the probability that a circle of the same machine deviates as much from the prediction in any
-    Fourier order. A test is flagged if its family-wise p-value (Holm) is below 2 %.
+    Fourier order. A test is flagged if its family-wise p-value (Holm) is below 2 %, and more than
+    half of the tests remain unflagged.
 
     Parameters
     ----------
@@ -102,8 +103,9 @@ def find_outlying_tests(
     tolerance : float
         Error allowed in every log evidence [nat].
     replicates : int, optional
-        Number of circles simulated in the place of each test; no p-value is below one over this
-        number. Default: 20,000, or more for many tests.
+        Number of circles that are at first simulated in the place of each test. A test with a
+        p-value of at most 5 % is judged again with twice as many. Default: 20,000, or more for many
+        tests.
 
     Returns
     -------
@@ -208,8 +210,8 @@ def judge_tests(
 def _any_nodes(nodes_by_model: Mapping[str, Nodes]) -> Nodes:
     """Return the quadrature nodes of the first model's posterior.
 
-    Nodes are weighted values of the hyper-parameters. These serve for properties of the campaign
-    that are the same in all models.
+    Nodes are weighted values of the hyper-parameters. The first model is as good as any other for
+    properties of the campaign that are the same in all models.
     """
     return next(iter(nodes_by_model.values()))
 
@@ -245,9 +247,10 @@ def _judge_left_out(
 ) -> JudgedTest:
     """Return the test ``name`` compared with simulated circles that the other tests predict.
 
-    ``size`` is the number of circles at first. If few of them deviate as much as the test, it is
-    judged again with more circles. ``nodes_by_model`` holds the posterior given all tests, by
-    model; ``left_out_nodes`` that without one test, by model and test.
+    ``size`` is the number of circles at first. If at most 5 % of them deviate as much as the test,
+    the test is judged again with twice as many circles. ``nodes_by_model`` holds the posterior
+    given all tests, by model; ``left_out_nodes`` holds that given all but one, by model and by the
+    test left out.
     """
     bound = _any_nodes(nodes_by_model).bound
     r = bound.test_names.index(name)
@@ -300,7 +303,8 @@ def _replicates(
 def judge_circle(observed: Array, replicates: Array) -> JudgedTest:
     """Return one test's circle compared with its replicates (simulated circles).
 
-    The p-value is not adjusted for the number of tests.
+    The p-value is not adjusted for the number of tests: the family-wise p-value of the result is 1,
+    and its flag is false.
 
     Parameters
     ----------

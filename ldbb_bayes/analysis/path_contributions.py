@@ -53,8 +53,8 @@ def decompose_deviation(
 ) -> pd.DataFrame:
     """Return the contributions of the machine's effects to the readings of one circle [µm].
 
-    For each effect (source) they are the largest and the smallest contribution along the circle,
-    and their difference, the peak-to-peak. The circle is the first of each plane.
+    In every plane, the circle is that of the first test. For each effect (source), the table states
+    the largest and the smallest contribution along the circle, and the peak-to-peak value.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ def contribution_paths(
 
 
 def _columns_by_source(bound: BoundModel, columns: MachineColumns) -> dict[str, Array]:
-    """Return the effects of the p parameters on a circle by source of contributions, shape (25, p).
+    """Return, by source of contributions, the effects of p parameters on a circle, shape (25, p).
 
     An effect is the change of the circle's 25 Fourier coefficients per unit of the parameter. The
     columns of parameters that do not belong to the source are zero. Offsets of the tool ball are

@@ -1,11 +1,11 @@
 """Test whether ranks are uniformly distributed: a band for their empirical distribution.
 
 A rank is the number of posterior draws below the true value in a simulated campaign. The band is a
-pair of limits, one below and one above the empirical distribution function of many ranks.
-The method is that of Säilynoja, Bürkner and Vehtari, Graphical test for discrete uniformity,
-Statistics and Computing 32:32 (2022). The band consists of a binomial interval at every rank. The
-probability of the single intervals is adjusted so that all of them hold together with the
-probability asked for. This joint probability is computed exactly.
+pair of limits, one below and one above the empirical distribution function of many ranks. The
+method is that of Säilynoja, Bürkner and Vehtari, Graphical test for discrete uniformity, Statistics
+and Computing 32:32 (2022). The band consists of a binomial interval at every rank. The probability
+of the single intervals is adjusted so that all of them hold together with the probability asked
+for. This joint probability is computed exactly.
 """
 
 from __future__ import annotations
@@ -20,8 +20,9 @@ from ldbb_bayes.results import Array
 
 __all__ = ["ecdf", "simultaneous_band"]
 
-# Number of bisections by which the probability of the single binomial intervals, one for each rank,
-# that form the band for the distribution of ranks is found; enough for double precision.
+# Number of bisections that find the probability of the binomial interval at each rank, so that all
+# intervals hold together with the probability of the band. The number is enough for double
+# precision.
 _BISECTIONS = 40
 
 

@@ -68,7 +68,8 @@ def discrepancy_assumptions(models: Collection[HybridModel]) -> dict[str, Change
     """Return assumptions about how circles may differ from one another, by label.
 
     Each assumption is a function that changes a model. The first leaves the models unchanged, each
-    of the next changes one term, and the last leaves only white noise.
+    of the next changes one term, and the last leaves only white noise. A change that would leave
+    every one of ``models`` as it is, is omitted.
     """
     changes: dict[str, Change] = {_UNCHANGED: _leave_unchanged}
     for alternative in _ALTERNATIVES:
@@ -111,8 +112,8 @@ def changed(
 ) -> dict[str, tuple[HybridModel, ...]]:
     """Return both models of a pair under each assumption, by label of the assumption.
 
-    ``changes`` are functions that change a model to the assumption. Assumptions under which both
-    models are the same are left out.
+    ``changes`` holds, by label, the function that changes a model to the assumption. An assumption
+    is left out if the two models are the same under it.
     """
     pair = tuple(pair)
     pairs = {}

@@ -146,10 +146,10 @@ def tolerances_in(
     ``given`` are the tolerances as stated by the user; ``known`` are all quantities that may have
     one.
 
-    A single number such as ``60 nm/N`` is the upper limit of a quantity that cannot be negative. It
-    is the lower limit of a stiffness (``18 N/µm``), and both limits (±) of any other quantity. A
-    text such as ``−20..40 µrad`` gives both limits. The sign ``≤``, ``≥`` or ``±`` before a number
-    states which limit it is.
+    A single number such as ``60 nm/N`` is the upper limit of a direct compliance, of G or of F_max,
+    the lower limit of a stiffness or of F_min, and both limits (±) of any other quantity. A sign
+    ``≤``, ``≥`` or ``±`` before the number states otherwise which limit it is. A text such as
+    ``−20..40 µrad`` gives both limits.
     """
     require(
         isinstance(given, Mapping),
@@ -183,10 +183,10 @@ def tolerances_in(
 
 
 def check_force(campaign: Campaign, force_N: float | None) -> None:
-    """Refuse a force that is too far from the forces tested to state a compliance at it [N].
+    """Refuse a force that is too far from the tested forces for a statement about compliance.
 
-    The force must lie between a tenth of the smallest force tested and 1.5 times the largest. None,
-    which stands for the model's reference force, is allowed.
+    ``force_N`` [N] must lie between a tenth of the smallest force tested and 1.5 times the largest.
+    None, which stands for the model's reference force, is allowed.
     """
     if force_N is None:
         return

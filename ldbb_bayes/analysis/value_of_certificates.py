@@ -61,10 +61,10 @@ def worth_of_certificates(
 ) -> dict[str, dict[str, float]]:
     """Return the standard uncertainties to expect with further certificates of the instrument.
 
-    The uncertainties are given by certificate, then by parameter.
-
-    The cases are no further certificate, each one of `CERTIFICATES` that the instrument does not
-    have yet, and all of these together.
+    The uncertainties are those of all parameters. They are computed for the instrument as it is,
+    then for the instrument with one certificate more, and at last for the instrument with all
+    missing certificates. Missing certificates are those of `CERTIFICATES` that the instrument does
+    not have yet.
 
     Parameters
     ----------
@@ -78,8 +78,9 @@ def worth_of_certificates(
     Returns
     -------
     dict
-        Standard uncertainties in internal units (mm, N, rad), by certificate (a key of
-        `CERTIFICATES`, "none of these" or "all of these"), then by parameter.
+        Standard uncertainties in internal units (mm, N, rad), by certificate, then by parameter. The
+        first key is "none of these", a key of `CERTIFICATES`, or "all of these". The last is there
+        only if several certificates are missing.
     """
     missing = _missing_certificates(bound.campaign.instrument)
     cases: dict[str, Mapping[str, Any]] = {"none of these": {}, **missing}
@@ -99,7 +100,7 @@ def worth_of_certificates(
 def _missing_certificates(instrument: Instrument) -> dict[str, Mapping[str, Any]]:
     """Return the certificates of `CERTIFICATES` that the instrument does not have yet.
 
-    The value of each is the fields of the instrument that the certificate states.
+    The result holds, by name of the certificate, the fields of the instrument that it states.
     """
     uncertified = Instrument()
     missing = {}

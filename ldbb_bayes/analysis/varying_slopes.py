@@ -1,9 +1,9 @@
 """Subsets of slopes: which compliances change with force, and curves averaged over the subsets.
 
 Every compliance C may have a slope with force F or none, and each subset of slopes is a model with
-its own evidence. Curves are C(F). With several planes there are too many subsets, and only some are
-considered. A search then starts from no slopes and from all slopes, and goes on to the neighbours
-of the best subset.
+its own evidence. Curves are C(F). With several planes there may be too many subsets, so that only
+some are considered. A search then starts from no slopes and from all slopes, and goes on to the
+neighbours of the best subset, which differ from it in one slope.
 """
 
 from __future__ import annotations
@@ -191,6 +191,9 @@ def averaged_curves(
     weighed: Sequence[Nodes], probability: Array, seed: int, prob: float
 ) -> dict[str, Curve]:
     """Return compliances C(F) over the tested forces F, averaged over models, by compliance.
+
+    Each curve has 41 equally spaced forces, from the lowest to the highest force tested. If all
+    tests were run at one force, it has this force only.
 
     Parameters
     ----------

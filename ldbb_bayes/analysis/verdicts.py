@@ -200,7 +200,7 @@ class Identifiability(Result):
     correlation: ByRow
     #: standard uncertainty to expect with further certificates of the instrument, by certificate,
     #: then by parameter: without any, with each one that the instrument lacks, and with all of
-    #: these
+    #: these; empty for a flat prior
     certificates: dict[str, dict[str, float]]
     #: hyper-parameters (scales of the noise and of other effects) at which the verdicts are
     #: computed [µm]
@@ -334,9 +334,9 @@ def judge_posterior(posterior: xr.DataTree) -> dict[str, ParameterIdentifiabilit
 def hyper_parameter_nodes(bound: BoundModel) -> tuple[Array, Array]:
     """Return weights, shape (w,), and values, shape (w, h), of the hyper-parameters φ.
 
-    They are w quadrature nodes that represent p(φ | y) given the readings y, where compliances may
-    be negative. Lengths are in mm; decays and noise factors are pure numbers. For a plan there is
-    one node, the prior median.
+    The w values are quadrature nodes that represent p(φ | y) given the readings y, where
+    compliances may be negative. Lengths are in mm; decays and noise factors are pure numbers. For a
+    plan there is one node, the prior median.
     """
     if bound.campaign.is_plan:
         median = np.full((1, len(bound.hyper_prior.names)), 0.5)
@@ -648,7 +648,8 @@ def _allow_for_effects_left_out(
 
     ``terms`` are the terms left out of the model that look exactly like the parameter. They make an
     identified parameter confounded. ``is_shifted`` states whether the parameter is a rotation that
-    a shift of the circle's centre may imitate. It makes the parameter confounded with ``Position``.
+    a shift of the circle's centre may imitate. If it is, the parameter becomes confounded with
+    ``Position``, whatever ``judgement`` states.
     """
     verdict = judgement.verdict
     partners = judgement.partners

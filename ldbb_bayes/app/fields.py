@@ -91,7 +91,7 @@ _KINDS_OF_ENTRY: Mapping[Any, str] = {
 
 
 def _type_read(field_option: Option) -> Any:
-    """Return the Python type as which the command line reads the typed value of an option."""
+    """Return the Python type to which the command line converts the typed value of an option."""
     kind = field_option.kind
     return kind.typed if isinstance(kind, Kind) else kind
 

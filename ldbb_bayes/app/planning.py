@@ -160,7 +160,7 @@ def _space_of(
     radii_mm
         Radii of the circles [mm].
     directions
-        Directions of travel, CW and CCW; empty for that of the earlier tests.
+        Directions of travel, CW and CCW; empty for those of the earlier tests.
     augment
         Whether the new tests are evaluated together with the readings of the earlier tests.
     """
@@ -312,8 +312,9 @@ def _pairs_in_turn(first: Sequence[Any], second: Sequence[Any], number: int) -> 
 def _force_levels(low: float, high: float, number: int) -> list[float]:
     """Return ``number`` equally spaced forces from ``low`` to ``high`` [N].
 
-    They are rounded to whole newtons if the rounded forces differ, else to tenths. If only one
-    force is wanted, it is the highest force, which gives the most information.
+    They are rounded to whole newtons if the rounded forces differ and are above zero. Otherwise
+    they are rounded to tenths, and forces that are then equal are returned once. If ``number`` is
+    one, the force is ``high``, because the highest force gives the most information.
     """
     if number == 1:
         levels = [high]

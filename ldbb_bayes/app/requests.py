@@ -122,7 +122,10 @@ async def _leave(house: House, session: Session, request: Request) -> Response:
 
 
 async def _read_json(request: Request) -> dict[str, Any] | None:
-    """Return the JSON object that a request contains; None if it has none, or is too large."""
+    """Return the JSON object that a request contains; an empty one for an empty request.
+
+    Return None if the content of the request is no JSON object, or is too large.
+    """
     body = bytearray()
     async for chunk in request.stream():
         body += chunk

@@ -248,8 +248,8 @@ async def _serve_and_show(
 ) -> None:
     """Run the server, and open the page in a browser once the server answers.
 
-    ``listener`` is the socket on which the server listens, and ``address`` the URL of the page;
-    None: no browser is opened.
+    ``listener`` is the socket on which the server listens, and ``address`` the URL of the page. If
+    it is None, no browser is opened.
     """
     serving = asyncio.create_task(server.serve(sockets=[listener]))
     if address is not None:

@@ -32,7 +32,8 @@ _PARTS = {
 def effects_of_certificates(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
     """Return the uncertainty U of every parameter, without and with each new certificate.
 
-    U is the expanded uncertainty (k = 2) that is expected from a fit with linear compliance.
+    U is the expanded uncertainty (k = 2) that is expected from a fit with linear compliance. Slopes
+    (changes of compliance with force) are left out.
 
     Parameters
     ----------
@@ -45,9 +46,10 @@ def effects_of_certificates(folder: Path, choices: Mapping[str, str]) -> dict[st
     -------
     dict
         ``today``: a row for every parameter with its U, given the certificates that are stated now.
-        ``effects``: the name of the new certificate and rows for the largest reductions of U, by
-        the part of the instrument that it would cover; the key ``all`` is for all certificates
-        together. Rows are those of `uncertainty_change`.
+        ``effects``: the name of each new certificate and rows for the largest reductions of U, by
+        the part of the instrument that the certificate would cover; the key ``all`` is for all
+        certificates together. At most four reductions are listed, each of more than 5 %. Rows are
+        those of `uncertainty_change`.
 
     Raises
     ------
