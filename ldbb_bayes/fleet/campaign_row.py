@@ -237,7 +237,8 @@ def _bayes_factor_columns(
 
     Both are given by the names of their columns. Linear and constant refer to the change of
     compliance with force. ``truncated_density`` is the posterior density of the hyper-parameters
-    under the condition that no compliance is negative.
+    under the condition that no compliance is negative. ``model`` and ``campaign`` are those of the
+    fit.
     """
     density = truncated_density if model.prior.truncated else truncated_density.plain
     if model.degree == 1 and density.truncated == density.bound.truncation.active:

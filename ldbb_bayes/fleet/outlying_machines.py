@@ -173,7 +173,8 @@ def _draw_without(
     drawn from their posterior density given all machines but the one with the index m. For each
     draw, z holds the differences of the c parameters of machine m from what the other machines
     predict, divided by their standard deviations. ``density`` is that with all machines, ``mode``
-    its mode in ln s, and ``separate`` holds the estimates from each machine alone.
+    its mode in ln s, and ``separate`` holds the estimates from each machine alone. ``seed`` is that
+    of the new draws.
     """
     likelihood = density.likelihood
     stays = np.arange(len(likelihood.shift)) != m

@@ -533,7 +533,7 @@ def _pool_parameters(
     all random draws ``spreads``. The distributions of the mean and of a further machine are
     averages of Gaussians over the draws ``first_spreads``, for each of which ``shared`` holds the
     Gaussian of the mean and the instrument's errors. ``tails`` are the cumulative probabilities of
-    the two ends of the credible intervals.
+    the two ends of the credible intervals. ``statistics`` holds the likelihoods of the campaigns.
     """
     c = len(statistics.parameters)
     scale = statistics.prior_sd[:c]
@@ -569,9 +569,9 @@ def _instrument_sd(
     """Return the part of the sd of the population's mean that is due to instrument errors, (c,).
 
     The sd is given for each of c parameters in units of the parameter's prior sd. ``weight``, shape
-    (k,), holds the weights of k random draws of the machines' spreads. For each draw, ``shared``
-    is the Gaussian of the mean and the instrument's errors, and ``sd``, shape (k, c), the standard
-    deviation of the mean.
+    (k,), holds the weights of k random draws of the machines' spreads. For each draw, ``shared`` is
+    the Gaussian of the mean and the instrument's errors, and ``sd``, shape (k, c), the standard
+    deviation of the mean. ``statistics`` holds the likelihoods of the campaigns.
     """
     c = len(statistics.parameters)
     if not statistics.instrument:
@@ -597,7 +597,7 @@ def _pool_machines(
     machines' standard deviations about the population's mean; for each draw, ``shared`` is the
     Gaussian of the mean and the instrument's errors. ``judged`` is the comparison, None if there
     are too few machines. ``tails`` are the cumulative probabilities of the two ends of the credible
-    intervals.
+    intervals. ``statistics`` holds the likelihoods of the campaigns.
     """
     names = statistics.parameters
     scale = statistics.prior_sd[: len(names)]
@@ -641,7 +641,8 @@ def _estimate_machines_separately(
     are estimated from the campaigns of all machines. ``weight``, shape (k,), holds the weights of k
     random draws of the machines' spreads; for each draw, ``shared`` is the Gaussian of the
     population's mean and the instrument's errors. ``tails`` are the cumulative probabilities of the
-    two ends of the credible intervals. All values are in units of the prior sd.
+    two ends of the credible intervals. All values are in units of the prior sd. ``likelihood``
+    holds the likelihoods of the machines.
     """
     c = parameters
     b_mean, b_covariance = mixture_covariance(
@@ -688,7 +689,8 @@ def _instrument_caveat(
     """Return a caveat that names the parameter most affected by the instrument's errors.
 
     Of all ``parameters``, it is the one for which these errors cause the largest share of the
-    variance of the population's mean. The caveat also states this share in per cent.
+    variance of the population's mean. The caveat also states this share in per cent. ``statistics``
+    holds the likelihoods of the campaigns.
     """
     shares = {}
     for name, parameter in parameters.items():

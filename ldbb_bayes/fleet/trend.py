@@ -427,6 +427,7 @@ def _order_in_time(statistics: FleetStatistics) -> list[int]:
     """Return the indices of the campaigns in order of their dates.
 
     If no campaign has a date, the given order is kept. Raise an `InputError` if only some have one.
+    ``statistics`` holds the likelihoods of the campaigns, with their dates.
     """
     dates = zip(statistics.campaigns, statistics.dates, strict=True)
     undated = [name for name, date in dates if date is None]
@@ -495,7 +496,8 @@ def _parameter_change(
     posterior probabilities of a step of this parameter just before each of the n campaigns but the
     first, for each of r values of the machine's scatter from campaign to campaign. ``levels`` are
     the values of all parameters at the last campaign, ``chart`` the control chart. ``prob`` is the
-    probability of the credible intervals.
+    probability of the credible intervals. ``statistics`` holds the likelihoods of the campaigns,
+    with units and prior sds.
     """
     scale = float(statistics.prior_sd[j])
     total = float(step_probabilities.sum())
@@ -619,6 +621,8 @@ def _conformities(
     uncertainties include that due to the instrument's errors, which all campaigns share.
     ``tolerances`` holds limits by quantity. If it is empty, those that the newest campaign states
     are used (``newest_tolerances``, as JSON), as far as they are for quantities of the trend.
+    ``statistics`` holds the likelihoods of the campaigns, ``chart`` the estimates from each
+    campaign alone, and ``campaigns`` the names of the campaigns.
     """
     followed = quantities(dict(zip(statistics.parameters, statistics.units, strict=True)))
     wanted: Mapping[str, str | Tolerance] = tolerances or {}

@@ -171,7 +171,7 @@ def effects_of_failures(
     modelled. Their noise is taken to be as strong as the readings show at the Fourier orders 13 to
     16. The share is 0 if no such check fails. Both results are computed at one value ``phi`` of the
     hyper-parameters (scales of the noise and of other effects), shape (h,). ``checks`` holds the
-    p-values of each test, by the name of the test.
+    p-values of each test, by the name of the test. ``bound`` is the model, applied to its campaign.
     """
     failing = failing_checks(all_checks(checks))
     of_order = [check.test for check in failing if check.kind == CheckKind.ORDER]
@@ -186,7 +186,8 @@ def _shift_without(bound: BoundModel, phi: Array, tests: Sequence[str]) -> dict[
     ``tests`` are the names of the tests that are left out one at a time. The change is in units of
     the parameter's posterior standard deviation. It is computed at one value ``phi`` of the
     hyper-parameters (scales of the noise and of other effects), shape (h,). The result is empty if
-    the campaign has one test only or the prior is flat.
+    the campaign has one test only or the prior is flat. ``bound`` is the model, applied to its
+    campaign.
     """
     if len(bound.test_names) < 2 or bound.model.prior.flat:
         return {}
@@ -206,7 +207,8 @@ def _widening_by_noise(bound: BoundModel, phi: Array, tests: Sequence[str]) -> f
     variance of the named tests is taken to be as large as their readings show at the Fourier orders
     13 to 16, if that exceeds the noise variance of the model. The mean noise variance of all tests
     then replaces σ², for every test. ``phi``, shape (h,), is one value of the hyper-parameters
-    (scales of the noise and of other effects); ``tests`` are the names of the tests.
+    (scales of the noise and of other effects); ``tests`` are the names of the tests. ``bound`` is
+    the model, applied to its campaign.
     """
     sigma = bound.hyper_prior.names.index("sigma")
     fails = np.isin(bound.test_names, tests)
@@ -226,7 +228,7 @@ def _power_beyond(bound: BoundModel) -> Array:
 
     The orders are Fourier orders. The variances are in mm², shape (tests,). The mean of the Fourier
     coefficients over tests of the same plane, radius and direction of travel is subtracted first: a
-    pattern that the machine repeats is no noise.
+    pattern that the machine repeats is no noise. ``bound`` is the model, applied to its campaign.
     """
     setting = bound.setting
     waves = np.array([_waves_beyond(test) for test in tests_in_order(bound)])
@@ -264,7 +266,7 @@ def centre_shift(bound: BoundModel, beta: Array) -> dict[str, float]:
     the centre (Fourier coefficients of order 1) over force. An axis is in the result if its p-value
     times the number of axes tested (Bonferroni) is below 1 %. Only planes with at least four tests
     and at least three different forces are checked. If an axis belongs to several of these planes,
-    its p-value is that of the last one.
+    its p-value is that of the last one. ``bound`` is the model, applied to its campaign.
     """
     residuals = reduced_residuals(bound, machine_coefficients(bound, beta[None])[0])
     harmonics = [matrix_to_harmonics(bound, r) @ residual for r, residual in enumerate(residuals)]
@@ -285,7 +287,7 @@ def in_order_of_force(bound: BoundModel) -> bool:
     A steady drift would then look like a change of compliance with force. All tests are ranked by
     force and by time. In each plane, Student's t-test at 5 % shows whether the two ranks are
     related. If some test has no recorded time, the tests are taken to have run in the order in
-    which the campaign lists them.
+    which the campaign lists them. ``bound`` is the model, applied to its campaign.
     """
     setting = bound.setting
     time = setting.time_h
@@ -326,7 +328,8 @@ def check_predictions(
     Each p-value compares the readings of a test with those of a new circle that the posterior
     predicts. ``phi``, shape (draws, h), holds posterior draws of the hyper-parameters (scales of
     the noise and of other effects). ``beta``, shape (draws, p), holds posterior draws of the
-    parameters (compliances, slopes, geometric errors). At most 500 of the draws are used.
+    parameters (compliances, slopes, geometric errors). At most 500 of the draws are used. ``bound``
+    is the model, applied to its campaign.
     """
     draws = ModelDraws(bound, phi, beta).thinned(_DRAWS)
     shared = draw_shared_coefficients(bound, draws.phi, draws.beta, rng)

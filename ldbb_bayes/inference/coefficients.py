@@ -100,7 +100,8 @@ def machine_coefficients(bound: BoundModel, beta: Array) -> Array:
 
     ``beta``, shape (draws, p), are draws of the parameters (compliances, slopes, geometric errors).
     The nominal deflection of the mount is included, unless the readings are compensated for it. The
-    result holds Fourier coefficients of the orders 0 to 12, shape (draws, tests, 25).
+    result holds Fourier coefficients of the orders 0 to 12, shape (draws, tests, 25). ``bound`` is
+    the model, applied to its campaign.
     """
     return np.einsum("tkp,wp->wtk", bound.interest, beta) + bound.known_offset
 
@@ -124,6 +125,7 @@ def shared_columns(bound: BoundModel, *, private: bool = False) -> Array:
     Nuisances are effects that are modelled but not of interest. The q coefficients are those that
     tests share; if ``private``, they are those that belong to a single test. The array holds the
     change of the 25 Fourier coefficients of each test per unit of each nuisance coefficient.
+    ``bound`` is the model, applied to its campaign.
     """
     columns = [np.zeros((len(bound.test_names), SIZE, 0))]
     columns += [term.values for term in shared_terms(bound.nuisance_columns, private=private)]
@@ -135,7 +137,8 @@ def draw_shared(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Gener
 
     Nuisances are effects that are modelled but not of interest, such as ball form. All q of them
     are drawn once for each draw of the parameters ``beta``, shape (draws, p), and hyper-parameters
-    ``phi``, shape (draws, h), conditional on these and on the readings.
+    ``phi``, shape (draws, h), conditional on these and on the readings. ``bound`` is the model,
+    applied to its campaign.
     """
     draws = []
     for start in range(0, len(phi), CHUNK):
@@ -155,7 +158,8 @@ def compliance_curves(
     hyper-parameters ``phi``, shape (draws, h). The direct compliance of a machine axis is its
     deflection divided by the bar force along it. If the model has the term `JointLoad` (joints that
     yield to their own load), direct compliances include what this term adds. That part is drawn at
-    random given the parameters, the hyper-parameters and the readings.
+    random given the parameters, the hyper-parameters and the readings. ``bound`` is the model,
+    applied to its campaign.
     """
     at_forces = np.stack([bound.compliance_at(force) for force in force_N])
     curves = np.einsum("fcp,wp->wfc", at_forces, beta)
@@ -195,7 +199,8 @@ def shared_coefficients(bound: BoundModel, phi: Array, beta: Array) -> Array:
     The prediction includes the machine, ball form, bar length, mount and force error. Nuisances,
     that is, effects that are modelled but not of interest, are at their means given the readings,
     the parameters ``beta``, shape (draws, p), and the hyper-parameters ``phi``, shape (draws, h).
-    The result holds Fourier coefficients of the orders 0 to 12, shape (draws, tests, 25).
+    The result holds Fourier coefficients of the orders 0 to 12, shape (draws, tests, 25). ``bound``
+    is the model, applied to its campaign.
     """
     shifted = beta - bound.centre
     mean = bound.given_interest.conditional(phi, shifted)[1].mean
@@ -217,8 +222,9 @@ def new_circle_coefficients(
     The result holds Fourier coefficients of the orders 0 to 12, shape (draws, tests, 25), without
     white noise. Nuisances (effects that are modelled but not of interest) that tests share are
     drawn from their posterior given the parameters ``beta``, shape (draws, p), and hyper-parameters
-    ``phi``, shape (draws, h). Effects on one circle only are drawn anew: random force error,
-    set-up shift (of zero and centre) and discrepancy (unexplained deviations).
+    ``phi``, shape (draws, h). Effects on one circle only are drawn anew: random force error, set-up
+    shift (of zero and centre) and discrepancy (unexplained deviations). ``bound`` is the model,
+    applied to its campaign.
     """
     shared = draw_shared_coefficients(bound, phi, beta, rng)
     circles = [draw_of_circle(bound, phi, r, rng) for r in range(len(bound.test_names))]
@@ -233,7 +239,7 @@ def draw_shared_coefficients(
     Nuisances are effects that are modelled but not of interest, such as ball form. They are drawn
     given the readings, the parameters ``beta``, shape (draws, p), and the hyper-parameters ``phi``,
     shape (draws, h). The result holds Fourier coefficients of the orders 0 to 12 of every test,
-    shape (draws, tests, 25).
+    shape (draws, tests, 25). ``bound`` is the model, applied to its campaign.
     """
     nuisances = draw_shared(bound, phi, beta, rng)
     shared = np.einsum("tkq,wq->wtk", shared_columns(bound), nuisances)
@@ -246,7 +252,8 @@ def draw_of_circle(bound: BoundModel, phi: Array, r: int, rng: np.random.Generat
     The effects are the random force error, the set-up shift (of zero and centre) and the
     discrepancy (unexplained deviations of the orders 2 to 12) of the test with the index r, as
     Fourier coefficients of the orders 0 to 12. ``phi``, shape (draws, h), holds draws of the
-    hyper-parameters, which are the scales of these and other effects.
+    hyper-parameters, which are the scales of these and other effects. ``bound`` is the model,
+    applied to its campaign.
     """
     coefficients = np.zeros((len(phi), SIZE))
     for term in private_terms(bound, phi, r):
@@ -261,6 +268,7 @@ def private_terms(bound: BoundModel, phi: Array, r: int) -> Iterator[PrivateTerm
     The set-up shift is that of the circle's zero and centre; the discrepancy consists of the
     unexplained deviations of the orders 2 to 12. r is the index of the test. ``phi``, shape (draws,
     h), holds draws of the hyper-parameters, which are the scales of these and other effects.
+    ``bound`` is the model, applied to its campaign.
     """
     value = dict(zip(bound.hyper_prior.names, phi.T, strict=True))
     for term in bound.nuisance_columns:

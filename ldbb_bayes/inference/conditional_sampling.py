@@ -30,7 +30,8 @@ def conditional_draws(
     The draws are from the exact density of the parameters (compliances, slopes, geometric errors)
     given the readings and the hyper-parameters (scales of the noise and of other effects). If the
     model requires it, no compliance is negative in them. ``free``, shape (w, h), holds the
-    hyper-parameters in unbounded coordinates, mostly ln(value − lower bound).
+    hyper-parameters in unbounded coordinates, mostly ln(value − lower bound). ``bound`` is the
+    model, applied to its campaign.
 
     Returns
     -------
@@ -68,7 +69,8 @@ def draw_parameters_given(bound: BoundModel, free: Array, rng: np.random.Generat
     The parameters are compliances, slopes and geometric errors. They are drawn given the readings
     and each of w values of the hyper-parameters (scales of the noise and of other effects). If the
     model requires it, no compliance is negative in any draw. ``free``, shape (w, h), holds the
-    hyper-parameters in unbounded coordinates, mostly ln(value − lower bound).
+    hyper-parameters in unbounded coordinates, mostly ln(value − lower bound). ``bound`` is the
+    model, applied to its campaign.
 
     Raises
     ------

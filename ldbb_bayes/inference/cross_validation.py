@@ -158,7 +158,8 @@ def _draw_readings(
 
     A test has n readings; each posterior draw gives one circle. ``phi``, shape (draws, h), holds
     the hyper-parameters (scales of the noise and of other effects), ``beta``, shape (draws, p), the
-    parameters (compliances, slopes, geometric errors).
+    parameters (compliances, slopes, geometric errors). ``bound`` is the model, applied to its
+    campaign.
     """
     coefficients = new_circle_coefficients(bound, phi, beta, rng)
     sigma = phi[:, bound.hyper_prior.names.index("sigma")]
@@ -202,7 +203,7 @@ def log_likelihood_of_tests(bound: BoundModel, phi: Array) -> Array:
     are the hyper-parameters (scales of the noise and of other effects); ``phi``, shape (w, h),
     holds w values of them. If the model has a factor on the set-up shift (of zero and centre) and
     discrepancy (unexplained deviations) of test r alone, this factor is integrated out. See
-    `with_predictive`.
+    `with_predictive`. ``bound`` is the model, applied to its campaign.
     """
     log_evidence = in_chunks(partial(_log_evidence, bound), phi)
     log_density = np.empty((len(phi), len(bound.test_names)))
@@ -226,7 +227,7 @@ def _without_circle_scale(bound: BoundModel, phi: Array, circle_scale: str) -> A
     The hyper-parameter is the factor on the set-up shift (of zero and centre) and discrepancy
     (unexplained deviations) of one circle; ``circle_scale`` is its name. y are the readings and φ
     the other hyper-parameters (scales of the noise and of other effects). ``phi``, shape (w, h),
-    holds w values of all hyper-parameters.
+    holds w values of all hyper-parameters. ``bound`` is the model, applied to its campaign.
     """
     grid = np.tile(phi[:, None], (1, len(_LOG_LAMBDA), 1))
     grid[:, :, bound.hyper_prior.names.index(circle_scale)] = np.exp(_LOG_LAMBDA)
@@ -245,7 +246,8 @@ def _with_moderate_tails(bound: BoundModel, log_density: Array) -> Array:
     other tests, at w draws of the hyper-parameters (scales of the noise and of other effects). The
     inverse densities are the importance weights of the draws if that test is left out. If their
     Pareto shape k̂ is above 0.4, the densities of the test are tempered: they are raised to a power
-    below one, and scaled so that their harmonic mean over the draws is the exact density.
+    below one, and scaled so that their harmonic mean over the draws is the exact density. ``bound``
+    is the model, applied to its campaign.
     """
     large_k_by_test = {}
     for r in range(len(bound.test_names)):
@@ -269,7 +271,7 @@ def _exact_log_evidence(bound: BoundModel) -> float:
     """Return the log evidence of a model: the log density of its campaign's readings.
 
     All unknowns, the hyper-parameters (scales of the noise and of other effects) included, are
-    integrated out.
+    integrated out. ``bound`` is the model, applied to its campaign.
     """
     posterior = HyperPosterior(bound, truncated=bound.truncation.active)
     return posterior.nodes(_TOLERANCE).evidence.log_value
@@ -280,7 +282,8 @@ def _log_evidence(bound: BoundModel, phi: Array) -> Array:
 
     φ are the scales of the noise and of other effects; ``phi`` has the shape (w, h). If the model
     requires that no compliance is negative, the result is the log of the joint density of y and of
-    that condition given φ: it is not divided by the prior probability of the condition.
+    that condition given φ: it is not divided by the prior probability of the condition. ``bound``
+    is the model, applied to its campaign.
     """
     if not bound.truncation.active:
         return bound.log_evidence(phi)

@@ -284,7 +284,8 @@ def _log_joint(bound: BoundModel, beta: Array, phi: Array, log_hyper_prior: Arra
     """Return ln p(y | β, φ) + ln p(β) + ``log_hyper_prior`` at n points, shape (n,).
 
     y are the readings. ``beta``, shape (n, p), holds the parameters β, ``phi``, shape (n, h), the
-    hyper-parameters φ. ``log_hyper_prior``, shape (n,), is the log prior density of φ.
+    hyper-parameters φ. ``log_hyper_prior``, shape (n,), is the log prior density of φ. ``bound`` is
+    the model, applied to its campaign.
     """
     total = bound.log_prior(beta) + log_hyper_prior
     inside = np.isfinite(total)
@@ -401,7 +402,8 @@ def starting_points(redraw: LinearRedraw, n: int, random: np.random.RandomState)
     They are in the coordinates of `JointDensity`. The h hyper-parameters (scales of the noise and
     of other effects) are drawn from a density a little wider than their posterior. The p parameters
     (compliances, slopes, geometric errors) are drawn from their density given the hyper-parameters
-    and the readings. If the model does not allow negative compliances, none is negative.
+    and the readings. If the model does not allow negative compliances, none is negative. ``redraw``
+    is the source of the random draws.
 
     Raises
     ------

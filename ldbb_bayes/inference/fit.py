@@ -337,7 +337,7 @@ def _log_densities(
     the parameters minus ``prior_level``; see `assess_fit`. The entry ``hyper_prior`` is the log
     prior density of the hyper-parameters (scales of the noise and of other effects). The entry
     ``likelihood`` is the log density of the readings given both. ``groups`` holds the arrays of the
-    posterior, by group and by name.
+    posterior, by group and by name. ``bound`` is the model, applied to its campaign.
     """
     phi = _stack(groups["posterior"], bound.hyper_prior.names)
     log_prior = groups["log_prior"]["parameters"]
@@ -391,6 +391,7 @@ def _large_hyper_parameters(bound: BoundModel, phi: Array) -> Iterator[Concern]:
 
     Only hyper-parameters (scales of the noise and of other effects) that are lengths are examined.
     ``phi``, shape (n, h), holds posterior draws of all hyper-parameters; lengths are in mm.
+    ``bound`` is the model, applied to its campaign.
     """
     prior = bound.hyper_prior
     limits = prior.quantile(np.full(phi.shape[1], _EXPECTED_HYPER))
@@ -406,7 +407,8 @@ def _distant_means(bound: BoundModel, beta: Array) -> Iterator[Concern]:
     """Yield a warning for each parameter whose posterior mean is far from its stated prior mean.
 
     Only parameters whose prior the user stated are examined. ``beta``, shape (n, p), holds
-    posterior draws of the parameters in internal units (mm, N, rad).
+    posterior draws of the parameters in internal units (mm, N, rad). ``bound`` is the model,
+    applied to its campaign.
     """
     stated = {*bound.model.prior.overrides, *bound.model.prior.means}
     prior_variance = bound.prior_sd**2

@@ -66,17 +66,17 @@ class JointDraws(NamedTuple):
 def draw_jointly(posterior: HyperPosterior, size: int, rng: np.random.Generator) -> JointDraws:
     """Return ``size`` independent random draws of hyper-parameters φ and parameters β.
 
-    The draws are made by rejection sampling.
-    φ are the scales of the noise and of other effects; β are compliances, slopes and geometric
-    errors. φ is drawn from a proposal, a density fitted to the posterior of φ, and β from its
-    Gaussian density given φ and the readings. φ is then accepted in proportion to its weight, the
-    posterior density divided by the proposal. If compliances must not be negative, several β are
-    drawn for each φ, and the weight is multiplied by the share of these β without negative
-    compliances. This is exact, as the share is on average the probability, given φ and the
-    readings, that no compliance is negative. If the share is too small, the weight is multiplied by
-    this probability itself, and β is drawn from a density shifted (tilted) towards compliances that
-    are not negative. The probability of acceptance is the weight divided by twice the mean weight.
-    If this ratio exceeds one, φ may be used several times, each time with another β.
+    The draws are made by rejection sampling. φ are the scales of the noise and of other effects; β
+    are compliances, slopes and geometric errors. φ is drawn from a proposal, a density fitted to
+    the posterior of φ, and β from its Gaussian density given φ and the readings. φ is then accepted
+    in proportion to its weight, the posterior density divided by the proposal. If compliances must
+    not be negative, several β are drawn for each φ, and the weight is multiplied by the share of
+    these β without negative compliances. This is exact, as the share is on average the probability,
+    given φ and the readings, that no compliance is negative. If the share is too small, the weight
+    is multiplied by this probability itself, and β is drawn from a density shifted (tilted) towards
+    compliances that are not negative. The probability of acceptance is the weight divided by twice
+    an estimate of the mean weight. If this ratio exceeds one, φ may be used several times, each
+    time with another β. ``posterior`` is the posterior density of φ.
 
     Raises
     ------
@@ -186,7 +186,8 @@ def _draw_standard(
     In standard coordinates the Gaussian density of the p parameters given the hyper-parameters is
     N(0, I). For each of w values of the hyper-parameters there are ``tries`` draws, as if
     compliances might be negative, shape (w, tries, p). If ``truncated``, only draws without a
-    negative compliance are usable; they come first. The counts have the shape (w,).
+    negative compliance are usable; they come first. The counts have the shape (w,). ``conditional``
+    holds these Gaussian densities.
     """
     z = rng.standard_normal((len(conditional.mean), tries, conditional.mean.shape[1]))
     rows = conditional.physical.rows

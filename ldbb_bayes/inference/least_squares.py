@@ -135,7 +135,8 @@ def _uncertainty(bound: BoundModel, quality: FitQuality) -> Array:
     (JᵀJ)⁻¹. The Jacobian J, shape (readings, p), holds the derivatives of the readings with respect
     to the parameters; s² is the sum of squares of the residuals divided by the number of readings
     minus p. The uncertainty is NaN if J is singular or if there are no more readings than
-    parameters.
+    parameters. ``bound`` is the model, applied to its campaign; ``quality`` holds the residuals of
+    the fit.
     """
     readings = sum(reduced.readings for reduced in bound.reduced)
     sum_of_squares = readings * (quality.rmse_um * 1e-3) ** 2

@@ -283,7 +283,8 @@ def _seconds_left(
     """Return the estimated time until a run stops [s], or None if it cannot be estimated.
 
     The run has made ``steps`` steps in ``elapsed`` seconds. ``walkers`` is the number of walkers of
-    all ensembles together.
+    all ensembles together. ``assessment`` is that of the draws so far, and ``rule`` decides when
+    the run stops.
     """
     share = assessment.share(rule, walkers=walkers)
     if not share > 0.0:

@@ -52,7 +52,7 @@ def prior_draws_of(bound: BoundModel, size: int, rng: np.random.Generator) -> tu
     Parameters are compliances, slopes and geometric errors; hyper-parameters are the scales of the
     noise and of other effects. The arrays have the shapes (size, p) and (size, h). If the model
     requires it, no compliance is negative. If the prior of the parameters is flat, their array has
-    the shape (0, 0).
+    the shape (0, 0). ``bound`` is the model, applied to its campaign.
     """
     phi = bound.hyper_prior.draw(size, rng)
     if bound.model.prior.flat:
@@ -109,7 +109,7 @@ def _by_name(bound: BoundModel, beta: Array, phi: Array) -> dict[str, Array]:
     """Return random draws by name, one array (chains, draws) per parameter and hyper-parameter.
 
     ``beta``, shape (chains, draws, p), holds the draws of the p parameters, ``phi``, shape (chains,
-    draws, h), those of the h hyper-parameters.
+    draws, h), those of the h hyper-parameters. ``bound`` is the model, applied to its campaign.
     """
     arrays = {}
     for column in range(beta.shape[2]):
@@ -125,7 +125,8 @@ def record_from(
     """Return the record that the group ``provenance`` of a posterior keeps as JSON text.
 
     It states the campaign, the model, how the sampler ran, the quality of the fit, the versions of
-    the software, the seed of the random numbers and when sampling ``started``.
+    the software, the seed of the random numbers and when sampling ``started``. ``bound`` is the
+    model, applied to its campaign.
     """
     system = f"Python {platform.python_version()}, {platform.system()} {platform.machine()}"
     return {

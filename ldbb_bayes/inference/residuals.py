@@ -55,7 +55,8 @@ def fit_quality(bound: BoundModel, phi: Array, beta: Array) -> FitQuality:
     The prediction is the mean over posterior draws of the effects of the machine and of shared
     nuisances, that is, effects that are modelled but not of interest and that tests have in common,
     such as ball form. ``phi``, shape (draws, h), holds draws of the hyper-parameters (scales of the
-    noise and of other effects), ``beta``, shape (draws, p), those of the parameters.
+    noise and of other effects), ``beta``, shape (draws, p), those of the parameters. ``bound`` is
+    the model, applied to its campaign.
     """
     return quality_of(bound, shared_coefficients(bound, phi, beta).mean(axis=0))
 
@@ -64,7 +65,7 @@ def quality_of(bound: BoundModel, predicted: Array) -> FitQuality:
     """Return root-mean-square residual and fitness of predicted readings.
 
     ``predicted``, shape (tests, 25), holds the Fourier coefficients of the orders 0 to 12 that are
-    predicted for each test [mm].
+    predicted for each test [mm]. ``bound`` is the model, applied to its campaign.
     """
     residuals = reduced_residuals(bound, predicted)
     squares = np.array(
@@ -100,7 +101,8 @@ def residuals_mm(bound: BoundModel, predicted: Array) -> list[Array]:
     """Return the readings minus the predicted readings of every test, each of shape (n,) [mm].
 
     A test has n readings. ``predicted``, shape (tests, 25), holds the Fourier coefficients of the
-    orders 0 to 12 that are predicted for each test [mm].
+    orders 0 to 12 that are predicted for each test [mm]. ``bound`` is the model, applied to its
+    campaign.
     """
     return [
         test.readings_mm() - basis(test.angles_rad()) @ coefficients
@@ -113,7 +115,8 @@ def reduced_residuals(bound: BoundModel, predicted: Array) -> list[Array]:
 
     The readings of a test are reduced to m ≤ 25 numbers that contain all information about its
     Fourier coefficients of the orders 0 to 12. ``predicted``, shape (tests, 25), holds the
-    coefficients that are predicted for each test [mm].
+    coefficients that are predicted for each test [mm]. ``bound`` is the model, applied to its
+    campaign.
     """
     return [
         np.asarray(reduced.reading_mm) - reduced.factor @ coefficients
@@ -126,7 +129,8 @@ def matrix_to_harmonics(bound: BoundModel, r: int) -> Array:
 
     Its shape is (25, m): the readings of a test are reduced to m ≤ 25 numbers, and there are 25
     coefficients of the orders 0 to 12. They are fitted by least squares. If the readings do not
-    determine all of them, the solution of smallest norm is taken.
+    determine all of them, the solution of smallest norm is taken. ``bound`` is the model, applied
+    to its campaign.
     """
     return np.asarray(np.linalg.pinv(bound.reduced[r].factor, rcond=RANK_TOLERANCE))
 

@@ -228,7 +228,8 @@ def _prior_of_nuisances(bound: BoundModel, phi: Array) -> pd.DataFrame:
 
     Shared nuisances are effects that are modelled but not of interest and that several tests have
     in common. The prior standard deviation depends on the hyper-parameters (scales of the noise and
-    of other effects); ``phi``, shape (h,), is the value of them for which it is given.
+    of other effects); ``phi``, shape (h,), is the value of them for which it is given. ``bound`` is
+    the model, applied to its campaign.
     """
     value = dict(zip(bound.hyper_prior.names, phi, strict=True))
     rows = {}

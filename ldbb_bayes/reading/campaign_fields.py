@@ -131,7 +131,7 @@ def _places_by_value(recordings: Sequence[Recording], key: str) -> dict[Any, str
 def _note_stated(recording: Recording, key: str, stated: _StatedValue) -> None:
     """Add a value that a file states for the field ``key`` of a test to the log of assumptions.
 
-    A plane is also added to the fields of the test.
+    A plane is also added to the fields of the test. ``recording`` is the test as its file holds it.
     """
     text = stated.value
     if key in UNITS_SHOWN:
@@ -146,6 +146,7 @@ def _stated_values(recording: Recording, field: str) -> dict[Any, _StatedValue]:
 
     The keys of the result are the stated values, and its entries hold the value and the line. If
     ``field`` is the plane, the names of test, column, sheet and file may also state it.
+    ``recording`` is the test as its file holds it.
     """
     values: dict[Any, _StatedValue] = {}
     if field == "plane":
@@ -171,7 +172,7 @@ def _certain_value(recording: Recording, key: str) -> Any:
     """Return the value that the user or a column of the table states for a field of a test.
 
     The field has the name ``key``. Return None if neither states it. A `MountCompensation` is
-    returned as the text "compensated" or "raw".
+    returned as the text "compensated" or "raw". ``recording`` is the test as its file holds it.
     """
     value = recording.stated.get(key)
     if not value:
@@ -218,8 +219,8 @@ def _note_contradictions(
 def _check_stated(recording: Recording, key: str, places: Mapping[Any, str]) -> None:
     """Raise an `InputError` for contradictory statements about a field, or an unknown plane.
 
-    ``key`` is the name of the field; ``places`` gives, for each stated value, the line or name
-    that states it.
+    ``key`` is the name of the field; ``places`` gives, for each stated value, the line or name that
+    states it. ``recording`` is the test as its file holds it.
     """
     listed = " and ".join(f"{value} in {place}" for value, place in places.items())
     remedy = f"Correct the lines, or give {_OPTIONS[key]}."
@@ -236,7 +237,8 @@ def _check_stated(recording: Recording, key: str, places: Mapping[Any, str]) -> 
 def _is_common_plane(recordings: Sequence[Recording], places: Mapping[Any, str]) -> bool:
     """Return whether files state a single plane and all tests are in this plane.
 
-    ``places`` gives, for each stated plane, the line or name that states it.
+    ``places`` gives, for each stated plane, the line or name that states it. ``recordings`` are the
+    tests as their files hold them.
     """
     planes = {recording.fields.get("plane") for recording in recordings}
     return len(places) == 1 and planes == set(places)
@@ -262,7 +264,8 @@ def _take_field(campaign: dict[str, Any], key: str, values: Sequence[Any]) -> No
 def _take_temperature(recording: Recording) -> None:
     """Set the temperature of a test from the first line above its table that states one.
 
-    A temperature that the user or a column states does not change.
+    A temperature that the user or a column states does not change. ``recording`` is the test as its
+    file holds it.
     """
     statements = recording.statements.get("temperature_C", ())
     if not statements or "temperature_C" in recording.stated:

@@ -280,7 +280,7 @@ def _columns_without_header(place: str, roles: ColumnRoles, width: int) -> Colum
     """Complete ``roles``, which the layout states, for a table without a header, and return them.
 
     ``width`` is the number of columns. If the layout states no role, there must be two columns:
-    angle and reading.
+    angle and reading. ``place`` names the table in error messages.
     """
     has_abscissa = "angle" in roles.columns or "time" in roles.columns
     if "reading" in roles.columns and has_abscissa:
@@ -301,8 +301,9 @@ def _columns_without_header(place: str, roles: ColumnRoles, width: int) -> Colum
 def _find_role(place: str, role: str, roles: ColumnRoles, headers: Sequence[str]) -> None:
     """Find the column whose header names ``role``, such as time, and record it in ``roles``.
 
-    Columns that already have a role are not considered. Several columns of readings are accepted
-    if their headers state loads, such as 36 N; each is then a separate test.
+    Columns that already have a role are not considered. Several columns of readings are accepted if
+    their headers state loads, such as 36 N; each is then a separate test. ``place`` names the table
+    in error messages.
     """
     assigned = set(roles.columns.values())
     free = [column for column in range(len(headers)) if column not in assigned]
@@ -348,6 +349,7 @@ def _column_index(place: str, role: str, reference: str | int, headers: Sequence
     """Return the index of the column that the layout states for a role.
 
     ``reference`` is the number of the column from 1, or its header with or without the unit.
+    ``place`` names the table in error messages, and ``headers`` are the headers of its columns.
     """
     if isinstance(reference, int):
         require(

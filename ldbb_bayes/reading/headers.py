@@ -407,6 +407,7 @@ def note_heading(sheet: Sheet, heading: Heading, layout: Layout, log: Assumption
     """Add to the log what was assumed about the format of a sheet and the roles of its columns.
 
     Columns that are not used are noted too. Nothing is noted about what the layout states.
+    ``heading`` holds the header and the columns of the table.
     """
     _note_format(sheet, heading, layout, log)
     _note_columns(sheet, heading, layout, log)

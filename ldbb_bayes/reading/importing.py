@@ -189,7 +189,8 @@ def _stated_loads(recordings: Sequence[Recording], layout: Layout) -> dict[str, 
     """Return the forces and pressures of all tests that the layout lists, by field of a test.
 
     The fields are ``force_N`` and ``pressure_bar``; each list has one number for each test. A field
-    that the layout does not list is left out.
+    that the layout does not list is left out. ``recordings`` are the tests as their files hold
+    them.
     """
     loads = {}
     for key, field_name in LOAD_LISTS.items():
@@ -211,7 +212,7 @@ def _measured_arc(recording: Recording, loads: Mapping[str, float]) -> MeasuredA
     """Return the angles and readings of one test with its stated fields, such as its force.
 
     ``loads`` are the force and pressure that the layout lists for this test. They replace those
-    that an entry [[test]] of the layout states.
+    that an entry [[test]] of the layout states. ``recording`` is the test as its file holds it.
     """
     if loads:
         for key in LOAD_ROLES:
@@ -270,6 +271,7 @@ def _note_unused_entries(
     """Add to the log every entry [[test]] of the layout that names no test of the files.
 
     Such an entry states fields, such as a force, of the test that its key ``file`` names.
+    ``recordings`` are the tests as their files hold them.
     """
     names: set[str] = set()
     for recording in recordings:

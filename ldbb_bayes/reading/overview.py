@@ -18,8 +18,8 @@ from ldbb_bayes.reading.words import comparable
 
 __all__ = ["LONGEST_OVERVIEW", "OverviewLines", "overview_lines"]
 
-# Largest number of rows that are examined in a sheet without a table, or above a table. A table must
-# also begin within this number of rows.
+# Largest number of rows that are examined in a sheet without a table, or above a table. A table
+# must also begin within this number of rows.
 LONGEST_OVERVIEW = 1000
 
 

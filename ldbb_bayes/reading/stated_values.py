@@ -52,8 +52,8 @@ class _Evidence(NamedTuple):
 def quantity_of(recording: Recording, key: str, column_value: float | None = None) -> float | None:
     """Return a quantity of a test, such as its radius; None if nothing states it.
 
-    Values that the user or a column of the table states count before those in lines above the table
-    and in names.
+    The quantity is in the unit at the end of its field's name, such as mm. Values that the user or
+    a column of the table states count before those in lines above the table and in names.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def _certain_evidence(
 
     ``key`` is the field of the quantity, such as radius_mm; ``column_value`` is the value of its
     column, or None. The list has at most two entries. The entry that counts is first: the user's
-    value, but for a radius the column's value.
+    value, but for a radius the column's value. ``recording`` is the test as its file holds it.
     """
     user_evidence = _evidence_if_stated(recording.stated_value(key), "as given")
     column_evidence = _evidence_if_stated(column_value, "its column")
@@ -143,7 +143,8 @@ def _uncertain_evidence(recording: Recording, key: str) -> list[_Evidence]:
     """Return the values that lines above the table and names state for a quantity of a test.
 
     ``key`` is the field of the quantity, such as force_N. Values in lines are first in the list,
-    then values in the names of test, column, sheet and file.
+    then values in the names of test, column, sheet and file. ``recording`` is the test as its file
+    holds it.
     """
     evidence = []
     for statement in recording.statements.get(key, ()):
@@ -162,6 +163,8 @@ def _uncertain_evidence(recording: Recording, key: str) -> list[_Evidence]:
 
 def loads_of(recording: Recording) -> dict[str, float]:
     """Return the loads of a test that are stated, by field: ``force_N``, ``pressure_bar`` or both.
+
+    ``recording`` is the test as its file holds it.
 
     Raises
     ------
@@ -191,7 +194,7 @@ def _constant_load(recording: Recording, key: str) -> float | None:
     """Return the force [N] or pressure [bar] of a test from its column; None without such a column.
 
     ``key`` is force_N or pressure_bar. Raise an `InputError` if the load differs between the rows
-    of the test.
+    of the test. ``recording`` is the test as its file holds it.
     """
     role = LOAD_ROLES[key]
     unit = UNITS_SHOWN[key]
@@ -281,7 +284,8 @@ def direction_of(recording: Recording) -> str | None:
 
     The first source that states a direction counts, in this order: the user, the column of
     directions, lines above the table and names, sheets without a table. Raise an `InputError` if
-    this source states both directions, or if the column has another word.
+    this source states both directions, or if the column has another word. Sheets without a table
+    that state both directions do not count. ``recording`` is the test as its file holds it.
     """
     column_senses: dict[str, int] = {}
     for word, line in recording.direction_words.items():

@@ -106,7 +106,8 @@ def _angles_of_column(recording: Recording) -> Array:
     """Return the angle of every reading from the column of angles, shape (n,) [deg].
 
     Angles are counted from the plane's first axis, counter-clockwise, and continue beyond 360°.
-    Raise an `InputError` if there is no column of angles.
+    Raise an `InputError` if there is no column of angles. ``recording`` is the test as its file
+    holds it.
     """
     raw = recording.numbers.get("angle")
     if raw is None:
@@ -126,7 +127,7 @@ def _angles_of_log(recording: Recording, direction: str | None) -> _Log:
 
     The angles are computed from times, feed and radius. Only readings on the circle are kept,
     without run-in and run-out. ``direction`` is the stated direction of travel, CW or CCW; for
-    None, CCW is assumed.
+    None, CCW is assumed. ``recording`` is the test as its file holds it.
     """
     feed = quantity_of(recording, "feed_mm_per_min")
     if feed is None or not feed > 0.0:
@@ -171,6 +172,7 @@ def _angle_or_zero(recording: Recording, key: str) -> float:
 
     The field is ``start_deg`` or ``overshoot_deg``, which a test needs if its table has times
     instead of angles. If nothing states the angle, return zero and note the assumption.
+    ``recording`` is the test as its file holds it.
     """
     value = quantity_of(recording, key)
     if value is None:
@@ -182,7 +184,8 @@ def _angle_or_zero(recording: Recording, key: str) -> float:
 def _deviations(recording: Recording, raw: Array) -> Array:
     """Return the readings as actual distance of the balls minus radius, shape (n,) [µm].
 
-    ``raw`` (n,) are the numbers in the file, in its unit.
+    ``raw`` (n,) are the numbers in the file, in its unit. ``recording`` is the test as its file
+    holds it.
     """
     require(
         np.ptp(raw) > 0.0,
@@ -205,7 +208,8 @@ def _zero_of(recording: Recording, reading_um: Array) -> str:
 
     Readings are deviations from the nominal radius or distances of the balls. The user states this,
     or else it is found from the median of the readings. Raise an `InputError` if the readings seem
-    to be distances on a circle of another radius, or contradict what the user states.
+    to be distances on a circle of another radius, or contradict what the user states. ``recording``
+    is the test as its file holds it; ``reading_um`` are its readings.
     """
     radius_mm = recording.radius_mm
     # Readings are also tested for distances of the balls on a circle with another radius. They must
@@ -244,7 +248,8 @@ def _handle_laps(recording: Recording, trace: Trace) -> Trace:
     """Return angles and readings of a test, with several laps averaged if the layout states so.
 
     Otherwise all laps (turns) are kept, and this is noted unless the layout states it. If the
-    stated direction of travel contradicts the order of the angles, this is noted too.
+    stated direction of travel contradicts the order of the angles, this is noted too. ``recording``
+    is the test as its file holds it; ``trace`` holds its angles and readings.
     """
     angle = trace.angle_deg
     if len(angle) < 2:

@@ -83,8 +83,8 @@ class Findings:
         """Posterior probabilities of the averaged models and of rival explanations, by name.
 
         A rival explanation is an effect other than compliance that may explain a change of the
-        readings with force, such as a nonlinear mount.
-        The mapping is empty if no average over models was computed.
+        readings with force, such as a nonlinear mount. The mapping is empty if no average over
+        models was computed.
         """
         averaged = record_of(self.numbers).get("averaged", {})
         probabilities: dict[str, float] = averaged.get("probability", {})

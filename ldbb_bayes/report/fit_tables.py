@@ -42,8 +42,9 @@ __all__ = [
     "results_table",
 ]
 
-# λ is the ratio of the noise of one circle to the noise of the other circles. The table of a fit's
-# parameters shows λ of a circle only if its posterior median is at least this.
+# λ of a circle is the factor by which its random shift and its unexplained deviations are larger
+# than those of the other circles. The table of a fit's parameters shows λ of a circle only if its
+# posterior median is at least this.
 _ODD_CIRCLE = 2.5
 # Kinds of remarks on a campaign that are not repeated after a fit, because the fit states them.
 _REMARKS_OF_FITS = (RemarkKind.ONE_LEVEL, RemarkKind.TWO_LEVELS, RemarkKind.ONE_WAY)
@@ -220,8 +221,9 @@ def conformity_table(decisions: Mapping[str, Mapping[str, Any]]) -> Table:
 def parameter_table(result: Mapping[str, Any]) -> Table:
     """Return a table of each parameter's posterior (mean, sd, interval) and prior (mean, sd).
 
-    The prior means are left out if all are zero. λ, a circle's noise relative to that of the other
-    circles, is shown only for circles that are much noisier.
+    The prior means are left out if all are zero. λ of a circle is the factor by which its random
+    shift and its unexplained deviations are larger than those of the other circles. It is shown
+    only if its posterior median is at least 2.5.
 
     Parameters
     ----------

@@ -154,7 +154,10 @@ def compose(
 
 
 def _ignore(done: int, total: int) -> None:
-    """Do nothing; used in place of a function that shows progress."""
+    """Do nothing; used in place of a function that shows progress.
+
+    ``done`` and ``total`` are the numbers of finished and of all steps.
+    """
 
 
 def _lines(findings: Findings) -> tuple[str, str, str]:
@@ -358,10 +361,11 @@ def write_report(
 def _record(
     findings: Findings, document: Document, frames: Mapping[str, pd.DataFrame]
 ) -> dict[str, Any]:
-    """Return content of report.json: tables, campaign, model, provenance, comparison and design.
+    """Return the content of report.json, except the state and the decisions on conformity.
 
-    ``frames`` are the tables by name. Each comparison or design that is missing is replaced by the
-    reason.
+    It holds the campaign, the model, the alerts, the provenance, all tables, the comparison and the
+    design. ``frames`` are the tables by name. A comparison or design that is missing is replaced by
+    the reason.
     """
     records = {
         name: frame.reset_index().to_dict(orient="records") for name, frame in frames.items()

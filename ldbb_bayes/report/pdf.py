@@ -75,6 +75,8 @@ def pdf_of(sheets: Sequence[ReportSheet], title: str, language: str, created: da
 def fit_to_page(sheet: ReportSheet) -> ReportSheet:
     """Return a sheet with letters that are small enough for the sheet to fit its page.
 
+    The letters are reduced at most 20 times. A very long sheet may still exceed its page then.
+
     Parameters
     ----------
     sheet

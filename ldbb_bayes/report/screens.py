@@ -30,10 +30,11 @@ _MOST_DESIGNS = 2
 
 @screen_of.register
 def _(result: Identifiability) -> tuple[Passage, ...]:
-    """Return the table and the sentences that matter most on which parameters are identifiable.
+    """Return a short version of the verdicts on all parameters.
 
-    They state how many parameters the readings determine, the standard uncertainty u of each
-    parameter and the verdict on it, and measures that would separate confounded parameters.
+    Its table and sentences state how many parameters the readings determine, the standard
+    uncertainty u of each parameter and the verdict on it, and measures that would separate
+    confounded parameters.
     """
     rows = []
     for name, entry in result.parameters.items():
@@ -54,8 +55,8 @@ def _(result: Identifiability) -> tuple[Passage, ...]:
 def _short_verdict(entry: ParameterIdentifiability) -> str:
     """Return the verdict on a parameter and the effects that it is confounded with, as text.
 
-    At most two effects are named, those with the largest shares of the parameter's variance. Fewer
-    are named if a line of the table has no room for two.
+    At most two effects are named, those with the largest shares of the parameter's variance. Only
+    one is named if a line of the table has no room for two.
     """
     partners = wording.partners_with_shares(entry)
     for number in range(_MOST_PARTNERS, 0, -1):
@@ -98,8 +99,8 @@ def _(design: Design) -> tuple[Passage, ...]:
 def _expected_table(design: Design) -> Table:
     """Return a table of the standard uncertainties to expect of a design, and the prior sds.
 
-    It has one row per parameter of interest. Other designs with which the recommended one is
-    compared have columns, too.
+    It has one row per parameter of interest. At most two other designs, with which the recommended
+    one is compared, have columns, too.
     """
     others = design.compared[:_MOST_DESIGNS]
     rows = []

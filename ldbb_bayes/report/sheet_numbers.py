@@ -70,8 +70,8 @@ class StatedQuantity:
     unit
         The internal unit.
     entry
-        Verdict on how far the readings determine the quantity, or for a stiffness its compliance.
-        None for a quantity that is computed from several parameters.
+        Verdict on how far the readings determine the quantity. For a stiffness it is the verdict on
+        the compliance. None for a quantity that is computed from several parameters.
     limit
         If only a limit of the quantity is stated, the limit in words; otherwise empty.
     hangs_on
@@ -109,7 +109,8 @@ class StatedQuantity:
     def unmodelled_partners(self) -> list[str]:
         """Names of the effects that the quantity is confounded with and that the model leaves out.
 
-        The list is empty if the quantity is confounded with an effect in the model, too.
+        The list is empty if the quantity is not confounded, or if it is confounded with an effect
+        in the model, too.
         """
         if self.entry is None or self.entry.verdict != "confounded":
             return []
@@ -123,7 +124,7 @@ class StatedQuantity:
 
         The names are those of the effects with at least half of the quantity's variance. If none
         has so large a share, all effects that the quantity is confounded with are named. The list
-        is empty if the readings determine the quantity.
+        is empty if the readings determine the quantity, or if it is not confounded.
         """
         if self.entry is None or self.entry.verdict != "confounded" or not self.is_undetermined:
             return []

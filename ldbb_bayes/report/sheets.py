@@ -203,7 +203,7 @@ def _meanings_of_partners(numbers: SheetNumbers) -> list[str]:
     return [f"{words.term(name)}: {meanings[name]}" for name in partners if name in meanings]
 
 
-# ---- tables of sheet 2
+# ---- tables of both sheets
 
 
 def _table_with_U(

@@ -290,9 +290,8 @@ def unit_words(name: str) -> tuple[float, str]:
 def nuisance_words(name: str) -> str:
     """Return the name of a nuisance coefficient in words.
 
-    For example, ``form_cos2`` is "2-lobe form (cos 2θ)".
-
-    A nuisance coefficient is an effect that is modelled but not of interest.
+    For example, ``form_cos2`` is "2-lobe form (cos 2θ)". A nuisance coefficient is an effect that
+    is modelled but not of interest.
     """
     return Term.owner(name).describe(name)
 
@@ -380,7 +379,8 @@ def cure_words(degeneracy: Degeneracy, cures: Sequence[Cure]) -> str:
     """Return a sentence on measures that would remove a degeneracy.
 
     A degeneracy is a combination of parameters and other effects that no reading can resolve.
-    ``cures`` are the kinds of measures, such as other forces or a calibration.
+    ``cures`` are the kinds of measures, such as other forces or a calibration. If there are none,
+    the sentence advises a narrower prior.
     """
     calibration = "a calibration of it"
     if degeneracy.term in Term.kinds:
@@ -647,9 +647,9 @@ def sum_in_words(parameter: VisibleParameter) -> str:
 def joined_sizes(hyper_um: Mapping[str, float], equals: str) -> str:
     """Return hyper-parameters with their values as one text, such as "sigma = 0.2 µm".
 
-    Hyper-parameters are scales of the noise and of other effects [µm]. Those named λ, each the
-    ratio of one circle's noise to that of the other circles, are left out. ``equals`` is the text
-    between name and value.
+    Hyper-parameters are scales of the noise and of other effects [µm]. Those named λ are left out;
+    each is the factor by which the random shift and the unexplained deviations of one circle are
+    larger than those of the other circles. ``equals`` is the text between name and value.
     """
     sizes = []
     for name, value in hyper_um.items():
@@ -730,9 +730,10 @@ def _worth_of_certificates(result: Identifiability) -> dict[str, list[str]]:
 
 
 def identifiability_screen(result: Identifiability) -> tuple[str, ...]:
-    """Return the most important sentences on which parameters the readings can determine.
+    """Return the most important sentences on the result of an identifiability analysis.
 
-    The first sentence states how many parameters have each verdict.
+    The first sentence states how many parameters have each verdict: how far the readings determine
+    them.
     """
     verdicts = [str(entry.verdict) for entry in result.parameters.values()]
     worth = _worth_of_certificates(result)
@@ -780,7 +781,8 @@ def cure_items(
 def partners_with_shares(entry: ParameterIdentifiability) -> list[str]:
     """Return the effects that are named with the verdict on a parameter, as texts.
 
-    Each text has the effect's share of the parameter's variance, as in "mount 39 %".
+    Each text has the effect's share of the parameter's variance, as in "mount 39 %". An effect that
+    the model leaves out has the note "(left out)" instead.
     """
     partners = []
     for partner in entry.partners:
@@ -1026,7 +1028,8 @@ def population_sentences(population: Any) -> tuple[str, ...]:
 def population_doubts(doubts: Any) -> tuple[str, ...]:
     """Return sentences on the limitations of a population of machines.
 
-    The limitations are above all those of its use as a prior for another machine.
+    ``doubts`` is the population itself. Its limitations matter above all if it serves as a prior
+    for another machine.
     """
     return _sentences("population_doubts", doubts)
 

@@ -138,7 +138,8 @@ def _stretches(value: Array, allowed: Array) -> list[_Stretch]:
 
     The stretches are returned from left to right. ``value``, shape (n,), are the log Bayes factors
     under n assumptions; ``allowed``, shape (n,), states which assumptions the readings do not
-    reject. The middle stretch contains the values under all of these.
+    reject. The middle stretch contains all values under assumptions that are not rejected, and all
+    values between −20 and 20 nat.
     """
     near = max(_MIDDLE_NAT, 1.2 * float(np.abs(value[allowed]).max(initial=0.0)))
     left = value[value < -near]
@@ -218,9 +219,10 @@ def compliance_with_local_fits(comparison: Comparison) -> Figure:
     """Draw compliance C against force F: model average, mean of every model, and local fits.
 
     The figure corresponds to Fig. 15 of the paper. The average is over models in which each slope
-    is present or absent. A local fit uses only the tests at two neighbouring forces. It has its own
-    geometric errors and therefore estimates the tangent d(F C)/dF rather than C, so that the
-    tangent of the average is drawn, too.
+    is present or absent. If the comparison has no such average, the first model is drawn in its
+    place. A local fit uses only the tests at two neighbouring forces. It has its own geometric
+    errors and therefore estimates the tangent d(F C)/dF rather than C, so that the tangent of the
+    average is drawn, too.
 
     Parameters
     ----------
@@ -307,7 +309,8 @@ def _draw_against_force(
 
     A local fit uses only the tests at two neighbouring forces. ``names`` are the parameters.
     ``draw_beneath`` is called before the curves are drawn, with the panel, the parameter and the
-    factor from its internal unit to the unit shown.
+    factor from its internal unit to the unit shown. ``title`` is the first part of the figure's
+    title.
     """
     first = next(iter(comparison.models.values()))
     figure, all_axes = panels(len(names), 3, 1.7, 0.9)

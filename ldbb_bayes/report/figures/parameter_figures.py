@@ -91,7 +91,8 @@ def _draw_intervals(
 ) -> None:
     """Draw the credible intervals of parameters that have the same unit, one row per parameter.
 
-    ``factor`` converts the internal unit of the parameters ``names`` to the unit shown.
+    ``factor`` converts the internal unit of the parameters ``names`` to the unit shown. ``axes`` is
+    the panel.
     """
     group = posterior["posterior"]
     rows = style.name_rows(axes, names)
@@ -207,7 +208,9 @@ def corner(posterior: xr.DataTree, names: Sequence[str] | None = None) -> Figure
         Posterior from `sample`, `load` or `average`.
     names : sequence of str, optional
         Names of the parameters. Default: up to eight of the direct compliances, the rotations
-        caused by moments such as C_CCY, the scale errors and the squareness errors.
+        caused by moments such as C_CCY, the scale errors and the squareness errors; if there are
+        none of these, the first six parameters. Parameters with the same value in all draws are
+        left out.
 
     Returns
     -------

@@ -189,7 +189,10 @@ def name_rows(axes: Axes, names: Sequence[str]) -> Array:
 
 
 def right_labels(axes: Axes, rows: Any, texts: Sequence[str]) -> None:
-    """Write a text at the right of each row of a panel; ``rows`` are the rows' positions."""
+    """Write a text at the right of each row of a panel; ``rows`` are the rows' positions.
+
+    ``texts`` has one text per row.
+    """
     for row, text in zip(rows, texts, strict=True):
         axes.text(1.015, row, text, fontsize=8, va="center", transform=axes.get_yaxis_transform())
 
@@ -206,12 +209,19 @@ def term_colours(terms: Iterable[str]) -> dict[str, str]:
 
 
 def band(axes: Axes, x: Any, limits: Any, colour: Any, alpha: float = 0.2, **options: Any) -> None:
-    """Shade the area between two curves over ``x``: the lower and the upper one of ``limits``."""
+    """Shade the area between two curves over ``x``: the lower and the upper one of ``limits``.
+
+    ``alpha`` is the opacity of the shade, from 0 to 1. ``options`` are passed to
+    ``Axes.fill_between``.
+    """
     axes.fill_between(x, limits[0], limits[1], color=colour, alpha=alpha, linewidth=0, **options)
 
 
 def legend_below(figure: Figure, axes: Axes, columns: int = 6) -> None:
-    """Put the legend of one panel below all panels of a figure."""
+    """Put the legend of one panel below all panels of a figure.
+
+    The legend has at most ``columns`` entries side by side.
+    """
     handles, labels = axes.get_legend_handles_labels()
     if labels:
         figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), columns))

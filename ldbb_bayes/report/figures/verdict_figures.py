@@ -75,7 +75,10 @@ def prior_and_posterior(identifiability: Identifiability) -> Figure:
 
 
 def _draw_densities(axes: Axes, entry: ParameterIdentifiability) -> None:
-    """Draw the densities of a parameter before and after the readings, each scaled to peak 1."""
+    """Draw the densities of a parameter before and after the readings, each scaled to peak 1.
+
+    A flat prior is not drawn.
+    """
     factor, _ = display_unit(entry.unit)
     mean = entry.mean * factor
     sd = entry.sd * factor
