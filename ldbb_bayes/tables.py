@@ -29,8 +29,8 @@ _NARROWEST = 80
 _WIDEST = 100
 # Number of lines of a terminal whose size is unknown.
 _TERMINAL_LINES = 24
-# Largest number of lines of a table that ``print`` displays. Of a longer table, columns that would
-# need lines of their own are left out.
+# If a table needs more lines than this, ``print`` leaves out the columns that need lines of their
+# own.
 _SCREEN_LINES = 45
 # Smallest widths [characters] to which the head of a column is broken into lines. They are tried in
 # this order until the table fits.
@@ -373,7 +373,7 @@ def readable(
 def terminal_width() -> int:
     """Return the width of the terminal [characters], at least 80 and at most 100.
 
-    Without a terminal it is 80.
+    If the width is unknown, for example without a terminal, 80 is returned.
     """
     columns = shutil.get_terminal_size((_NARROWEST, _TERMINAL_LINES)).columns
     return min(max(columns, _NARROWEST), _WIDEST)

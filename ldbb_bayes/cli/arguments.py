@@ -207,8 +207,8 @@ def model_from(
     Parameters
     ----------
     degree
-        Degree of the polynomial of compliance in force. Default: that of the model file as
-        `read_model` reads it; without such a file 1.
+        Degree of the compliance as a polynomial in force. Default: 1 without a model file, else the
+        degree with which `read_model` reads the file.
     preset
         Name of a set of terms and priors: ``default``, ``first`` or ``paper``. Default:
         ``default``.
@@ -279,7 +279,7 @@ _CERTIFICATE_KEYWORDS = [
     "bar_certificate",
     "force_certificate",
 ]
-# Options that several commands have, by name. The constants below are single ones of them.
+# Options that several commands have, by name. Each constant below is one of these options.
 _SHARED = options_of("shared")
 CI = _SHARED["ci"]
 SEED = _SHARED["seed"]

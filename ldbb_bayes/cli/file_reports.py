@@ -119,8 +119,8 @@ def report_files(
         fit_result = fit_tables.full_result(fit, settings["prob"])
         stated_result = fit_tables.full_result(stated_posterior, settings["prob"])
         if campaign.tolerances:
-            # State the same decisions on conformity in the summary of the fit and in that of the
-            # stated posterior. They are those at the force that the report states.
+            # State the same decisions on conformity in the summary of the fit and in the summary of
+            # the stated posterior: the decisions at the force that the report states.
             decisions = lb.assess_conformity(stated_posterior, force_N=settings.get("force_N"))
             conformity = {name: decision.as_dict() for name, decision in decisions.items()}
             fit_result["conformity"] = conformity

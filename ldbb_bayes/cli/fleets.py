@@ -97,8 +97,9 @@ def batch(
 def _batch_parts(result: lb.fleet.Batch) -> tuple[Table | str, ...]:
     """Return what to print of a batch of fits.
 
-    It is a table of the numbers of campaigns, the first failed and doubtful campaigns with their
-    reasons, the time and the path of the file with the results.
+    The parts are a table of the numbers of campaigns, at most ten failed and at most ten doubtful
+    campaigns with the reasons, the time that the fits took, and the path of the file with the
+    results.
     """
     counts = (
         ("fitted", result.done),

@@ -226,7 +226,8 @@ class Machine(Shown):
     def joints(self) -> tuple[Joint, ...]:
         """Joints of the linear axes whose compliances and geometric errors are modelled.
 
-        These are the axes that move in any tested plane, in the order of the planes' axes.
+        There is one joint for each axis that moves in a tested plane, in the order of the planes'
+        axes.
         """
         return tuple(self.joint(axis) for axis in dict.fromkeys("".join(self.planes)))
 
@@ -240,9 +241,9 @@ class Machine(Shown):
     def squareness_joints(self, plane: str) -> tuple[Joint, Joint]:
         """Return the two joints between which the squareness error of a plane is defined.
 
-        The first is the reference. If both joints carry the tool, or both the workpiece, it is the
-        one nearer the foundation; otherwise it is the one that carries the workpiece. The error
-        turns the direction of the second joint. ``plane`` is XY, YZ or ZX.
+        The first joint is the reference. If both joints carry the tool, or both the workpiece, the
+        reference is the joint nearer the foundation; otherwise it is the joint that carries the
+        workpiece. The error turns the direction of the second joint. ``plane`` is XY, YZ or ZX.
         """
         a = self.joint(plane[0])
         b = self.joint(plane[1])

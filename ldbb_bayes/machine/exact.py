@@ -134,7 +134,8 @@ def _joint_transform(
     """Return the homogeneous transforms of one joint about its frame, shape (n, 4, 4).
 
     The transforms contain the nominal motion and the error motions of the joint (Eq. 4-5 and 8-9 of
-    the paper). ``coordinate`` (n,) are positions of the joint's axis [mm]; ``errors`` are values of
+    the paper). ``coordinate`` (n,) are nominal displacements along the joint's axis [mm], which are
+    minus the machine coordinate if the joint carries the workpiece. ``errors`` are values of
     geometric errors by name.
     """
     motion = np.zeros((len(coordinate), 3), dtype=np.result_type(float, *errors.values()))

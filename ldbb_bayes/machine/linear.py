@@ -381,8 +381,9 @@ def _joint_matrices(names: Sequence[ComplianceName], halves: NDArray[np.float64]
 def _proportional_sets(candidates: _Candidates) -> list[list[int]]:
     """Return sets of compliances whose effects on the readings are proportional to each other.
 
-    ``candidates`` are all compliances that may change readings. Each set is a list of the indices
-    of its compliances among these. The preferred compliance comes first; it represents the set.
+    ``candidates`` are all compliances that may change readings. Each set is a list of indices of
+    its compliances, counted from 0 among the candidates. The preferred compliance comes first; it
+    represents the set. A compliance that is proportional to no other is a set of its own.
     """
     unit = candidates.unit
     sets: list[list[int]] = []

@@ -1,8 +1,9 @@
 """Information that readings carry about all coefficients of a bound model.
 
-A bound model is the model of one campaign. Its coefficients are the parameters of interest
-(compliances, their slopes and geometric errors) and those of the nuisances, which are effects that
-are modelled but not of interest. Its hyper-parameters φ are the scales of noise and nuisances.
+A bound model is the model of one campaign. The coefficients of the model are the parameters of
+interest (compliances, their slopes and geometric errors) and the coefficients of nuisances, which
+are effects that are modelled but not of interest. The hyper-parameters φ of the model are the
+scales of noise and nuisances.
 """
 
 from __future__ import annotations

@@ -25,7 +25,7 @@ class ParameterConditional(Gaussian):
 
     β are the p parameters, y the readings and φ the hyper-parameters (scales of the noise and of
     other effects). ``physical`` is the region A β ≥ 0 where compliances are not negative, with A of
-    shape (rows, p). The density itself is not restricted to it.
+    shape (rows, p). The density itself is not restricted to this region.
     """
 
     physical: Truncation
@@ -55,11 +55,12 @@ class ParameterConditional(Gaussian):
         self,
         rng: np.random.Generator,
     ) -> tuple[Array, NDArray[np.bool_]]:
-        """Return random parameters without negative compliances, and whether they are exact.
+        """Return random parameters given that no compliance is negative, and whether each is exact.
 
         There is one draw of the p parameters for each of the w Gaussian densities; the draws have
         the shape (w, p). A draw is exact if the rejection sampler accepted it and rounding made no
-        compliance negative; whether it is so has the shape (w,).
+        compliance negative; this is stated by an array of the shape (w,). A draw that is not exact
+        may have a negative compliance.
         """
         z, accepted = self.orthant.draw_standard(rng)
         beta = self.from_standard(z)

@@ -57,9 +57,9 @@ _GRAM_COLUMNS = 4
 class Front(NamedTuple):
     """Groups of columns of the design matrix A that are eliminated together.
 
-    Each group has the same number s of columns. The border of a group is the m columns eliminated
-    later that have rows in common with it: some row is non-zero in both. Rows of A of one kind have
-    the same noise variance.
+    Each group has the same number s of columns. The border of the groups is m columns that are
+    eliminated later and have rows in common with the groups: rows in which a column of the border
+    and a column of a group are both non-zero. Rows of A of one kind have the same noise variance.
     """
 
     #: Indices of the s columns of each group in the design matrix, shape (groups, s).
@@ -172,9 +172,9 @@ class Front(NamedTuple):
 class Elimination(NamedTuple):
     """Groups of columns of the design matrix, in the order of their elimination.
 
-    Two columns have a row in common if both are non-zero in it. Isolated groups have no row in
-    common with other columns. Leaves have rows in common with one further group only, the root. The
-    root is eliminated last.
+    Two columns have a row in common if both are non-zero in that row. Isolated groups have no row
+    in common with other columns. Leaves have rows in common with one further group only, the root.
+    The root is eliminated last.
     """
 
     isolated: list[Front]

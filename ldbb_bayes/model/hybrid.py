@@ -977,8 +977,10 @@ class BoundModel(Shown):
     def draw_machine(self, rng: np.random.Generator) -> Array:
         """Return the p parameters of a machine drawn at random from the prior, shape (p,).
 
-        In the default model, the prior sd of a slope is proportional to the size of its compliance;
-        this size is then that of the drawn compliance. The parameters are in mm, N and rad.
+        In the default model, the prior sd of a slope is proportional to the estimate of its
+        compliance; here the drawn compliance takes the place of the estimate. If the prior excludes
+        negative compliances, no drawn compliance is negative. The prior must not be flat. The
+        parameters are in mm, N and rad.
         """
         prior = self.model.prior
         if not prior.slopes_of_estimate:

@@ -3,8 +3,8 @@
 Parameters are compliances, their slopes with force and geometric errors. Nuisances are effects that
 are modelled but not of interest. Hyper-parameters are the scales of noise and nuisances. The module
 computes the uncertainty of each coefficient, and what the uncertainty would be if a nuisance were
-known. `identify`, uncertainty budgets and designs use it. It needs the forces and angles of the
-readings, but not their values.
+known. `identify`, uncertainty budgets and designs use this module. The computation needs the forces
+and angles of the readings, but not their values.
 """
 
 from __future__ import annotations
@@ -143,7 +143,7 @@ class Information:
     def root(
         self, fixed: Collection[str] = (), *, times: float = 1.0
     ) -> tuple[Array, NDArray[np.intp]]:
-        """Return a square root of the coefficients' posterior precision matrix, and its indices.
+        """Return a square root of the posterior precision matrix, and which coefficients it holds.
 
         The coefficients are divided by their prior sd. Coefficients that are taken as known are
         left out of the matrix.

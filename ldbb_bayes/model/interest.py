@@ -131,9 +131,9 @@ class ParametersOfInterest:
     def compliance_sd(self, prior: Prior) -> Array:
         """Return the prior sd of every compliance, shape (compliances,), in mm, N and rad.
 
-        The circles cannot separate some compliances of the machine from each other; one of them
-        then represents the others in the model. Its prior sd includes the contribution of those
-        that it represents, unless the user gave the sd.
+        If the circles cannot separate several compliances of the machine, one of them represents
+        the others in the model. The prior sd of this compliance includes the contribution of the
+        others, unless the user gave the sd.
         """
         overridden = [name.label in prior.overrides for name in self.compliances]
         with_dropped_sets = self._with_dropped_sets(prior.compliance_sd)

@@ -198,8 +198,9 @@ class StructuredGaussian:
             Values of the p parameters of interest, shape (w, p), or (p,) for all w alike. None if
             the object was made without parameters.
         last
-            Number of coefficients that the Gaussian has: the last ones of those that are the same
-            in all tests; by default all of them.
+            Number of coefficients of the Gaussian. They are the last of the coefficients that are
+            the same in all tests. By default the Gaussian has all coefficients that are the same in
+            all tests.
         """
         first = 0 if last is None else self._shared - last
         elimination = self._conditional_elimination(last)

@@ -329,7 +329,7 @@ def _reading_rows(
     *,
     all_uniform: bool,
 ) -> Rows:
-    """Return the observation equations of the readings, test by test, without those of priors.
+    """Return the rows of the observation equations that are readings, test by test.
 
     The last row of each test represents the part of its readings that Fourier series to order 12
     cannot describe. ``offset`` (tests, 25) is the known part of the readings and ``interest``

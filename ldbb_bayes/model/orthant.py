@@ -73,8 +73,8 @@ _CHUNK = 1 << 20
 # lower bounds of its constraints times this factor, modulo 1. Different vectors thereby use
 # different points.
 _DIGITS = 1e5
-# Absolute error of Owen's T function, from which probabilities of two constraints are computed, in
-# SciPy's implementation.
+# Absolute error of SciPy's implementation of Owen's T function, from which the probabilities of two
+# constraints are computed.
 _OWEN_ERROR = 1e-15
 # The bound of P(u ≥ 0) from pairs of constraints is not used if the probability that the two
 # constraints most likely to fail both hold is smaller than this. The bound is then too inaccurate.
@@ -99,8 +99,9 @@ _SHIFT_DIMENSIONS = 32
 class OrthantMoments(NamedTuple):
     """Mean and covariance of e ~ N(0, I) given u = mean + spread e ≥ 0, for w problems.
 
-    e has q elements and u, the vector of the constraints, has m. The moments are those of the d
-    coordinates of e along the orthonormal directions ``axes``, on which alone u depends.
+    e has q elements; u, the vector of the constraints, has m elements. The moments are those of the
+    d coordinates of e along the orthonormal directions ``axes``. u depends on these coordinates
+    only.
     """
 
     #: Mean of the d coordinates of the standard normal vector e along ``axes``, given that all
@@ -211,9 +212,9 @@ class Orthant:
 
         e is a vector of q elements in each of w problems. The moments are those of its coordinates
         along the directions `axes`; perpendicular to them e stays standard normal. The moments are
-        weighted means over quasi-random points. These are shifted by an amount computed from the
-        constraints of the problem alone. Errors then average out over many problems, and the result
-        of a problem does not depend on the others in the batch.
+        weighted means over quasi-random points. The points of a problem are shifted by an amount
+        that is computed from its constraints alone. Errors therefore average out over many
+        problems, and the result of a problem does not depend on the others in the batch.
 
         Parameters
         ----------

@@ -185,13 +185,14 @@ class Setting:
         *,
         signed: bool = False,
     ) -> Array:
-        """Return Fourier coefficients of a power |u|^a of the bar's direction u, to order 12.
+        """Return Fourier coefficients of |u|^a, where u is the bar's component along an axis.
 
         u = A cos(θ − ϑ) is the component along a machine axis of the unit vector along the bar,
         with amplitude A and phase ϑ; θ is the angle on the circle. The series is
-        |u|^a = A^a Σ s_n cos n(θ − ϑ), summed over even n, or over odd n if |u|^a is multiplied by
-        the sign of u. Its coefficients are s_n = 2^(1−a) Γ(a+1) / (Γ(1+(a+n)/2) Γ(1+(a−n)/2)),
-        where Γ is the gamma function; s_0 is half of that.
+        |u|^a = A^a Σ s_n cos n(θ − ϑ), summed over even n up to 12, or over odd n if |u|^a is
+        multiplied by the sign of u. The coefficients of the series are
+        s_n = 2^(1−a) Γ(a+1) / (Γ(1+(a+n)/2) Γ(1+(a−n)/2)), where Γ is the gamma function; s_0 is
+        half of this expression.
 
         Parameters
         ----------
@@ -337,7 +338,7 @@ def setting_of(
         Reference force F0 [N]; None means the middle of the range of forces.
     pilot
         Campaign from which a plan takes F0, range and largest value of the forces, and the zero of
-        time and temperature. None if these are those of ``campaign`` itself.
+        time and temperature. If it is None, they are taken from ``campaign`` itself.
     """
     machine = campaign.machine()
     tests = campaign.tests
@@ -383,7 +384,7 @@ def setting_of(
 
 
 def _machine_columns(campaign: Campaign, compliances: Sequence[ComplianceName]) -> _MachineColumns:
-    """Return bar direction and readings per unit parameter for every test's circle.
+    """Return the bar's direction and the reading per unit of each parameter, for every test.
 
     The parameters are the named compliances and all geometric errors of the machine. Results are
     Fourier coefficients of shape (tests, 25, columns).

@@ -1,9 +1,10 @@
 """Minimax tilting: random draws of Gaussian vectors u given u ≥ 0, from a shifted density.
 
 The constraints are u = L (x − x₀) ≥ 0 with L (d, d) lower triangular and x (d,) standard normal.
-They are also written unit · x ≥ bound, where unit is L with each row divided by its diagonal entry,
-and bound = unit · x₀. Each x_j is drawn at random above its lower limit, from a normal density
-shifted by a tilt μ_j. The log importance weight (Φ is the standard normal distribution function)
+These constraints are also written unit · x ≥ bound, where unit is L with each row divided by its
+diagonal entry, and bound = unit · x₀. Each x_j is drawn at random above its lower limit, from a
+normal density shifted by a tilt μ_j. The log importance weight (Φ is the standard normal
+distribution function)
 
     ψ(x, μ) = Σ_j ln Φ(−e_j) + ½ μ_j² − x_j μ_j,   e_j = bound_j − Σ_{k<j} L_jk x_k / L_jj − μ_j,
 
@@ -91,12 +92,12 @@ class _Interval(NamedTuple):
 class _ConvexFunction(NamedTuple):
     """Convex function whose minimum gives the saddle point of the tilted density, for w problems.
 
-    Each problem has d constraints on a standard normal vector x: every element of U x must be at
-    least that of ``bound``, where the rows of the matrix U are unit normals of the constraints. The
-    value of the function is ½ mᵀ C m − boundᵀ m + Σ_j (e_j m_j + ln Φ(−e_j)), with the coupling
-    C = U Uᵀ − I of the constraints, shape (w, d, d). The argument m, shape (w, d), holds the
-    inverse Mills ratios φ(e) / Φ(−e) of the edges e: the lower limits of normal variables that the
-    tilting has shifted. φ and Φ are the standard normal density and distribution function.
+    Each problem has d constraints U x ≥ ``bound`` on the elements of U x. x is a standard normal
+    vector, and U a lower triangular matrix with ones on its diagonal. The value of the function is
+    ½ mᵀ C m − boundᵀ m + Σ_j (e_j m_j + ln Φ(−e_j)), with the coupling C = U Uᵀ − I of the
+    constraints, shape (w, d, d). The argument m, shape (w, d), holds the inverse Mills ratios
+    φ(e) / Φ(−e) of the edges e: the lower limits of normal variables that the tilting has shifted.
+    φ and Φ are the standard normal density and distribution function.
     """
 
     #: Value, for each of w problems, of the convex function whose minimum gives the saddle point of
@@ -172,8 +173,8 @@ class Tilted(NamedTuple):
     def log_bound(self) -> Array:
         """Upper bound of the log probability that all constraints hold, shape (w,).
 
-        The bound is the log importance weight at its saddle point. It does not consider constraints
-        that are linear combinations of others.
+        The bound is the log importance weight at its saddle point. Constraints that are linear
+        combinations of others are not considered.
         """
         independent = self._replace(last=np.full_like(self.last, -1))
         return independent.log_weight(self.x[:, None])[0]

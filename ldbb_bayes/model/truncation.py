@@ -57,10 +57,10 @@ class Truncation:
         return np.all(beta @ self.rows.T >= 0.0, axis=-1)
 
     def orthants(self, mean: Array, spread: Array) -> Orthant:
-        """Return the problems P(A β ≥ 0) for w Gaussians β ~ N(mean, spread spreadᵀ).
+        """Return the object that computes P(A β ≥ 0) for w Gaussians β ~ N(mean, spread spreadᵀ).
 
-        A β ≥ 0 is the region of the p parameters β in which no compliance is negative. The result
-        computes the probability of the region, and random draws in it.
+        A β ≥ 0 is the region of the p parameters β in which no compliance is negative. The object
+        also makes random draws in this region.
 
         Parameters
         ----------

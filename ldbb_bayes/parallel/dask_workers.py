@@ -194,8 +194,8 @@ def _local_cluster(workers: int) -> Iterator[Any]:
 def _check_workers(client: Any, scheduler: str) -> None:
     """Raise an `InputError` for Dask workers that would fail or give other results than here.
 
-    These are workers with several threads, or with other versions of this package and its libraries
-    than in this process. ``client`` is Dask's connection to the scheduler, and ``scheduler`` the
+    Such workers have several threads, or other versions of this package and its libraries than this
+    process. ``client`` is Dask's connection to the scheduler, and ``scheduler`` the
     address of the scheduler for messages.
     """
     versions_by_worker = client.run(partial(versions, python=True), on_error="return")

@@ -82,8 +82,9 @@ def usable_cores() -> int:
 def refuse_to_nest() -> None:
     """End this process if it is a worker that is still importing the user's script.
 
-    The script then starts workers outside ``if __name__ == "__main__":``, so that each worker would
-    start workers again. The process that started this worker reports the fault to the user.
+    A worker gets here while it imports the script if the script starts workers outside
+    ``if __name__ == "__main__":``. Each worker would then start workers again. The process that
+    started this worker reports the fault to the user.
     """
     if getattr(multiprocessing.current_process(), "_inheriting", False):
         sys.exit(1)

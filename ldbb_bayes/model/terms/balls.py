@@ -41,9 +41,10 @@ _LAST_SPHERICITY_ORDER = 3
 
 
 class _TurnedBall(NamedTuple):
-    """Ball, and the angle [rad] by which it is turned against the angle of the Fourier series.
+    """Ball that has a part in a form error, and the angle [rad] by which it is turned against it.
 
-    The Fourier series is that of the ball's form, or of the sum of the forms of both balls.
+    The form error is a Fourier series in an angle, either of this ball alone or of the sum of both
+    balls. The ball is turned against the zero of this angle.
     """
 
     ball: Ball
@@ -176,7 +177,8 @@ class BallForm(Term):
     def _sphericity(self, ball: Ball) -> float:
         """Return a ball's deviation from sphericity [µm], peak to valley.
 
-        It is the one that the ball's certificate or grade states; without these, the assumed one.
+        The ball's certificate or grade states the deviation. Without certificate and grade, the
+        deviation is ``sphericity_um``.
         """
         stated = ball.stated_sphericity_um
         return self.sphericity_um if stated is None else stated
@@ -184,9 +186,9 @@ class BallForm(Term):
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
         """Yield what the term assumes about the form of each ball, order by order.
 
-        These are the sds of the coefficients of the orders 2 and 3, and the amplitudes and sds that
-        certificates state. The part of the sd from the hyper-parameter τ, the scale of form, is not
-        included. If the field ``law`` is ``1/n``, nothing is yielded.
+        The assumptions are the sds of the coefficients of the orders 2 and 3, and the amplitudes
+        and sds that certificates state. The part of the sd from the hyper-parameter τ, the scale of
+        form, is not included. If the field ``law`` is ``1/n``, nothing is yielded.
         """
         if self.law != "decay":
             return
@@ -297,8 +299,8 @@ class MachinePattern(Term):
     hyper-parameters ω (scale at order 6) and p (decay with order, the same as for the form of the
     balls). The pattern is the same in all tests of one plane, direction of travel and radius. The
     term acts only if the clocking of a ball (angle by which it is turned in its socket) differs
-    between tests: the form of the ball turns with it and the pattern does not, so that they can be
-    separated.
+    between tests. Form and pattern can then be separated, because the form turns with the ball and
+    the pattern does not.
 
     Examples
     --------

@@ -106,8 +106,8 @@ class Columns(Shown):
     """Columns of one term's p coefficients, with the Gaussian prior of the coefficients.
 
     A column is the reading per unit of a coefficient, as a function of the angle θ on the circle.
-    It is stated by its Fourier coefficients, those of 1, cos θ, sin θ, cos 2θ, sin 2θ, … to the
-    order 12. The prior sd of coefficient j is sd_j · hyper · λ · (order_j/6)^(−decay), to which
+    The column is given by its Fourier coefficients: those of 1, cos θ, sin θ, cos 2θ, sin 2θ, … to
+    the order 12. The prior sd of coefficient j is sd_j · hyper · λ · (order_j/6)^(−decay), to which
     ``stated`` is added in quadrature. hyper, λ (noise factor of the test's circle) and decay are
     hyper-parameters.
 

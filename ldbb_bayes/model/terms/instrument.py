@@ -272,12 +272,12 @@ class ForceError(Term):
 class Angle(Term):
     """Error of the angle's reference, and lag of the trace behind the angle.
 
-    Both shift the readings ρ in the angle θ on the circle, and change them by the shift times
-    dρ/dθ. ρ = F j_C·Ĉ + j_G·Ê are the readings predicted from the estimated compliances Ĉ and
-    geometric errors Ê. F is the force, j_C the reading per unit force and compliance, and j_G the
-    reading per unit geometric error. The shift from the reference is the same in all tests; that
-    from the lag has the sign of the direction of travel. Tests that state no direction count as
-    clockwise.
+    Both effects shift the readings ρ along the angle θ on the circle, and thereby change a reading
+    by the shift times dρ/dθ. ρ = F j_C·Ĉ + j_G·Ê are the readings predicted from the estimated
+    compliances Ĉ and geometric errors Ê. F is the force, j_C the reading per unit force and
+    compliance, and j_G the reading per unit geometric error. The shift from the reference is the
+    same in all tests. The shift from the lag has the sign of the direction of travel. Tests that
+    state no direction count as clockwise.
 
     Examples
     --------
