@@ -383,10 +383,10 @@ def _like_lobes(bound: BoundModel, aliases: Sequence[Degeneracy]) -> tuple[str, 
 
 
 def _all_coefficients(bound: BoundModel) -> _Coefficients:
-    """Return the parameters, and nuisance coefficients (other effects), that act in several tests.
+    """Return the coefficients that act in several tests: parameters and nuisance coefficients.
 
-    The nuisance coefficients are those of the model's terms, and those of terms that the model's
-    preset has but the model leaves out.
+    The nuisance coefficients (effects that are not of interest) are those of the model's terms, and
+    those of terms that the model's preset has but the model leaves out.
     """
     modelled = {type(term): term for term in bound.model.nuisances}
     terms = {**_edition_terms(bound), **modelled}

@@ -6,10 +6,9 @@ M, weighted by the posterior probability of the model given the readings y. β a
 and of other effects). The models differ in whether compliance changes with force (slopes), and in
 what else may explain such a change (rival explanations).
 
-Every model with every subset of rival explanations has the same prior probability, as in
-`explanations`. A parameter that a model lacks is zero in the draws of that model. The share of
-zeros among all draws is therefore the probability that the parameter is zero (Hoeting, Madigan,
-Raftery and Volinsky 1999).
+Every model with every subset of rival explanations has the same prior probability. A parameter that
+a model lacks is zero in the draws of that model. The share of zeros among all draws is therefore
+the probability that the parameter is zero (Hoeting, Madigan, Raftery and Volinsky 1999).
 """
 
 from __future__ import annotations

@@ -100,7 +100,7 @@ class _PosteriorVariance:
     of the prior standard deviations. ``shares`` holds, by names of source and model term, the share
     of the source in the variance of each parameter, shape (p,). ``variance_if_known`` holds, by
     name of a model term, the variance that each parameter would have if the term were known
-    exactly, shape (p,).
+    exactly, divided by its prior variance, shape (p,).
     """
 
     bound: BoundModel
@@ -141,7 +141,8 @@ def budget_uncertainty(posterior: xr.DataTree) -> dict[str, Budget]:
     -------
     dict of str to Budget
         Budget of each parameter by name, in internal units (mm, N, rad). Its ``contributions`` are
-        the lines, the largest share first; ``heaviest`` is the term with the largest share.
+        the lines, the largest share first. Its ``heaviest`` is the term with the largest share; if
+        the terms of type B have more than half of the variance, it is the largest of these.
 
     Raises
     ------

@@ -269,8 +269,8 @@ class Comparison(Result):
     def headline(self) -> tuple[float, float]:
         """Return the log Bayes factor of the second model over the first, and its error [nat].
 
-        If rival explanations of a change with force were compared, the log Bayes factor is averaged
-        over them.
+        If rival explanations of a change of the readings with force were compared, the log Bayes
+        factor is averaged over them.
         """
         if self.explanations is None:
             return (
@@ -447,9 +447,9 @@ def compare(
 ) -> Comparison:
     """Compare models of one campaign by evidence and by how well they predict tests left out.
 
-    The evidence of a model is the density of the readings under it. Its ratio for two models, the
-    Bayes factor B, is recomputed under other priors of the slopes (changes of compliance with
-    force) and under other assumptions about how circles differ from one another.
+    The evidence of a model is the density of the readings under it. The ratio of the evidences of
+    two models, the Bayes factor B, is recomputed under other priors of the slopes (changes of
+    compliance with force) and under other assumptions about how circles differ from one another.
 
     Parameters
     ----------
@@ -595,8 +595,8 @@ def _plan_comparison(
 
     With ``evidence_only``, no test is left out, models with only some of the slopes (changes of
     compliance with force) are not compared, and there are no fits to neighbouring forces. Rival
-    explanations of a change with force are compared if the second model is the first with slopes
-    added and has rival explanations.
+    explanations of a change of the readings with force are compared if two conditions hold: the
+    second model is the first with slopes added, and it has rival explanations.
     """
     first, second = tuple(models)[:2]
     pair = {first: models[first], second: models[second]}

@@ -7,7 +7,7 @@ length and mount. The errors of their estimates are therefore correlated, and th
 less than their error bars suggest.
 
 Geometric errors are fitted anew in every pair. A pair therefore estimates the tangent d(F C)/dF = C
-+ F dC/dF, which equals the compliance C(F) only where it does not change with the force F.
++ F dC/dF. It equals the compliance C(F) only where the compliance does not change with the force F.
 """
 
 from __future__ import annotations

@@ -59,8 +59,8 @@ _CIRCLES_PER_DRAW_AGAIN = 2
 class JudgedTest:
     """One test compared with what the other tests, except flagged ones, predict for it.
 
-    If a campaign has two tests that disagree, both have small p-values. Neither is flagged, because
-    nothing tells which of them is wrong.
+    If a campaign has only two tests and they disagree, both have small p-values. Neither is
+    flagged, because nothing tells which of them is wrong.
     """
 
     #: probability that another circle of the same machine deviates as much, in any Fourier order,

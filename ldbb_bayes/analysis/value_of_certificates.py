@@ -32,8 +32,8 @@ def uncertainty_with(bound: BoundModel, instrument: Instrument, weight: Array, p
     """Return the standard uncertainty of every parameter, given an instrument's certificates.
 
     The variance of each parameter, given the hyper-parameters φ (the scales of the noise and of
-    other effects), is averaged over values of φ. These are from the posterior without the
-    certificates.
+    other effects), is averaged over values of φ. These values are computed without the certificates
+    of ``instrument``.
 
     Parameters
     ----------
@@ -78,9 +78,9 @@ def worth_of_certificates(
     Returns
     -------
     dict
-        Standard uncertainties in internal units (mm, N, rad), by certificate, then by parameter. The
-        first key is "none of these", a key of `CERTIFICATES`, or "all of these". The last is there
-        only if several certificates are missing.
+        Standard uncertainties in internal units (mm, N, rad), by certificate, then by parameter.
+        The keys for certificates are "none of these", the missing keys of `CERTIFICATES` and, if
+        several are missing, "all of these".
     """
     missing = _missing_certificates(bound.campaign.instrument)
     cases: dict[str, Mapping[str, Any]] = {"none of these": {}, **missing}

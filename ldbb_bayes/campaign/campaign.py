@@ -317,9 +317,10 @@ class Campaign(CampaignFields):
     def sha256(self) -> str:
         """SHA-256 digest of the readings and the conditions under which they were taken.
 
-        Campaigns with the same tests, in the same order and with the same names, have the same
-        digest, however their files are written. Certificates do not change the digest, because they
-        enter the model as prior knowledge.
+        The conditions are those of each test, and the campaign's topology, frames, mount and
+        resolution. The digest also depends on the names, the order and the foreseen tests, but not
+        on how the files are written. Certificates do not change the digest, because they enter the
+        model as prior knowledge.
         """
         digest = hashlib.sha256()
         head: list[Any] = [

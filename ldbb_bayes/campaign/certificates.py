@@ -211,11 +211,12 @@ class CalibrationCertificate(Shown):
     def force(self) -> dict[str, Any]:
         """Return what the certificate states about a force device, by the keys of campaign.toml.
 
-        The key U_percent is the relative expanded uncertainty (k = 2) of the gain in percent or, if
-        no gain is stated, that of the largest certified force. The key linearity_percent is the
-        largest deviation from a straight line, in percent of the largest force. The key certificate
-        is the name of the certificate. Of U_percent and linearity_percent, one that the certificate
-        does not state is left out. Raise an `InputError` if it states neither.
+        The key U_percent is the expanded uncertainty (k = 2) of the gain, in percent of the gain.
+        If no gain is stated, it is that of the largest certified force, in percent of this force.
+        The key linearity_percent is the largest deviation from a straight line, in percent of the
+        largest force. The key certificate is the name of the certificate. If the certificate does
+        not state one of the two percentages, the key is left out. Raise an `InputError` if it
+        states neither.
         """
         stated: dict[str, Any] = {}
         sources = []

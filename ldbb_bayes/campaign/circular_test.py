@@ -325,9 +325,10 @@ class CircularTest(TestFields):
     def arc_deg(self) -> float:
         """Arc that the angles of the test cover [deg].
 
-        The arc is 360° minus the largest gap between neighbouring angles on the circle. It is 360°
-        if the largest gap is no wider than three usual gaps, see `usual_gap`. Angles of several
-        turns are first reduced to one turn.
+        Angles of several turns are first reduced to one turn. The arc is 360° minus the largest gap
+        between neighbouring angles on the circle. If the largest gap is no wider than three usual
+        gaps, the arc is 360°. Half of the rest of the circle lies in gaps that are no wider than
+        the usual gap.
         """
         return _arc_of(self.angle_deg.tobytes())
 
@@ -357,9 +358,9 @@ def _arc_of(angles: bytes) -> float:
 def usual_gap(gaps_deg: Array) -> float:
     """Return the usual one of n ≥ 2 gaps between neighbouring angles on a circle [deg].
 
-    The usual gap is the smallest one for which the gaps up to its width cover half of the circle;
-    the largest gap is left out first. Angles that nearly repeat one another make the median gap
-    smaller, but hardly this one.
+    The largest gap is left out first. The usual gap is then the smallest one for which the gaps up
+    to its width cover at least half of the rest of the circle. Angles that nearly repeat one
+    another make the median gap smaller, but hardly the usual gap.
 
     Parameters
     ----------

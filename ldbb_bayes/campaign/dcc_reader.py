@@ -1,6 +1,6 @@
 """Reading of digital calibration certificates (DCC, schema 2 and 3) from XML.
 
-XML files that declare a document type, which may define entities, are refused, because the file is
+A file that declares a document type, which may define entities, is refused, because the file is
 not trusted.
 """
 

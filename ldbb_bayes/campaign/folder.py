@@ -187,9 +187,9 @@ def labels_of(path: str | os.PathLike[str]) -> dict[str, str]:
     """Return the name, the machine_id and the date that a campaign.toml states, by these keys.
 
     If no machine_id is stated, the serial number of the machine takes its place. A date is a text
-    in ISO 8601. Keys that are not stated, or have a text of more than 200 characters, are left out;
-    for a file that cannot be read, and for a CSV file, nothing is returned. ``path`` is the path of
-    a campaign folder or of a file.
+    in ISO 8601. Keys that are not stated, or have a text of more than 200 characters, are left out.
+    The dictionary is empty for a file that cannot be read, and for a CSV file. ``path`` is the path
+    of a campaign folder or of a file.
     """
     file = Path(path)
     if os.path.isdir(path):

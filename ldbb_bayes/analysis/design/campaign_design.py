@@ -207,8 +207,8 @@ class Design(Forecast):
     def model(self) -> HybridModel:
         """The model for the analysis of the recommended tests.
 
-        Whatever the forces of the tests, its reference force F0 and the prior standard deviations
-        of the slopes are those of the campaign or plan that the design starts from.
+        Its reference force F0 and the prior standard deviations of the slopes are those of the
+        campaign or plan that the design starts from, whatever the forces of the tests are.
         """
         return self._require_planned().model
 

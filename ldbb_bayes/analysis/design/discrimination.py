@@ -73,11 +73,11 @@ def discrimination_of(
 
     Slopes are the changes of the compliances with force; they are compared with no slopes.
 
-    Let m, shape (s,), be the posterior mean of the s slopes that the analysis will find, and C,
-    shape (s, s), their covariance. The log Bayes factor is ln B = ½ (ln det C + mᵀ C⁻¹ m). Let m₁
-    be the mean and P₁ the precision of the slopes before the tests, C = L Lᵀ (Cholesky), and Lᵀ P₁
-    L = U e Uᵀ (eigenvalues e). The components of z = Uᵀ L⁻¹ m are then independent. Given slopes β,
-    their means are e Uᵀ L⁻¹ m₁ + (1 − e) Uᵀ L⁻¹ β and their variances 1 − e.
+    Let m, shape (s,), be the mean of the s slopes that the analysis of the tests will find, and C,
+    shape (s, s), their posterior covariance. The log Bayes factor is ln B = ½ (ln det C + mᵀ C⁻¹
+    m). Let m₁ be the mean and P₁ the precision of the slopes before the tests, C = L Lᵀ (Cholesky),
+    and Lᵀ P₁ L = U e Uᵀ (eigenvalues e). The components of z = Uᵀ L⁻¹ m are then independent. Given
+    slopes β, their means are e Uᵀ L⁻¹ m₁ + (1 − e) Uᵀ L⁻¹ β and their variances 1 − e.
 
     Parameters
     ----------
