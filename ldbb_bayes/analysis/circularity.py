@@ -61,8 +61,8 @@ QUANTITIES = {
 }
 BIDIRECTIONAL = {"G_b": "µm", "D": "µm"}
 MINIMUM_ZONES = {"G_minimum_zone": "µm", "G_b_minimum_zone": "µm"}
-# Whether each of the 25 Fourier coefficients of a circle is kept when radius and centre are
-# removed. The first three are not: the mean radius, and the amplitudes of cos θ and sin θ.
+# Mask of the 25 Fourier coefficients of a circle that is false for those that describe its radius
+# and centre: the mean radius, and the amplitudes of cos θ and sin θ.
 _CENTRED = np.arange(SIZE) >= 3
 # Regular expressions for the names of hysteresis coefficients. The first matches the part that is
 # independent of force, the second the part that is proportional to force.

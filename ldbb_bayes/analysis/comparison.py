@@ -229,21 +229,23 @@ class Comparison(Result):
     #: factor in ``prior_sensitivity`` changes sign
     prior_sensitivity_crossings: tuple[float, ...]
     #: log Bayes factor of the second model over the first under each assumption about how circles
-    #: differ from one another; the models' own assumption comes first, white noise alone last
+    #: differ from one another; the models' own assumption comes first, white noise alone last. If
+    #: there are ``explanations``, the second is averaged over the rival explanations, and the third
+    #: is that without them.
     discrepancy_sensitivity: tuple[Assumed, ...]
-    #: slope (change with force) of each compliance, by name of the compliance; empty if no model
-    #: has slopes, or if only evidences were computed
+    #: posterior probability that each compliance changes with force, by name of the compliance;
+    #: empty if no model has slopes, or if only evidences were computed
     slopes: dict[str, VaryingSlope]
-    #: models in which different subsets of the compliances have slopes, the most probable model
-    #: first; not all subsets are compared if there are too many
+    #: models in which different subsets of the compliances change with force, the most probable
+    #: model first; not all subsets are compared if there are too many; empty if ``slopes`` is empty
     slope_subsets: tuple[SlopeSubset, ...]
     #: compliance C(F) against force F, by name, averaged over models in which different subsets of
-    #: the compliances change with force
+    #: the compliances change with force; empty if ``slopes`` is empty
     compliance_against_force: dict[str, Curve]
     #: every test predicted from the other tests, by name of the test; empty if no test was left out
     tests: dict[str, ComparedTest]
     #: fits of constant compliance to every two neighbouring forces: the table that `local_fits`
-    #: returns
+    #: returns; empty if all tests have one force, or if only evidences were computed
     local_fits: Records
     #: largest error allowed of every log evidence [nat]; assumptions whose log evidence is more
     #: than 10 nat lower than the best are allowed 0.1 nat
@@ -380,8 +382,8 @@ class _ComparisonPlan:
     pair: dict[str, HybridModel]
     #: model with the most parameters, with which the tests at neighbouring forces are fitted
     largest: HybridModel
-    #: the largest model, but with compliance that is at most linear in force; models in which only
-    #: some of its compliances change with force are compared
+    #: the largest model, with compliance at most linear in force; from it, the models are made in
+    #: which only some compliances change with force
     linear: HybridModel
     #: the first two models under each scale of the prior of the slopes (changes of compliance with
     #: force), in the order of `SLOPE_SCALES`; empty if neither model has slopes, or if the two
@@ -389,7 +391,7 @@ class _ComparisonPlan:
     by_slope_scale: dict[str, tuple[HybridModel, ...]]
     #: the first two models under their own assumption about how circles differ from one another
     unchanged: dict[str, tuple[HybridModel, ...]]
-    #: the first two models under each other assumption about how circles differ from one another
+    #: the first two models under each of the other assumptions about how circles differ
     by_assumption: dict[str, tuple[HybridModel, ...]]
     #: whether every test is predicted from the other tests
     leaves_tests_out: bool
@@ -397,8 +399,8 @@ class _ComparisonPlan:
     has_slope_subsets: bool
     #: whether models are fitted to the tests at neighbouring forces
     has_local_fits: bool
-    #: whether slopes are compared with rival explanations of a change with force, such as a
-    #: nonlinear mount
+    #: whether slopes are compared with rival explanations of a change of the readings with force,
+    #: such as a nonlinear mount
     has_rival_explanations: bool
 
     @property

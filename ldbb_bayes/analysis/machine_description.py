@@ -78,8 +78,8 @@ class DescribedMachine(Result):
     compliances: tuple[VisibleParameter, ...]
     geometric_errors: tuple[VisibleParameter, ...]
     null: tuple[str, ...]  #: names of the compliances that change no reading
-    #: names of the compliances that are not in ``compliances``, because their effect on the
-    #: readings is a combination of the effects of several that are
+    #: names of the compliances that are left out of ``compliances``, because their effect on the
+    #: readings is a combination of the effects of others
     dependent: tuple[str, ...]
     #: number of linearly independent effects that the machine's compliances have on the readings,
     #: the rank of the matrix of derivatives of the readings with respect to all compliances

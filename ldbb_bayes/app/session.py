@@ -53,9 +53,10 @@ class Session:
     process: asyncio.subprocess.Process | None = None
     #: Time of the last request from the session's page, on the monotonic clock [s].
     last_request_s: float = field(default_factory=time.monotonic)
-    #: Browser tabs that show the session; None before the first request.
+    #: Identifiers of the browser tabs that show the session; None before the first request.
     tabs: set[str] | None = None
-    #: Browser tabs that were closed; a late request from such a tab does not open it again.
+    #: Identifiers of the browser tabs that were closed. A late request from such a tab does not
+    #: open the tab again.
     closed: set[str] = field(default_factory=set)
     #: Original names of the added files, by the names under which the files are stored.
     names: dict[str, str] = field(default_factory=dict)

@@ -189,7 +189,7 @@ def _uncertainties_by_part(campaign: lb.Campaign) -> dict[str, list[dict[str, An
     """
     entries_by_part: dict[str, list[dict[str, Any]]] = {}
     for assumed in lb.terms.uncertainties(campaign).assumed:
-        # For example, the certificate of the uncertainty bar_length is in the field bar_U_um.
+        # For example, the instrument's field bar_U_um states the uncertainty bar_length.
         certificate_field = assumed.certificate
         part = certificate_field.partition("_")[0] or assumed.name.partition("_")[0]
         if part in ("work", "tool"):

@@ -118,7 +118,7 @@ class CampaignFields(Shown):
     """
 
     #: machine axes in order from workpiece to tool, such as wCAFYXZSt: w is the workpiece, F the
-    #: machine's foundation, S the spindle and t the tool
+    #: machine's foundation, S the spindle and t the tool; the other letters name the axes
     topology: str = "wCAFYXZSt"
     plane: str = "XY"  #: plane (XY, YZ or ZX) of all tests that do not state their own
     radius_mm: Length = 150.0  #: radius [mm] of all tests that do not state their own

@@ -44,12 +44,15 @@ class CertifiedQuantity:
     #: outermost first
     holders: tuple[str, ...]
     value: float
-    #: unit of the value in the notation of the D-SI (Digital SI), such as \micro\metre
+    #: unit of the value in the notation of the D-SI (Digital SI), such as \micro\metre; None if
+    #: missing
     unit: str | None
-    #: expanded uncertainty of the value, in the same unit, as the certificate states it
+    #: expanded uncertainty of the value, in the same unit, as the certificate states it; None if
+    #: missing
     U: float | None
-    k: float | None  #: coverage factor of the expanded uncertainty that the certificate states
-    #: coverage probability of the expanded uncertainty that the certificate states
+    #: coverage factor of the expanded uncertainty that the certificate states; None if missing
+    k: float | None
+    #: coverage probability of the expanded uncertainty that the certificate states; None if missing
     coverage: float | None
 
     @property

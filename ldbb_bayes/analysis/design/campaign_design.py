@@ -81,10 +81,12 @@ class Judged(Forecast):
     """Another design that is compared with the recommended one, and the forecast of its results."""
 
     name: str
-    #: table of the design's tests, one row per test: force_N, and the columns `Design.columns`
+    #: table of the design's tests, one row per test: force_N, and the columns that `Design.columns`
+    #: names
     tests: Records
     #: efficiency of these tests by the criterion of the design, relative to the best division of as
-    #: many tests among the candidates (tests that could be run)
+    #: many tests among the candidates (tests that could be run); zero if they leave a parameter
+    #: undetermined
     efficiency: float
 
 
@@ -150,8 +152,8 @@ class Design(Forecast):
 
     criterion: str  #: criterion that the design optimizes, such as ``eig``
     parameters: tuple[str, ...]  #: names of the parameters of interest; others are nuisances
-    #: recommended tests, one row per different test: force_N, the columns `columns`, and count, the
-    #: number of times to run the test
+    #: recommended tests, one row per different test: force_N, the columns that `columns` names, and
+    #: count, the number of times to run the test
     table: Annotated[Records, Field(alias="tests")]
     #: whether the tests of the pilot, the campaign that the design starts from, count as run
     #: already
@@ -163,8 +165,9 @@ class Design(Forecast):
     #: of tests among the candidates (tests that could be run), ``shares``
     efficiency: float
     certificate: Certificate  #: proof that no other shares of the tests are better than ``shares``
-    #: best division of the tests, one row per candidate test: force_N, the columns `columns`, and
-    #: share, the fraction of the tests that are run at this candidate
+    #: best division of the tests, one row per candidate test with a share above 0.0001: force_N,
+    #: the columns that `columns` names, and share, the fraction of the tests that are run at this
+    #: candidate
     shares: Records
     #: expected standard deviations, by parameter, of a design in equal steps of force, at the first
     #: of the radii and of the ball angles to choose from
@@ -179,8 +182,8 @@ class Design(Forecast):
     #: design starts from), not from their prior
     measured: bool
     pilot: Pilot  #: campaign or plan that the design starts from
-    #: one row per candidate test: force_N, the columns `columns`, and sensitivity, the rate at
-    #: which the criterion grows with the share of the candidate, at the best shares
+    #: one row per candidate test: force_N, the columns that `columns` names, and sensitivity, the
+    #: rate at which the criterion grows with the share of the candidate, at the best shares
     sensitivity: Annotated[Records, Field(exclude=True)] = field(default_factory=pd.DataFrame)
     #: the recommended tests as a ``Planned``; None where the design was read from a file
     planned: Annotated[Any, Field(exclude=True)] = None
