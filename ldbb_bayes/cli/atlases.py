@@ -30,8 +30,8 @@ ATLAS_FILES = figure_files(
 def write_atlases(machine: lb.Machine, circles: Sequence[lb.machine.Circle], folder: Path) -> None:
     """Write figures of the patterns of compliances and geometric errors, for every plane.
 
-    The pattern of a parameter is the reading per unit of the parameter around a circle; here it is
-    the first circle of the plane.
+    The pattern of a parameter is the reading per unit of the parameter around a circle. For every
+    plane, it is shown for the first of ``circles`` in this plane.
 
     Parameters
     ----------

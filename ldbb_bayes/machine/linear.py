@@ -240,8 +240,8 @@ class _Candidates:
 def _candidates(machine: Machine, circles: tuple[Circle, ...]) -> _Candidates:
     """Return the compliances that may change readings on given circles, with their effects.
 
-    They are all planar compliances of the tested planes, and those other compliances of the joints
-    that change a reading.
+    All planar compliances of the tested planes are returned, and those other compliances of the
+    joints that change a reading.
     """
     angle = np.arange(_ANGLES) * (2 * np.pi / _ANGLES)
     names = joint_names(machine)

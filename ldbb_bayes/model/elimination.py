@@ -250,8 +250,8 @@ class Elimination(NamedTuple):
         The first view is the list of matrices that `Front.assemble` returns for the leaves, from
         ``weight`` and ``shift`` (see `factorize`). The second view holds their entries for the
         columns of the root and the right-hand side, shape (columns of leaves, columns of the root
-        + 1, w). When the leaves are factorised in place, it therefore holds the rows of their
-        factors that link them to the root.
+        + 1, w). After the leaves are factorised in place, the second view holds those rows of their
+        factors that link the leaves to the root.
         """
         widest = max((front.gram.shape[1] for front in self.leaves), default=0)
         leaf_columns = sum(front.columns.size for front in self.leaves)

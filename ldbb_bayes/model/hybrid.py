@@ -857,9 +857,9 @@ class BoundModel(Shown):
 
         Nuisances are effects modelled but not of interest, β are the parameters of interest, and φ
         the hyper-parameters (scales of noise and nuisances). Negative compliances are not excluded.
-        The last coefficients that are the same in all tests are those of rivals (effects that
-        resemble a change of compliance with force), then β − `centre`, the difference from a
-        least-squares estimate.
+        Of the coefficients that are the same in all tests, the last are those of rivals (effects
+        that resemble a change of compliance with force), followed by β − `centre`, where `centre`
+        is a least-squares estimate of β.
         """
         nuisances = sorted(self.nuisance_columns, key=is_rival_of_slopes)
         interest = Columns(

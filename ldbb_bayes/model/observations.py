@@ -100,7 +100,8 @@ class _Nuisances(NamedTuple):
 
     The observation equations are z − H β = A x + N(0, D), with diagonal D. The coefficients x of
     ``shared`` columns of A are the same in all tests; in ``private`` columns every test has its own
-    coefficients. ``uneven`` states whether some circle's angles are not spaced uniformly.
+    coefficients. ``uneven`` states whether some private columns correct the noise for angles that
+    are not spaced uniformly.
     """
 
     #: Independent noise of the Fourier coefficients of each test that becomes part of the diagonal

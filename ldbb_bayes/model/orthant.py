@@ -655,12 +655,13 @@ def _uncertain_rows(
     mean: Array,
     spread: Array,
 ) -> NDArray[np.intp]:
-    """Return the indices of the constraints that are not certain to hold in all problems.
+    """Return the indices of the constraints that may fail in at least one problem, from 0.
 
     Each of w problems has m constraints u = mean + spread e ≥ 0, with standard normal e of q
-    elements; ``mean`` has shape (w, m) and ``spread`` (w, m, q). A constraint is certain if its
-    mean is more than 12 sd above zero. Return all indices if some uncertain constraint has its mean
-    more than three sd below zero, because imposing it can make constraints fail that look certain.
+    elements; ``mean`` has shape (w, m) and ``spread`` (w, m, q). A constraint counts as certain,
+    and is left out, if its mean is more than 12 sd above zero in every problem. All indices are
+    returned if the mean of some other constraint is more than three sd below zero in a problem:
+    given that such a constraint holds, constraints that look certain may fail.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         distance = mean / np.linalg.norm(spread, axis=2)

@@ -99,8 +99,8 @@ class Setting:
     #: angle on the circle, shape (tests, 25, geometric errors)
     geometric: Array
     # The fields from `reference_force_N` on describe the whole campaign, and the method `select`
-    # keeps them unchanged. Only `circle` and `fitted` among them have one row for each test, which
-    # `select` selects too.
+    # leaves them unchanged. The exceptions are `circle` and `fitted`, which have one row for each
+    # test; `select` selects their rows too.
     #: reference force F0 [N], at which compliances are stated; slopes multiply F − F0
     reference_force_N: float
     force_range_N: float  #: largest minus smallest force of the campaign [N]

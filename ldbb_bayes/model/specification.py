@@ -100,8 +100,9 @@ def read_model(path: str | os.PathLike[str], *, degree: int | None = None) -> Hy
     path : str or os.PathLike
         Path of the file.
     degree : int, optional
-        Degree of the compliance as a polynomial in force, 0, 1 or 2. It is used only if the file
-        states no degree; by default it is then 0 for the preset ``paper`` and 1 for the others.
+        Degree of the compliance as a polynomial in force, 0, 1 or 2, for a file that states no
+        degree. By default, the degree of such a file is 0 for the preset ``paper`` and 1 for the
+        others.
 
     Returns
     -------

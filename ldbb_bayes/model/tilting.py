@@ -404,7 +404,7 @@ def _edges_of_nearest_point(
 
     x is the most probable standard normal vector that meets the constraints unit · x ≥ bound, with
     ``unit`` (d, d), ``bound`` (d,) and ``coupling`` = unit unitᵀ − I. Newton's method for the
-    saddle point starts from the returned limits, the edges, if it fails from the bounds.
+    saddle point starts again from these limits, the edges, where it failed from the bounds.
     """
     binding = np.flatnonzero(least_distance_multipliers(unit, bound))
     block = coupling[np.ix_(binding, binding)] + np.eye(len(binding))

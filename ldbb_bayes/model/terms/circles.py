@@ -34,9 +34,9 @@ class SetupShift(Term):
     """Random shift of the readings' zero and of the circle's centre between circles.
 
     The effects are 1 (zero, order 0) and cos θ, sin θ (centre, order 1), with θ the angle on the
-    circle and separate coefficients for every test. Their prior sd is the hyper-parameter δ.
-    ``moves`` states whether zero and centre have one common δ, separate sds δ_0 and δ_1, or only
-    one of them moves, with the sd δ.
+    circle. Every test has coefficients of its own, and their prior sds are hyper-parameters.
+    ``moves`` states whether zero and centre have one common sd δ or separate sds δ_0 and δ_1, or
+    whether only one of the two moves, with the sd δ.
 
     Examples
     --------
