@@ -77,7 +77,7 @@ class Batch(Result):
     #: number of campaigns that this run of the batch tried to fit; earlier runs tried the others
     fitted: int
     seconds: float  #: duration of this run of the batch [s]
-    resumed: bool  #: whether this run of the batch continued an earlier run of it
+    resumed: bool  #: whether this run continued an earlier run of the same batch
 
     def rows(self) -> pd.DataFrame:
         """Return the table of the batch, one row per campaign; `read_batch` lists its columns."""

@@ -216,8 +216,9 @@ def _functions_of_further_columns(
     """Return functions that compute further columns of a campaign's row, by name of the quantity.
 
     The Bayes factor is computed if the settings ask for it, the compliances of the model depend on
-    force, and the campaign has several forces. Sufficient statistics are always computed. With flat
-    priors there are neither of these. Conformity is computed if the campaign has tolerances.
+    force, and the campaign has several forces. Sufficient statistics are computed from every fit.
+    If the priors are flat, neither of the two is computed. Conformity is computed if the campaign
+    has tolerances.
     """
     model = settings.model
     steps: dict[str, Callable[[], dict[str, Any]]] = {}

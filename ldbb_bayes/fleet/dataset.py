@@ -199,10 +199,10 @@ def read_batch(
     Every parameter and hyper-parameter (scale of the noise or of another effect) has NAME.mean,
     NAME.sd, NAME.median, NAME.ci_low and NAME.ci_high in internal units (mm, N, rad), stated by
     ``attrs["units"]``. Every quantity with a tolerance has NAME.probability (of conformance) and
-    NAME.decision. Columns ``gaussian_…`` hold the moments of parameters and instrument errors, and
-    those of their priors, that `find_trend` and `fit_population` use; they belong to the posterior
-    without truncation (compliances may be negative). The covariance is given by its lower triangle,
-    row by row.
+    NAME.decision. Columns ``gaussian_…`` hold the posterior and prior moments of parameters and
+    instrument errors, which `find_trend` and `fit_population` use. The posterior is the one without
+    truncation (compliances may be negative). The covariance is given by its lower triangle, row by
+    row.
 
     Parameters
     ----------

@@ -10,9 +10,9 @@ campaigns share. Λ_i is a precision matrix (inverse of a covariance matrix), η
 All other unknowns are integrated out in each campaign separately, as if they were independent of
 the other campaigns. They are slopes, geometric errors not chosen, ball form, bar length, and the
 hyper-parameters (scales of the noise and of other effects). For campaigns of one machine or with
-one bar this overstates the uncertainty of changes and differences. It understates that of levels
-and of a population's mean: ball form and bar length are the same in all campaigns and do not
-average out.
+one bar this overstates the uncertainty of changes and differences. It understates the uncertainty
+of levels and of a population's mean: ball form and bar length are the same in all campaigns and do
+not average out.
 """
 
 from __future__ import annotations

@@ -201,10 +201,10 @@ def _compare(
     Gaussian of the population's mean μ and the instrument's errors b: ``precision`` (q, q, k, n),
     its inverse covariance, and ``shift`` (q, k, n), the precision times its mean. The first result,
     shape (k, n), is the log integral of this Gaussian over μ and b, up to a constant. The second,
-    shape (c, k, n), is z: the difference of each of the machine's c parameters, estimated from it
-    alone (``separate``), from what the Gaussian and the spreads predict, divided by its standard
-    deviation. ``spread``, shape (k, c), holds the draws of the spreads (standard deviations of the
-    machines about μ).
+    shape (c, k, n), is z. It compares each of the machine's c parameters, estimated from this
+    machine alone (``separate``), with what the Gaussian and the spreads predict: z is the
+    difference divided by its standard deviation. ``spread``, shape (k, c), holds the draws of the
+    spreads (standard deviations of the machines about μ).
     """
     q = len(shift)
     c = spread.shape[1]
@@ -230,9 +230,9 @@ def _two_sided_p_value(weights: Array, z: Array) -> tuple[Array, Array]:
 
     The tail probabilities of the deviations ``z`` from the prediction, divided by their standard
     deviations, shape (c, k, n), are averaged over k random draws of the machines' spreads.
-    ``weights``, shape (n, k), are those of the draws for each machine. A p-value is twice the
-    smaller of the two averages. The side is 1 above and −1 below the prediction. Both results have
-    the shape (n, c).
+    ``weights``, shape (n, k), holds the weights of the draws for each machine. A p-value is twice
+    the smaller of the two averages. The side is 1 above and −1 below the prediction. Both results
+    have the shape (n, c).
     """
     above = np.einsum("mk,jkm->mj", weights, ndtr(-z))
     below = np.einsum("mk,jkm->mj", weights, ndtr(z))

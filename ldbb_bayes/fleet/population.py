@@ -376,7 +376,7 @@ def fit_population(
         Seed of the random draws.
     progress : callable, optional
         Function called while machines are compared with the others, with two numbers of machines:
-        those for which spreads have been drawn anew, and all those for which they are to be.
+        those for which new spreads have been drawn, and all those for which new spreads are needed.
 
     Returns
     -------
@@ -498,9 +498,10 @@ def _mix(weight: Array, mean: Array, sd: Array, tails: tuple[float, float]) -> _
     """Return moments and intervals of Gaussians averaged over weighted draws of the spreads.
 
     Spreads are the standard deviations of the machines about the mean of their population. For each
-    of k draws of them, a parameter has a Gaussian distribution. ``mean`` and ``sd`` of these have
-    the shape (k, c), or (k, n, c) for n machines; ``weight``, shape (k,), holds the weights of the
-    draws. ``tails`` are the cumulative probabilities of the two ends of the credible intervals.
+    of k draws of them, a parameter has a Gaussian distribution. ``mean`` and ``sd`` hold the
+    moments of these Gaussians, shape (k, c), or (k, n, c) for n machines; ``weight``, shape (k,),
+    holds the weights of the draws. ``tails`` are the cumulative probabilities of the two ends of
+    the credible intervals.
     """
     mixture_mean, mixture_sd = mixture_moments(weight, mean, sd)
     return _Moments(mixture_mean, mixture_sd, mixture_quantiles(weight, mean, sd, tails))

@@ -208,7 +208,7 @@ def _explained_variance(root: Array, response: Array) -> Array:
     parameters of n machines, for each of k values of the spreads (standard deviations of the
     machines about μ). ``root``, shape (k, q, q), is the transposed square root of the covariance of
     μ and b; ``response``, shape (c, q, k, n), holds the derivatives of the parameters with respect
-    to them.
+    to μ and b.
     """
     return np.asarray(((root @ response.transpose(0, 2, 1, 3)) ** 2).sum(axis=2))
 

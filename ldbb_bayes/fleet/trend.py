@@ -8,8 +8,8 @@ probability of at most (1 − p*) / p* · p / (1 − p), with the prior probabil
 A trend does not use the fact that compliances cannot be negative (truncation). Parameters not
 chosen, ball form and bar length are integrated out in each campaign separately, as if they were
 independent of the other campaigns, although they are the same for one machine and one bar. This
-overstates the uncertainty of changes, above all of geometric errors, but understates that of
-levels.
+overstates the uncertainty of changes, above all of geometric errors, but understates the
+uncertainty of levels.
 """
 
 from __future__ import annotations

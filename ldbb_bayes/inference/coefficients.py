@@ -80,7 +80,7 @@ def evenly_spaced(total: int, size: int) -> Array:
 
 
 def pool_draws(beta: Array, phi: Array, size: int | None = None) -> tuple[Array, Array]:
-    """Return the draws of all chains joined: those of the parameters, then of hyper-parameters.
+    """Return the draws of all chains joined: first of the parameters, then of the hyper-parameters.
 
     ``beta``, shape (chains, draws, p), are draws of the parameters; ``phi``, shape (chains, draws,
     h), those of the hyper-parameters. The results have the shapes (chains × draws, p) and (chains ×

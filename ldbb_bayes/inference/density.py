@@ -136,9 +136,9 @@ class LogDensity(Shown):
         """Return the typical size of each of the d coordinates under the prior, shape (d,).
 
         The coordinates are the parameters, then the hyper-parameters. The size of a parameter is
-        its prior standard deviation; that of a hyper-parameter is the scale of its prior if it is a
-        length, else one. Optimisers need sizes under the posterior instead: take the spread of the
-        points that `initial` returns.
+        its prior standard deviation. The size of a hyper-parameter that is a length is the scale of
+        its prior; for other hyper-parameters it is one. Optimisers need sizes under the posterior
+        instead: take the spread of the points that `initial` returns.
         """
         prior = self.bound.hyper_prior
         return np.concatenate([self.bound.scale, np.where(prior.in_mm, prior.scale, 1.0)])

@@ -2,10 +2,11 @@
 
 The evidence Z(y) is the density of the readings y under a model. Without test r the readings are
 y_−r, and ln p(y_r | y_−r) = ln Z(y) − ln Z(y_−r) states how well the other tests predict test r.
-The properties of the campaign stay those of all tests. Whole tests are left out, as the readings of
-one circle are not independent: they have the random shift of its zero and centre (set-up shift) and
-its unexplained deviations (discrepancy) in common. φ are the hyper-parameters, the scales of the
-noise and of other effects. Nodes are weighted points that represent p(φ | y).
+Properties of the campaign, such as its reference force, are still computed from all tests. Whole
+tests are left out, as the readings of one circle are not independent: they have the random shift of
+its zero and centre (set-up shift) and its unexplained deviations (discrepancy) in common. φ are the
+hyper-parameters, the scales of the noise and of other effects. Nodes are weighted points that
+represent p(φ | y).
 """
 
 from __future__ import annotations

@@ -69,12 +69,12 @@ def importance_sample(
 
     Points are drawn in rounds from a proposal, a density much like f, and weighted by f divided by
     the proposal. The proposal of the first round is fitted to f along directions through every
-    mode, that of a later round to the points of all rounds before. If the weights of a round are
-    even enough, the round is extended by as many points again. The first round that reaches the
-    tolerance with weights that can be trusted is returned. If there is none, the best round is
-    returned; its ``trusted`` states whether its weights can be trusted. If the weights of no round
-    can be trusted, another seed is tried, as a round may miss a tail of f by chance. If no seed
-    gives weights that can be trusted, the best round of the first seed is returned.
+    mode. The proposal of a later round is fitted to the points of all rounds before. If the weights
+    of a round are even enough, the round is extended by as many points again. The first round that
+    reaches the tolerance with weights that can be trusted is returned. If there is none, the best
+    round is returned; its ``trusted`` states whether its weights can be trusted. If the weights of
+    no round can be trusted, another seed is tried, as a round may miss a tail of f by chance. If no
+    seed gives weights that can be trusted, the best round of the first seed is returned.
 
     Parameters
     ----------

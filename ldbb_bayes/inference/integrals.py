@@ -42,8 +42,9 @@ _HEAVY_TAIL_STEP = 0.1
 # The integral beyond the outermost nodes of a lattice is taken to be at most this multiple of the
 # part of the integral that these nodes contribute.
 _BEYOND_EDGE = 3.0
-# The log integral from a lattice is that of the mean of the lattice's two grids. Its error is taken
-# to be this share of the difference between the log integrals from the two grids.
+# The log integral from a lattice is the logarithm of the mean of the integrals from its two grids.
+# Its error is taken to be this share of the difference between the log integrals from the two
+# grids.
 _MEAN_OF_TWO = 0.25
 # The error of a log integral from a lattice is a share of d, the difference between the log
 # integrals from its two grids. Where d exceeds this value [nat], the share of this value is taken.

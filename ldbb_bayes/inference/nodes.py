@@ -231,8 +231,8 @@ class HyperPosterior:
         """Return nodes of a density multiplied by the probability that no compliance is negative.
 
         Nodes are weighted values of the hyper-parameters φ (scales of the noise and of other
-        effects). The probability is P(T | y, φ): that of the condition T that no compliance is
-        negative, given the readings y and φ.
+        effects). P(T | y, φ) is the probability, given the readings y and φ, of the condition T
+        that no compliance is negative.
 
         Parameters
         ----------
@@ -493,9 +493,9 @@ class Nodes:
     def error(self) -> float:
         """Error of the log evidence [nat].
 
-        The error includes that of the integral over the nodes. If compliances must not be negative,
-        it also includes the errors of the log probability of this condition, under the posterior
-        and under the prior.
+        The error includes the error of the integral over the nodes. If compliances must not be
+        negative, it also includes the errors of the log probability of this condition, under the
+        posterior and under the prior.
         """
         error = self.integral.error + self.truncation_error
         if not self.posterior.truncated:

@@ -56,9 +56,9 @@ def summarize(posterior: xr.DataTree, *, prob: float = 0.95) -> pd.DataFrame:
     DataFrame
         Table with the columns unit, mean, sd, median, ci_low, ci_high, prior_mean, prior_sd,
         ess_bulk, ess_tail (effective sample sizes) and rhat. The prior columns are filled for
-        proper priors only; those of parameters are the prior before truncation. ``attrs["fit"]``
-        says how well the model fits, with warnings and whether the numbers can be used
-        (``state``). In print, units are those for reading, such as nm/N.
+        proper priors only; for parameters they state the prior before truncation. ``attrs["fit"]``
+        says how well the model fits, with warnings and whether the numbers can be used (``state``).
+        In print, units are those for reading, such as nm/N.
 
     Raises
     ------
@@ -228,8 +228,8 @@ def _prior_of_nuisances(bound: BoundModel, phi: Array) -> pd.DataFrame:
 
     Shared nuisances are effects that are modelled but not of interest and that several tests have
     in common. The prior standard deviation depends on the hyper-parameters (scales of the noise and
-    of other effects); ``phi``, shape (h,), is the value of them for which it is given. ``bound`` is
-    the model, applied to its campaign.
+    of other effects); ``phi``, shape (h,), holds the values of the hyper-parameters for which it is
+    given. ``bound`` is the model, applied to its campaign.
     """
     value = dict(zip(bound.hyper_prior.names, phi, strict=True))
     rows = {}

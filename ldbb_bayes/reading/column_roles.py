@@ -331,7 +331,7 @@ def _find_role(place: str, role: str, roles: ColumnRoles, headers: Sequence[str]
 
 
 def _candidates(role: str, columns: Sequence[int], headers: Sequence[str]) -> list[int]:
-    """Return those of the indices ``columns`` whose headers name ``role``, such as time.
+    """Return the indices, among ``columns``, of columns whose headers name ``role``, such as time.
 
     A column whose header is the name of a field that a test has once (`PER_TEST`), such as
     ``radius_mm``, is returned only if no other column names the role.

@@ -44,8 +44,8 @@ def select_sheets(
     """Return the sheets with a table of angles and readings, and the sheets that are left out.
 
     A sheet without such a table is left out in two cases: if it is one of several in a workbook, or
-    if its file was found by a pattern with ``*`` or ``?``. This is noted. Any other sheet without a
-    table raises an `InputError`, and so do files none of which has a table.
+    if its file was found by a pattern with ``*`` or ``?``. This is noted. An `InputError` is raised
+    for any other sheet without a table, and if no file has a table.
 
     Parameters
     ----------

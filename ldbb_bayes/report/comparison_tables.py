@@ -94,8 +94,8 @@ def assumptions_table(comparison: Comparison, *, slope_scales: bool = True) -> T
     """Return a table of the log Bayes factor ln B under other assumptions than those of the models.
 
     ln B is that of the second model over the first. The assumptions are about the prior of the
-    slopes and how circles differ from one another. The last column states how much the readings
-    favour each assumption of the second kind over that of the models.
+    slopes and how circles differ from one another. The last column concerns only how circles
+    differ. It states how much the readings favour each assumption over the one in the models [nat].
 
     Parameters
     ----------

@@ -159,8 +159,9 @@ def _write(
 ) -> None:
     """Write a paragraph, and move the current position to the line below the paragraph.
 
-    ``size`` is that of the letters [points], ``width`` that of the paragraph [mm], and ``grey`` the
-    grey level from 0 (black) to 255 (white). ``options`` are passed to ``FPDF.multi_cell``.
+    ``size`` is the size of the letters [points], ``width`` the width of the paragraph [mm], and
+    ``grey`` the grey level from 0 (black) to 255 (white). ``options`` are passed to
+    ``FPDF.multi_cell``.
     """
     pdf.set_font("DejaVu", "B" if bold else "", size)
     pdf.set_text_color(grey)

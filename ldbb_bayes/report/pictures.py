@@ -76,8 +76,8 @@ class DrawnPicture(NamedTuple):
     caption: str
 
 
-# Name of the function that draws a figure, by the name of the figure; only for figures whose name
-# is not that of their function.
+# Name of the function that draws a figure, by the name of the figure. Only figures whose name
+# differs from the name of their function are listed.
 _FUNCTIONS = {"budget": "budget_bars"}
 PICTURES: Mapping[str, DrawnPicture] = {
     key: DrawnPicture(getattr(figures, _FUNCTIONS.get(key, key)), caption)

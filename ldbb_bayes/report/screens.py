@@ -1,7 +1,8 @@
 """Short versions of long results for ``print``: one screen, the most important numbers first.
 
 This module registers a function with `screen_of` for each class of results whose tables and
-sentences fill more than a screen. The last sentence of a short version says how to see all of them.
+sentences fill more than a screen. The last sentence of a short version says how to see all tables
+and sentences.
 """
 
 from __future__ import annotations
