@@ -288,8 +288,8 @@ class _Plan(NamedTuple):
     """Division of the columns of the design matrix into isolated groups, leaves and the root.
 
     Groups are arrays of column indices. Two columns have a row in common if both are non-zero in
-    it. Isolated groups have no row in common with other columns. Leaves have rows in common only
-    with the root.
+    that row. Isolated groups have no row in common with other columns. Leaves have rows in common
+    with the root only.
     """
 
     isolated: list[NDArray[np.intp]]
@@ -397,7 +397,7 @@ class DesignRows:
         return Front(group_columns, padded_kinds, gram, None)
 
     def elimination(self, last: int | None) -> Elimination:
-        """Return the order of eliminating the columns that needs the fewest operations.
+        """Return the permitted order of eliminating the columns that needs the fewest operations.
 
         Parameters
         ----------
@@ -496,8 +496,8 @@ def _elimination_cost(
     """Return the number of multiplications that eliminate groups with equal numbers of columns.
 
     Function calls count as the multiplications that take as long. ``groups`` are arrays of column
-    indices. ``border`` is the number of columns eliminated later that have rows in common with a
-    group: both are non-zero in some row.
+    indices. ``border`` is the number of columns that are eliminated later and have rows in common
+    with a group, that is rows in which both have elements that are not zero.
     """
     columns = len(groups[0])
     remaining = columns + border + 1 - np.arange(columns)

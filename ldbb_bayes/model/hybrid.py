@@ -258,8 +258,10 @@ class HybridModel(Result):
         """Return the same model with other priors of parameters and hyper-parameters.
 
         A parameter of interest gets a mean and a sd; if it was fixed at zero, it is free again. The
-        mean of a slope must be 0. Each value is a text with its unit or a number in internal units
-        (mm, N, rad). Whether a parameter exists is checked when the model is bound to a campaign.
+        mean of a slope must be 0. Each value is a text with its unit, or a number. Numbers for
+        parameters of interest are in internal units (mm, N, rad); a number for a field of `Prior`
+        is in the unit that the field's name states. Whether a parameter exists is checked when the
+        model is bound to a campaign.
 
         Parameters
         ----------
@@ -278,7 +280,7 @@ class HybridModel(Result):
         Raises
         ------
         InputError
-            For a name that is neither that of a parameter nor that of a field of `Prior`, for a
+            For a name that belongs neither to a parameter nor to a field of `Prior`, for a
             parameter without mean and sd, and for a value whose unit does not fit.
 
         Examples
@@ -672,7 +674,8 @@ class BoundModel(Shown):
         """Return the compliances and geometric errors estimated from a pilot campaign.
 
         Compliances that the model has for this campaign but not for the pilot get the values
-        assumed for a plan. Geometric errors that it does not have for the pilot get zero.
+        assumed for a plan. Geometric errors that the model has for this campaign but not for the
+        pilot are zero.
         """
         bound = BoundModel(self.model, pilot)
         compliance_of = dict(zip(bound.compliances, bound.setting.compliance_estimate, strict=True))
@@ -688,9 +691,10 @@ class BoundModel(Shown):
     def _physical_rows(self, reference_force_N: float) -> Array:
         """Return the matrix A of the region A β ≥ 0 of physical parameters, shape (rows, p).
 
-        β are the p parameters of interest; A β holds the compliances C(F) at tested forces F that
-        must not be negative. For compliances linear in force, the smallest and the largest force
-        suffice.
+        β are the p parameters of interest; A β holds the compliances C(F) that must not be
+        negative, at tested forces F. For compliances constant in force, one force suffices; for
+        compliances linear in force, the smallest and the largest force suffice. For quadratic
+        compliances, all tested forces are used.
         """
         forces = distinct_forces(self.campaign.forces_N)
         if self.model.degree == 0:

@@ -116,7 +116,7 @@ class OrthantMoments(NamedTuple):
 
 
 class _Solved(NamedTuple):
-    """Problems with triangular matrices of constraints, for sampling from a shifted density.
+    """Problems whose matrices of constraints were made triangular, and their shifted densities.
 
     Each of w problems concerns a standard normal vector e with q elements. ``axes`` (w, d, q) holds
     the d orthonormal directions of e on which alone the constraints depend. ``tilted`` states the
@@ -160,9 +160,9 @@ class Orthant:
         points. In the second case, the error is the standard error from the scatter between eight
         random shifts of the points, times a factor from Student's t. The true value of ln P is then
         within three errors of the result with a probability of 99 %. The result of a problem does
-        not depend on the others in the batch. All problems use the
-        same points, so that their errors are correlated. If no point satisfies all constraints,
-        ln P is replaced by its upper bound and the error is infinite.
+        not depend on the others in the batch. All problems use the same points, so that their
+        errors are correlated. If no point satisfies all constraints, ln P is replaced by its upper
+        bound and the error is infinite.
 
         Parameters
         ----------
@@ -405,9 +405,10 @@ class Orthant:
 
     @cached_property
     def _solved(self) -> _Solved:
-        """Problems with triangular matrices of constraints, for sampling from a shifted density.
+        """Problems of the batch, with triangular matrices of constraints and shifted densities.
 
-        Constraints that are certain to hold in all problems of the batch are left out.
+        Random vectors are drawn from the shifted densities. Constraints that are certain to hold in
+        all problems of the batch are left out.
         """
         rows = _uncertain_rows(self._mean, self._spread)
         mean = self._mean[:, rows]

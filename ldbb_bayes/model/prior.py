@@ -103,7 +103,8 @@ def geometric_unit(kind: GeometricKind) -> str:
 def parameter_to_inside(parameter: str, value: float | str, words: str) -> float:
     """Return a value of a parameter in internal units (mm, N, rad).
 
-    Raise an `InputError` for a value that is no number, or whose unit does not fit.
+    Raise an `InputError` for a value that is no number, for a text whose unit does not fit, and for
+    a text if the name is not that of a parameter.
 
     Parameters
     ----------
