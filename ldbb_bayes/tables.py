@@ -123,7 +123,7 @@ class Table:
         return tuple(_typeset_row(row) for row in self.rows)
 
     def text(self, width: int = 120) -> str:
-        """Return the table as lines of at most ``width`` characters.
+        """Return the table as lines of at most ``width`` characters, if its cells are short enough.
 
         If the table is too wide, the heads of its columns are broken into lines. If it is still too
         wide, columns with the same value in every row are stated once below the table. If that is
@@ -476,8 +476,9 @@ def _decimals_of(row: Mapping[Hashable, Any], factor: float) -> int | None:
 def wrapped(text: str, width: int, first: str = "", then: str = "") -> list[str]:
     """Return a text as lines of at most ``width`` characters.
 
-    Lines are not broken between a number and its sign or unit, nor within words and file paths.
-    ``first`` is put in front of the first line and ``then`` in front of the others.
+    Lines are not broken between a number and its sign or unit, nor within words and file paths, so
+    that a line with a very long word may exceed the width. ``first`` is put in front of the first
+    line and ``then`` in front of the others.
     """
     lines = textwrap.wrap(
         _glued(text),

@@ -253,9 +253,10 @@ def model_from(
 
 
 def _drift_over(covariate: str, model: lb.HybridModel) -> lb.terms.Drift:
-    """Return the drift term of a model, or else the default one, over another quantity.
+    """Return the drift term of a model, with drift proportional to the quantity ``covariate``.
 
-    ``covariate`` is the quantity that drift is proportional to: ``time`` or ``temperature``.
+    The quantity is ``time`` or ``temperature``. If the model has no drift term, the other settings
+    of the result are the defaults.
     """
     usual = lb.terms.Drift()
     for term in model.nuisances:

@@ -195,8 +195,8 @@ def _check_workers(client: Any, scheduler: str) -> None:
     """Raise an `InputError` for Dask workers that would fail or give other results than here.
 
     Such workers have several threads, or other versions of this package and its libraries than this
-    process. ``client`` is Dask's connection to the scheduler, and ``scheduler`` the
-    address of the scheduler for messages.
+    process. ``client`` is Dask's connection to the scheduler, and ``scheduler`` the address of the
+    scheduler for messages. If the scheduler has no workers yet, give a warning.
     """
     versions_by_worker = client.run(partial(versions, python=True), on_error="return")
     if not versions_by_worker:

@@ -41,10 +41,10 @@ _LAST_SPHERICITY_ORDER = 3
 
 
 class _TurnedBall(NamedTuple):
-    """Ball that has a part in a form error, and the angle [rad] by which it is turned against it.
+    """One of the balls that make up a form error, and the angle [rad] by which this ball is turned.
 
-    The form error is a Fourier series in an angle, either of this ball alone or of the sum of both
-    balls. The ball is turned against the zero of this angle.
+    The form error, of one ball or of the sum of both balls, is a Fourier series in an angle. The
+    turn of the ball is measured from the zero of this angle; it is zero for the form of one ball.
     """
 
     ball: Ball

@@ -222,9 +222,9 @@ class BasisNoise(Shown):
     """Noise of the readings that is stated by the sds of its Fourier coefficients.
 
     The noise is a function of the angle θ on the circle, with the Fourier coefficients of 1, cos θ,
-    sin θ, cos 2θ, sin 2θ, … to the order 12. They are independent of each other and between tests.
-    Their sd is hyper · λ · ``sd``, where hyper (scale of the effect) and λ (noise factor of the
-    test's circle) are hyper-parameters.
+    sin θ, cos 2θ, sin 2θ, … to the order 12. These coefficients are independent of each other and
+    between tests. The sd of a coefficient is hyper · λ · ``sd``, where hyper (scale of the effect)
+    and λ (noise factor of the test's circle) are hyper-parameters.
 
     Examples
     --------
