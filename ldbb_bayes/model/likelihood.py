@@ -73,7 +73,7 @@ class _Batch(NamedTuple):
 
     @property
     def numbers(self) -> slice:
-        """Indices of the values of the hyper-parameters, without repeated ones, as a slice."""
+        """Slice of the indices (from 0) of the values of φ, the hyper-parameters, without repetition."""
         return slice(self.phi_index[0], self.phi_index[-1] + 1)
 
     @property

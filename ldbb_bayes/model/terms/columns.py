@@ -134,7 +134,8 @@ class Columns(Shown):
     #: a hyper-parameter, it is the prior sd divided by this hyper-parameter; otherwise it is in
     #: internal units (mm, N, rad). It is infinite for a flat prior.
     sd: Any
-    #: name of the hyper-parameter (scale of the effect) that multiplies ``sd``; None for none
+    #: name of the hyper-parameter (scale of the effect) that multiplies ``sd``; None if there is
+    #: no such hyper-parameter
     hyper: Hyper | None = None
     #: whether every test has its own copy of each coefficient, instead of one value for all tests
     private: bool = False
@@ -183,8 +184,8 @@ class Columns(Shown):
     def sources_of(self, test: int) -> tuple[Source, ...]:
         """Return the factor from hyper-parameters that scales the prior sd of each coefficient.
 
-        The factors are those of the test with the index ``test``, and contain the noise factor λ of
-        its circle.
+        The factors are those of the test with the index ``test``, counted from 0, and contain the
+        noise factor λ of the test's circle.
         """
         circle = _circle_of(self.circle, test)
         return tuple(source._replace(circle=circle) for source in self.sources)
@@ -257,7 +258,8 @@ class BasisNoise(Shown):
     def source(self, test: int) -> Source:
         """Return the factor from hyper-parameters that multiplies the noise of one test.
 
-        ``test`` is the index of the test. The factor contains the noise factor λ of its circle.
+        ``test`` is the index of the test, from 0. The factor contains the noise factor λ of the
+        test's circle.
         """
         return Source(self.hyper, _circle_of(self.circle, test))
 
@@ -265,8 +267,8 @@ class BasisNoise(Shown):
         """Return the sd of the 25 Fourier coefficients of the noise of one test [mm].
 
         ``value`` maps the names of the hyper-parameters to numbers, or to arrays of shape (w,) for
-        w values of each; lengths are in mm. ``test`` is the index of the test. The result has the
-        shape (25,) or (w, 25).
+        w values of each; lengths are in mm. ``test`` is the index of the test, from 0. The result
+        has the shape (25,) or (w, 25).
         """
         return np.multiply.outer(self.source(test).at(value), self.sd)
 
@@ -283,8 +285,8 @@ class BasisNoise(Shown):
 def _circle_of(circles: Sequence[Hyper] | Array, test: int) -> Hyper | None:
     """Return the name of the hyper-parameter λ, the noise factor of one test's circle.
 
-    ``circles`` are the names for all tests, or empty, and ``test`` is the index of the test. Return
-    None if the circle has no noise factor.
+    ``circles`` are the names for all tests, or empty, and ``test`` is the index of the test, from
+    0. Return None if the circle has no noise factor.
     """
     if not len(circles):
         return None
