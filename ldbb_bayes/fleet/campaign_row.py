@@ -56,11 +56,11 @@ class Settings:
     #: fields of `Campaign`, by name, for campaigns that are read from tidy CSV files, which cannot
     #: state them
     table: Mapping[str, Any] = field(default_factory=dict)
-    #: fields of `Instrument`, by name: what certificates state; they replace what the campaigns
-    #: themselves state
-    certificates: Mapping[str, Any] = field(default_factory=dict)
-    #: text of the tolerance of each quantity, by name; they replace the tolerances that the
+    #: fields of `Instrument`, by name, from certificates; they replace the same fields that the
     #: campaigns themselves state
+    certificates: Mapping[str, Any] = field(default_factory=dict)
+    #: tolerance of each quantity as text, by name of the quantity; these tolerances replace those
+    #: that the campaigns themselves state
     tolerances: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -136,7 +136,7 @@ def _read(settings: Settings, path: str) -> Campaign:
 def _reason(error: Exception, job: Job) -> str:
     """Return one line of text on why a campaign could not be fitted, from the error raised.
 
-    The file path of the campaign is written in it as the user gave it.
+    In the text, the file path of the campaign is written as the user gave it.
     """
     reason = plain_reason(error)
     if reason is None:

@@ -37,7 +37,7 @@ def draw_control_chart(trend: Trend) -> Figure:
 
     It has a panel for each parameter. The panel shows the estimate of the parameter from each
     campaign alone, in order of time. It also shows the control limits of each estimate, which
-    follow from the campaigns before it, and when the parameter may have changed.
+    follow from the campaigns before it. Vertical lines show when the parameter may have changed.
 
     Parameters
     ----------

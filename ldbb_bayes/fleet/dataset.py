@@ -81,8 +81,8 @@ def write_dataset(
 
     Parameters
     ----------
-    rows : function that returns an iterator over the rows (see `fit_row`), from the first on each
-        call.
+    rows : function that returns, on each call, a new iterator over all rows; for a row see
+        `fit_row`.
     target : Parquet file to write.
     about : information on the batch for the metadata of the file.
 

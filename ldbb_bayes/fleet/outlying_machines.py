@@ -228,8 +228,8 @@ def _compare(
 def _two_sided_p_value(weights: Array, z: Array) -> tuple[Array, Array]:
     """Return two-sided p-values of c parameters of n machines, and the sides of the deviations.
 
-    The tail probabilities of the deviations ``z`` from the prediction, divided by their standard
-    deviations, shape (c, k, n), are averaged over k random draws of the machines' spreads.
+    ``z``, shape (c, k, n), holds the deviations from the prediction, divided by their standard
+    deviations. Their tail probabilities are averaged over k random draws of the machines' spreads.
     ``weights``, shape (n, k), holds the weights of the draws for each machine. A p-value is twice
     the smaller of the two averages. The side is 1 above and −1 below the prediction. Both results
     have the shape (n, c).

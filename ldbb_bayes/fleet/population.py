@@ -343,7 +343,7 @@ def fit_population(
 ) -> Population:
     """Return the population that the machines of a batch come from.
 
-    The result predicts the next machine and states which machines do not belong.
+    The result predicts the next machine and states which machines do not belong to the population.
 
     Parameters
     ----------
@@ -664,7 +664,7 @@ def _caveats(
     judged: JudgedMachines | None,
     machines: Sequence[str],
 ) -> list[Caveat]:
-    """Return what a reader of a population must know before using its numbers.
+    """Return the limitations that a reader of a population must know before using its numbers.
 
     ``judged`` is None if there are too few machines to compare each with the others; ``machines``
     are the names of all machines.

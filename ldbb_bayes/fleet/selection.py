@@ -172,9 +172,10 @@ def _note(kind: CaveatKind, rows: pd.DataFrame, caveats: list[Caveat], text: str
 
 
 def _has_kind(rows: pd.DataFrame, kinds: frozenset[str]) -> pd.Series[bool]:
-    """Return for each campaign whether its fit gave a warning or failed check of one of the kinds.
+    """Return for each campaign whether its fit has a warning or failed check of some kinds.
 
-    ``rows`` are rows of the table of a batch, one per campaign.
+    ``kinds`` are these kinds, such as "order". ``rows`` are rows of the table of a batch, one per
+    campaign.
     """
     matches = [
         reported is not None and not kinds.isdisjoint(reported) for reported in rows["kinds"]

@@ -86,8 +86,8 @@ class LogDensity(Shown):
     x holds the parameters β (compliances, their slopes and geometric errors), then the
     hyper-parameters φ (the scales of the noise and of other effects), in mm, N and rad. For one
     point, shape (d,), a density is a number; for n points, shape (n, d), densities have the shape
-    (n,). Logarithms are natural and every density is normalised, so that the evidence of a nested
-    sampler is that of `log_evidence`.
+    (n,). Logarithms are natural and every density is normalised, so that a nested sampler gives the
+    same evidence as `log_evidence`.
 
     Examples
     --------
@@ -124,10 +124,10 @@ class LogDensity(Shown):
     def bounds(self) -> Array:
         """Return the least and the greatest value of each of the d coordinates, shape (d, 2).
 
-        The coordinates are the parameters, then the hyper-parameters. A coordinate without a bound
-        has ±inf. The condition that no compliance is negative at any force tested (truncation) also
-        restricts combinations of parameters, such as a compliance and its slope. These bounds do
-        not show that; `log_prior` accounts for it.
+        The coordinates are the parameters, then the hyper-parameters. A bound that does not exist
+        is −inf or inf. The condition that no compliance is negative at any force tested
+        (truncation) also restricts combinations of parameters, such as a compliance and its slope.
+        These bounds do not show that; `log_prior` accounts for it.
         """
         return np.concatenate([self.bound.truncation.bounds, self.bound.hyper_prior.bounds])
 

@@ -29,7 +29,7 @@ __all__ = [
 # posterior is to it (Kallioinen et al. 2023; they are ArviZ's defaults).
 _LOWER_POWER = 0.99
 _UPPER_POWER = 1.01
-# The effective sample size for the tails of a parameter is the smaller of those for its quantiles
+# The effective sample size for the tails of a parameter is the smaller of the two for its quantiles
 # at these probabilities (Vehtari et al. 2021).
 _TAILS = (0.05, 0.95)
 # Smallest number of importance weights whose tail can be judged: ArviZ fits a Pareto distribution
@@ -59,8 +59,8 @@ def diagnose(chain: Array) -> Diagnostics:
     """Return effective sample sizes and rank-normalised split R-hat of d parameters.
 
     ``chain`` holds random draws, shape (chains, draws, d). The diagnostics are those of Vehtari et
-    al. 2021. The effective sample size for the tails is the smaller of those for the quantiles at
-    5 % and 95 %.
+    al. 2021. The effective sample size for the tails is the smaller of the two for the quantiles at
+    5 % and at 95 %.
     """
     from arviz_stats.base import array_stats
 

@@ -30,8 +30,8 @@ __all__ = [
     "warn_of_untrusted_weights",
 ]
 
-# A computed log probability that no compliance is negative is refused as wrong by rounding if it
-# exceeds zero by more than this plus its error [nat].
+# The log probability that no compliance is negative cannot exceed zero. A computed value is refused
+# as spoilt by rounding errors if it exceeds zero by more than this plus its error [nat].
 _LARGEST_LOG_PROBABILITY = 0.1
 
 
@@ -129,8 +129,8 @@ def require_models(models: Mapping[str, HybridModel]) -> None:
 def check_comparable(model: HybridModel, campaign: Campaign) -> None:
     """Raise an `InputError` if a model and a campaign give no evidence.
 
-    There is none if the prior of the model is flat, or if the campaign is a plan, that is, has no
-    readings.
+    There is no evidence if the prior of the model is flat, or if the campaign is a plan, that is,
+    has no readings.
     """
     require_model(model)
     require(

@@ -126,8 +126,8 @@ class Fit(Result):
     #: log probability that no compliance is negative, under the prior that allows negative ones;
     #: zero if the model allows them
     log_prob_truncation_prior: float
-    #: largest difference between the readings that the linearised model predicts and those by the
-    #: exact geometry, at the posterior mean of the parameters [µm]
+    #: largest difference between the readings that the linearised model predicts and those that the
+    #: exact geometry predicts, at the posterior mean of the parameters [µm]
     linearisation_error_um: float
     concerns: tuple[Concern, ...]  #: warnings of the fit, each with a value and a limit
     predictive_checks: dict[str, TestChecks]  #: posterior predictive checks, by name of the test

@@ -37,9 +37,9 @@ __all__ = [
 _BLOCKS_PER_LENGTH = 4
 # Largest number of times that the sampler's blocks of steps double in length.
 _LARGEST_DOUBLING = 5
-# This number of times, a block of twice as many steps also stores twice as many draws. At later
-# doublings of the block length, the number of stored draws stays the same, and the number of steps
-# from one stored draw to the next doubles instead.
+# At the first doublings of the length of the sampler's blocks, as many as this, the number of draws
+# that a block stores doubles too. A later doubling leaves the number of stored draws unchanged; the
+# number of steps from one stored draw to the next doubles instead.
 _DOUBLINGS_STORED = 2
 # A walker moves by differential evolution: by a factor times the difference of two other walkers.
 # In this share of such moves the factor is one, by which walkers jump between modes.

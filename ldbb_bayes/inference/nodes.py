@@ -315,7 +315,7 @@ class HyperPosterior:
         """Coarse nodes of this density: values of the hyper-parameters with their exact weights.
 
         The values are those of `coarse`. If this density is ``truncated``, the weights contain the
-        probability that no compliance is negative itself, not its upper bound.
+        exact probability that no compliance is negative, not its upper bound.
         """
         return self._replace_bound(self.coarse)
 
@@ -323,8 +323,8 @@ class HyperPosterior:
     def sample_nodes(self) -> Integral:
         """Points of `proposal`, that is, values of the hyper-parameters, with their exact weights.
 
-        If this density is ``truncated``, the weights contain the probability that no compliance is
-        negative itself, not its upper bound. Otherwise the weights are those of `proposal`.
+        If this density is ``truncated``, the weights contain the exact probability that no
+        compliance is negative, not its upper bound. Otherwise the weights are those of `proposal`.
         """
         return self._replace_bound(self.proposal)
 

@@ -178,7 +178,7 @@ def load(path: str | os.PathLike[str]) -> xr.DataTree:
     ------
     InputError
         For a file that is missing, that is damaged (its digest then differs), that this package did
-        not write, or that another edition of it wrote.
+        not write, or that another edition of this package wrote.
 
     Examples
     --------

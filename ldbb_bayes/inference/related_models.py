@@ -125,7 +125,7 @@ class RelatedModels:
         return posterior.nodes(self._tolerance)
 
     def _truncate(self, posterior: HyperPosterior, plain: Integral) -> Nodes:
-        """Return nodes weighted by the probability that no compliance is negative in another model.
+        """Return the nodes of another model under the condition that no compliance is negative.
 
         Nodes are weighted values of the hyper-parameters. ``posterior`` is the posterior of the
         hyper-parameters under the other model. ``plain`` holds the nodes with the weights that they

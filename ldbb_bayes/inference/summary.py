@@ -179,7 +179,7 @@ def interval_numbers(draws: Array, prob: float) -> dict[str, float]:
 
 @one_blas_thread
 def summarize_nuisances(posterior: xr.DataTree) -> pd.DataFrame:
-    """Return the posterior of the shared nuisance coefficients.
+    """Return a table of the posterior of the shared nuisance coefficients.
 
     Shared nuisances are effects that are modelled but not of interest and that several tests have
     in common, such as ball form and bar length.

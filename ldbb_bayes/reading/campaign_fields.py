@@ -324,8 +324,8 @@ def note_assumed_fields(
 ) -> tuple[str, ...]:
     """Add to the log the usual values that are assumed for unstated fields of the campaign.
 
-    Lines that could not be understood are noted too, and how the loads fit the default force law
-    if no other law is stated.
+    Lines that could not be understood are noted too. If no force law is stated, it is noted how the
+    loads of the tests fit the default law.
 
     Parameters
     ----------

@@ -116,7 +116,7 @@ _CALIBRATED_BEHIND = re.compile(rf",\s*{_PARTS['calibrated']}", re.IGNORECASE)
 _PRODUCT = re.compile(_PARTS["product"], re.IGNORECASE)
 # Pattern of words which show that a line is about the readings or about the ball's mount.
 _READINGS = re.compile(WORDS["mount"]["readings"], re.IGNORECASE)
-# Pattern of words, such as "the", that are ignored in a statement whether the readings are
+# Pattern of words, such as "the", that are ignored in a statement on whether the readings are
 # compensated for the deflection of the ball's mount.
 _FILLING = re.compile(f"{_READINGS.pattern}|{WORDS['mount']['filling']}", re.IGNORECASE)
 _MOUNT_STATES = {state: WORDS["mount"][state] for state in ("raw", "compensated")}
@@ -288,7 +288,7 @@ def _is_header_beside(key: str, value: str, matched: str) -> bool:
 
 
 def _mount_states(passage: str, is_whole_line: bool) -> Iterator[str]:
-    """Yield "raw" or "compensated" if a passage states this about the readings or the mount.
+    """Yield "raw" or "compensated" if a passage says that the readings are so.
 
     Compensated readings are corrected for the deflection of the mount of the work ball. A passage
     is a line, or one cell of it. Only a whole line may state this without naming the readings.
@@ -382,7 +382,7 @@ def _senses(text: str) -> set[str]:
 
 
 def not_understood(lines: Lines) -> dict[str, str]:
-    """Return a note for each field that a line is about without being understood, by field.
+    """Return a note, by field, for each field that a line mentions in a way that is not understood.
 
     Such a line contains a word for the field, such as "force", but its statement cannot be read.
     The note names the first such line.

@@ -231,7 +231,8 @@ def _decimal_mark_of(
     """Return the decimal mark of a table, as the layout states it or as found in its cells.
 
     ``cells`` are the line number and the text of every cell with a number. None means that no cell
-    has a mark. If the other mark is possible too, the assumption is added to the log.
+    has a mark. The assumption is added to the log if the mark is a comma, or if it might as well
+    separate thousands.
     """
     if layout.decimal is not None:
         _note_stated_mark(sheet, cells, layout.decimal, log)
@@ -252,7 +253,7 @@ def _decimal_mark_of(
 def _note_stated_mark(
     sheet: Sheet, cells: Sequence[tuple[int, str]], decimal: str, log: AssumptionLog
 ) -> None:
-    """Add to the log if no cell has the decimal mark that the user states, but some the other one.
+    """Note it in the log if no cell has the decimal mark that the user states, but some the other.
 
     The other mark, comma or point, then separates thousands.
     """
@@ -302,7 +303,7 @@ def _labels_of(columns: _SheetColumns) -> list[str]:
 
 
 def layout_names(sheet: Sheet, label: str) -> list[str]:
-    """Return the names by which an entry [[test]] of the layout may state a test.
+    """Return the names by which an entry [[test]] of the layout may refer to a test.
 
     ``label`` is the name of the test in its sheet. The most specific name is first.
     """

@@ -161,7 +161,7 @@ def _ignore(done: int, total: int) -> None:
 
 
 def _lines(findings: Findings) -> tuple[str, str, str]:
-    """Return three lines of text for below the report's title.
+    """Return the three lines of text below the report's title.
 
     They state the machine and its tests, the day and version of the fit, and the model that gave
     the numbers in the annex (the sections that follow the sheets).

@@ -86,8 +86,8 @@ def _(comparison: Comparison) -> tuple[Passage, ...]:
 def _(design: Design) -> tuple[Passage, ...]:
     """Return a short version of a design of the next tests.
 
-    It states the tests to run, has a table of expected standard uncertainties, and further
-    sentences. If these tests cannot separate some parameters, measures against this are listed.
+    It states the tests to run. A table of expected standard uncertainties and further sentences
+    follow. If these tests cannot separate some parameters, measures against this are listed.
     """
     first, heading, *others = wording.design_screen(design)
     items = wording.cure_items(design.limits.degeneracies, design.limits.cures)

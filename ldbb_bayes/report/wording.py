@@ -624,7 +624,7 @@ def machine_sentences(machine: Any) -> tuple[str, ...]:
 
 
 def sum_in_words(parameter: VisibleParameter) -> str:
-    """Return the sum of parameters that one parameter represents as text: "C_XXX + C_XXY".
+    """Return, as text, the sum of parameters that one parameter represents: "C_XXX + C_XXY".
 
     Weights in the sum are written if they differ from one, in mm or mm².
     """
@@ -732,8 +732,8 @@ def _worth_of_certificates(result: Identifiability) -> dict[str, list[str]]:
 def identifiability_screen(result: Identifiability) -> tuple[str, ...]:
     """Return the most important sentences on the result of an identifiability analysis.
 
-    The first sentence states how many parameters have each verdict: how far the readings determine
-    them.
+    The first sentence states how many parameters have each verdict. The verdict on a parameter
+    states how far the readings determine it.
     """
     verdicts = [str(entry.verdict) for entry in result.parameters.values()]
     worth = _worth_of_certificates(result)

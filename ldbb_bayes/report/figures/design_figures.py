@@ -36,7 +36,7 @@ class _PlanBars(NamedTuple):
 
 @styled
 def expected_widths(design: Design, today: Mapping[str, float] = MappingProxyType({})) -> Figure:
-    """Draw the uncertainty of every parameter to expect of each plan of tests, as bars.
+    """Draw, as bars, the uncertainty of every parameter that each plan of tests should give.
 
     The expected standard uncertainty u is shown for the recommended tests, for the plans compared
     with them, and in the limit of ever more repetitions of the recommended tests. Each parameter
