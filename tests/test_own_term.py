@@ -17,6 +17,7 @@ import ldbb_bayes as lb
 from ldbb_bayes.analysis.aliases import degeneracies
 from ldbb_bayes.analysis.cures import cures
 from ldbb_bayes.errors import InputError
+from ldbb_bayes.model.bound_information import _Noise, _noise_covariances
 from ldbb_bayes.model.setting import Setting
 from ldbb_bayes.model.specification import model_from_toml, model_to_toml
 from ldbb_bayes.report.wording import cure_words, remedy_words
@@ -184,6 +185,36 @@ def test_a_term_with_the_name_of_another_is_refused() -> None:
 def test_columns_of_another_shape_are_refused() -> None:
     message = r"columns of a, b must have values of shape \(tests, 25, 2\)"
     refuses(message, lb.terms.Columns, ("a", "b"), np.zeros((4, 25, 1)), np.ones(2))
+
+
+def test_a_mean_of_private_columns_is_refused() -> None:
+    message = "private columns of a must have the prior mean zero, got a mean"
+    arguments = {"private": True, "mean": 1e-3}
+    refuses(message, lb.terms.Columns, ("a",), np.zeros((4, 25, 1)), 1e-3, **arguments)
+
+
+def test_noise_factors_of_columns_that_are_not_private_are_refused() -> None:
+    message = "columns of a must be private to have noise factors of circles"
+    circle = ["lambda_a"] * 4
+    refuses(message, lb.terms.Columns, ("a",), np.zeros((4, 25, 1)), 1e-3, circle=circle)
+
+
+def test_noise_factors_count_in_every_use_of_private_columns() -> None:
+    """Private columns of all Fourier functions are the same as noise of these functions."""
+    circle = ["lambda_a", "lambda_b"]
+    phi = {"sigma": 1e-4, "ripple": 2e-3, "lambda_a": 0.5, "lambda_b": 3.0}
+    values = np.broadcast_to(np.eye(25), (2, 25, 25))
+    names = [f"ripple_{k}" for k in range(25)]
+    columns = lb.terms.Columns(names, values, 1.0, "ripple", private=True, circle=circle)
+    noise = lb.terms.BasisNoise("ripple", np.ones(25), circle)
+    drawn = columns.draw(phi, 2, np.random.default_rng(1))
+    np.testing.assert_allclose(drawn, noise.draw(phi, 2, np.random.default_rng(1)), rtol=1e-12)
+    factor = np.diag(np.arange(1.0, 26.0))
+    for test in range(2):
+        covariances = _noise_covariances(
+            factor, [_Noise("Columns", columns), _Noise("Noise", noise)], phi, test
+        )
+        np.testing.assert_allclose(covariances["Columns"], covariances["Noise"], rtol=1e-12)
 
 
 def test_one_number_is_the_sd_and_mean_of_all_columns() -> None:

@@ -275,5 +275,5 @@ def private_terms(bound: BoundModel, phi: Array, r: int) -> Iterator[PrivateTerm
         if isinstance(term, BasisNoise):
             yield PrivateTerm(np.eye(SIZE), term.sd_at(value, r))
         elif term.private:
-            sd = np.broadcast_to(term.sd_at(value), (len(phi), len(term.names)))
+            sd = np.broadcast_to(term.sd_at(value, r), (len(phi), len(term.names)))
             yield PrivateTerm(term.values[r], sd)

@@ -45,10 +45,11 @@ class _Noise:
         test
             Index of the test, from 0.
         """
+        sd = self.columns.sd_at(hyper, test)
         if isinstance(self.columns, BasisNoise):
-            root = factor * self.columns.sd_at(hyper, test)
+            root = factor * sd
         else:
-            root = factor @ (self.columns.values[test] * self.columns.sd_at(hyper))
+            root = factor @ (self.columns.values[test] * sd)
         return root @ root.T
 
 
@@ -86,8 +87,9 @@ def informations_of(bound: BoundModel, phi: Array) -> Iterator[Information]:
     of interest) that are the same in all tests. Nuisances whose coefficients differ between tests
     are treated as noise of each test. ``bound`` is the model of a campaign. ``phi``, shape (w, h),
     are the hyper-parameters, which are the scales of noise and nuisances; lengths are in mm. The
-    design matrix does not depend on the hyper-parameters and is computed once. Tests with the same
-    noise use one covariance in common.
+    design matrix is that of the reduced readings, not yet divided by their noise: it does not
+    depend on the hyper-parameters and is computed once. Tests with the same noise use one
+    covariance in common.
     """
     shared, shared_owners, noises = _sort_columns(bound)
     names = list(bound.names)

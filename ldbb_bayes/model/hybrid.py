@@ -27,7 +27,7 @@ from ldbb_bayes.campaign.campaign import (
     distinct_forces,
     require_campaign,
 )
-from ldbb_bayes.errors import check_known, check_seed, renamed, require
+from ldbb_bayes.errors import InputError, check_known, check_seed, renamed, require
 from ldbb_bayes.machine.exact import geometric_reading_mm
 from ldbb_bayes.machine.linear import kept_compliances
 from ldbb_bayes.machine.parameters import ComplianceName, GeometricName
@@ -56,7 +56,7 @@ from ldbb_bayes.model.terms import BasisNoise, CircleScale, Columns, Scale, Term
 from ldbb_bayes.model.terms.editions import first_edition
 from ldbb_bayes.model.truncation import Truncation
 from ldbb_bayes.results import Array, Result, Shown
-from ldbb_bayes.units import inside_name
+from ldbb_bayes.units import display_unit, inside_name
 
 __all__ = ["BoundModel", "HybridModel", "Preset", "Simulation", "require_model"]
 
@@ -72,6 +72,9 @@ _FEWEST_SCALED_CIRCLES = 4
 # Largest error [nat] of the log prior probability that compliances are not negative. It applies to
 # each group of compliances that depend on common parameters.
 _TRUNCATION_TOLERANCE = 1e-4
+# Largest number of machines that are drawn from the prior to find one without a negative
+# compliance. With the default prior and three tested planes, one of 60 has none.
+_MOST_MACHINES = 20_000
 
 
 def _default_terms() -> tuple[Term, ...]:
@@ -983,18 +986,42 @@ class BoundModel(Shown):
 
         In the default model, the prior sd of a slope is proportional to the estimate of its
         compliance; here the drawn compliance takes the place of the estimate. If the prior excludes
-        negative compliances, no drawn compliance is negative. The prior must not be flat. The
-        parameters are in mm, N and rad.
+        negative compliances, no drawn compliance is negative. The parameters are in mm, N and rad.
+        Raise an `InputError` if the prior is flat, or if nearly all machines drawn from the prior
+        have a negative compliance.
         """
         prior = self.model.prior
-        if not prior.slopes_of_estimate:
+        if prior.flat or not prior.slopes_of_estimate:
             return self.draw_parameters(1, rng)[0]
-        while True:
+        for _ in range(_MOST_MACHINES):
             beta = self.prior_mean + rng.standard_normal(len(self.names)) * self.prior_sd
             sd = self._of_interest.prior_sd(prior, self.linearised_at(beta))[self._free]
             beta = self.prior_mean + (beta - self.prior_mean) * sd / self.prior_sd
             if self.truncation.holds(beta):
                 return np.asarray(beta)
+        raise self._impossible_prior()
+
+    def _impossible_prior(self) -> InputError:
+        """Return the error for a prior of which hardly any draw is without a negative compliance.
+
+        The message names the compliance whose prior mean is the most sds below zero.
+        """
+        constrained = np.flatnonzero(self.truncation.rows.any(axis=0))
+        ratio = self.prior_mean[constrained] / self.prior_sd[constrained]
+        worst = self.parameters[constrained[np.argmin(ratio)]]
+        if worst.prior_mean >= 0.0:
+            return InputError(
+                "prior slope_scale must let compliances be positive at every tested force, got"
+                f" {self.model.prior.slope_scale:g}: {_MOST_MACHINES} machines drawn from the prior"
+                " all have a negative compliance. Reduce it, or set truncated = false."
+            )
+        size, label = display_unit(worst.unit)
+        return InputError(
+            f"prior mean of {worst.name} must leave compliances that are not negative, got"
+            f" {worst.prior_mean * size:g} {label} with the sd {worst.prior_sd * size:g} {label}:"
+            f" {_MOST_MACHINES} machines drawn from the prior all have a negative compliance."
+            " Correct the mean, widen the sd, or set truncated = false."
+        )
 
     def linearised_at(self, beta: Array) -> Setting:
         """Return the conditions of the tests, with effects linearised about the machine of β.

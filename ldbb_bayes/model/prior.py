@@ -75,12 +75,16 @@ EXAMPLES = [
 # A prior mean of a parameter is refused if its absolute value is more than this number of default
 # prior sds, because its unit is then probably wrong.
 _LARGEST_MEAN_PER_SD = 1000.0
-# Kind of a geometric error, by the order in its name: E_XX1 has order 1 and is a gain (scale error
-# of an axis). Names of squareness errors, such as E_C0YX, state no order.
-_KIND_OF_ORDER: dict[str, GeometricKind] = {"0": "offset", "1": "gain", "2": "straightness"}
-# Pattern of the names of parameters of interest, such as C_XXX (a compliance), C_XXX_1 (its slope),
-# E_XX1 (a scale error), E_Xt0 (an offset), E_Xt0_2 (an offset in set-up 2) and E_C0YX (squareness).
-_PARAMETER_NAME = re.compile(r"C_([A-Z])([A-Z])(.)(?:_\d)?|E_(?:.(.)([012])(?:_\d+)?|.0..)")
+# Pattern of the names of compliances, such as C_XXX, and of their slopes, such as C_XXX_1.
+_COMPLIANCE_NAME = re.compile(r"C_([XYZABC])([XYZABC])([XYZ])(?:_[12])?")
+# Patterns of the names of geometric errors, by kind: E_XX1, E_YX2, E_C0YX, E_Xt0, and E_Xt0_2 for
+# the offset in set-up 2.
+_GEOMETRIC_NAMES: dict[GeometricKind, re.Pattern[str]] = {
+    "gain": re.compile(r"E_(?:XX|YY|ZZ)1"),
+    "straightness": re.compile(r"E_([XYZ])(?!\1)[XYZ]2"),
+    "squareness": re.compile(r"E_[ABC]0([XYZ])(?!\1)[XYZ]"),
+    "offset": re.compile(r"E_[XYZ]t0(?:_\d+)?"),
+}
 
 
 def compliance_unit(name: ComplianceName, degree: int = 0) -> str:
@@ -137,15 +141,15 @@ def _kind_of(parameter: str) -> _Kind | None:
     The field is one of `Prior`, such as direct_mm_per_N for C_XXX. Return None if no parameter can
     have the name.
     """
-    degree = degree_of(parameter)
-    match = _PARAMETER_NAME.fullmatch(parameter)
-    if match is None or degree > 2:
-        return None
-    twist, wrench, joint, axis, order = match.groups()
-    if twist:
-        name = ComplianceName(twist, wrench, joint)
-        return _Kind(compliance_unit(name, degree), _COMPLIANCES[name.kind].sd_field)
-    return _GEOMETRIC[_KIND_OF_ORDER[order] if axis else "squareness"]
+    match = _COMPLIANCE_NAME.fullmatch(parameter)
+    if match is not None:
+        name = ComplianceName(*match.groups())
+        unit = compliance_unit(name, degree_of(parameter))
+        return _Kind(unit, _COMPLIANCES[name.kind].sd_field)
+    for kind, pattern in _GEOMETRIC_NAMES.items():
+        if pattern.fullmatch(parameter):
+            return _GEOMETRIC[kind]
+    return None
 
 
 def degree_of(parameter: str) -> int:

@@ -66,3 +66,27 @@ def test_covariance_of_the_readings_is_the_oracles() -> None:
 @pytest.mark.parametrize(("arguments", "message"), cases(__file__, "spec.toml")["simulate"])
 def test_refused(arguments: dict, message: str) -> None:
     refuses(message, lb.HybridModel.first(0).simulate, plan(), seed=1, **arguments)
+
+
+def test_machines_of_a_flat_prior_must_be_given() -> None:
+    message = "parameters must be given when the prior is flat, got none. Pass true values."
+    refuses(message, lb.HybridModel.paper(1).simulate, plan(), seed=1)
+
+
+@pytest.fixture
+def few_machines(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("ldbb_bayes.model.hybrid._MOST_MACHINES", 100)
+
+
+@pytest.mark.usefixtures("few_machines")
+def test_a_prior_that_leaves_no_machine_is_refused() -> None:
+    model = lb.HybridModel.default(1).with_prior(C_XXX=("-60 nm/N", "5 nm/N"))
+    message = "prior mean of C_XXX must leave .*, got -60 nm/N with the sd 5 nm/N: 100 machines"
+    refuses(message, model.simulate, plan(), seed=1)
+
+
+@pytest.mark.usefixtures("few_machines")
+def test_slopes_that_leave_no_machine_are_refused() -> None:
+    model = lb.HybridModel.default(1).with_prior(slope_scale=1e4)
+    message = "prior slope_scale must let compliances be positive at every tested force, got 10000"
+    refuses(message, model.simulate, plan(), seed=1)

@@ -114,7 +114,8 @@ class Columns(Shown):
     Raises
     ------
     InputError
-        If the shapes of ``values`` or ``sd`` do not agree with the number of names.
+        If the shapes of ``values`` or ``sd`` do not agree with the number of names, for private
+        columns with a mean, and for columns that are not private with noise factors of circles.
 
     Examples
     --------
@@ -140,7 +141,7 @@ class Columns(Shown):
     #: whether every test has its own copy of each coefficient, instead of one value for all tests
     private: bool = False
     #: prior mean of each of the p coefficients in internal units (mm, N, rad), shape (p,), or one
-    #: number for all; by default zero
+    #: number for all; by default zero, as it must be for private coefficients
     mean: Any = None
     #: name of the hyper-parameter d by which the prior sd falls with the order n of the harmonic,
     #: as (n/6)^(−d); None if the prior sd does not depend on the order
@@ -168,6 +169,17 @@ class Columns(Shown):
             f" sd of shape ({p},), got {self.values.shape} and {self.sd.shape}. Give one of each"
             " for every name.",
         )
+        require(
+            self.mean is None or not self.private,
+            f"private columns of {', '.join(self.names)} must have the prior mean zero, got a mean:"
+            " each circle has a coefficient of its own, whose mean results could not show. Put the"
+            " mean into columns that are not private, with a small sd.",
+        )
+        require(
+            self.private or not len(self.circle),
+            f"columns of {', '.join(self.names)} must be private to have noise factors of circles,"
+            " got circle without private=True. Leave circle out.",
+        )
 
     @property
     def sources(self) -> tuple[Source, ...]:
@@ -190,16 +202,20 @@ class Columns(Shown):
         circle = _circle_of(self.circle, test)
         return tuple(source._replace(circle=circle) for source in self.sources)
 
-    def sd_at(self, value: Mapping[Hyper, Any]) -> Array:
+    def sd_at(self, value: Mapping[Hyper, Any], test: int | None = None) -> Array:
         """Return the prior sds of the p coefficients at given hyper-parameters, shape (..., p).
 
         ``value`` maps the names of the hyper-parameters to numbers, or to arrays of shape (w,) for
         w values of each; lengths are in mm. The result has the shape (p,) or (w, p). It contains
-        the part ``stated``, but no noise factors λ of circles.
+        the part ``stated`` and, for private columns, the noise factor λ of the circle of the test
+        with the index ``test``; without ``test``, it contains no λ.
         """
+        sources = self.sources
+        if test is not None:
+            sources = self.sources_of(test)
         scaled: Array = self.sd * 1.0
         if self.names:
-            sizes = np.broadcast_arrays(*(source.at(value) for source in self.sources))
+            sizes = np.broadcast_arrays(*(source.at(value) for source in sources))
             scaled = self.sd * np.stack(sizes, axis=-1)
         return scaled if self.stated is None else np.hypot(scaled, self.stated)
 
@@ -210,12 +226,15 @@ class Columns(Shown):
         shape (tests, 25). ``phi`` maps the names of the hyper-parameters to their values, lengths
         in mm; ``tests`` is the number of tests.
         """
-        sd = self.sd_at(phi)
-        copies = tests if self.private else 1
-        draws = sd * rng.standard_normal((copies, len(sd)))
+        p = len(self.names)
+        if self.private:
+            sd = np.stack([self.sd_at(phi, test) for test in range(tests)])
+            draws = sd * rng.standard_normal((tests, p))
+        else:
+            draws = self.sd_at(phi) * rng.standard_normal((1, p))
         if self.mean is not None:
             draws = draws + self.mean
-        return np.einsum("tkq,tq->tk", self.values, np.broadcast_to(draws, (tests, len(sd))))
+        return np.einsum("tkq,tq->tk", self.values, np.broadcast_to(draws, (tests, p)))
 
 
 @dataclass(frozen=True, eq=False)
