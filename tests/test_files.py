@@ -14,7 +14,7 @@ from campaigns import full_disk, refuses
 
 import ldbb_bayes as lb
 from ldbb_bayes.campaign.folder import write_campaign_into
-from ldbb_bayes.files import staged_folder, write_whole
+from ldbb_bayes.files import check_target, staged_folder, write_whole
 
 FILES = {"campaign.toml", "f036.csv", "f389.csv", "f742.csv"}
 
@@ -142,3 +142,19 @@ def test_a_link_to_itself_is_refused(tmp_path: Path) -> None:
     loop.symlink_to(loop)
     with pytest.raises(lb.InputError, match="leads nowhere"), staged_folder(loop, force=True):
         pass
+
+
+def test_a_link_to_a_place_that_cannot_be_written_is_refused_before_the_work(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "file").write_text("no folder")
+    link = tmp_path / "link"
+    link.symlink_to(tmp_path / "file" / "deep" / "result")
+    refuses("link must be writable", check_target, link, force=False)
+
+
+def test_a_link_to_a_folder_that_is_still_missing_is_followed(tmp_path: Path) -> None:
+    link = tmp_path / "link"
+    link.symlink_to(tmp_path / "new" / "result")
+    lb.write_campaign(campaign(1), link)
+    assert version_of(tmp_path / "new" / "result") == 1

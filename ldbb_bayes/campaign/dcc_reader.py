@@ -236,10 +236,12 @@ def _words(element: ElementTree.Element, tag: str) -> list[str]:
 
 
 def _numbers(element: ElementTree.Element, tag: str, name: str) -> list[float]:
-    words = _words(element, tag)
-    try:
-        return [float(word) for word in words]
-    except ValueError:
-        raise InputError(
-            f"{name}: {tag} must be numbers, got {words[0]!r}. Use a decimal point."
-        ) from None
+    numbers = []
+    for word in _words(element, tag):
+        try:
+            numbers.append(float(word))
+        except ValueError:
+            raise InputError(
+                f"{name}: {tag} must be numbers, got {word!r}. Use a decimal point."
+            ) from None
+    return numbers

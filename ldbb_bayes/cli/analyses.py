@@ -147,9 +147,9 @@ def compare(
 
 # Largest number of values in a range LO:HI:STEP; more are probably due to a mistyped step.
 _MOST_VALUES = 5000
-# Relative rounding error of the number of steps in a range LO:HI:STEP that is allowed, so that the
-# range 0:0.3:0.1 has three steps.
-_ROUNDING = 1e-12
+# Rounding error of the number of steps in a range LO:HI:STEP that is allowed, so that the range
+# 0:0.3:0.1 has three steps and ends at 0.3.
+_ROUNDING = 1e-8
 
 
 def _read_range(entry: str, flag: str) -> tuple[float, ...]:
@@ -172,9 +172,8 @@ def _read_range(entry: str, flag: str) -> tuple[float, ...]:
         raise InputError(
             f"{flag} must give at most {_MOST_VALUES} values, got {number:.3g}. Take a longer step."
         )
-    number_of_steps = math.floor(number * (1 + _ROUNDING))
-    values = {low + step * k for k in range(number_of_steps + 1)}
-    return tuple(sorted(values | {high}))
+    values_below = math.ceil(number - _ROUNDING)
+    return (*(low + step * k for k in range(values_below)), high)
 
 
 def _numbers_or_none(entries: Sequence[str]) -> tuple[float, ...]:

@@ -6,7 +6,7 @@ The mount is that of the work ball, which the bar's force deflects.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -59,7 +59,7 @@ def complete_campaign(campaign: lb.Campaign, unstated: Collection[str]) -> lb.Ca
         The campaign with the topology, the mount and the balls that the user stated.
     """
     if "topology" in unstated:
-        topology = _ask_topology(campaign.machine().plane)
+        topology = _ask_topology(campaign.machine().planes)
         if topology != campaign.topology:
             campaign = replace(campaign, topology=topology, frames_mm={})
     if "mount" in unstated:
@@ -78,12 +78,17 @@ def complete_campaign(campaign: lb.Campaign, unstated: Collection[str]) -> lb.Ca
     return campaign
 
 
-def _ask_topology(plane: str) -> str:
+def _ask_topology(planes: Sequence[str]) -> str:
+    """Ask for the machine's topology until it has the axes of all tested planes."""
+
+    def read(answer: str) -> str:
+        return _read_topology(answer, planes)
+
     typer.echo("What does the machine look like?", err=True)
     for number, machine in enumerate(MACHINES, start=1):
         typer.echo(f"  {number}  {machine.name} ({machine.topology}): {machine.looks}", err=True)
-    question = f"Its number, or its joints from workpiece to tool (plane {plane})"
-    topology: str = _ask(question, "1", _read_topology)
+    question = f"Its number, or its joints from workpiece to tool (plane {', '.join(planes)})"
+    topology: str = _ask(question, "1", read)
     return topology
 
 
@@ -101,9 +106,9 @@ def _ask(question: str, default: str, read: Callable[[str], Any]) -> Any:
             typer.echo(str(error), err=True)
 
 
-def _read_topology(answer: str) -> str:
+def _read_topology(answer: str, planes: Sequence[str]) -> str:
     if not answer.isdecimal():
-        return lb.Machine(answer).topology
+        return lb.Machine(answer, planes).topology
     number = int(answer)
     require(
         1 <= number <= len(MACHINES),

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterable
 
 import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError, placed, require
+from ldbb_bayes.units import setting_to_inside
 
 __all__ = ["ball_in", "names_in", "numbers_in", "pairs_in", "points_in"]
 
@@ -133,7 +133,7 @@ def ball_in(text: str, flag: str) -> lb.Ball:
     Parameters
     ----------
     text
-        Typed text, for example ``"G20"`` or ``"0.5um"``.
+        Typed text, for example ``"G20"``, ``"0.5um"`` or ``"500 nm"``.
     flag
         Flag of the option, for messages.
 
@@ -147,14 +147,16 @@ def ball_in(text: str, flag: str) -> lb.Ball:
     InputError
         If the text is neither a known grade nor a length with its unit.
     """
-    sphericity = re.fullmatch(r"(\d*\.?\d+) ?[uµμ]m", text.replace(",", "."))
-    starts_like_number = text[:1] in set("+-.0123456789")
-    if sphericity is None and starts_like_number:
+    starts_like_number = text[:1] in set("+-−.,0123456789")
+    if not starts_like_number:
+        with placed(flag):
+            return lb.Ball(grade=text)
+    try:
+        sphericity_um = setting_to_inside("sphericity_um", text.replace(",", "."), flag)
+    except InputError:
         raise InputError(
             f"{flag} must be a grade like G20, or a deviation from sphericity like 0.5um, got"
             f" {text!r}. Correct it."
-        )
+        ) from None
     with placed(flag):
-        if sphericity is None:
-            return lb.Ball(grade=text)
-        return lb.Ball(sphericity_um=float(sphericity[1]))
+        return lb.Ball(sphericity_um=sphericity_um)

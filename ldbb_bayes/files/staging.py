@@ -38,6 +38,10 @@ def check_target(target: Path, *, force: bool, ours: Collection[str] = ()) -> No
         working directory, or cannot be written.
     """
     _require_elsewhere(target)
+    folder = target
+    if target.is_symlink():
+        # The temporary folder must be beside the folder to which the link points.
+        folder = target.resolve()
     with refuse_unwritable(target):
         is_file = False
         names: list[str] | None = None
@@ -59,14 +63,15 @@ def check_target(target: Path, *, force: bool, ours: Collection[str] = ()) -> No
                 f"{target} must hold nothing but earlier results to be replaced, got {foreign!r}."
                 " Move it away or choose another name."
             )
-        target.parent.mkdir(parents=True, exist_ok=True)
-        tempfile.TemporaryDirectory(prefix=f".{target.name}-", dir=target.parent).cleanup()
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryDirectory(prefix=f".{folder.name}-", dir=folder.parent).cleanup()
 
 
 def _require_elsewhere(target: Path) -> None:
     """Raise an `InputError` if the path ``target`` must not be a folder for results.
 
-    This is so for the working directory, a folder that contains it, and a broken link.
+    This is so for the working directory, a folder that contains it, a link that leads to itself,
+    and a name that the system cannot hold.
     """
     try:
         with suppress(FileNotFoundError, NotADirectoryError, PermissionError):

@@ -75,7 +75,11 @@ _LARGEST_THOUSANDS = {"force_N": 5000.0, "radius_mm": 2000.0, "feed_mm_per_min":
 
 
 def looks_like_number(cell: str) -> bool:
-    """Return whether a cell is a number, with decimal point or comma, or a time of day."""
+    """Return whether a cell is a number, with decimal point or comma, or a time of day.
+
+    A number whose marks are in wrong places, such as 1,234.5,6, counts as a number: it belongs to
+    the table, and `numbers_in` refuses it with its line.
+    """
     return _NUMBER_CELL.fullmatch(cell) is not None or is_clock(cell)
 
 
@@ -131,20 +135,25 @@ def number(cell: str, decimal: str = ".") -> float:
     Raises
     ------
     ValueError
-        For a text that is no number.
+        For a text that is no number, such as nan, and for marks that separate no thousands.
     """
-    if "_" in cell:  # Python would read 1_000 as a number
+    has_digit = re.search(r"\d", cell) is not None
+    if "_" in cell or not has_digit:  # Python would read 1_000 and nan as numbers
         raise ValueError(cell)
     if decimal == ".":
         with suppress(ValueError):
             return float(cell)
     text = cell.strip().translate(_MINUS_SIGNS)
+    whole, decimal_if_present, fraction = text.partition(decimal)
     for mark in (_GAP, re.escape(OTHER_MARK[decimal])):
-        if re.search(mark, text):
-            if not _is_grouped(text.partition(decimal)[0], mark):
+        if re.search(mark, fraction):
+            raise ValueError(cell)
+        if re.search(mark, whole):
+            if not _is_grouped(whole, mark):
                 raise ValueError(cell)
-            text = re.sub(mark, "", text)
-    return float(text.replace(decimal, ".").replace("D", "E").replace("d", "e"))
+            whole = re.sub(mark, "", whole)
+    point = decimal_if_present.replace(decimal, ".")
+    return float(f"{whole}{point}{fraction}".replace("D", "E").replace("d", "e"))
 
 
 def number_in_text(text: str) -> float:

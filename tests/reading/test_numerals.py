@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from campaigns import cases, refuses
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ldbb_bayes.reading.numerals import decimal_mark, numbers_in, seconds_of
+from ldbb_bayes.reading.numerals import decimal_mark, number, numbers_in, seconds_of
 
 CASES = cases(__file__, "numerals.toml")
 
@@ -40,6 +42,24 @@ def test_what_is_no_number() -> None:
         refuses(
             "here, line 3: x must be a finite number", numbers_in, "here", "x", [3], [cell], "."
         )
+
+
+@pytest.mark.parametrize(
+    ("cell", "decimal"),
+    [
+        ("1,234.5,6", "."),
+        ("1.234,5.6", ","),
+        ("1 234.5 7", "."),
+        ("1'234,5'7", ","),
+        ("1.5,234,567", ","),
+        ("nan", "."),
+        ("inf", "."),
+        ("NaN", ","),
+    ],
+)
+def test_marks_after_the_decimal_mark_and_words_are_no_number(cell: str, decimal: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(cell)):
+        number(cell, decimal)
 
 
 @given(st.floats(-1e6, 1e6), st.sampled_from(".,"), st.integers(0, 6))

@@ -1,0 +1,48 @@
+"""Values of options and answers to questions, as they are typed."""
+
+from __future__ import annotations
+
+import pytest
+from campaigns import refuses
+
+import ldbb_bayes as lb
+from ldbb_bayes.cli.analyses import _read_range
+from ldbb_bayes.cli.questions import _read_topology
+from ldbb_bayes.cli.values import ball_in
+
+
+@pytest.mark.parametrize(
+    ("entry", "values"),
+    [
+        ("0:0.3:0.1", (0.0, 0.1, 0.2, 0.3)),
+        ("1000:1000.3:0.1", (1000.0, 1000.1, 1000.2, 1000.3)),
+        ("0:1:0.4", (0.0, 0.4, 0.8, 1.0)),
+        ("5:5:1", (5.0,)),
+        ("0:1:3", (0.0, 1.0)),
+    ],
+)
+def test_a_range_has_each_end_once(entry: str, values: tuple[float, ...]) -> None:
+    assert _read_range(entry, "--forces-N") == pytest.approx(values, rel=1e-12)
+
+
+def test_a_range_ends_exactly() -> None:
+    assert _read_range("0:0.3:0.1", "--forces-N")[-1] == 0.3
+
+
+@pytest.mark.parametrize(
+    ("text", "sphericity_um"),
+    [("0.5um", 0.5), ("0,5 µm", 0.5), (".5 μm", 0.5), ("500 nm", 0.5), ("0.0005 mm", 0.5)],
+)
+def test_a_ball_by_its_deviation_from_sphericity(text: str, sphericity_um: float) -> None:
+    assert ball_in(text, "--balls") == lb.Ball(sphericity_um=sphericity_um)
+
+
+@pytest.mark.parametrize("text", ["0.5", "5 N", "-", "1 2 um"])
+def test_a_number_that_is_no_length_is_no_ball(text: str) -> None:
+    refuses("--balls must be a grade like G20, or a deviation", ball_in, text, "--balls")
+
+
+def test_a_topology_needs_the_axes_of_the_tested_planes() -> None:
+    assert _read_topology("wFZYt", ("YZ",)) == "wFZYt"
+    assert _read_topology("wFXZt", ("ZX",)) == "wFXZt"
+    refuses("topology", _read_topology, "wFXYt", ("ZX",))
