@@ -133,10 +133,11 @@ class Table:
         return _TextLayout(self, width).text()
 
     def screen(self, width: int = 100) -> str:
-        """Return the table as text that fits on a screen, if necessary without some columns.
+        """Return the table as text for a screen, if it is long without some columns.
 
         Lines have at most ``width`` characters. If the text has more than 45 lines, the columns
         that `text` moves to lines beneath their rows are left out, and the last line names them.
+        No row is left out, so that a table with more rows is longer than a screen.
         """
         layout = _TextLayout(self, width)
         text = layout.text()

@@ -67,7 +67,8 @@ __all__ = [
 
 # Scales of the prior of the slopes at which the Bayes factor is computed. A slope is the change of
 # a compliance with force. The scale is the prior standard deviation of this change over the range
-# of force, divided by that of the compliance itself.
+# of force, divided by the size of the compliance. The size is the estimate of the compliance or,
+# if the prior has slopes_of_estimate false, the prior standard deviation of the compliance.
 SLOPE_SCALES = (0.03, 0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 2.0, 3.0)
 # The readings reject an assumption about how circles differ if its log evidence is lower than that
 # of the models' own assumption by this or more [nat].
@@ -173,7 +174,8 @@ class ScaledSlopes:
     """The log Bayes factor of two models [nat], and its error, under one prior of the slopes.
 
     A slope is the change of a compliance with force. Over the range of force, the prior standard
-    deviation of this change is ``slope_scale`` times that of the compliance itself.
+    deviation of this change is ``slope_scale`` times the size of the compliance, which `Prior`
+    defines.
     """
 
     slope_scale: float

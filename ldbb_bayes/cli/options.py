@@ -212,7 +212,7 @@ def group(
 
 
 def options_of(*groups: str, **kinds: Any) -> dict[str, Option]:
-    """Return the options of named groups, as the file ``options.toml`` states them.
+    """Return declarations of options by name, for `group`, from the file ``options.toml``.
 
     Parameters
     ----------
@@ -225,7 +225,7 @@ def options_of(*groups: str, **kinds: Any) -> dict[str, Option]:
     Returns
     -------
     dict
-        Options by name.
+        Declarations of the options by name.
     """
     known_kinds = {**_KINDS, **kinds}
     options: dict[str, Option] = {}

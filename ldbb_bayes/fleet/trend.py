@@ -193,7 +193,7 @@ def _trend_parts(trend: Trend) -> tuple[Table | str, ...]:
     rows = [_table_row(name, change) for name, change in trend.parameters.items()]
     machine = f"{trend.machine}, " if trend.machine else ""
     table = Table.of(f"{machine}{len(trend.campaigns)} campaigns", heads, rows)
-    legend = "± U = 2u. U, common: what the bar adds to all campaigns alike."
+    legend = "± U = 2u. U, common: what the instrument adds to all campaigns alike."
     passages: list[Table | str] = [table, legend, ""]
     newest_decisions = {}
     for name, decision_by_campaign in trend.conformity.items():
@@ -492,7 +492,9 @@ def _parameter_change(
 
     ``posteriors`` are the Gaussians of level, instrument errors and step under every hypothesis
     (which parameter steps just before which campaign, or no step, and how large the scatter from
-    campaign to campaign is); see `hypotheses`. ``step_probabilities``, shape (r, n − 1), are the
+    campaign to campaign is); see `hypotheses`. Their axes are r values of the scatter, n campaigns
+    (the last means no step) and p parameters; the coefficients are the p levels, the errors of the
+    instrument and, last, the step. ``step_probabilities``, shape (r, n − 1), are the
     posterior probabilities of a step of this parameter just before each of the n campaigns but the
     first, for each of r values of the machine's scatter from campaign to campaign. ``levels`` are
     the values of all parameters at the last campaign, ``chart`` the control chart. ``prob`` is the
@@ -514,6 +516,7 @@ def _parameter_change(
     if abs(level_before) > _KNOWN_LEVEL * (scale * float(level_sd)):
         percent = 100.0 * change_size / level_before
     probability_by_time = step_probabilities.sum(axis=0).tolist()
+    # Entry k is the probability of a step just before the campaign with the index k + 1.
     times = range(len(probability_by_time))
     return ParameterChange(
         unit=statistics.units[j],

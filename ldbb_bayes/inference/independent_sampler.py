@@ -59,8 +59,10 @@ class JointDraws(NamedTuple):
     #: random draws of the p parameters (compliances, slopes, geometric errors) in mm, N and rad,
     #: shape (size, p)
     beta: Array
-    #: number of random draws that rejection accepted, divided by the number proposed
-    acceptance: float
+    #: number of random draws that rejection accepted; at least ``size``, as the last block of
+    #: proposals may give more than are needed
+    accepted: int
+    proposed: int  #: number of random draws that were proposed
 
 
 def draw_jointly(posterior: HyperPosterior, size: int, rng: np.random.Generator) -> JointDraws:
@@ -109,7 +111,7 @@ def draw_jointly(posterior: HyperPosterior, size: int, rng: np.random.Generator)
         if accepted >= size:
             order = rng.permutation(size)
             return JointDraws(
-                np.concatenate(free)[order], np.concatenate(beta)[order], accepted / proposed
+                np.concatenate(free)[order], np.concatenate(beta)[order], accepted, proposed
             )
     raise TooRoughError(f"{accepted} of {size} draws from {proposed} proposals")
 
@@ -204,9 +206,11 @@ def _estimate_share_inside(posterior: HyperPosterior, rng: np.random.Generator) 
     """Return an estimate of the posterior probability that no compliance is negative.
 
     The estimate is the share of draws without a negative compliance among random draws from the
-    posterior that allows negative compliances. It is at least 1e-9.
+    posterior that allows negative compliances. Their hyper-parameters are resampled from the points
+    of its proposal in proportion to importance weights; their parameters are drawn given these. The
+    estimate is at least 1e-9.
     """
-    nodes = posterior.plain.proposal.pick(CHUNK, rng)
+    nodes = posterior.plain.proposal.resample(CHUNK, rng)
     conditional = posterior.given(nodes)[1]
     count = _draw_standard(conditional, _SHARE_TRIES, rng)[1]
     return max(float(count.mean()) / _SHARE_TRIES, _LEAST_SHARE)

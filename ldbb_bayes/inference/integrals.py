@@ -189,7 +189,7 @@ class Integral:
         order = np.argsort(self.weight)
         return np.sort(order[np.cumsum(self.weight[order]) >= spare])
 
-    def pick(self, size: int, rng: np.random.Generator) -> Array:
+    def resample(self, size: int, rng: np.random.Generator) -> Array:
         """Return nodes resampled in proportion to their weights, shape (size, h).
 
         Resampling is systematic: the nodes are picked at ``size`` equally spaced levels of the

@@ -84,7 +84,8 @@ class StoppingRule(Shown):
     #: effective sample size to reach for the mean and for the tails of every parameter
     ess: float = 1000.0
     rhat: float = 1.01  #: largest R-hat allowed of any parameter
-    #: largest number of steps of each ensemble of walkers, after which sampling stops in any case
+    #: largest number of steps of each ensemble of walkers, after which sampling stops in any case;
+    #: for independent draws, the largest number of draws of each chain
     max_steps: int = 20_000
     #: number of steps of the sampler before its draws are first assessed; later assessments are
     #: further apart, and not every step of a long run is stored

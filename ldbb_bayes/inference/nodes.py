@@ -546,7 +546,7 @@ class Nodes:
         the nodes by their weights. Parameters (compliances, slopes, geometric errors) are drawn at
         random given these and the readings.
         """
-        free = self.integral.pick(size, rng)
+        free = self.integral.resample(size, rng)
         beta = draw_parameters_given(self.bound, free, rng)
         return beta, self.bound.hyper_prior.phi(free)
 
@@ -583,7 +583,7 @@ class Nodes:
             x, _ = orthant.draw_along_axes(rng)
             return x, np.zeros((*x.shape, x.shape[1]))
 
-        conditional = self._moments_given(self.integral.pick(components, rng), draw_along_axes)
+        conditional = self._moments_given(self.integral.resample(components, rng), draw_along_axes)
         mean = conditional.mean
         sd = np.sqrt(np.maximum(conditional.variance, 0.0))
         sd = np.maximum(sd, _LEAST_SD_SHARE * mean.std(axis=0))

@@ -134,4 +134,4 @@ def _draw_free(posterior: HyperPosterior, seed: int) -> Array:
             RuntimeWarning,
             stacklevel=4,
         )
-    return posterior.sample_nodes.pick(_DRAWS, np.random.default_rng(seed))
+    return posterior.sample_nodes.resample(_DRAWS, np.random.default_rng(seed))

@@ -309,16 +309,21 @@ def _sample_independently(
     """Return independent posterior draws, whose number is doubled until the stopping rule is met.
 
     Parameters and hyper-parameters are drawn from the posterior density ``start``, in four chains.
-    Doubling also stops if the largest number of steps of the rule would be exceeded.
+    A chain never has more draws than the largest number of steps of the rule.
     """
     rng = np.random.default_rng(seed)
     block = int(np.ceil(_SURPLUS * rule.ess / _CHAINS + _SURPLUS_DRAWS))
+    block = min(block, rule.max_steps)
+    accepted = 0
+    proposed = 0
     free_blocks = []
     beta_blocks = []
     while True:
-        free, beta, acceptance = draw_jointly(start, _CHAINS * block, rng)
-        free_blocks.append(free.reshape(_CHAINS, block, -1))
-        beta_blocks.append(beta.reshape(_CHAINS, block, -1))
+        draws = draw_jointly(start, _CHAINS * block, rng)
+        accepted += draws.accepted
+        proposed += draws.proposed
+        free_blocks.append(draws.free.reshape(_CHAINS, block, -1))
+        beta_blocks.append(draws.beta.reshape(_CHAINS, block, -1))
         chain = np.concatenate(free_blocks, axis=1)
         beta = np.concatenate(beta_blocks, axis=1)
         assessment = assess(np.concatenate([beta, chain], axis=2))
@@ -327,7 +332,7 @@ def _sample_independently(
         if progress is not None:
             progress(Progress(steps, steps, rule.ess, assessment))
         if converged or 2 * steps > rule.max_steps:
-            run = EnsembleRun(chain, assessment, converged, steps, 1, acceptance)
+            run = EnsembleRun(chain, assessment, converged, steps, 1, accepted / proposed)
             return SampledDraws(run, beta, start.bound.hyper_prior.phi(chain))
         block = steps
 
@@ -383,11 +388,12 @@ def draw(
     """
     if sampler == "independent":
         try:
-            free, beta, _ = draw_jointly(start, size, np.random.default_rng(seed))
+            draws = draw_jointly(start, size, np.random.default_rng(seed))
         except TooRoughError:
             pass
         else:
-            return IndependentDraws(beta, start.bound.hyper_prior.phi(free), by_emcee=False)
+            phi = start.bound.hyper_prior.phi(draws.free)
+            return IndependentDraws(draws.beta, phi, by_emcee=False)
     rule = StoppingRule(
         ess=_THINNING * size, rhat=_RHAT_WHEN_THINNED, lengths=_LENGTHS_WHEN_THINNED
     )

@@ -323,8 +323,9 @@ class Gaussian(Shown):
         Parameters
         ----------
         combinations
-            Matrix A whose m rows are linear combinations of the q coefficients, shape (m, q). If it
-            is given, X is the square root of the covariance of the m combinations.
+            Matrix A whose m rows are linear combinations of the q coefficients, shape (..., m, q);
+            its leading dimensions are broadcast with those of the Gaussian functions. If it is
+            given, X is the square root of the covariance of the m combinations.
 
         Returns
         -------

@@ -67,7 +67,8 @@ def done(
 
     Parameters
     ----------
-    function : function that is called once for each job, with the job as its argument.
+    function : function that is called with each job as its argument: once, or a second time if
+        the worker process died the first time.
     jobs : the jobs.
     executor : executor that makes the calls; None: this process, one job after the other.
 

@@ -133,12 +133,16 @@ def _note_stated(recording: Recording, key: str, stated: _StatedValue) -> None:
 
     A plane is also added to the fields of the test. ``recording`` is the test as its file holds it.
     """
-    text = stated.value
-    if key in UNITS_SHOWN:
-        text = f"{stated.value:g} {UNITS_SHOWN[key]}"
-    recording.note(key, text, stated.source, _OPTIONS[key])
+    recording.note(key, _with_unit(key, stated.value), stated.source, _OPTIONS[key])
     if key == "plane":
         recording.fields[key] = stated.value
+
+
+def _with_unit(key: str, value: Any) -> str:
+    """Return the value of the field ``key`` as text, a number with its unit."""
+    if key in UNITS_SHOWN:
+        return f"{value:g} {UNITS_SHOWN[key]}"
+    return str(value)
 
 
 def _stated_values(recording: Recording, field: str) -> dict[Any, _StatedValue]:
@@ -205,15 +209,18 @@ def _note_contradictions(
     values
         Values that lines or names in the file state, each with its line.
     """
-    different = {value: stated for value, stated in values.items() if value != certain}
+    compared = certain
+    if isinstance(certain, float):
+        compared = round(certain, _COMPARED_PLACES)
+    different = {value: stated for value, stated in values.items() if value != compared}
     if "raw" in different:
         raise InputError(
             f"{recording.place}: {key} must be said once, got {certain} as given and raw in"
             f" {different['raw'].place}. Correct the line, or give --raw."
         )
     for value, stated in different.items():
-        reason = f"{stated.source} says {value}"
-        recording.note(key, f"{certain}, as given", reason, _OPTIONS[key])
+        reason = f"{stated.source} says {_with_unit(key, value)}"
+        recording.note(key, f"{_with_unit(key, certain)}, as given", reason, _OPTIONS[key])
 
 
 def _check_stated(recording: Recording, key: str, places: Mapping[Any, str]) -> None:

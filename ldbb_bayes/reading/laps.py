@@ -119,7 +119,8 @@ def average_laps(angle_deg: Array, reading_um: Array) -> tuple[Array, Array]:
     Raises
     ------
     InputError
-        For angles that change direction, and for fewer than two whole laps.
+        For angles that change direction from one reading to the next, if only a little, and for
+        fewer than two whole laps. Equal angles in succession are no change.
     """
     is_new_angle = np.concatenate([[True], np.diff(angle_deg) != 0.0])
     angle_deg = angle_deg[is_new_angle]

@@ -65,6 +65,9 @@ class _Log(NamedTuple):
 def trace_of(recording: Recording, direction: str | None) -> Trace:
     """Return angles [deg], readings [µm] and direction of travel of a test.
 
+    If the layout states so, several laps are averaged; otherwise all are kept. Of a log over time,
+    readings outside whole turns are left out, and the direction becomes CCW if none is stated.
+
     Parameters
     ----------
     recording

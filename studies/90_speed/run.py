@@ -276,7 +276,7 @@ def kernel(campaigns: Mapping[str, lb.Campaign], rounds: int) -> dict[str, dict[
     for name, campaign in campaigns.items():
         bound = MODEL.bind(campaign)
         posterior = HyperPosterior(bound, truncated=False)
-        phi = bound.hyper_prior.phi(posterior.nodes().integral.pick(CHUNK, rng))
+        phi = bound.hyper_prior.phi(posterior.nodes().integral.resample(CHUNK, rng))
         given = bound.given(phi)[1]
         beta = given.draw(rng)
         calls[name] = {

@@ -420,7 +420,7 @@ def test_replicates_are_the_predictive_distribution() -> None:
     pseudo_inverse = np.linalg.pinv(np.column_stack(columns))
     means = []
     covariances = []
-    for free in without_test.integral.pick(60, rng):
+    for free in without_test.integral.resample(60, rng):
         phi = without_test.bound.hyper_prior.phi(free)
         harmonics = left_out_harmonics(oracle, is_left_out, pseudo_inverse, phi)
         means.append(harmonics.mean)

@@ -421,7 +421,7 @@ def test_moments_and_draws(problem: Problem, h: int) -> None:
 def test_points_are_picked_with_every_coordinate(h: int) -> None:
     log_density, modes = case(gaussian, h, 1)
     integral = integrate(log_density, modes, tolerance=1e-3)
-    points = integral.pick(20_000, np.random.default_rng(0))
+    points = integral.resample(20_000, np.random.default_rng(0))
     assert np.cov(points.T).shape == (h, h)
 
 

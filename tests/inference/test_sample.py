@@ -17,9 +17,11 @@ from collapsed import collapsed
 
 import ldbb_bayes as lb
 from ldbb_bayes.inference.fit import State
+from ldbb_bayes.inference.independent_sampler import JointDraws, draw_jointly
 from ldbb_bayes.inference.mcmc import Assessment, Progress, StoppingRule
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.posterior import bound_of, campaign_of, draws_of, fit_of, record_of
+from ldbb_bayes.inference.sample import run_sampler
 from ldbb_bayes.inference.summary import result_json
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.report.fit_tables import describe_fit
@@ -406,3 +408,28 @@ def test_readings_less_what_prior_means_expect(sampler: str) -> None:
     assert lb.summarize(tree).loc["C_XXX", "prior_mean"] == 4.4e-5
     assert result_json(tree)["model"]["priors"] == "edited"
     assert tree["prior"]["C_YYY"].to_numpy().mean() == pytest.approx(5.0e-5, abs=3e-7)
+
+
+def test_independent_chains_have_at_most_the_largest_number_of_steps() -> None:
+    start = HyperPosterior(CONSTANT.bind(FEW), truncated=False)
+    rule = StoppingRule(ess=1e5, max_steps=60)
+    run = run_sampler("independent", start, rule=rule, seed=np.random.SeedSequence(1)).run
+    assert (run.steps, run.chain.shape[:2], run.converged) == (60, (4, 60), False)
+
+
+def test_acceptance_of_independent_draws_is_that_of_all_blocks(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    blocks = []
+
+    def recorded(*arguments: Any) -> JointDraws:
+        blocks.append(draw_jointly(*arguments))
+        return blocks[-1]
+
+    monkeypatch.setattr("ldbb_bayes.inference.sample.draw_jointly", recorded)
+    start = HyperPosterior(CONSTANT.bind(FEW), truncated=False)
+    rule = StoppingRule(ess=100.0, rhat=0.5, max_steps=400)
+    run = run_sampler("independent", start, rule=rule, seed=np.random.SeedSequence(1)).run
+    assert len(blocks) == 3
+    accepted = sum(block.accepted for block in blocks)
+    assert run.acceptance == accepted / sum(block.proposed for block in blocks)

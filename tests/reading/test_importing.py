@@ -324,6 +324,19 @@ def test_what_is_given_wins_over_lines_above_and_is_told(tmp_path: Path) -> None
     assert not {"plane", "mount"} & {assumption.what for assumption in result.assumptions}
 
 
+def test_a_resolution_that_contradicts_a_line_is_told_with_its_unit(tmp_path: Path) -> None:
+    path = table(tmp_path / NAME, above="Resolution 0.01 µm")
+    result = imported(path, resolution_um=0.1)
+    (note,) = [note for note in result.assumptions if note.what == "resolution_um"]
+    assert (note.value, note.because) == ("0.1 µm, as given", "line 1 says 0.01 µm")
+
+
+def test_a_resolution_that_agrees_but_for_rounding_is_no_contradiction(tmp_path: Path) -> None:
+    path = table(tmp_path / NAME, above="Resolution 0.1 µm")
+    result = imported(path, resolution_um=0.1 + 1e-12)
+    assert "resolution_um" not in {note.what for note in result.assumptions}
+
+
 def test_names_say_plane_and_radius(tmp_path: Path) -> None:
     paths = [table(tmp_path / f"ZX_R100_{force}N.csv") for force in (36, 742)]
     result = imported(paths)

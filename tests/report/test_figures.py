@@ -117,6 +117,23 @@ def test_rings_are_labelled_with_their_distance_and_forces_in_their_order(
     assert max(grey) < 0.65
 
 
+def test_readings_far_above_zero_are_drawn_without_the_nominal_circle() -> None:
+    """A zero reading would lie beyond the centre; rings and dots keep their place."""
+    base = simulated(plan((40,) * 3, forces_N=(36.0, 400.0, 742.0)))
+    tests = []
+    for test in base.tests:
+        tests.append(test.with_reading_um(np.asarray(test.reading_um) + 1000.0))
+    far = replace(base, tests=tuple(tests))
+    posterior = lb.sample(lb.HybridModel.paper(0), far, sampler="independent", rule=QUICK)
+    figure = figures.traces(posterior)
+    traces = figure.axes[0]
+    assert not [line for line in traces.lines if line.is_dashed()]
+    for line in traces.lines:
+        assert np.min(line.get_ydata()) > 0.0
+    assert "(dashed)" not in traces.get_title()
+    check_texts(figure)
+
+
 @pytest.mark.slow
 def test_figures_say_the_numbers_of_the_tables(posterior: xr.DataTree) -> None:
     """Intervals and texts of the forest are those of the summary; peaks to peak above the

@@ -78,8 +78,21 @@ class _Traces:
 
     @property
     def zero_radius(self) -> float:
-        """Distance from the centre of a polar panel at which a zero reading is drawn [µm]."""
+        """Distance from the centre of a polar panel at which a zero reading is drawn [µm].
+
+        It is negative if all readings are far above zero.
+        """
         return 0.9 * self.span - self.low
+
+    @property
+    def outer_radius(self) -> float:
+        """Radius of a polar panel [µm]."""
+        return self.zero_radius + self.high + 0.06 * self.span
+
+    @property
+    def has_nominal_circle(self) -> bool:
+        """Whether the circle of zero readings lies in the panel."""
+        return 0.0 < self.zero_radius <= self.outer_radius
 
     @property
     def has_bands(self) -> bool:
@@ -130,6 +143,7 @@ def traces(posterior: xr.DataTree, words: Mapping[str, str] = WORDS) -> Figure:
     beta, phi = draws_of(posterior, bound, _DRAWS)
     shown = _Traces(bound, beta, phi, words)
     rng = np.random.default_rng(0)
+    sigma = phi[:, bound.hyper_prior.names.index("sigma")]
     new_circles = np.zeros(0)
     if shown.has_bands:
         new_circles = new_circle_coefficients(bound, phi, beta, rng)
@@ -148,7 +162,7 @@ def traces(posterior: xr.DataTree, words: Mapping[str, str] = WORDS) -> Figure:
             if test.plane != plane:
                 continue
             if shown.has_bands:
-                limits = band_um(new_circles[:, r], phi[:, 0], _ANGLE[::3], rng)
+                limits = band_um(new_circles[:, r], sigma, _ANGLE[::3], rng)
                 band(axes, _ANGLE[::3], shown.zero_radius + limits, shown.colours[r], 0.25)
             _draw_trace(axes, shown, r)
         _draw_rings(axes, shown, plane)
@@ -178,17 +192,18 @@ def _draw_trace(axes: Any, shown: _Traces, r: int) -> None:
 def _draw_rings(axes: Any, shown: _Traces, plane: str) -> None:
     """Draw the scale of the polar panel of one plane.
 
-    The scale has the circle of zero readings, rings in µm, angles, and the names of the machine
-    axes.
+    The scale has the circle of zero readings if it lies in the panel, rings in µm, angles, and the
+    names of the machine axes.
     """
     zero = shown.zero_radius
-    circle = np.full_like(_ANGLE[::2], zero)
-    axes.plot(_ANGLE[::2], circle, color="black", linewidth=0.8, linestyle=_DASHED)
+    if shown.has_nominal_circle:
+        circle = np.full_like(_ANGLE[::2], zero)
+        axes.plot(_ANGLE[::2], circle, color="black", linewidth=0.8, linestyle=_DASHED)
     angles = range(0, 360, 45)
     names = {0: f"+{PLANES[plane].first}", 90: f"+{PLANES[plane].second}"}
     axes.set_xticks(np.deg2rad(angles), [names.get(angle, f"{angle}°") for angle in angles])
     axes.tick_params(pad=0)
-    axes.set_rlim(0.0, zero + shown.high + 0.06 * shown.span)
+    axes.set_rlim(0.0, shown.outer_radius)
 
     step = _round_step(shown.span / 4.0)
     multiples = np.arange(np.ceil(shown.low / step), np.floor(shown.high / step) + 1)
@@ -230,12 +245,12 @@ def _panel_head(shown: _Traces, plane: str) -> str:
     for radius, plane_of_test in zip(setting.radius_mm, setting.plane, strict=True):
         if plane_of_test == plane:
             radii_mm.add(radius)
-    rings = words["rings"] if len(radii_mm) == 1 else words["rings_of_several_radii"]
-    scale = rings.format(scale=f"{max(radii_mm) * 1e3 / shown.zero_radius:.0f}")
-    lines = [
-        ", ".join(marks),
-        scale.replace(" : ", "\N{NO-BREAK SPACE}:\N{NO-BREAK SPACE}"),
-    ]
+    rings = words["rings"]
+    if not shown.has_nominal_circle:
+        rings = words["rings_without_nominal_circle"]
+    elif len(radii_mm) > 1:
+        rings = words["rings_of_several_radii"]
+    lines = [", ".join(marks), rings]
     if len(setting.planes) > 1:
         lines.insert(0, f"{words['plane']} {plane}")
     return "\n".join(textwrap.fill(line, 72) for line in lines)
