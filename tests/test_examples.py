@@ -22,7 +22,38 @@ FAULTS = {
     "function": ("SS", "PR", "RT", "EX"),
     "class": ("SS", "EX"),
 }
+# Examples that take about a second or more; they run with the slow tests.
+LONG_EXAMPLES = {
+    "analysis.Comparison",
+    "analysis.ParameterIdentifiability",
+    "analysis.Validation",
+    "analysis.compare_posteriors",
+    "calibrate",
+    "compare",
+    "figures.compliance_atlas",
+    "figures.compliance_with_local_fits",
+    "figures.evidence",
+    "figures.expected_widths",
+    "figures.geometry_with_local_fits",
+    "figures.parameter_contributions",
+    "figures.prior_and_posterior",
+    "figures.rank_ecdf",
+    "figures.save_figure",
+    "fleet.draw_control_chart",
+    "inference.StoppingRule",
+    "inference.marginalize",
+    "local_fits",
+    "with_predictive",
+}
 OPTIONS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
+
+
+def examples() -> list[Any]:
+    """Return the public names; those with a long example are marked as slow."""
+    return [
+        pytest.param(name, marks=pytest.mark.slow if name in LONG_EXAMPLES else ())
+        for name in public_names()
+    ]
 
 
 @pytest.fixture(scope="session")
@@ -67,7 +98,7 @@ def test_a_docstring_is_complete(name: str) -> None:
     assert faults(name) == []
 
 
-@pytest.mark.parametrize("name", public_names())
+@pytest.mark.parametrize("name", examples())
 def test_an_example_runs(
     name: str,
     names_of_examples: dict[str, Any],

@@ -220,6 +220,7 @@ def test_processes(tmp_path: Path) -> None:
         assert executor is None
 
 
+@pytest.mark.slow
 def test_a_call_begun_ahead_has_its_result_whatever_becomes_of_its_process(tmp_path: Path) -> None:
     with process_executor(1) as executor:
         assert start_early(os.getpid, executor)() != os.getpid() == start_early(os.getpid, None)()
@@ -229,6 +230,7 @@ def test_a_call_begun_ahead_has_its_result_whatever_becomes_of_its_process(tmp_p
             start_early(partial(reciprocal, 3), executor)()
 
 
+@pytest.mark.slow
 def test_an_interruption_stops_those_at_work() -> None:
     def interrupted() -> None:
         with process_executor(2) as executor:

@@ -49,6 +49,7 @@ reveal_type(lb.figures.traces)
 """
 
 
+@pytest.mark.slow
 def test_a_users_script_passes_mypy_strictly(tmp_path: Path, root: Path) -> None:
     api = pytest.importorskip("mypy.api")
     script = tmp_path / "script.py"

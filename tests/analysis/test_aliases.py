@@ -175,6 +175,7 @@ CAMPAIGNS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("degree", [0, 1])
 @pytest.mark.parametrize("name", ["recovered", *CAMPAIGNS])
 def test_every_statement_holds_in_the_exact_model(

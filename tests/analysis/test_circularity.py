@@ -183,6 +183,7 @@ def test_contributions_as_the_paper_states_them(recovered: lb.Campaign) -> None:
     assert ends == pytest.approx([-7.0, -26.0, 19.0], abs=0.6)
 
 
+@pytest.mark.slow
 def test_contributions_by_the_exact_model(fitted: tuple[lb.Campaign, Any]) -> None:
     """At the mean parameters the exact model gives the same paths; a compliance counts with its
     slopes."""

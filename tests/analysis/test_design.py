@@ -58,6 +58,7 @@ def six(pilot: lb.Campaign) -> lb.analysis.Design:
     return lb.design(LINEAR, pilot, tests=6, forces_N=LEVELS, against={"its own": pilot})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("degree", "forces", "shares", "efficiency"),
     [
@@ -141,6 +142,7 @@ def dense_sd(
     return float(np.sqrt(covariance[k, k]) * information.scale[k])
 
 
+@pytest.mark.slow
 def test_hysteresis_counts_for_every_design_that_could_have_both_ways(
     clockwise: lb.Campaign,
 ) -> None:
@@ -193,6 +195,7 @@ def arcs() -> lb.Campaign:
     return simulated(plan((40,) * 4, arc_deg=250.0), seed=3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("criterion", ["eig", "a", "i", "discriminate"])
 def test_the_search_and_the_forecast_agree(
     pilot: lb.Campaign, arcs: lb.Campaign, criterion: str

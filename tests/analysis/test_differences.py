@@ -233,6 +233,7 @@ def test_what_two_readings_say_of_two_coefficients() -> None:
         )
 
 
+@pytest.mark.slow
 def test_refused(two: tuple[Any, Any]) -> None:
     constant = lb.HybridModel.first(0)
     other = lb.sample(

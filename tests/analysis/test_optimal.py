@@ -87,6 +87,7 @@ def test_a_quarter_a_half_a_quarter(criterion: Criterion, prior: Array) -> None:
     assert optimum.excess < 1e-6
 
 
+@pytest.mark.slow
 def test_three_factors_in_fourteen_runs() -> None:
     """The D-optimal quadratic in 3 × 3 × 3 that AlgDesign's vignette lists (Wheeler): |M|^(1/10) =
     0.4630447 per run."""

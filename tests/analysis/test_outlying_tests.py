@@ -44,6 +44,7 @@ def campaign_with_outlier(seed: int) -> lb.Campaign:
     return replace(campaign, tests=tuple(tests))
 
 
+@pytest.mark.slow
 def test_an_outlier_is_flagged_alone() -> None:
     table = lb.find_outlying_tests(
         MODELS, campaign_with_outlier(4), seed=1, tolerance=0.1, replicates=4000
@@ -89,6 +90,7 @@ def test_the_worst_order_is_the_farthest_beyond_all_replicates(rng: np.random.Ge
     assert judge_circle(circle, rng.standard_normal((1500, 25))).worst_order == 5
 
 
+@pytest.mark.slow
 def test_two_that_disagree_are_not_flagged() -> None:
     """Nothing says which of two is wrong; with three the outlying one is found."""
     campaign = clean_campaign(4).select(["f200", "f400", "f742"])

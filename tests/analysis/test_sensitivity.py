@@ -122,6 +122,7 @@ def test_every_combination_of_explanations_is_a_model(
     assert alone_error <= explanations.averaged.log_bayes_factor_error < 0.02
 
 
+@pytest.mark.slow
 def test_a_curve_in_the_force_axis_explains_the_experiment_better_than_slopes(
     recovered: lb.Campaign,
 ) -> None:

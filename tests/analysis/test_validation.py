@@ -26,6 +26,7 @@ def made(ranks: np.ndarray, draws: int = 99) -> Validation:
     )
 
 
+@pytest.mark.slow
 def test_uniform_ranks_are_calibrated_and_others_not() -> None:
     rng = np.random.default_rng(0)
     uniform = rng.integers(0, 100, (300, 20))

@@ -31,6 +31,7 @@ def test_variances_are_averaged_over_phi() -> None:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("certificate", "campaign"),
     [

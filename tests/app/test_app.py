@@ -124,6 +124,7 @@ def until(holds: Callable[[], Any], seconds: float = 60.0) -> Any:
 # ---- what the page shows
 
 
+@pytest.mark.slow
 def test_what_was_dropped_is_understood(tab: Tab) -> None:
     tab.holding(*sorted(RECOVERED.glob("f*.csv")))
     page = tab.ask("GET", "part/understood")[1]
@@ -201,6 +202,7 @@ def test_what_cannot_be_is_refused_with_the_cure(
     assert str(RECOVERED.parent) not in page
 
 
+@pytest.mark.slow
 def test_certificates_are_worth_what_identify_says(house: tuple[Tab, Path], tab: Tab) -> None:
     tab.ask("POST", "example")
     folder = house[1] / tab.base.split("/")[-2]
@@ -259,6 +261,7 @@ def count_changes(values: list[tuple[str, ...]]) -> int:
     return sum(value != following for value, following in pairwise(values))
 
 
+@pytest.mark.slow
 def test_a_plan_counts_what_is_turned_and_can_be_read(fitted: Path) -> None:
     asked = {
         "circles": 8,
@@ -547,6 +550,7 @@ def test_two_hundred_at_once_are_answered(tab: Tab) -> None:
     assert tab.state()["files"] == 7
 
 
+@pytest.mark.slow
 def test_sessions_do_not_meet_and_end_with_their_tabs(house: tuple[Tab, Path], tab: Tab) -> None:
     other = house[0].opened().holding(RECOVERED / "f036.csv")
     assert (tab.state()["files"], other.state()["files"]) == (0, 1)

@@ -131,6 +131,7 @@ def test_fit_and_summarize(folder: Path, tmp_path: Path, invoke: Invoke) -> None
         assert words in table.replace("\n", " ")
 
 
+@pytest.mark.slow
 def test_fit_that_misses_its_target(
     folder: Path, tmp_path: Path, invoke: Invoke, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -156,6 +157,7 @@ def test_fit_of_nearly_equal_forces_with_flat_priors(tmp_path: Path, invoke: Inv
     )  # mm/N, a hundred times the compliance of a soft machine
 
 
+@pytest.mark.slow
 def test_fit_of_dead_circles_gives_valid_json(tmp_path: Path, invoke: Invoke) -> None:
     campaign = simulated(plan())
     dead = lb.Campaign((campaign.tests[0].with_reading_um(np.zeros(40)), *campaign.tests[1:]))
@@ -163,6 +165,7 @@ def test_fit_of_dead_circles_gives_valid_json(tmp_path: Path, invoke: Invoke) ->
     assert json.loads(stdout, parse_constant=refuse)["fit"]["fitness_percent"]["f036"] is None
 
 
+@pytest.mark.slow
 def test_fit_with_the_prior_of_a_population(folder: Path, tmp_path: Path, invoke: Invoke) -> None:
     record: dict[str, object] = {
         "schema": 1,

@@ -356,6 +356,7 @@ def test_without_a_terminal_what_is_assumed_is_said(
     }
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("quick")
 def test_an_interruption_or_a_full_disk_leaves_nothing(
     files: list[Path], tmp_path: Path, invoke: Invoke, monkeypatch: pytest.MonkeyPatch

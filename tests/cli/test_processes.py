@@ -66,6 +66,7 @@ def read_to_the_end(terminal: int) -> bytes:
     return output
 
 
+@pytest.mark.slow
 def test_interruption_writes_nothing(folder: Path, tmp_path: Path) -> None:
     """A real Ctrl-C, sent once the progress bar says that sampling has begun: one line, exit code
     130."""
@@ -99,6 +100,7 @@ def test_interruption_writes_nothing(folder: Path, tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_terminal_that_cannot_show_every_sign(folder: Path) -> None:
     environment = {**os.environ, "PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0"}
     ended = subprocess.run(
@@ -108,6 +110,7 @@ def test_a_terminal_that_cannot_show_every_sign(folder: Path) -> None:
     assert ended.stderr == b""
 
 
+@pytest.mark.slow
 def test_a_reader_that_leaves_early_is_no_error(folder: Path) -> None:
     command = f"{sys.executable} -m ldbb_bayes check {folder} --json | true"
     ended = subprocess.run(

@@ -221,6 +221,7 @@ def test_refused(
     assert (foreign / "mine.txt").read_text() == "mine"
 
 
+@pytest.mark.slow
 def test_a_failure_leaves_the_old_page(
     result: Path, comparison: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, invoke: Invoke
 ) -> None:

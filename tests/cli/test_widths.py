@@ -169,6 +169,7 @@ def words_of_filled_heads(table: Table) -> list[str]:
     return words
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("width", [80, 120])
 def test_names_of_options_are_whole(width: int) -> None:
     for command in app.registered_commands:

@@ -244,6 +244,7 @@ def quick_batch(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> tuple[list[s
     return [str(tmp_path / f"p{k}") for k in range(20)], calls
 
 
+@pytest.mark.slow
 def test_interrupted_anywhere_and_resumed(
     quick_batch: tuple[list[str], list[int]], tmp_path: Path
 ) -> None:
@@ -439,6 +440,7 @@ def test_a_full_disk_under_the_journal_and_the_table(
     assert "batch.sqlite" in messages
 
 
+@pytest.mark.slow
 def test_killed_and_resumed(
     quick_batch: tuple[list[str], list[int]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

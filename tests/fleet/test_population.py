@@ -255,6 +255,7 @@ def test_drawn_anew_or_weighted(rng: np.random.Generator, monkeypatch: pytest.Mo
     np.testing.assert_allclose(anew.z, weighed.z, atol=0.1)
 
 
+@pytest.mark.slow
 def test_p_values_are_uniform_and_z_standard() -> None:
     """Fleets of the model, spreads and all; one machine of each, so that they are independent."""
     rng = np.random.default_rng(11)

@@ -540,6 +540,7 @@ def test_what_is_refused(rows: pd.DataFrame, options: dict[str, object], message
     refuses(message, lb.fleet.find_trend, rows, **options)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", ["many", "no dates", "one day"])
 def test_the_figure(case: str) -> None:
     """Units on its axes, text inside the page and clear of other text; campaigns of one day side by

@@ -378,7 +378,7 @@ def _marginals(work: Work, name: str) -> Any:
     return work.cleaned(lb.inference.marginalize(model, work.read(name), tolerance=0.02))
 
 
-@golden(*CAMPAIGNS, "plan", fast=("arcs", "both_ways", "plan"))
+@golden(*CAMPAIGNS, "plan", fast=("both_ways", "plan"))
 def _identify(work: Work, name: str) -> Any:
     arguments = ("identify", work.campaign(name), "--degree", DEGREES.get(name, 1))
     record = work.run(*arguments, "--json")

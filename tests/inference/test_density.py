@@ -142,6 +142,7 @@ def test_a_flat_prior_has_no_transform() -> None:
     refuses("must be proper, got a flat one", flat.prior_transform, np.zeros(14))
 
 
+@pytest.mark.slow
 def test_an_optimiser_finds_the_mode() -> None:
     """Least squares where the prior is flat and noise alone is left."""
     density = lb.log_density(lb.HybridModel.paper(0), FEW)

@@ -93,6 +93,7 @@ def test_to_a_millionth_of_a_nat(
         assert evidence.log_value == pytest.approx(expected, abs=1e-6, rel=0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("degree", "planned"),
     [(0, plan()), (1, plan((30, 26, 40, 12), arc_deg=250.0, work_deg=35.0))],
@@ -121,6 +122,7 @@ def test_the_stated_error_holds_on_campaigns_of_every_kind(root: Path) -> None:
     assert lb.log_evidence(*study["campaign_of"](73), tolerance=1e-2).error <= 1e-2
 
 
+@pytest.mark.slow
 def test_the_seed_moves_a_truncated_evidence_by_no_more_than_its_error(
     recovered: lb.Campaign,
 ) -> None:
@@ -161,6 +163,7 @@ def test_a_plan_has_no_evidence() -> None:
     refuses(message, lb.log_evidence, SMALL, plan(), tolerance=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("degree", "without"), [(2, ()), (1, ("setup-shift", "discrepancy"))])
 def test_readings_of_the_wrong_sign(
     recovered: lb.Campaign, degree: int, without: tuple[str, ...]
@@ -191,6 +194,7 @@ def no_weights_trusted(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("ldbb_bayes.inference.integrals.LARGEST_PARETO_K", -10.0)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("no_weights_trusted")
 def test_an_evidence_whose_weights_cannot_be_trusted_says_so() -> None:
     model = lb.HybridModel.first(0).without("truncation")
@@ -281,6 +285,7 @@ def test_different_readings_are_refused(campaign: lb.Campaign) -> None:
         lb.inference.log_bayes_factor(other_evidence, evidence)
 
 
+@pytest.mark.slow
 def test_marginals_against_independent_draws() -> None:
     model = lb.HybridModel.first(0)
     campaign = simulated(plan())
@@ -393,6 +398,7 @@ def left_out_harmonics(
     return GaussianMoments(pseudo_inverse @ mean, pseudo_inverse @ remaining @ pseudo_inverse.T)
 
 
+@pytest.mark.slow
 def test_replicates_are_the_predictive_distribution() -> None:
     """Mean and covariance of harmonics of a left-out circle, at given hyper-parameters, from the
     dense oracle."""

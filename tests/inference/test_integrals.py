@@ -341,6 +341,7 @@ def test_every_point_of_a_lattice_has_a_key_of_its_own() -> None:
     assert np.diff(_keys(origin_and_step))[0]
 
 
+@pytest.mark.slow
 def test_what_cannot_be_trusted_says_so() -> None:
     sample = importance_sample(*case(student, 45, 0), tolerance=0.02, max_points=8192)
     assert (sample.trusted, sample.error) == (False, np.inf)
@@ -393,6 +394,7 @@ def test_a_lattice_has_no_proposal() -> None:
         lattice.draw(10, np.random.default_rng(0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("problem", "h"), [(log_gammas, 4), (two_modes, 2), (log_gammas, 8)])
 def test_moments_and_draws(problem: Problem, h: int) -> None:
     """Means and sds of the nodes, and of draws weighted by density over proposal, are those of a

@@ -28,6 +28,7 @@ def redraw_of(model: lb.HybridModel, **planned: float) -> tuple[JointDensity, Li
     return density, LinearRedraw(density, hyper_posterior)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MODELS)
 def test_the_weight_of_a_draw_is_that_of_the_point(name: str) -> None:
     density, redraw = redraw_of(MODELS[name], arc_deg=230.0)
@@ -77,6 +78,7 @@ class WronglyWeighted(Wide):
         return log_density(points)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("redraw", "correct"), [(Wide(), True), (WronglyWeighted(), False)])
 def test_the_move_leaves_a_known_density_as_it_is(redraw: Wide, correct: bool) -> None:
     """z ~ N(0, 1), x | z ~ N(z², 1): var x = 3; with wrong weights it is another."""

@@ -40,6 +40,7 @@ def test_hopeless_truncation_is_exact(recovered: lb.Campaign) -> None:
     assert log_prob == pytest.approx(expected, abs=0.02)
 
 
+@pytest.mark.slow
 def test_hopeless_truncation_stays_finite(recovered: lb.Campaign) -> None:
     bound = (
         lb.HybridModel.first(2).without("ball-form", "discrepancy", "setup-shift").bind(recovered)

@@ -114,6 +114,7 @@ def test_an_average_has_no_predictive_groups(averaged: xr.DataTree) -> None:
     refuses("posterior must be of one model, got an average", lb.with_predictive, averaged)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings(
     "ignore:The inplace keyword in DataFrame"
 )  # arviz-stats 0.8 with pandas 3.1

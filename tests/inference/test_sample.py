@@ -210,6 +210,7 @@ def test_damaged_results_are_refused(tmp_path: Path, posterior: xr.DataTree) -> 
     refuses("result must be a folder", lb.load, tmp_path / "nothing")
 
 
+@pytest.mark.slow
 def test_results_of_another_edition_are_refused(tmp_path: Path, posterior: xr.DataTree) -> None:
     older = posterior.copy()
     text = older["provenance"].attrs["json"]
@@ -258,6 +259,7 @@ def test_emcee_takes_over_where_weights_cannot_be_trusted(
     assert "emcee for 10 whose" in validation_verdict(validation)
 
 
+@pytest.mark.slow
 def test_independent_draws_are_twice_as_many_where_chance_leaves_the_rule_unmet(
     campaign: lb.Campaign,
 ) -> None:
@@ -270,6 +272,7 @@ def test_independent_draws_are_twice_as_many_where_chance_leaves_the_rule_unmet(
     assert {fit["posterior"].sizes["draw"] for fit in fits} == {180, 360}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("sampler", "rule", "words"),
     [
@@ -328,6 +331,7 @@ def test_truncation_probability_is_reported_though_not_imposed() -> None:
         assert tree["posterior"]["C_XXX"].mean() < 0.0
 
 
+@pytest.mark.slow
 def test_noise_at_the_floor_is_sampled_without_strays() -> None:
     hyper = {"sigma": 0.03, "delta": 0.5, "kappa": 0.5, "tau": 3.0}
     campaign = CONSTANT.simulate(plan((720,) * 4), seed=1, hyper_um=hyper).campaign

@@ -218,6 +218,7 @@ def test_every_term_alone(name: str, term: str) -> None:
     check(model_and_oracle(CAMPAIGNS[name], 1, [term]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("term", TERMS)
 @pytest.mark.parametrize("name", ["circles", "both directions", "all at once"])
 def test_every_term_left_out(name: str, term: str) -> None:

@@ -66,7 +66,7 @@ def make(kind: str) -> xr.DataTree:
         "paper",
         "one test, few readings",
         pytest.param("eleven arcs, quadratic", marks=pytest.mark.slow),
-        "forty tests, both ways",
+        pytest.param("forty tests, both ways", marks=pytest.mark.slow),
     ],
 )
 def posterior(request: pytest.FixtureRequest) -> xr.DataTree:
@@ -172,6 +172,7 @@ def test_another_language(posterior: xr.DataTree) -> None:
         assert not re.search(r"[a-z]{4,}", re.sub(r"<[^>]*>|rad", "", words)), words
 
 
+@pytest.mark.slow
 def test_saved_in_both_formats_in_the_unit_of_the_tables(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -220,6 +221,7 @@ def texts_of(figure: Figure) -> set[str]:
     return texts
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", [lb.HybridModel.first(2), lb.HybridModel.paper(0)])
 def test_identifiability_shows_every_parameter(model: lb.HybridModel) -> None:
     identifiability = lb.identify(model, simulated(plan()))
@@ -228,6 +230,7 @@ def test_identifiability_shows_every_parameter(model: lb.HybridModel) -> None:
         assert any(text.startswith(name.replace("E_C0YX", "E_C(0Y)X") + ":") for text in texts)
 
 
+@pytest.mark.slow
 def test_comparisons(compared: Comparison) -> None:
     figure = figures.evidence(compared)
     check_texts(figure)
@@ -286,6 +289,7 @@ def test_tables_of_a_comparison(compared: Comparison) -> None:
     assert (len(slopes.rows), len(tests.rows)) == (6, 6)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("few_states")
 @pytest.mark.parametrize("kind", ["proper", "flat"])
 def test_designs(kind: str) -> None:

@@ -96,6 +96,7 @@ def test_tables_of_the_path_have_at_most_twelve_forces(number: int) -> None:
     assert (shown[0], shown[-1]) == (1.0, number)
 
 
+@pytest.mark.slow
 def test_the_page_of_the_published_experiment(published: tuple[Document, str]) -> None:
     document, page = published
     reader = check(page)
@@ -172,6 +173,7 @@ OTHERS = {
 }
 
 
+@pytest.mark.slow
 def test_a_quantity_is_one_number_wherever_it_stands(published: tuple[Document, str]) -> None:
     """Of every table with a row for a quantity every column is known; what states the same of it
     agrees to its last digit."""

@@ -107,6 +107,7 @@ def test_numbers_are_those_of_the_language(findings: Findings) -> None:
     assert [row[2] for row in german.rows] == [value.replace(".", ",") for value in values]
 
 
+@pytest.mark.slow
 def test_a_long_name_is_shortened() -> None:
     named = lb.Campaign(simulated(plan()).tests, name="M" * 300)
     first, _ = sheets(findings_of(named))

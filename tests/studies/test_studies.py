@@ -201,6 +201,7 @@ def command(folder: Path, *options: str) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.slow
 def test_one_command_runs_them(smallest: Path) -> None:
     """And fails when a number has drifted."""
     stated = smallest / "results.json"
