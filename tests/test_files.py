@@ -11,10 +11,42 @@ from pathlib import Path
 import numpy as np
 import pytest
 from campaigns import full_disk, refuses
+from pydantic import BaseModel, model_validator
+from pydantic.dataclasses import dataclass
 
 import ldbb_bayes as lb
 from ldbb_bayes.campaign.folder import write_campaign_into
 from ldbb_bayes.files import check_target, staged_folder, write_whole
+from ldbb_bayes.files.validation import raises_input_error, validated
+
+
+class Pair(BaseModel):
+    """Content whose two numbers must agree."""
+
+    a: int
+    b: int
+
+    @model_validator(mode="after")
+    def agree(self) -> Pair:
+        if self.a != self.b:
+            raise ValueError("a and b differ")
+        return self
+
+
+@raises_input_error("pair")
+@dataclass
+class PairOfArguments:
+    """Arguments that must agree."""
+
+    a: int
+    b: int
+
+    @model_validator(mode="after")
+    def agree(self) -> PairOfArguments:
+        if self.a != self.b:
+            raise ValueError("a and b differ")
+        return self
+
 
 FILES = {"campaign.toml", "f036.csv", "f389.csv", "f742.csv"}
 
@@ -158,3 +190,12 @@ def test_a_link_to_a_folder_that_is_still_missing_is_followed(tmp_path: Path) ->
     link.symlink_to(tmp_path / "new" / "result")
     lb.write_campaign(campaign(1), link)
     assert version_of(tmp_path / "new" / "result") == 1
+
+
+def test_an_error_of_the_whole_content_names_the_file() -> None:
+    message = r"pair\.toml: content must be valid, got {'a': 1, 'b': 2}: a and b differ"
+    refuses(message, validated, Pair, {"a": 1, "b": 2}, "pair.toml")
+
+
+def test_an_error_of_all_arguments_names_the_object() -> None:
+    refuses("pair: arguments must be valid, got .*: a and b differ", PairOfArguments, a=1, b=2)

@@ -26,6 +26,14 @@ __all__ = ["app", "main"]
 # Class of errors in the use of a command. It belongs to the library Click, or to the copy of Click
 # in Typer, the library that reads the command line.
 _UsageError: Any = typer.BadParameter.__base__
+# Options of commands, by the name that the argument has in Python.
+_OPTIONS_BY_ARGUMENT = {"--prob": "--ci", "--ci-prob": "--ci"}
+# Commands, by the name that the function has in Python.
+_COMMANDS_BY_FUNCTION = {
+    "calibrate": "validate",
+    "preview": "check",
+    "sample": "fit",
+}
 
 
 class _Commands(TyperGroup):
@@ -46,11 +54,28 @@ class _Commands(TyperGroup):
         except InputError as error:
             fail(str(error), EXIT_BAD_INPUT)
         except _UsageError as error:
+            option_name = getattr(error, "option_name", None)
+            if option_name in _OPTIONS_BY_ARGUMENT:
+                right_option = _OPTIONS_BY_ARGUMENT[option_name]
+                fail(f"No such option: {option_name}. Type {right_option}.", EXIT_BAD_INPUT)
             fail(f"{error.format_message().rstrip('.?')}. See --help.", EXIT_BAD_INPUT)
         # After Ctrl-C, Typer returns this exit code, while Click raises Abort.
         if code == EXIT_INTERRUPTED:
             raise KeyboardInterrupt
         sys.exit(code)
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Return the name of the command that the arguments name, the command and the other ones.
+
+        For the name of a function in Python, such as preview, the message of the `InputError` says
+        which command does the same. ``ctx`` is the context in which Typer (the library that reads
+        the command line) looks for the command, and ``args`` are the typed arguments.
+        """
+        if args[0] in _COMMANDS_BY_FUNCTION:
+            raise InputError(
+                f"No such command '{args[0]}'. Type ldbb-bayes {_COMMANDS_BY_FUNCTION[args[0]]}."
+            )
+        return super().resolve_command(ctx, args)
 
 
 # The program for Typer, the library that reads the command line.

@@ -10,9 +10,10 @@ from typing import Annotated, Any
 import typer
 
 import ldbb_bayes as lb
-from ldbb_bayes.cli.options import Kind, group, options_of
+from ldbb_bayes.cli.options import Kind, Option, group, options_of
 from ldbb_bayes.cli.output import Output
 from ldbb_bayes.errors import InputError
+from ldbb_bayes.model.terms import Term
 
 __all__ = [
     "CI",
@@ -195,6 +196,16 @@ def _layout(layout: Path | None = None, **options: Any) -> lb.reading.Layout:
     return from_file.with_given({"columns": columns, **options})
 
 
+def _model_options() -> dict[str, Option]:
+    """Return the options that describe a model; the help of ``--without`` lists all terms."""
+    options = options_of("model")
+    terms = [kind.key() for kind in Term.kinds.values()]
+    without = options["without"]
+    help_text = without.help.format(terms=", ".join([*terms, "truncation"]))
+    options["without"] = replace(without, help=help_text)
+    return options
+
+
 def model_from(
     degree: int | None = None,
     preset: str | None = None,
@@ -305,7 +316,7 @@ GivenCampaign = Annotated[
 ]
 Certificates = Annotated[dict[str, Any], group(instrument_fields, **_CERTIFICATE_OPTIONS)]
 TableFields = Annotated[dict[str, Any], group(campaign_fields, **_TABLE_OPTIONS)]
-ChosenModel = Annotated["lb.HybridModel", group(model_from, **options_of("model"))]
+ChosenModel = Annotated["lb.HybridModel", group(model_from, **_model_options())]
 Tolerances = Annotated[dict[str, str], group(_tolerances, tolerance=_SHARED["tolerance"])]
 PoolOptions = Annotated[dict[str, Any], group(**options_of("pool"))]
 OutputOptions = Annotated[Output, group(Output, **options_of("output"))]

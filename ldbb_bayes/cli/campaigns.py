@@ -19,6 +19,7 @@ from ldbb_bayes.cli.arguments import campaign_fields, campaign_from
 from ldbb_bayes.cli.options import REQUIRED, command, group, option
 from ldbb_bayes.cli.output import Output
 from ldbb_bayes.errors import InputError, require
+from ldbb_bayes.report import wording
 from ldbb_bayes.report.campaign_text import parts_of
 
 __all__ = ["check", "import_", "simulate"]
@@ -58,11 +59,20 @@ def import_(
     )
     output.deliver(
         result.as_dict(),
-        result,
+        (*parts_of(result), *_unit_notes(result.campaign)),
         {IMPORT_NAME: layout_to_toml(result.layout)},
         write_more=partial(write_campaign_into, result.campaign),
         note=f"{_size(result.campaign)}. Look at it: ldbb-bayes check {out}",
     )
+
+
+def _unit_notes(campaign: lb.Campaign) -> list[str]:
+    """Return a note on each force or radius of a campaign that seems to be in a wrong unit."""
+    notes = []
+    for remark in lb.check_campaign(campaign).remarks:
+        if remark.kind == "unit":
+            notes.append(f"Note: {wording.remark_words(remark)}.")
+    return notes
 
 
 def _size(campaign: lb.Campaign) -> str:

@@ -51,6 +51,11 @@ def validated(model: type[T], content: dict[str, Any], place: str) -> T:
     first = (unknown_keys or errors)[0]
     location = _locate(model, content, first["loc"])
     cause = first.get("ctx", {}).get("error")
+    if not location.keys:  # The error concerns the content as a whole.
+        reason = _describe_invalid("content", first)
+        if isinstance(cause, InputError):
+            reason = str(cause)
+        raise InputError(f"{place}: {reason}")
     if isinstance(cause, InputError):
         raise InputError(f"{place}, [{' '.join(location.keys)}]: {cause}")
     *tables, key = location.keys
@@ -183,6 +188,8 @@ def _input_error(
     place = subject
     if kwargs.get("name"):
         place = f"{subject} {kwargs['name']!r}"
+    if not first["loc"]:  # The error concerns the arguments as a whole.
+        return InputError(f"{place}: {_describe_invalid('arguments', first)}")
     key = first["loc"][0]
     dataclass_fields = vars(cls)["__dataclass_fields__"]
     if first["type"] in _UNKNOWN_KEY:

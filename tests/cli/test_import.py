@@ -72,6 +72,12 @@ def test_loads_and_names(files: list[Path], tmp_path: Path, invoke: Invoke) -> N
     assert (campaign.name, campaign.mount.compensated) == ("machine 7", False)
 
 
+def test_a_radius_in_metres_is_told(files: list[Path], tmp_path: Path, invoke: Invoke) -> None:
+    options = ("--forces-N", "100,200,300", "--radius-mm", "0.15")
+    stdout = invoke("import", *files, "--out", tmp_path / "c", *options)[1]
+    assert "Note: a radius is 0.15 mm: check the unit." in stdout
+
+
 @pytest.mark.parametrize(("options", "message"), cases(__file__, "import.toml")["wrong"])
 def test_wrong_options(
     options: str, message: str, files: list[Path], tmp_path: Path, invoke: Invoke

@@ -110,3 +110,11 @@ def test_bad_truths(content: str, message: str, tmp_path: Path, invoke: Invoke) 
     (tmp_path / "truths.toml").write_text(content)
     assert message in refused(invoke, "simulate", tmp_path / "truths.toml", "--out", tmp_path / "c")
     assert not (tmp_path / "c").exists()
+
+
+@pytest.mark.parametrize(("typed", "right"), [("preview", "check"), ("calibrate", "validate")])
+def test_names_of_python_are_answered_with_the_command(
+    typed: str, right: str, invoke: Invoke
+) -> None:
+    line = refused(invoke, typed, "x")
+    assert line == f"ldbb-bayes: No such command '{typed}'. Type ldbb-bayes {right}."

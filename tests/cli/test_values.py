@@ -7,6 +7,7 @@ from campaigns import refuses
 
 import ldbb_bayes as lb
 from ldbb_bayes.cli.analyses import _read_range
+from ldbb_bayes.cli.arguments import _model_options
 from ldbb_bayes.cli.questions import _read_topology
 from ldbb_bayes.cli.values import ball_in
 
@@ -46,3 +47,11 @@ def test_a_topology_needs_the_axes_of_the_tested_planes() -> None:
     assert _read_topology("wFZYt", ("YZ",)) == "wFZYt"
     assert _read_topology("wFXZt", ("ZX",)) == "wFXZt"
     refuses("topology", _read_topology, "wFXYt", ("ZX",))
+
+
+def test_help_of_without_lists_every_term() -> None:
+    help_text = _model_options()["without"].help
+    for kind in lb.terms.Term.kinds.values():
+        if kind.__module__.startswith("ldbb_bayes."):
+            assert kind.key() in help_text
+    assert "truncation" in help_text
