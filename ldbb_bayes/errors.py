@@ -26,7 +26,7 @@ LONGEST_MESSAGE = 1200
 
 
 class InputError(ValueError):
-    """Input that cannot be used.
+    """Error that is raised for input that cannot be used.
 
     The message states in one line what must hold, what was found, and how to mend it. The middle
     of a message longer than 1200 characters is left out. The error is also a ValueError.
@@ -164,7 +164,7 @@ def renamed(
     new_names
         Dictionary from old names to current names.
     refused_from
-        Version of the program from which the old name is refused.
+        First version of the program that refuses the old name.
     stacklevel
         Number of calls from here to the code that the warning shows.
 

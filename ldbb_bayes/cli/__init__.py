@@ -26,9 +26,9 @@ __all__ = ["app", "main"]
 # Class of errors in the use of a command. It belongs to the library Click, or to the copy of Click
 # in Typer, the library that reads the command line.
 _UsageError: Any = typer.BadParameter.__base__
-# Options of commands, by the name that the argument has in Python.
+# Correct option for each option that users may type because the argument has this name in Python.
 _OPTIONS_BY_ARGUMENT = {"--prob": "--ci", "--ci-prob": "--ci"}
-# Commands, by the name that the function has in Python.
+# Command that does the same as a function in Python, by the name of the function.
 _COMMANDS_BY_FUNCTION = {
     "calibrate": "validate",
     "preview": "check",
@@ -65,11 +65,11 @@ class _Commands(TyperGroup):
         sys.exit(code)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """Return the name of the command that the arguments name, the command and the other ones.
+        """Return the name of the typed command, the command itself, and the remaining arguments.
 
-        For the name of a function in Python, such as preview, the message of the `InputError` says
-        which command does the same. ``ctx`` is the context in which Typer (the library that reads
-        the command line) looks for the command, and ``args`` are the typed arguments.
+        For the name of a function in Python, such as preview, raise an `InputError` that says which
+        command does the same. ``args`` are the typed arguments. ``ctx`` is the context in which
+        Typer, the library that reads the command line, looks for the command.
         """
         if args[0] in _COMMANDS_BY_FUNCTION:
             raise InputError(

@@ -45,7 +45,7 @@ def identify(
 
     The campaign may be a plan (without readings), so that this can be found before the experiment.
     """
-    # This module is imported here, because it loads the analysis, which takes long.
+    # This module is imported here, because it loads the analysis, which takes a long time.
     from ldbb_bayes.report import identifiability_text
 
     output.check(
@@ -145,10 +145,10 @@ def compare(
 
 # ---- options of the command design
 
-# Largest number of values in a range LO:HI:STEP; more are probably due to a mistyped step.
+# Largest number of steps in a range LO:HI:STEP; more are probably due to a mistyped step.
 _MOST_VALUES = 5000
-# Rounding error of the number of steps in a range LO:HI:STEP that is allowed, so that the range
-# 0:0.3:0.1 has three steps and ends at 0.3.
+# Largest rounding error of the number of steps in a range LO:HI:STEP. It is allowed so that the
+# range 0:0.3:0.1 has three steps and ends at 0.3.
 _ROUNDING = 1e-8
 
 
@@ -188,8 +188,8 @@ def _numbers_or_none(entries: Sequence[str]) -> tuple[float, ...]:
 def _read_clockings(entry: str, flag: str) -> tuple[tuple[float, float], ...]:
     """Return pairs of angles [deg] by which work ball and tool ball are turned about their stems.
 
-    The typed text ``entry`` states angles of the work ball alone, as a list or range, or lists
-    pairs WORK/TOOL; ``flag`` names the option in error messages.
+    The typed text ``entry`` is a list or range of angles of the work ball alone, or a list of pairs
+    WORK/TOOL. ``flag`` names the option in error messages.
     """
     if "/" not in entry:
         return tuple((angle, 0.0) for angle in _read_range(entry, flag))
@@ -233,7 +233,7 @@ def design(
     are written into --out DIR as a plan, in the order in which to run them, with the model for
     their analysis. Exit code 1: the tests are not proven to be the best.
     """
-    # This is imported here, because it loads SciPy, which takes long.
+    # This is imported here, because it loads SciPy, which takes a long time.
     from ldbb_bayes.model.specification import model_to_toml
 
     output.check(

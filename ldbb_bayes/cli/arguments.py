@@ -80,7 +80,7 @@ def instrument_fields(*, balls: lb.Ball | None = None, **options: Any) -> dict[s
     Parameters
     ----------
     balls
-        Ball for the workpiece side and the tool side, if one option states them together.
+        Ball that is taken for both the workpiece side and the tool side, if one option states it.
     **options
         Fields of `Instrument`, and paths of digital calibration certificates (DCC): ``bar_dcc``,
         ``force_dcc``, ``work_dcc``, ``tool_dcc``.
@@ -183,7 +183,7 @@ def _read_sheets(text: str, flag: str) -> list[str]:
 
 
 def _layout(layout: Path | None = None, **options: Any) -> lb.reading.Layout:
-    """Return how tables are to be read, as a layout file and options state it.
+    """Return the layout, that is, how tables are to be read, from a layout file and options.
 
     ``layout`` is the path of the file, or None; ``options`` are fields of `Layout` by name, which
     take precedence over the file.
@@ -302,8 +302,8 @@ JSON = _SHARED["json"]
 QUIET = _SHARED["quiet"]
 PRIOR_FROM = _SHARED["prior_from"]
 
-# Types of arguments are written as texts, so that the help of a command does not import them, which
-# takes long.
+# Types of arguments are written as texts, so that the help of a command appears sooner: the classes
+# themselves are then not imported.
 CampaignArgument = Annotated[
     Path,
     typer.Argument(help="A campaign folder, a campaign.toml or a tidy CSV.", metavar="CAMPAIGN"),

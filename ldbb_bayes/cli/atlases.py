@@ -1,6 +1,6 @@
 """Command ``ldbb-bayes machine``: parameters that circular tests show, and their patterns.
 
-The pattern of a parameter is the reading per unit of the parameter around the circle.
+The pattern of a parameter is the change of the reading around the circle per unit of the parameter.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ ATLAS_FILES = figure_files(
 def write_atlases(machine: lb.Machine, circles: Sequence[lb.machine.Circle], folder: Path) -> None:
     """Write figures of the patterns of compliances and geometric errors, for every plane.
 
-    The pattern of a parameter is the reading per unit of the parameter around a circle. For every
-    plane, it is shown for the first of ``circles`` in this plane.
+    The pattern of a parameter is the change of the reading around a circle per unit of the
+    parameter. For every plane, it is shown for the first of ``circles`` in this plane.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def machine(
     c = cos θ and s = sin θ, where θ is the angle of the bar from the first axis of the plane, and
     with lengths in mm.
     """
-    # This module is imported here, because it loads the analysis, which takes long.
+    # This module is imported here, because it loads the analysis, which takes a long time.
     from ldbb_bayes.report import machine_text
 
     chain = lb.Machine(topology, settings["plane"], settings.get("frames_mm", {}))

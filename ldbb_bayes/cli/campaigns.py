@@ -112,7 +112,7 @@ def simulate(
     True values of parameters and noise are drawn at random from the priors unless a TOML file
     states them.
     """
-    # This is imported here, because it loads SciPy, which takes long.
+    # This is imported here, because it loads SciPy, which takes a long time.
     from ldbb_bayes.model.specification import Truths, is_truths, read_truths
 
     if is_truths(source):

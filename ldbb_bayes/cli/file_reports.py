@@ -39,8 +39,8 @@ AVERAGED_NAME = "averaged.nc"
 _FILES_BESIDE_PAGE = (AVERAGED_NAME, "campaign", "comparison.json", "design.json")
 # Approximate relative durations of the steps in which a report is made, by the name of the step.
 STEPS = {"fit": 1.0, "compare": 10.0, "average": 1.0, "page": 8.0}
-# Largest numerical error of a log evidence in a report [nat]. The command compare uses 0.01, with
-# which the computation takes three to ten times as long.
+# Largest numerical error that a report allows in a log evidence [nat]. The command compare allows
+# 0.01, with which the computation takes three to ten times as long.
 _TOLERANCE = 0.05
 
 
@@ -85,8 +85,8 @@ def report_files(
     source
         The files, and options that describe their tables and the instrument.
     output
-        Output of the command ``report``. If it names no folder, its folder becomes one beside the
-        first file.
+        Output of the command ``report``. If it names no folder, the report is written into a folder
+        beside the first file.
     settings
         Options of the report by name.
     model
@@ -119,8 +119,8 @@ def report_files(
         fit_result = fit_tables.full_result(fit, settings["prob"])
         stated_result = fit_tables.full_result(stated_posterior, settings["prob"])
         if campaign.tolerances:
-            # State the same decisions on conformity in the summary of the fit and in the summary of
-            # the stated posterior: the decisions at the force that the report states.
+            # Both summaries state the same decisions on conformity. The decisions are based on the
+            # averaged posterior, if there is one, and on the force that the report states.
             decisions = lb.assess_conformity(stated_posterior, force_N=settings.get("force_N"))
             conformity = {name: decision.as_dict() for name, decision in decisions.items()}
             fit_result["conformity"] = conformity
@@ -232,9 +232,9 @@ def _analyse(
 
 
 def _import_in_worker(executor: Executor | None) -> None:
-    """Start a second process now, so that it imports the package while this one computes the fit.
+    """Make the second process import the package while the first process computes the fit.
 
-    ``executor`` is the executor with this process; for None nothing is done.
+    ``executor`` runs tasks in the second process; for None nothing is done.
     """
     start_early(partial(callable, lb.compare), executor)
 

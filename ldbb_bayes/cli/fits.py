@@ -1,7 +1,7 @@
 """Commands ``fit``, ``summarize`` and ``demo`` of ``ldbb-bayes``: posteriors and their files.
 
-The commands import the modules that sample and summarize only when they run. The help of all
-commands is faster without these imports.
+The modules for sampling and summaries are imported only when a command runs, so that the help of
+all commands appears sooner.
 """
 
 from __future__ import annotations

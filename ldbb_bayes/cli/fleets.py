@@ -95,11 +95,11 @@ def batch(
 
 
 def _batch_parts(result: lb.fleet.Batch) -> tuple[Table | str, ...]:
-    """Return what to print of a batch of fits.
+    """Return the table and sentences to print about a batch of fits.
 
-    The parts are a table of the numbers of campaigns, at most ten failed and at most ten doubtful
-    campaigns with the reasons, the time that the fits took, and the path of the file with the
-    results.
+    The table states how many campaigns were fitted and how many failed. The sentences name at most
+    ten failed and ten doubtful campaigns with the reasons, the time that the fits took, and the
+    file with the results.
     """
     counts = (
         ("fitted", result.done),

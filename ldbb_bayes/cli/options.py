@@ -61,7 +61,7 @@ class Kind(NamedTuple):
     typed: Any
     #: Function that returns the converted value, given the typed value and the option's flag.
     read: Callable[[Any, str], Any]
-    #: Placeholder of the value in the help, such as X,Y,Z; None for the usual one of the type.
+    #: Placeholder of the value in the help, such as X,Y,Z; None for the placeholder of the type.
     metavar: str | None = None
 
 
@@ -77,8 +77,8 @@ class Option:
     help: str  #: help text of the option
     default: Any  #: value if the user does not type the option; None if it is then not passed on
     to: str  #: keyword argument that gets the value; empty if it has the name of the option
-    #: further arguments of `typer.Option`, and ``name``, the flag if it differs from the option's
-    #: name
+    #: further arguments of `typer.Option`, and ``name``: the flag, if it does not follow from the
+    #: name of the option
     settings: Mapping[str, Any]
 
     def flag(self, name: str) -> str:
@@ -176,8 +176,8 @@ def option(kind: Any, help: str, default: Any = None, to: str = "", **settings: 
     to
         Keyword argument that gets the value. Default: the option's own name.
     **settings
-        Further arguments of `typer.Option`, and ``name``, the flag if it differs from the option's
-        name.
+        Further arguments of `typer.Option`, and ``name``: the flag, if it does not follow from the
+        name of the option.
 
     Returns
     -------
@@ -212,13 +212,13 @@ def group(
 
 
 def options_of(*groups: str, **kinds: Any) -> dict[str, Option]:
-    """Return declarations of options by name, for `group`, from the file ``options.toml``.
+    """Return the options that the file ``options.toml`` declares, by name.
 
     Parameters
     ----------
     *groups
-        Names of groups, which are tables of the file. A table within such a table is a panel of the
-        help, with its options.
+        Names of groups of options. Each group is a table of the file; a table inside it holds the
+        options of one panel of the help.
     **kinds
         Kinds of option values, by name, in addition to the kinds that all commands know.
 
@@ -260,7 +260,7 @@ def _catalogue_entries(entries: Mapping[str, Any]) -> Iterator[_CatalogueEntry]:
 
 
 def command(function: Callable[..., None]) -> Callable[..., None]:
-    """Return a function as a command for Typer, the library that reads the command line.
+    """Return a function as a command that Typer, the library that reads the command line, can run.
 
     Parameters
     ----------

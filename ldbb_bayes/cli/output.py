@@ -154,7 +154,7 @@ class Output:
         Raises
         ------
         InputError
-            If the folder holds a result already, or files with other names.
+            If the folder holds other files, or exists already and ``force`` is false.
         """
         self.files = (*files, *figure_files(figures))
         if self.out is not None:

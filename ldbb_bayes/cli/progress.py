@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
 __all__ = ["counting_progress", "sampling_progress", "step_progress", "steps_of"]
 
-# Function that updates a progress bar. Its arguments are usually the number of things done and the
-# total number of things to do.
+# Function that updates a progress bar. For most bars its arguments are the number of things done
+# and the total number of things to do.
 Tell = Callable[..., None]
 # Function that begins a named step of a computation, and returns the function that reports the
 # progress of this step.
@@ -133,8 +133,8 @@ def steps_of(update: Callable[[float, str, int, int], None] | None, **weights: f
     Returns
     -------
     callable
-        Function that gets the name of the step that begins and returns the function that reports
-        progress of this step, or None.
+        Function to call with the name of each step when the step begins. It returns the function
+        that reports the progress of this step, or None if no progress is reported.
     """
     total_weight = sum(weights.values())
     weight_before: dict[str, float] = {}

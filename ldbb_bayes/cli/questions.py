@@ -1,6 +1,6 @@
 """Questions that ``ldbb-bayes report`` asks at a terminal, about machine, mount and balls.
 
-The mount is that of the work ball, which the bar's force deflects.
+The mount holds the work ball; the force of the bar deflects it.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class MachineType(NamedTuple):
 
 # Types of machine tools from which the user can choose.
 MACHINES = tuple(MachineType(**entry) for entry in CATALOGUE["machines"])
-# Meaning of the answers to a question of yes or no, in English and German.
+# Meaning of the answers to a yes-or-no question, in English and German.
 _ANSWERS = {"y": True, "yes": True, "j": True, "ja": True, "n": False, "no": False, "nein": False}
 
 
@@ -79,7 +79,7 @@ def complete_campaign(campaign: lb.Campaign, unstated: Collection[str]) -> lb.Ca
 
 
 def _ask_topology(planes: Sequence[str]) -> str:
-    """Ask for the machine's topology until it has the axes of all tested planes."""
+    """Ask for the topology of the machine until the answer has the axes of all tested planes."""
 
     def read(answer: str) -> str:
         return _read_topology(answer, planes)

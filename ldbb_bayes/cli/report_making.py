@@ -61,7 +61,8 @@ def make_report(
     figures
         Folder for the figures of the page; None: they are not written.
     may_ask
-        Whether to ask the user, if there is a terminal, for facts that nothing states.
+        Whether to ask the user, if there is a terminal, for facts that neither files nor options
+        state.
 
     Raises
     ------
@@ -170,8 +171,8 @@ def _report_fits(source: ReportSource, output: Output, settings: dict[str, Any])
 def _check_report_folder(folder: Path, *, force: bool) -> None:
     """Raise an `InputError` for a folder that holds a report already, or cannot take one.
 
-    With ``force``, an existing report is accepted. A folder cannot take a report if its subfolder
-    ``tables`` holds other files, or if it is no folder.
+    With ``force``, an existing report is accepted. A report cannot be written if the path is not a
+    folder, or if its subfolder ``tables`` holds files that do not belong to a report.
     """
     for name in REPORT_FILES:
         if (folder / name).exists() and not force:
@@ -183,9 +184,9 @@ def _check_report_folder(folder: Path, *, force: bool) -> None:
 
 
 def _stored_result(folder: Path, name: str) -> Path | None:
-    """Return the folder of a fit if it also holds a result with this name, else None.
+    """Return the folder of a fit if it also holds the file ``<name>.json``, else None.
 
-    The result, such as "comparison", is then in the file ``comparison.json``.
+    ``name`` is the name of a result, such as "comparison".
     """
     return folder if (folder / f"{name}.json").exists() else None
 

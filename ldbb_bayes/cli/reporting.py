@@ -51,7 +51,7 @@ def report(
     fit is written into the folder of the fit. Exit code 1: the random draws of a fit did not reach
     the wanted effective number; the page then says so at its top.
     """
-    # These are imported here, because they load Matplotlib and fpdf2, which takes long.
+    # These are imported here, because they load Matplotlib and fpdf2, which takes a long time.
     from ldbb_bayes.cli.report_making import make_report
     from ldbb_bayes.cli.sources import ReportSource
 

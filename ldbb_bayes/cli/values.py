@@ -65,7 +65,7 @@ def pairs_in(entries: Iterable[str], flag: str, form: str) -> dict[str, str]:
 
 
 def numbers_in(text: str, flag: str, separator: str = ",") -> tuple[float, ...]:
-    """Return the finite numbers that a text states, with separators between them.
+    """Return the finite numbers that a text lists, with a separator such as a comma between them.
 
     Parameters
     ----------

@@ -29,7 +29,8 @@ def check_target(target: Path, *, force: bool, ours: Collection[str] = ()) -> No
     force
         Whether an existing folder may be replaced.
     ours
-        Names of the files that an existing folder may hold to be replaced; others are refused.
+        Names of the files that this program writes. An existing folder is replaced only if it holds
+        no others.
 
     Raises
     ------
@@ -70,8 +71,8 @@ def check_target(target: Path, *, force: bool, ours: Collection[str] = ()) -> No
 def _require_elsewhere(target: Path) -> None:
     """Raise an `InputError` if the path ``target`` must not be a folder for results.
 
-    This is so for the working directory, a folder that contains it, a link that leads to itself,
-    and a name that the system cannot hold.
+    It must not be the working directory, a folder that contains the working directory, a link that
+    leads to itself, or a name that is not valid in the file system.
     """
     try:
         with suppress(FileNotFoundError, NotADirectoryError, PermissionError):
@@ -102,7 +103,8 @@ def staged_folder(target: Path, *, force: bool, ours: Collection[str] = ()) -> I
     force
         Whether an existing folder may be replaced.
     ours
-        Names of the files that an existing folder may hold to be replaced; others are refused.
+        Names of the files that this program writes. An existing folder is replaced only if it holds
+        no others.
 
     Yields
     ------

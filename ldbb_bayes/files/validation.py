@@ -137,11 +137,11 @@ def _describe_invalid(subject: str, error: Any) -> str:
 
 
 def raises_input_error(subject: str) -> Callable[[type[T]], type[T]]:
-    """Return a decorator for classes that then raise an `InputError` for wrong arguments.
+    """Return a decorator that makes a class raise an `InputError` for wrong arguments.
 
-    The classes are dataclasses of the library pydantic, which otherwise raises a `ValidationError`
-    of several lines. The decorator must wrap ``__init__``: pydantic writes this method itself, so
-    that no base class can replace it, and turns every error in it into a `ValidationError`.
+    The class is a dataclass of the library pydantic, which otherwise raises a `ValidationError` of
+    several lines. The decorator must wrap ``__init__``: pydantic writes this method itself, so that
+    no base class can replace it, and turns every error in it into a `ValidationError`.
 
     Parameters
     ----------

@@ -124,7 +124,7 @@ def run_batch(
         Method of drawing from the posterior, as for `sample`.
     executor : Executor, or callable that starts one, optional
         Where campaigns are fitted. Default: in this process, one after the other. A function that
-        starts an executor, such as ``process_executor``, is called once this run has locked
+        starts an executor, such as ``process_executor``, is called after this run has locked
         ``out``, and the lock is kept until the workers have ended.
     seed : int
         Seed of the random draws, a whole number from 0 to 2^63 − 1.
@@ -142,7 +142,7 @@ def run_batch(
         Limits by quantity for all campaigns, see `assess_conformity`; they replace those in
         campaign.toml.
     resume : bool
-        Whether to continue an earlier run in ``out``; where there is none, a batch begins.
+        Whether to continue an earlier run in ``out``. If there is none, a new batch begins.
     retry : bool
         Whether to fit failed campaigns again when resuming.
     force : bool

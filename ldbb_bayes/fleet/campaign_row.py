@@ -34,10 +34,10 @@ from ldbb_bayes.report.fit_tables import describe_fit
 
 __all__ = ["Job", "Settings", "failed_row", "fit_row"]
 
-# Numerical error asked for of each of the two log evidences from which a campaign's Bayes factor is
+# Largest numerical error of each of the two log evidences from which a campaign's Bayes factor is
 # computed [nat].
 _EVIDENCE_TOLERANCE = 1e-2
-# Longest text that a campaign's row holds on why the campaign could not be fitted [characters].
+# Longest reason in a row that states why a campaign could not be fitted [characters].
 _LONGEST_REASON = 1200
 # Attributes of `Campaign` that are copied into columns of a batch's table with the same names.
 _CAMPAIGN_COLUMNS = ("name", "sha256", "machine_id", "date", "topology", "readings")
@@ -236,10 +236,9 @@ def _bayes_factor_columns(
 ) -> dict[str, Any]:
     """Return the log Bayes factor of linear over constant compliance, and its error [nat].
 
-    Both are given by the names of their columns. Linear and constant refer to the change of
-    compliance with force. ``truncated_density`` is the posterior density of the hyper-parameters
-    under the condition that no compliance is negative. ``model`` and ``campaign`` are those of the
-    fit.
+    The two models have compliance linear in force and constant compliance. The result has the names
+    of the columns as keys. ``truncated_density`` is the posterior density of the hyper-parameters
+    under the condition that no compliance is negative.
     """
     density = truncated_density if model.prior.truncated else truncated_density.plain
     if model.degree == 1 and density.truncated == density.bound.truncation.active:
@@ -265,8 +264,8 @@ def _conformity_columns(posterior: xr.DataTree) -> dict[str, Any]:
 def _parameter_numbers(posterior: xr.DataTree, prob: float) -> dict[str, dict[str, Any]]:
     """Return unit, mean, sd, median and interval of every parameter and hyper-parameter of a fit.
 
-    Hyper-parameters are the scales of the noise and of other effects. The result is by the name of
-    the parameter, then of the number. ``prob`` is the probability of the credible interval.
+    Hyper-parameters are the scales of the noise and of other effects. The result maps the name of
+    each parameter to its unit and numbers. ``prob`` is the probability of the credible interval.
     """
     numbers: dict[str, dict[str, Any]] = {}
     for name, draws in posterior["posterior"].data_vars.items():

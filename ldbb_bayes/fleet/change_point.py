@@ -42,15 +42,15 @@ __all__ = [
 ]
 
 # The scatter r is the standard deviation of a machine's parameters from campaign to campaign. It is
-# integrated out as a sum over nodes (values of r). These are the lowest and the highest node, in
-# units of the scale of the prior of r (repeatability), and the step of ln r between nodes. The
-# prior density beyond the highest node is negligible.
+# integrated out as a sum over nodes (values of r). The constants are the lowest and the highest
+# node, in units of the scale of the prior of r (repeatability), and the step of ln r between nodes.
+# The prior density beyond the highest node is negligible.
 _LOWEST_RATIO = 0.03
 _HIGHEST_RATIO = 8.0
 _LOG_STEP = 0.12
-# A hypothesis states which parameter of a machine changed by a step, just before which campaign, or
-# that none did. Hypotheses are left out when quantiles are computed if their probability, divided
-# by that of the most probable hypothesis, is at most this.
+# A hypothesis states which parameter of a machine changed by a step and just before which campaign,
+# or that no parameter changed. Quantiles are computed without those hypotheses whose probability,
+# divided by that of the most probable hypothesis, is at most this.
 _NEGLIGIBLE_WEIGHT = 1e-7
 
 
@@ -77,16 +77,17 @@ def scatter_rule(repeatability: float) -> tuple[Array, Array]:
 
 
 def hypotheses(carried: Gaussian, parameters: int, change_scale: float) -> Gaussian:
-    """Return the Gaussian of level, instrument errors and step (c, b, Δ) under every hypothesis.
+    """Return the Gaussian of levels, instrument errors and step (c, b, Δ) under every hypothesis.
 
-    A hypothesis states how large the machine's scatter from campaign to campaign is, which of its
-    parameters changed by a step, and just before which campaign, or that none did. c are the levels
-    of the p parameters before the step Δ, b the errors of the instrument; q is the number of c and
-    b together. The Gaussians have the shape (r, n, p, q + 1) for r values of the scatter and n
-    campaigns. Index k of the second array axis, from 0, means a step just before campaign k + 2,
-    counted from 1; the last index means no step. Values are in units of the parameters' prior sd.
-    The attribute ``log_integral`` is the log evidence of each hypothesis, up to a constant that all
-    hypotheses share.
+    A hypothesis assumes one of r values of the machine's scatter from campaign to campaign. It also
+    assumes that one of the p parameters changed by a step just before one of the n campaigns, or
+    that none changed. c are the levels of the p parameters before the step Δ, b the errors of the
+    instrument; q is the number of c and b together.
+
+    The Gaussians have the shape (r, n, p, q + 1). Index k of the second array axis, from 0, means a
+    step just before campaign k + 2, counted from 1; the last index means no step. Values are in
+    units of the parameters' prior sd. The attribute ``log_integral`` is the log evidence of each
+    hypothesis, up to a constant that all hypotheses share.
 
     Parameters
     ----------
@@ -117,8 +118,7 @@ def hypotheses(carried: Gaussian, parameters: int, change_scale: float) -> Gauss
 def _sum_from_here_on(series: Array) -> Array:
     """Return, for each campaign, the sum over this campaign and all later ones.
 
-    ``series`` holds arrays for the campaigns in order of time, which are counted by its second
-    array axis. The result has the same shape.
+    The second axis of ``series`` and of the result counts the campaigns in order of time.
     """
     return np.asarray(np.cumsum(series[:, ::-1], axis=1)[:, ::-1])
 
@@ -128,10 +128,10 @@ def hypothesis_probabilities(
 ) -> Array:
     """Return the posterior probability of every hypothesis of a step, shape (r, n, p).
 
-    A hypothesis states which of the p parameters of a machine changed by a step, just before which
-    of the n campaigns, or that none did, and which of r values the machine's scatter from campaign
-    to campaign has. Index k of the second array axis, from 0, means a step just before campaign
-    k + 2, counted from 1. The last index means no step; its probability is shared out equally over
+    A hypothesis assumes one of r values of the machine's scatter from campaign to campaign. It also
+    assumes that one of the p parameters changed by a step just before one of the n campaigns, or
+    that none changed. Index k of the second array axis, from 0, means a step just before campaign
+    k + 2, counted from 1. The last index means no step; its probability is divided equally among
     the p parameters. All probabilities together sum to one.
 
     Parameters
@@ -151,10 +151,10 @@ def hypothesis_probabilities(
 def instrument_moments(posteriors: Gaussian, probabilities: Array) -> tuple[Array, Array]:
     """Return the posterior mean (s,) and covariance (s, s) of the instrument's s errors.
 
-    They are averages over all hypotheses, weighted by their probabilities. A hypothesis states
-    which of the p parameters of a machine changed by a step, just before which of the n campaigns,
-    or that none did, and which of r values the machine's scatter from campaign to campaign has.
-    Mean and covariance are in units of the errors' prior sd.
+    They are those of the mixture of all hypotheses, weighted by their probabilities. A hypothesis
+    assumes one of r values of the machine's scatter from campaign to campaign. It also assumes that
+    one of the p parameters changed by a step just before one of the n campaigns, or that none
+    changed. Mean and covariance are in units of the errors' prior sd.
 
     Parameters
     ----------
@@ -175,8 +175,8 @@ def instrument_moments(posteriors: Gaussian, probabilities: Array) -> tuple[Arra
 class Levels(NamedTuple):
     """Values of p parameters of a machine at the last campaign, in units of their prior sd.
 
-    They are averages over the possibilities that no parameter changed, or that one of them changed
-    just before one of the campaigns, each weighted by its probability.
+    They take into account that no parameter may have changed, or one of them just before any of the
+    campaigns. Each possibility has its probability as weight.
     """
 
     #: posterior means of the p parameters at the last campaign, in units of their prior sd, (p,)
@@ -192,10 +192,10 @@ class Levels(NamedTuple):
 def current_levels(posteriors: Gaussian, probabilities: Array, *, prob: float = 0.95) -> Levels:
     """Return every parameter's value at the last campaign: its first level plus any step.
 
-    The values are averages over all hypotheses, weighted by their probabilities. A hypothesis
-    states which of the p parameters of a machine changed by a step, just before which of the n
-    campaigns, or that none did, and which of r values the machine's scatter from campaign to
-    campaign has.
+    The result is that of the mixture of all hypotheses, weighted by their probabilities. A
+    hypothesis assumes one of r values of the machine's scatter from campaign to campaign. It also
+    assumes that one of the p parameters changed by a step just before one of the n campaigns, or
+    that none changed.
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ __all__ = ["LIMITS", "ChartPoints", "chart_points"]
 # the machine does not change. A normal distribution has this probability within three standard
 # deviations.
 LIMITS = 0.997
-# Smallest standard deviation of the estimate that earlier campaigns predict for a campaign. It
+# Smallest standard deviation of the distribution that earlier campaigns predict for an estimate. It
 # prevents divisions by zero.
 _SMALLEST_SD = 1e-300
 
