@@ -17,6 +17,7 @@ import ldbb_bayes as lb
 from ldbb_bayes.analysis.aliases import degeneracies
 from ldbb_bayes.analysis.cures import cures
 from ldbb_bayes.errors import InputError
+from ldbb_bayes.inference.coefficients import private_terms
 from ldbb_bayes.model.bound_information import _Noise, _noise_covariances
 from ldbb_bayes.model.setting import Setting
 from ldbb_bayes.model.specification import model_from_toml, model_to_toml
@@ -53,6 +54,19 @@ class KnownLobe(lb.terms.Term):
         sd = np.array([self.sd_um * 1e-3])
         mean = np.array([3e-3])
         return (lb.terms.Columns(("known_lobe",), setting.harmonics([5])[:, :, :1], sd, mean=mean),)
+
+
+@dataclass(frozen=True)
+class Ripple(lb.terms.Term):
+    """cos 7θ, sin 7θ, anew in every circle, in proportion to the circle's noise factor."""
+
+    sd_um: float = 2.0
+
+    def columns(self, setting: Setting) -> tuple[lb.terms.Columns, ...]:
+        names = ("ripple_cos7", "ripple_sin7")
+        values = setting.harmonics([7])
+        sd = self.sd_um * 1e-3
+        return (lb.terms.Columns(names, values, sd, private=True, circle=setting.circle),)
 
 
 MODEL = lb.HybridModel.first(0).without("ball-form").with_term(PitchError())
@@ -215,6 +229,17 @@ def test_noise_factors_count_in_every_use_of_private_columns() -> None:
             factor, [_Noise("Columns", columns), _Noise("Noise", noise)], phi, test
         )
         np.testing.assert_allclose(covariances["Columns"], covariances["Noise"], rtol=1e-12)
+
+
+def test_a_new_circle_has_private_coefficients_of_its_noise_factor() -> None:
+    bound = lb.HybridModel.default(0).with_term(Ripple()).bind(plan())
+    phi = np.full((1, len(bound.hyper_prior.names)), 1.0)
+    names = bound.hyper_prior.names
+    for r, test in enumerate(bound.test_names):
+        phi[0, names.index(f"lambda_{test}")] = 1.0 + r
+    for r in range(len(bound.test_names)):
+        (sd,) = [term.sd for term in private_terms(bound, phi, r) if term.sd.shape == (1, 2)]
+        np.testing.assert_allclose(sd, [[2e-3 * (1.0 + r)] * 2], rtol=1e-12)
 
 
 def test_one_number_is_the_sd_and_mean_of_all_columns() -> None:
