@@ -35,8 +35,8 @@ __all__ = [
 
 # Number of posterior draws from which contributions to the readings of a circle are computed.
 DRAWS = 2000
-# Names of the sources of contributions to the readings that are sums of other sources: all effects
-# of the machine, all compliances, and all geometric errors.
+# Names of three sums of contributions to the readings: of all effects of the machine, of all
+# compliances, and of all geometric errors.
 TOGETHER = "compliance and geometry"
 COMPLIANCE = "compliance"
 GEOMETRY = "geometry"
@@ -73,13 +73,14 @@ def decompose_deviation(
         of the tool ball are sources of their own, but not part of the three sums. Columns
         are plane, radius_mm, force_N and source; maximum, minimum and peak_to_peak; and sd, ci_low
         and ci_high of the peak-to-peak. The values maximum and minimum are those of the posterior
-        mean contribution; peak_to_peak is the posterior median. For a source that the readings
-        hardly determine, peak_to_peak exceeds maximum minus minimum, which may be zero.
+        mean contribution; peak_to_peak is the posterior median. If the readings hardly determine a
+        source, its peak_to_peak is larger than maximum − minimum.
 
     Raises
     ------
     InputError
-        For a probability that is not between 0 and 1, or a posterior from `to_units`.
+        For a probability that is not between 0 and 1, a negative force, or a posterior from
+        `to_units`.
 
     Examples
     --------
@@ -136,7 +137,7 @@ def contribution_paths(
 
 
 def _columns_by_source(bound: BoundModel, columns: MachineColumns) -> dict[str, Array]:
-    """Return, by source of contributions, the effects of p parameters on a circle, shape (25, p).
+    """Return the effects of the p parameters on a circle, shape (25, p), by source.
 
     An effect is the change of the circle's 25 Fourier coefficients per unit of the parameter. The
     columns of parameters that do not belong to the source are zero. Offsets of the tool ball are

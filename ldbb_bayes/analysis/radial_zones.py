@@ -46,7 +46,7 @@ def least_squares_zone(angle_rad: Array, deviation: Array) -> Zone:
 
 
 def minimum_zone_width(angle_rad: Array, deviation: Array) -> float:
-    """Return the width of the minimum zone: the zone about the centre that makes it narrowest.
+    """Return the smallest width that a zone of radial deviations has about any centre.
 
     ``deviation``, shape (n,), are the radial deviations ρ at the angles θ, ``angle_rad``, shape
     (n,). A linear programme finds the centre (a, b) and the limits ``lower`` and ``upper`` that
@@ -79,10 +79,10 @@ def minimum_zone_width(angle_rad: Array, deviation: Array) -> float:
 
 
 def _circle_columns(angle_rad: Array, deviation: Array) -> Array:
-    """Return the design matrix of a circle's radius and centre (1, cos θ, sin θ), shape (n, 3).
+    """Return the design matrix of a circle with the columns 1, cos θ and sin θ, shape (n, 3).
 
-    Its rows are for the n angles θ, ``angle_rad``. Refuse too few angles, or another number of
-    deviations.
+    Each row is for one angle θ of ``angle_rad``. Fewer than three angles are refused, and angles
+    without a deviation each.
     """
     require(
         len(deviation) >= _FEWEST_ANGLES and len(angle_rad) == len(deviation),

@@ -54,7 +54,7 @@ class Explanations:
     #: all combinations of the rival explanations
     averaged: Assumed
     #: log Bayes factor of slopes (compliances that change with force) over no slopes in models
-    #: without rival explanations, as in the paper
+    #: without rival explanations
     alone: Assumed
 
     @property
@@ -151,9 +151,9 @@ def _compare_slopes(
 ) -> Assumed:
     """Return the log Bayes factor of slopes over no slopes, with both log evidences.
 
-    Slopes are changes of compliance with force. ``label`` names the way in which rival explanations
-    are treated; ``error`` is that of the log Bayes factor [nat]. ``log_evidence_by_slopes`` has the
-    value of the model with slopes first, but ``pair`` has that model last.
+    Slopes are changes of compliance with force. ``label`` says how rival explanations are treated;
+    ``error`` is that of the log Bayes factor [nat]. In ``log_evidence_by_slopes`` the model with
+    slopes comes first; in ``pair`` it comes last.
     """
     with_slopes, without_slopes = log_evidence_by_slopes.tolist()
     constant_name, linear_name = pair

@@ -1,4 +1,4 @@
-"""Compare two models under other assumptions about how circles differ from one another."""
+"""Comparison of two models under several assumptions about how circles differ from one another."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from ldbb_bayes.results import Finite
 
 __all__ = ["WHITE_NOISE", "Assumed", "Change", "changed", "discrepancy_assumptions", "under"]
 
-# Function that takes a model and returns it under another assumption, for example one about how
-# circles differ from one another.
+# Function that takes a model and returns it with one assumption changed, such as how circles differ
+# from one another.
 Change = Callable[[HybridModel], HybridModel]
-# Label of the assumption that circles differ from one another by white noise only. Compliances may
-# then be negative.
+# Label of the assumption that circles differ from one another by white noise only, and that
+# compliances may be negative.
 WHITE_NOISE = "white noise only, no truncation"
 # Label of the models' own assumption about how circles differ from one another.
 _UNCHANGED = "as in the model"
 
 
 class _Alternative(NamedTuple):
-    """Another assumption about how circles differ from one another: a model term is changed."""
+    """Assumption about how circles differ, made by a change of one term of a model."""
 
     label: str
     kind: type[Term]  #: class of the model term that is replaced or left out
@@ -68,8 +68,8 @@ def discrepancy_assumptions(models: Collection[HybridModel]) -> dict[str, Change
     """Return assumptions about how circles may differ from one another, by label.
 
     Each assumption is a function that changes a model. The first leaves the models unchanged, each
-    of the next changes one term, and the last leaves only white noise. A change that would leave
-    every one of ``models`` as it is, is omitted.
+    of the next changes one term, and the last leaves only white noise. A change of a term is
+    omitted if it alters none of ``models``.
     """
     changes: dict[str, Change] = {_UNCHANGED: _leave_unchanged}
     for alternative in _ALTERNATIVES:
@@ -93,7 +93,7 @@ def _leave_unchanged(model: HybridModel) -> HybridModel:
 
 
 def _change_to(alternative: _Alternative) -> Change:
-    """Return a function that takes a model and returns it with an alternative assumption."""
+    """Return the function that makes an alternative assumption in a model."""
 
     def change(model: HybridModel) -> HybridModel:
         if alternative.term is None:

@@ -27,8 +27,8 @@ __all__ = [
 _UPPER = ("upper",)
 _LOWER = ("lower",)
 _BOTH = ("lower", "upper")
-# Quantities of the machine's circular path that may have a tolerance. The value of each is the
-# limit, upper or lower, that is meant by a tolerance of a single number.
+# Quantities of the machine's circular path that may have a tolerance, and the limit, upper or
+# lower, that is meant where a tolerance is one number without a sign.
 PATH_QUANTITIES = {"G": _UPPER, "F_max": _UPPER, "F_min": _LOWER}
 # Regular expressions for names of quantities that cannot be negative. The first matches direct
 # compliances (deflection along a force, or tilt about a moment); the second also matches
@@ -93,7 +93,7 @@ class Quantity:
     """A quantity that may have a tolerance.
 
     ``unit`` is its internal unit (mm, N, rad). ``sides`` are the limits, "upper", "lower" or both,
-    that a tolerance of a single number states.
+    that are meant where a tolerance is one number without a sign.
     """
 
     unit: str
@@ -148,8 +148,8 @@ def tolerances_in(
 
     A single number such as ``60 nm/N`` is the upper limit of a direct compliance, of G or of F_max,
     the lower limit of a stiffness or of F_min, and both limits (±) of any other quantity. A sign
-    ``≤``, ``≥`` or ``±`` before the number states otherwise which limit it is. A text such as
-    ``−20..40 µrad`` gives both limits.
+    before the number takes precedence: ``≤`` gives an upper limit, ``≥`` a lower limit and ``±``
+    both. A text such as ``−20..40 µrad`` also gives both limits.
     """
     require(
         isinstance(given, Mapping),

@@ -1,4 +1,4 @@
-"""Judge whether the values on a certificate can be used, and give reasons against their use."""
+"""Judgement whether the values on a certificate can be used, with reasons against their use."""
 
 from __future__ import annotations
 
@@ -128,7 +128,7 @@ def _grave_reasons(fit: Fit) -> list[Reason]:
 def _reservations(
     fit: Fit, verdicts: Mapping[str, ParameterIdentifiability], stated: Collection[str]
 ) -> list[Reason]:
-    """Return the reasons in one fit to use the values on a certificate with reservation only.
+    """Return the reasons for reservation that come from the fit and from the verdicts.
 
     ``stated`` are the names of the parameters on the certificate.
     """
@@ -150,7 +150,7 @@ def _reservations(
 
 
 def _reservations_of_comparison(comparison: Comparison) -> list[Reason]:
-    """Return the reasons in a comparison of models to use its result with reservation only."""
+    """Return the reasons for reservation that come from a comparison of models."""
     reasons = []
     if not comparison.within_tolerance:
         reasons.append(Reason(ReasonKind.ROUGH_EVIDENCE))

@@ -1,4 +1,4 @@
-"""Compute the standard uncertainties to expect with further certificates of the instrument."""
+"""Standard uncertainties to expect with further certificates of the instrument."""
 
 from __future__ import annotations
 
@@ -61,10 +61,9 @@ def worth_of_certificates(
 ) -> dict[str, dict[str, float]]:
     """Return the standard uncertainties to expect with further certificates of the instrument.
 
-    The uncertainties are those of all parameters. They are computed for the instrument as it is,
-    then for the instrument with one certificate more, and at last for the instrument with all
-    missing certificates. Missing certificates are those of `CERTIFICATES` that the instrument does
-    not have yet.
+    The uncertainties of all parameters are computed for the instrument as it is, then with each
+    missing certificate alone, and finally with all missing certificates. Missing certificates are
+    those of `CERTIFICATES` that the instrument does not have yet.
 
     Parameters
     ----------

@@ -1,9 +1,10 @@
 """Subsets of slopes: which compliances change with force, and curves averaged over the subsets.
 
-Every compliance C may have a slope with force F or none, and each subset of slopes is a model with
-its own evidence. Curves are C(F). With several planes there may be too many subsets, so that only
-some are considered. A search then starts from no slopes and from all slopes, and goes on to the
-neighbours of the best subset, which differ from it in one slope.
+A slope is the change of a compliance with force. Every compliance may have a slope or none, and
+each subset of slopes is a model with its own evidence. Curves of compliance against force are
+averaged over these models. If there are too many subsets, a search considers some only. It starts
+from no slopes and from all slopes, and goes on to the neighbours of the best subset, which differ
+from it in one slope.
 """
 
 from __future__ import annotations
@@ -153,7 +154,7 @@ def slope_subsets(
 
 
 def _slope_names(model: HybridModel, campaign: Campaign) -> dict[str, str]:
-    """Return the names of the slopes of a model by compliance, such as ``C_XXX_1`` by ``C_XXX``."""
+    """Return the name of each compliance's slope, such as ``C_XXX_1`` for ``C_XXX``."""
     names = {}
     for parameter in model.bind(campaign).parameters:
         if parameter.group == "slope":
@@ -162,12 +163,11 @@ def _slope_names(model: HybridModel, campaign: Campaign) -> dict[str, str]:
 
 
 def _best_first(slopes: int, weigh: Callable[[Choice], Nodes]) -> dict[Choice, Nodes]:
-    """Return the quadrature nodes of the posteriors for subsets of slopes found by a search.
+    """Search for the subsets of slopes with the largest evidence, and return their nodes.
 
-    Slopes are changes of compliance with force. The search starts from no slopes and from all
-    slopes. It goes on to the neighbours of the subset with the largest evidence, which differ from
-    it in one slope, and ends after ``_SEARCHED_SUBSETS`` subsets. ``slopes`` is the number of
-    possible slopes; ``weigh`` returns the nodes of a subset, which hold its evidence.
+    The nodes are the quadrature nodes of the posterior, which hold its evidence; ``weigh`` returns
+    them for a subset. ``slopes`` is the number of possible slopes. The search ends after
+    ``_SEARCHED_SUBSETS`` subsets.
     """
     weighed: dict[Choice, Nodes] = {}
     for choice in ((False,) * slopes, (True,) * slopes):

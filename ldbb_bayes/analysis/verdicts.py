@@ -1,15 +1,14 @@
-"""Judge whether each parameter is identified, prior-limited or confounded.
+"""Verdicts whether each parameter is identified, prior-limited or confounded.
 
-A parameter is confounded where the readings cannot separate it from another effect. β are the
-parameters (compliances, their slopes and geometric errors), nuisances the effects that are modelled
-but not of interest, and y the readings. A degeneracy is a combination of parameters and nuisance
-coefficients that no reading resolves.
+A parameter is confounded if the readings cannot separate it from another effect. In this module, β
+are the parameters (compliances, their slopes and geometric errors) and y the readings. Nuisances
+are effects that are modelled but not of interest. A degeneracy is a combination of parameters and
+nuisance coefficients that no reading resolves.
 
 Everything is computed for the linear Gaussian model, in which compliances may be negative, at one
-value of the hyper-parameters φ (the scales of the noise and of other effects). No readings are
-needed for this, so that a plan can be judged before it is run. The value of φ is its posterior mean
-with readings, and its prior median without. Only the benefit of certificates is averaged over p(φ |
-y).
+value of the hyper-parameters φ (the scales of the noise and of other effects). For a campaign with
+readings, this value is the posterior mean of φ; for a plan, which can thus be judged before it is
+run, it is the prior median. Only the benefit of certificates is averaged over p(φ | y).
 """
 
 from __future__ import annotations
@@ -93,8 +92,8 @@ class Verdict(StrEnum):
     ratio of posterior and prior variance; sd is the standard deviation. The rules apply in this
     order:
 
-    1. *confounded*, when a nuisance that the model leaves out looks exactly like the parameter:
-       nothing bounds the nuisance then.
+    1. *confounded*, when a term that the model's preset has, but the model leaves out, looks
+       exactly like the parameter. Nothing then limits the size of this effect.
     2. *confounded*, when nuisances in the model look exactly like the parameter and make up more
        than half of its standard uncertainty: knowing them would remove more than a quarter of its
        variance. This holds only if neither these readings nor a certificate state their size. A
@@ -184,9 +183,8 @@ class Identifiability(Result):
     #: remedies for each item of ``degeneracies``: further tests that resolve it when added to the
     #: plan, or a calibration
     cures: tuple[tuple[Cure, ...], ...]
-    #: kinds of effect, such as friction, that look like parameters, each with these parameters; the
-    #: effects are no terms of the model, or only tests at different forces separate them from the
-    #: parameters
+    #: kinds of effect, such as friction, each with the parameters that it looks like: the model has
+    #: no term for the effect, or only tests at different forces separate it from the parameters
     standing: tuple[Standing, ...]
     #: number of parameters that the readings determine: the sum of the contractions, or for a flat
     #: prior the number of all parameters
@@ -246,7 +244,7 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
     Raises
     ------
     InputError
-        For a model to which the campaign cannot be fitted.
+        For a model that cannot be fitted to the campaign.
 
     Examples
     --------
@@ -538,10 +536,10 @@ def _squared_correlations(
 def _terms_left_out(
     bound: BoundModel, combinations: Sequence[Degeneracy]
 ) -> dict[str, tuple[str, ...]]:
-    """Return, for each parameter, the terms left out of the model that look exactly like it.
+    """Return the terms that the model lacks and that look exactly like a parameter, by parameter.
 
-    The terms are given by class name, such as ``Drift``. Parameters without such terms are left
-    out.
+    The terms are given by class name, such as ``Drift``. Only parameters with such terms are
+    listed.
     """
     parameters_by_kind = {
         standing.kind: standing.parameters
@@ -557,9 +555,9 @@ def _terms_left_out(
 def _shifted_parameters(bound: BoundModel, mean: Array) -> tuple[str, ...]:
     """Return the names of the compliances that a shift of the circle's centre may imitate.
 
-    If the estimated centre of the circles shifts in proportion to force, they are the rotations
-    caused by a force, such as ``C_CXY``. If it does not, or for a plan, return an empty tuple.
-    ``mean``, shape (p,), are the estimated parameters.
+    These are the rotations caused by a force, such as ``C_CXY``, if the estimated centre of the
+    circles shifts in proportion to force. Otherwise, and for a plan, there are none. ``mean``,
+    shape (p,), are the estimated parameters.
     """
     if bound.campaign.is_plan or not centre_shift(bound, mean):
         return ()
@@ -595,10 +593,10 @@ def _judge(information: Information, facts: _ParameterFacts) -> _Judgement:
 
 
 def _open_terms(terms: Sequence[str], combinations: Sequence[Degeneracy]) -> tuple[str, ...]:
-    """Return those of the given model terms whose size is not stated, for example by a certificate.
+    """Return those of the given model terms whose size neither a certificate nor the user states.
 
-    Only terms with a coefficient in a degeneracy count: a combination of coefficients that no
-    reading resolves. ``combinations`` are these degeneracies.
+    The answer is taken from ``combinations``, the degeneracies (combinations of coefficients that
+    no reading resolves); terms without a coefficient in them are not returned.
     """
     not_stated = {d.term for d in combinations if d.modelled and not d.stated}
     return tuple(term for term in terms if term in not_stated)
@@ -631,8 +629,7 @@ def _inseparable_partners(
 def _twins(names: Sequence[str], combinations: Sequence[Degeneracy]) -> tuple[str, ...]:
     """Return those of the named parameters that no reading separates from other parameters.
 
-    A name is returned if the parameter is in one of ``combinations``: each is a combination of
-    parameters alone that changes no reading.
+    They are the members of those ``combinations`` that contain parameters only, no nuisances.
     """
     inseparable = set[str]()
     for degeneracy in combinations:

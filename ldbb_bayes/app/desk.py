@@ -15,7 +15,7 @@ from ldbb_bayes.parallel import WorkerDiedError, process_executor
 __all__ = ["Desk"]
 
 MOST_WAITING = 100  # largest number of requests that wait for an answer; further ones are refused
-ANSWER_S = 120.0  # largest time in which the process may compute one answer [s]
+ANSWER_S = 120.0  # longest time that the process may take for one answer [s]
 _ATTEMPTS = 2  # largest number of attempts to answer a request; the second is in a new process
 _LONGEST_MESSAGE = 300
 
@@ -39,10 +39,10 @@ class Desk:
     async def ask(
         self, work: Callable[..., dict[str, Any]], session: Session, *arguments: Any
     ) -> dict[str, Any]:
-        """Return the result of a function that runs in the process, or the reason of a refusal.
+        """Return the result of a function that runs in the process, or the reason for a refusal.
 
-        The function must return within two minutes. The time in which it waits for its start, while
-        other requests are answered, does not count.
+        The function must return within two minutes. Time spent waiting for the answers to other
+        requests does not count.
 
         Parameters
         ----------

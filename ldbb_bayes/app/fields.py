@@ -1,4 +1,4 @@
-"""Entry fields of the browser page: options of ``ldbb-bayes report``, and their conversion."""
+"""Entry fields of the browser page, and conversion of their texts to options of a report."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Access control: only requests from the server's own page with the secret token are answered.
-
-ASGI is Python's interface between web servers and applications.
-"""
+"""Access control: only requests from the server's own page with the secret token are answered."""
 
 from __future__ import annotations
 
@@ -60,8 +57,8 @@ class Guard:
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer an HTTP request, or refuse a request that did not come from the server's page.
 
-        The arguments are those of ASGI, Python's interface between web servers and applications:
-        description of the request, and functions that receive its body and send the response.
+        The arguments, as defined by ASGI, are the description of the request, a function that
+        receives its body and a function that sends the response.
         """
         if scope["type"] == "lifespan":
             await self._app(scope, receive, send)

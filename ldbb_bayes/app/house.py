@@ -1,4 +1,4 @@
-"""All sessions (browser tabs) of the server: their start, their end, and their fits in turn."""
+"""All sessions (browser tabs) of the server: their start, their end, and their fits."""
 
 from __future__ import annotations
 
@@ -89,10 +89,9 @@ class House:
     async def fit(self, session: Session) -> None:
         """Write the report of a session (one browser tab) in a separate process.
 
-        The process reads a copy of the session's files.
-
-        The report replaces an earlier one only when it is complete. A refusal is stored as the
-        outcome of the session.
+        The process reads a copy of the session's files. The report replaces an earlier one only
+        when it is complete. The state of the report, or a refusal, is stored as the outcome of the
+        session.
         """
         job = session.folder / JOB
         try:
@@ -108,7 +107,6 @@ class House:
             with suppress(OSError, ValueError):
                 session.outcome = json.loads((job / OUTCOME_NAME).read_text(encoding="utf-8"))
             if "refused" not in session.outcome:
-                # Replace the session's earlier report only when the new report is complete.
                 shutil.rmtree(session.folder / RESULT, ignore_errors=True)
                 (job / RESULT).rename(session.folder / RESULT)
                 session.fitted = edition

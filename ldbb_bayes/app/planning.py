@@ -402,7 +402,7 @@ def _expected_uncertainties(report: _Report, settings_json: str, *, fine: bool) 
     settings_json
         Values of the page's sliders by name, as JSON.
     fine
-        Whether to average over all possible states of the machine that a final forecast uses;
+        Whether to average over as many possible states of the machine as a final forecast does;
         otherwise fewer are used, which is faster.
     """
     space, tests, _ = _planned_tests(report, settings_json)

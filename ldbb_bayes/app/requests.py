@@ -57,12 +57,12 @@ Answer = Callable[[House, Session, Request], Awaitable[Response]]
 
 
 def refused(message: str, status: int) -> Response:
-    """Return an HTTP response with the reason of a refusal, which the page shows to the user.
+    """Return an HTTP response with the reason for a refusal, which the page shows to the user.
 
     Parameters
     ----------
     message
-        Reason of the refusal.
+        Reason for the refusal.
     status
         HTTP status code, such as 404.
 
@@ -111,7 +111,7 @@ async def _state(house: House, session: Session, request: Request) -> Response:
 async def _leave(house: House, session: Session, request: Request) -> Response:
     """Record that a browser tab of the session was closed.
 
-    Tabs that are only reloaded count as closed until their next request.
+    A reload of the page also closes the tab; the page then comes back with a new identifier.
     """
     session.closed.add(request.query_params.get("tab", ""))
     session.tabs = (session.tabs or set()) - session.closed

@@ -94,7 +94,7 @@ def application(token: str, port: int) -> ASGIApp:
     Returns
     -------
     ASGI application
-        ASGI is Python's interface between web servers and applications.
+        Application for a server that uses ASGI, Python's interface for web applications.
     """
 
     def endpoint(answer: Answer) -> Callable[[Request], Awaitable[Response]]:
@@ -248,7 +248,7 @@ async def _serve_and_show(
 ) -> None:
     """Run the server, and open the page in a browser once the server answers.
 
-    ``listener`` is the socket on which the server listens, and ``address`` the URL of the page. If
+    ``listener`` is the socket on which the server listens. ``address`` is the URL of the page; if
     it is None, no browser is opened.
     """
     serving = asyncio.create_task(server.serve(sockets=[listener]))

@@ -19,10 +19,10 @@ from ldbb_bayes.app.worker import PROGRESS_NAME
 
 __all__ = ["JOB", "Session", "kill_process"]
 
-JOB = "job"  # subfolder of a session (one browser tab) for its report until it is complete
-# Times without a request after which a session ends [s]. The first is for closed browser tabs (a
-# page that is reloaded closes only for a moment), the second for tabs that were never opened. The
-# third is for open tabs, since tabs in the background may send no requests.
+JOB = "job"  # subfolder of a session (one browser tab) in which its report is made
+# Times without a request after which a session ends [s]. CLOSED_S holds when its browser tabs were
+# closed; it leaves time to reload the page. UNOPENED_S holds when no tab was ever opened. SILENT_S
+# holds when a tab is open; it is long because tabs in the background may send no requests.
 CLOSED_S = 8.0
 UNOPENED_S = 60.0
 SILENT_S = 3600.0
@@ -79,7 +79,7 @@ class Session:
 
     @property
     def held(self) -> dict[str, int]:
-        """Sizes of the files that the user added [bytes] by name, in the order of their reading."""
+        """Sizes [bytes] of the files that the user added, by name, in the order of their import."""
         paths = sorted((self.folder / FILES).iterdir(), key=_import_order)
         return {path.name: path.stat().st_size for path in paths}
 

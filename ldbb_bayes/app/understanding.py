@@ -113,8 +113,8 @@ def understand(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
 def _wrong_entries(folder: Path, choices: Mapping[str, str], error: InputError) -> list[str]:
     """Return the names of the entry fields whose texts cause an error when files are read.
 
-    These are the entries without which the files could be read. If there are no such entries, they
-    are those without which the message of the error would be different.
+    An entry is to blame if the files can be read after it is removed. If there is no such entry,
+    those whose removal changes the message of the error are returned.
 
     Parameters
     ----------

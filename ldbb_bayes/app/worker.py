@@ -62,9 +62,9 @@ def answer(work: Callable[..., dict[str, Any]], folder: str, *arguments: Any) ->
 def main() -> None:
     """Write the report of a session; a process that the server starts runs this function.
 
-    The two arguments of the process are the folder with the copied files of the session, into which
-    the report is written too, and the id of the server's process. The progress is written to
-    ``progress.json``, and the outcome to ``outcome.json``.
+    The two arguments of the process are a folder and the id of the server's process. The folder
+    holds a copy of the session's files. The report, the progress (``progress.json``) and the
+    outcome (``outcome.json``) are written into the same folder.
     """
     job = Path(sys.argv[1])
     parent = int(sys.argv[2])

@@ -99,7 +99,7 @@ def uncertainty_change(name: str, sd_before: float, sd_after: float, unit: str) 
     -------
     dict
         Name, display unit such as nm/N, U before and after with two digits, and the ratio of U
-        after to U before.
+        after to U before. The ratio is at most 2; it is 1 if U before is zero or infinite.
     """
     factor, label = display_unit(unit)
     share = 1.0

@@ -149,9 +149,8 @@ class CampaignFields(Shown):
     #: force of the bar as a linear function of the regulator's pressure, used for tests that state
     #: only the force or only the pressure
     force_law: ForceLaw = field(default_factory=ForceLaw)
-    #: position (X, Y, Z) [mm] of the frame of each joint of the machine with all axes at zero,
-    #: relative to the point where the two balls coincide, by the letter of the joint's axis, as in
-    #: `Machine`
+    #: position (X, Y, Z) [mm] of each joint's frame, by the letter of the joint's axis. All axes
+    #: are at zero, and the origin is the point where the two balls coincide; see `Machine`.
     frames_mm: SkipValidation[Mapping[str, Sequence[float]]] = field(default_factory=dict)
 
 
@@ -168,8 +167,8 @@ class Campaign(CampaignFields):
     Raises
     ------
     InputError
-        If there are no tests, if two tests have the same name, if the machine cannot run the plane
-        of a test, or if only some of the tests have readings.
+        If there are no tests, if two tests have the same name, if the machine cannot move in the
+        plane of a test, or if only some of the tests have readings.
 
     Examples
     --------
@@ -318,9 +317,9 @@ class Campaign(CampaignFields):
         """SHA-256 digest of the readings and the conditions under which they were taken.
 
         The conditions are those of each test, and the campaign's topology, frames, mount and
-        resolution. The digest also depends on the names, the order and the foreseen tests, but not
-        on how the files are written. Certificates do not change the digest, because they enter the
-        model as prior knowledge.
+        resolution. The digest also depends on the names and the order of the tests, and on the
+        foreseen tests, but not on how the files are written. Certificates do not change the digest,
+        because they enter the model as prior knowledge.
         """
         digest = hashlib.sha256()
         head: list[Any] = [

@@ -17,7 +17,7 @@ from ldbb_bayes.errors import require
 __all__ = ["TOML_NAME", "write_campaign_into"]
 
 TOML_NAME = "campaign.toml"
-# Version of the format of campaign.toml, its key ``schema``.
+# Version of the format of campaign.toml, which is written under the key ``schema``.
 _SCHEMA = 1
 # Relative tolerance within which the arc of a planned test counts as a full turn.
 _TURN_TOLERANCE = 1e-6

@@ -196,9 +196,9 @@ class CalibrationCertificate(Shown):
     def _bar_quantity(self, lengths: dict[str, list[CertifiedQuantity]]) -> CertifiedQuantity:
         """Return the certified quantity that states the error of a bar's length.
 
-        It is an error of indication; without one, a deviation from the nominal length; without
-        either, a length beside its nominal value. ``lengths`` holds the quantities in units of
-        length by their role. Raise an `InputError` if there is no such quantity, or several.
+        An error of indication is preferred to a deviation from the nominal length, and this to a
+        length that is stated beside its nominal value. ``lengths`` holds the quantities in units
+        of length by their role. Raise an `InputError` if there is no such quantity, or several.
         """
         if "indication" in lengths:
             return _only(lengths["indication"])
@@ -242,9 +242,9 @@ class CalibrationCertificate(Shown):
         return stated | {"certificate": self._label(*sources)}
 
     def _force_scale(self) -> CertifiedQuantity | None:
-        """Return the certified gain of a force device [N/bar] or, without one, its largest force.
+        """Return the certified gain of a force device [N/bar], or the largest certified force [N].
 
-        Return None if the certificate states neither.
+        The force is returned if no gain is stated, and None if neither is.
         """
         gains = self._quantities_by_role("N/bar").get("gain", [])
         if gains:

@@ -50,8 +50,9 @@ class Ball(Shown):
     Raises
     ------
     InputError
-        For an unknown grade, for a grade together with a deviation from sphericity, and for
-        harmonics without ``U_um``, of an order outside 2 to 12, or of an order given twice.
+        For an unknown grade, for a grade together with a deviation from sphericity, for harmonics
+        without ``U_um`` or the reverse, and for harmonics of an order outside 2 to 12 or of an
+        order given twice.
 
     Examples
     --------

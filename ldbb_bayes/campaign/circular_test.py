@@ -94,11 +94,11 @@ class TestFields(Shown):
     time_s: Number | None = None  #: start of the test [s], on a clock common to all tests
 
 
-# Names of the fields of a test that a table of readings may also give in columns with other headers
-# than the name of the field.
+# Names of the fields of a test that an imported file may also give in other ways than in a column
+# with the name of the field.
 _NOT_PER_TEST = ("name", "force_N", "pressure_bar", "direction")
-# Names of the fields of a test that a table of readings may give only in a column whose header is
-# the name of the field.
+# Names of the other fields of a test: a table of readings gives them only in a column with the name
+# of the field.
 PER_TEST = tuple(entry.name for entry in fields(TestFields) if entry.name not in _NOT_PER_TEST)
 
 
@@ -114,9 +114,10 @@ class CircularTest(TestFields):
     Raises
     ------
     InputError
-        For angles that are missing, fewer than nine, or cover less than 180°; for angles or
-        readings that are not finite or not equally many; for readings of more than 100 mm; and
-        for a test without force and pressure, or with a force that is not positive.
+        For angles that are missing, are fewer than nine or cover less than 180°; for angles or
+        readings that are not finite, not equally many or given in two units; for readings of more
+        than 100 mm; and for a test without force and pressure, or with a force that is not
+        positive.
 
     Examples
     --------
@@ -326,9 +327,9 @@ class CircularTest(TestFields):
         """Arc that the angles of the test cover [deg].
 
         Angles of several turns are first reduced to one turn. The arc is 360° minus the largest gap
-        between neighbouring angles on the circle. If the largest gap is no wider than three usual
-        gaps, the arc is 360°. Half of the rest of the circle lies in gaps that are no wider than
-        the usual gap.
+        between neighbouring angles on the circle. If the largest gap is at most three times as wide
+        as usual, the arc is 360°. The usual width is the median of the other gaps, weighted by
+        their widths.
         """
         return _arc_of(self.angle_deg.tobytes())
 
@@ -356,16 +357,15 @@ def _arc_of(angles: bytes) -> float:
 
 
 def usual_gap(gaps_deg: Array) -> float:
-    """Return the usual one of n ≥ 2 gaps between neighbouring angles on a circle [deg].
+    """Return the usual width of the gaps between neighbouring angles on a circle [deg].
 
-    The largest gap is left out first. The usual gap is then the smallest one for which the gaps up
-    to its width cover at least half of the rest of the circle. Angles that nearly repeat one
-    another make the median gap smaller, but hardly the usual gap.
+    It is the median of all gaps except the largest, each weighted by its width. The weights keep
+    narrow gaps between nearly equal angles from lowering the result.
 
     Parameters
     ----------
     gaps_deg
-        Gaps, shape (n,) [deg]; their sum is 360°.
+        At least two gaps, shape (n,) [deg]; their sum is 360°.
     """
     ordered = np.sort(gaps_deg)[:-1]
     covered = np.cumsum(ordered)
@@ -373,10 +373,10 @@ def usual_gap(gaps_deg: Array) -> float:
 
 
 def distinct_forces(forces_N: ArrayLike) -> Array:
-    """Return the different ones of several forces, in ascending order [N].
+    """Return the distinct values among several forces, in ascending order [N].
 
-    A force is left out if it exceeds the last force that was kept by at most a thousandth of the
-    largest force.
+    A force counts as equal to the next lower distinct force if it exceeds that force by at most a
+    thousandth of the largest force.
     """
     ordered = np.unique(np.asarray(forces_N, dtype=float))
     distinct: list[float] = []

@@ -75,7 +75,7 @@ def read_dcc(path: str | os.PathLike[str]) -> CalibrationCertificate:
 
     Examples
     --------
-    A certificate whose length error is 0.8 µm with U = 0.9 µm at k = 3:
+    A certificate that states a deviation of 0.8 µm from the nominal length, U = 0.9 µm at k = 3:
 
     >>> lb.campaign.read_dcc("bar.xml").fields("bar")  # doctest: +SKIP
     {'length_error_um': -0.8, 'U_um': 0.6, 'certificate': 'bar.xml, DCC K-2026-0815: ...'}

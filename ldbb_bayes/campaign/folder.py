@@ -212,8 +212,8 @@ def labels_of(path: str | os.PathLike[str]) -> dict[str, str]:
 def embedded_campaign(name: str = "recovered_experiment") -> Path:
     """Return the folder of a campaign that comes with the package.
 
-    The readings of the recovered experiment follow from the printed tables of the paper: six
-    circles at forces from 36 to 742 N.
+    The readings of ``recovered_experiment`` are reconstructed from the tables of a published
+    experiment: six circles at forces from 36 to 742 N. What the tables do not fix is synthetic.
 
     Parameters
     ----------

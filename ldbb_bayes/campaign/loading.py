@@ -19,8 +19,8 @@ __all__ = ["ForceLaw", "MountCompensation"]
 class ForceLaw(Shown):
     """Force F of the bar as a function of the regulator's pressure P, F = slope · P + offset.
 
-    The default values are those of the bar in the paper. Where a test states only its force or only
-    its pressure, the campaign's force law gives the other.
+    The default values are those of the bar in the published experiment (`embedded_campaign`). Where
+    a test states only its force or only its pressure, the campaign's force law gives the other.
 
     Examples
     --------
@@ -48,8 +48,8 @@ class ForceLaw(Shown):
 class MountCompensation(Shown):
     """Deflection of the work ball's mount, and whether readings are compensated for it.
 
-    The deflection is ``deflection_um_per_bar`` times the regulator's pressure in bar (Eq. 32 of the
-    paper). If the readings are not compensated for it, the model adds it to the predicted readings.
+    The deflection is ``deflection_um_per_bar`` times the regulator's pressure in bar. If the
+    readings are not compensated for it, the model adds it to the predicted readings.
 
     Examples
     --------

@@ -37,8 +37,8 @@ _LARGEST_ARC_DEG = 360.0 - 360.0 / _ORDER
 # A gap between neighbouring angles of a test is reported if it is wider than this number of usual
 # steps from one angle to the next.
 _GAP_STEPS = 10.0
-# A test is reported if its stated force differs from the force that follows from its pressure by
-# the campaign's linear force law by more than this share of the campaign's largest force.
+# A test is reported if its stated force and the force that the campaign's force law gives for its
+# pressure differ by more than this share of the largest force.
 _FORCE_LAW_SHARE = 0.02
 # Usual range of a campaign's largest force [N]. If the force is outside, the unit of the forces is
 # probably wrong.
@@ -60,8 +60,8 @@ _SPIKE_SCATTERS = 8.0
 # reading by more than this number of standard deviations of the noise, or of resolutions if the
 # resolution is larger.
 _OPEN_SCATTERS = 10.0
-# Number of rounds of the first iteration by which spikes are found, which reweights the readings.
-# The second iteration leaves out spikes and fits again; it has at most this number of rounds.
+# Number of rounds in the search for spikes: that many fits with new weights of the readings, and
+# then at most that many fits without the spikes found so far.
 _MAX_ROUNDS = 20
 # Standard deviation of a normal distribution divided by its median absolute deviation (MAD). A MAD
 # times this factor estimates the standard deviation.

@@ -183,7 +183,7 @@ def _angles_and_readings(path: Path, columns: Mapping[str, Any]) -> dict[str, Ar
 
 
 def _one_of(path: Path, columns: Mapping[str, Any], names: tuple[str, str]) -> str:
-    """Return which of the two ``names`` is the name of a column in a table.
+    """Return that one of two ``names`` which a column of a table has.
 
     ``columns`` are the columns of the table by name. Raise an `InputError` if it has columns of
     both names or of neither.
