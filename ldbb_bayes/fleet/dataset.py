@@ -44,8 +44,8 @@ _PARAMETER_COLUMNS = ("mean", "sd", "median", "ci_low", "ci_high")
 # Values that a batch's table holds of every quantity with a tolerance, and their Arrow types. Each
 # value has a column of its own, such as C_XXX.decision.
 _CONFORMITY_TYPES = {"probability": "double", "decision": "string"}
-# Number of rows in one row group of the Parquet file with a batch's table; each group is written at
-# once.
+# Number of rows in one row group of the Parquet file with a batch's table. The rows of a group are
+# written together.
 _ROWS_PER_GROUP = 1024
 # Largest number of characters that a message on an unreadable file quotes from a library's error.
 _LONGEST_REASON = 120
@@ -53,11 +53,11 @@ _LONGEST_REASON = 120
 _TABLE: Mapping[str, Any] = tomllib.loads(
     Path(__file__).with_name("columns.toml").read_text(encoding="utf-8")
 )
-# Arrow types, by name, of the columns on a campaign and its fit; they are the first columns of a
-# batch's table.
+# Arrow types of the first columns of a batch's table, by name of the column. These columns describe
+# a campaign and its fit.
 COLUMN_TYPES: Mapping[str, str] = _TABLE["columns"]
-# Arrow types, by name, of the columns on a campaign's sufficient statistics (means, covariance);
-# they are the last columns of a batch's table.
+# Arrow types of the last columns of a batch's table, by name of the column. These columns hold a
+# campaign's sufficient statistics (means, covariance).
 STATISTICS_TYPES: Mapping[str, str] = _TABLE["gaussian"]
 # Names of the columns of a batch's table that the analyses of many campaigns (trend of one machine,
 # population of machines) need.
@@ -65,7 +65,7 @@ FLEET_COLUMNS: tuple[str, ...] = tuple(_TABLE["fleet"])
 
 
 def check_pyarrow() -> None:
-    """Raise an `InputError` if pyarrow, by which tables are read and written, is not installed."""
+    """Raise an `InputError` if pyarrow, the library that reads and writes tables, is missing."""
     try:
         import pyarrow.parquet  # noqa: F401 - import it to see if it is installed
     except ImportError:
@@ -117,8 +117,8 @@ def write_dataset(
 def _schema(rows: Iterable[Mapping[str, Any]], about: Mapping[str, Any]) -> pa.Schema:
     """Return the Arrow schema of a batch's table: names, types and units of columns, and metadata.
 
-    ``rows`` are the rows of the table, which decide on the columns of parameters and tolerances;
-    ``about`` is information on the batch for the metadata.
+    ``rows`` are the rows of the table. There are columns for each parameter and each quantity with
+    a tolerance that occurs in any row. ``about`` is information on the batch for the metadata.
     """
     import pyarrow as pa  # an optional dependency
 
@@ -220,8 +220,8 @@ def read_batch(
     Raises
     ------
     InputError
-        If a file, which the message names, is missing, unfinished, damaged or not the table of a
-        batch, a column is unknown, or pyarrow is not installed.
+        If a file is missing, unfinished, damaged or not the table of a batch; if a column is
+        unknown; or if pyarrow is not installed.
 
     Examples
     --------

@@ -69,8 +69,8 @@ class FleetStatistics:
     #: ``prior_sd``, shape (n, c + s)
     likelihood: Gaussian
     reference_force_N: float  #: force at which the compliances of all campaigns are stated [N]
-    #: lowest and highest force of the range that the tests of every campaign cover [N]; if there is
-    #: no such range, the first number exceeds the second
+    #: lowest and highest force of the range that all campaigns have in common [N]; if there is no
+    #: such range, the first number exceeds the second
     forces_N: tuple[float, float]
     topology: str
     #: weighted sum of joint compliances that each fitted compliance stands for, by its name; empty
@@ -380,9 +380,10 @@ def _map_to_force(names: Sequence[str], wanted: Sequence[str], force_change_N: f
 def _meanings(rows: pd.DataFrame, chosen: Sequence[str]) -> dict[str, Meaning]:
     """Return the weighted sum of joint compliances that every chosen compliance stands for.
 
-    The result is by the name of the compliance. ``rows`` are rows of the table of a batch, which
-    states the sums of each campaign. Raise an `InputError` if they differ between campaigns. A
-    campaign that does not state a sum is assumed to agree with the others.
+    The keys of the result are the names of the compliances. ``rows`` are rows of the table of a
+    batch, which states the sums of each campaign. Raise an `InputError` if the sums of a compliance
+    differ between campaigns. A campaign that does not state a sum is assumed to agree with the
+    others.
     """
     meanings: dict[str, Meaning] = {}
     first_campaigns: dict[str, str] = {}

@@ -97,8 +97,7 @@ def open_journal(out: Path) -> Iterator[sqlite3.Connection]:
 def _check_folder(out: Path) -> None:
     """Raise an `InputError` if the folder ``out`` cannot be that of a batch.
 
-    A batch is a set of fits of many campaigns. ``out`` must not be a file, and not hold anything
-    other than a batch. The folder need not exist.
+    The folder need not exist. If it exists, it must hold nothing but the files of a batch.
     """
     if not out.exists():
         return
@@ -253,10 +252,10 @@ def save_row(journal: sqlite3.Connection, number: int, row: Mapping[str, Any]) -
 
 
 def _plain(value: Any) -> Any:
-    """Return a value of a campaign's row, which may be nested, as JSON and Parquet can hold it.
+    """Return a value of a campaign's row in a form that can be stored as JSON and Parquet.
 
-    Numbers that are not finite become None (null in JSON), tuples become lists. Characters that
-    UTF-8 cannot encode, which file names may contain, become question marks.
+    The value may be nested. Numbers that are not finite become None (null in JSON), tuples become
+    lists. Characters that UTF-8 cannot encode, which file names may contain, become question marks.
     """
     if isinstance(value, Mapping):
         return {name: _plain(entry) for name, entry in value.items()}

@@ -36,13 +36,12 @@ from ldbb_bayes.results import Array
 
 __all__ = ["JudgedMachines", "judge_machines"]
 
-# Spreads are the standard deviations of machines about the mean of their population. If the weights
-# that convert random draws of the spreads to draws without one machine cannot be trusted, this
-# number of new draws is made without that machine.
+# Number of new random draws of the spreads that are made without one machine, if the weights that
+# leave this machine out of the existing draws cannot be trusted. Spreads are the standard
+# deviations of machines about the mean of their population.
 _DRAWS_WITHOUT = 512
-# Largest number of machines for which new random draws of the spreads (standard deviations of
-# machines about the mean of their population) are made without the machine. The most outlying
-# machines come first.
+# Largest number of machines for each of which new random draws of the spreads are made without it.
+# The most outlying machines come first.
 _MOST_REDRAWN = 200
 # p-values of a machine's parameters are raised to at least this. For smaller ones, the
 # corresponding quantile of the normal distribution would not be finite.
@@ -83,10 +82,10 @@ def judge_machines(
     """Return a comparison of every machine with what the other machines predict for it.
 
     The spreads s are the standard deviations of the machines' parameters about the mean μ of the
-    population. Random draws of s are made from the posterior with all machines. For each machine,
-    weights convert them to draws without this machine. If these weights cannot be trusted, new
-    draws are made without the machine. This is done for at most 200 machines, the most outlying
-    ones first.
+    population. Random draws of s are made from their posterior given all machines. For each
+    machine, weights turn them into draws from the posterior given the other machines. If these
+    weights cannot be trusted, new draws are made from that posterior. This is done for at most 200
+    machines, the most outlying ones first.
 
     Parameters
     ----------

@@ -7,10 +7,11 @@ in all its campaigns. μ is the mean of the population, s its spread, that is, t
 of the machines about μ; j is the index of a parameter. b are the errors of the instrument, which is
 the same in all campaigns.
 
-Each machine's estimate also uses the readings of the other machines, the more the smaller the
-spread is (partial pooling). The likelihoods of the campaigns are Gaussian in c_m and b
-(`FleetStatistics`), so that all unknowns but s are integrated out exactly (`spread_density`). Each
-machine is compared with what the other machines predict for it (`outlying_machines`).
+The estimate for each machine also depends on the readings of the other machines. The smaller the
+spread is, the more it depends on them (partial pooling). The likelihoods of the campaigns are
+Gaussian in c_m and b (`FleetStatistics`), so that all unknowns but s are integrated out exactly
+(`spread_density`). Each machine is compared with what the other machines predict for it
+(`outlying_machines`).
 """
 
 from __future__ import annotations
@@ -161,8 +162,8 @@ class PooledMachine(Result):
 class Population(Result):
     """Population of machines of one kind, and the estimates for each machine.
 
-    If no machine stands out, this is a finding only if ``judged`` is true. Otherwise the machines
-    could not all be reliably compared with each other.
+    If ``judged`` is false, a machine that does not stand out may still not belong to the
+    population: not every machine could be reliably compared with the others.
 
     Examples
     --------
@@ -179,7 +180,8 @@ class Population(Result):
     machine: dict[str, PooledMachine]  #: estimates for each machine, by machine_id
     campaigns: int  #: number of campaigns of all machines in the population
     reference_force_N: float  #: force at which the compliances are stated [N]
-    #: lowest and highest force of the range that the tests of every campaign cover [N]
+    #: lowest and highest force of the range that all campaigns have in common [N]; if there is no
+    #: such range, the first number exceeds the second
     forces_N: tuple[float, float]
     topology: str  #: topology of the machines: the chain of joints from workpiece to tool
     #: weighted sum of joint compliances that each fitted compliance stands for, by its name; empty
@@ -223,8 +225,8 @@ class Population(Result):
     def as_dict(self) -> dict[str, Any]:
         """Return the content of the file population.json, except its sentences and its digest.
 
-        From its entry ``next``, the prediction for a further machine, `read_population_prior` makes
-        a prior.
+        The entry ``next`` is the prediction for a further machine. `read_population_prior` makes a
+        prior from it.
         """
         next_machine = {}
         for name, parameter in self.parameters.items():
@@ -247,9 +249,9 @@ class Population(Result):
         """Return a table with one row per machine, in internal units (mm, N, rad).
 
         Columns are the number of campaigns, p_value, flag and, for each parameter, the estimate
-        with the population (such as C_XXX.mean, .sd, .ci_low, .ci_high), the estimate from the
-        machine's campaigns alone (.alone_mean, .alone_sd), and the deviation z from what the other
-        machines predict.
+        from the campaigns of all machines (such as C_XXX.mean, .sd, .ci_low, .ci_high), the
+        estimate from the machine's own campaigns (.alone_mean, .alone_sd), and the deviation z from
+        what the other machines predict.
         """
         rows: dict[str, dict[str, Any]] = {}
         for name, machine in self.machine.items():
@@ -281,7 +283,7 @@ def _population_record(result: Population) -> dict[str, Any]:
 
 @parts_of.register
 def _population_parts(result: Population) -> tuple[Table | str, ...]:
-    """Return a population for print: a table of its parameters, then sentences.
+    """Return what to print of a population: a table of its parameters, then sentences.
 
     The table has a row per parameter; the sentences state the findings and the limitations.
     """

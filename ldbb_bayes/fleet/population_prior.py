@@ -67,7 +67,7 @@ class PopulationPrior(Shown):
     population_doubts: tuple[str, ...] = ()
 
     def model(self, model: HybridModel) -> HybridModel:
-        """Return a model whose compliances have this prior, which a population gives.
+        """Return a model whose compliances have this prior from a population.
 
         The slopes of compliances keep the prior standard deviations of the given model. The
         compliances of the returned model are stated at the population's reference force.

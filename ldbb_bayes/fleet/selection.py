@@ -93,12 +93,12 @@ def choose(
 ) -> tuple[pd.DataFrame, list[Caveat]]:
     """Return the rows of a batch that an analysis shall use, and caveats on the choice.
 
-    By default, campaigns whose readings do not fit the model are left out: a Fourier order of a
-    circle's readings fails its check, or the readings contradict the condition that no compliance
-    is negative. Readings a thousand times too large, for example, would move the mean of a
-    population and widen its spread. They would also hide a change of their machine. Also left out
-    are campaigns that could not be fitted, whose row lacks sufficient statistics, that the user
-    excludes, or whose readings are those of a campaign listed before.
+    By default, campaigns whose readings do not fit the model are left out: those in which a Fourier
+    order of a circle's readings fails its check, and those whose readings contradict the condition
+    that no compliance is negative. Readings a thousand times too large, for example, would move the
+    mean of a population and widen its spread. They would also hide a change of their machine. Also
+    left out are campaigns that could not be fitted, whose row lacks sufficient statistics, that the
+    user excludes, or whose readings are those of a campaign listed before.
 
     Parameters
     ----------
@@ -112,7 +112,8 @@ def choose(
 
     Returns
     -------
-    The rows to use, and caveats that name the campaigns left out and the kept ones in doubt.
+    The rows to use, and caveats. The caveats name the campaigns that are left out, and those that
+    are kept although their fits are doubtful.
 
     Raises
     ------
@@ -172,10 +173,9 @@ def _note(kind: CaveatKind, rows: pd.DataFrame, caveats: list[Caveat], text: str
 
 
 def _has_kind(rows: pd.DataFrame, kinds: frozenset[str]) -> pd.Series[bool]:
-    """Return for each campaign whether its fit has a warning or failed check of some kinds.
+    """Return for each campaign whether its fit has a warning or failed check of one of the kinds.
 
-    ``kinds`` are these kinds, such as "order". ``rows`` are rows of the table of a batch, one per
-    campaign.
+    An example of a kind is "order". ``rows`` are rows of the table of a batch, one per campaign.
     """
     matches = [
         reported is not None and not kinds.isdisjoint(reported) for reported in rows["kinds"]
