@@ -56,14 +56,14 @@ _DIFFERENCE_STEP = 1e-4
 # than this [nat]. s are the spreads, that is, the standard deviations of machines about the mean of
 # their population.
 _MODE_GAIN = 1e-10
-# Random draws of ln s are limited to a range: at most ``_RANGE_BELOW`` below ln τ and at most
-# ``_RANGE_ABOVE`` above ln τ, or above the mode of the density of ln s if the mode is larger. s are
-# the spreads, that is, the standard deviations of machines about the mean of their population; τ is
-# the scale of their prior.
+# Random draws of ln s are limited to a range. It begins ``_RANGE_BELOW`` below ln τ. It ends
+# ``_RANGE_ABOVE`` above ln τ or the mode of the density of ln s, whichever is larger. s are the
+# spreads, that is, the standard deviations of machines about the mean of their population; τ is the
+# scale of their prior.
 _RANGE_BELOW = 80.0
 _RANGE_ABOVE = 25.0
-# If the effective number of weighted random draws of the machines' spreads, divided by their actual
-# number, is above this, no second set of draws is made.
+# No second set of random draws of the machines' spreads is made if the weights of the first set can
+# be trusted, and its effective number of draws divided by the actual number is above this.
 _EFFECTIVE_SHARE = 0.2
 # A second set of random draws of the machines' spreads has the covariance of the first set, plus
 # this share of the covariance that follows from the curvature at the mode of the density.

@@ -61,11 +61,11 @@ from ldbb_bayes.units import (
 
 __all__ = ["ParameterChange", "Trend", "Visit", "find_trend"]
 
-# Smallest probability that a parameter has changed for which the printed table of a trend states
-# the size of the change. The table shows probabilities with three decimals; smaller ones would
+# The printed table of a trend states the size of a parameter's change if the probability of the
+# change is at least this. The table shows probabilities with three decimals; smaller ones would
 # appear as zero.
 _UNLIKELY = 5e-4
-# A change of a parameter is also stated in per cent of the parameter's level before it if the ratio
+# The change of a parameter is also stated in per cent of the level before the change, if the ratio
 # of this level to its standard uncertainty is above this. The percentage neglects the uncertainty
 # of the level, which is then below 20 %.
 _KNOWN_LEVEL = 5.0
@@ -97,9 +97,9 @@ class ParameterChange(Result):
     #: uncertain by more than 20 %
     percent: float | None
     level_before: float  #: mean level of the parameter before the step, if this parameter changed
-    #: level of the parameter at the last campaign: an average over the possibilities that nothing
-    #: changed, or that one parameter changed just before one of the campaigns, each weighted by its
-    #: posterior probability; the uncertainty includes the errors of the instrument
+    #: level of the parameter at the last campaign; it takes into account that nothing may have
+    #: changed, or any one parameter just before any campaign, each with its posterior probability;
+    #: the uncertainty includes the errors of the instrument
     level_now: Summary
     #: standard uncertainty of the parameter due to the errors of the instrument, which shift the
     #: estimates from all campaigns together; the points and limits of the control chart do not
@@ -129,7 +129,7 @@ class Trend(Result):
 
     The table ``estimates`` has one row per campaign and parameter, in internal units (mm, N, rad).
     Its columns are: campaign, date, parameter, unit; estimate, sd, ci_low and ci_high, from this
-    campaign alone; limit_low and limit_high, the 99.7 % control limits that the campaigns before
+    campaign alone; limit_low and limit_high, the 99.7 % control limits that the earlier campaigns
     predict if nothing changes (NaN for the first campaign); outside, whether the estimate is
     outside these limits; change_here, the probability that the parameter changed just before this
     campaign; change_by_here, the probability that it changed then or earlier. The instrument's
@@ -184,7 +184,7 @@ class Trend(Result):
 
 @parts_of.register
 def _trend_parts(trend: Trend) -> tuple[Table | str, ...]:
-    """Return a trend for print: tables of parameters and of conformity, then sentences.
+    """Return what to print of a trend: tables of parameters and of conformity, then sentences.
 
     The table of conformity holds the decisions from the newest campaign and is left out if there
     are no tolerances. The sentences state the findings and the limitations.
@@ -294,7 +294,7 @@ def find_trend(
     repeatability : float
         Scale of the half-normal prior of r, in the same units, where r is the standard deviation
         of the machine's own scatter from campaign to campaign; the default is 1e-6 mm/N for C_XXX,
-        which is 2 % of a usual 5e-5 mm/N.
+        which is 2 % of a typical compliance of 5e-5 mm/N.
     probability : float
         Prior probability of a change.
     threshold : float
@@ -490,16 +490,23 @@ def _parameter_change(
 ) -> ParameterChange:
     """Return the possible step and the present level of the parameter with the index j.
 
-    ``posteriors`` are the Gaussians of level, instrument errors and step under every hypothesis
-    (which parameter steps just before which campaign, or no step, and how large the scatter from
-    campaign to campaign is); see `hypotheses`. Their axes are r values of the scatter, n campaigns
-    (the last means no step) and p parameters; the coefficients are the p levels, the errors of the
-    instrument and, last, the step. ``step_probabilities``, shape (r, n − 1), are the
-    posterior probabilities of a step of this parameter just before each of the n campaigns but the
-    first, for each of r values of the machine's scatter from campaign to campaign. ``levels`` are
-    the values of all parameters at the last campaign, ``chart`` the control chart. ``prob`` is the
-    probability of the credible intervals. ``statistics`` holds the likelihoods of the campaigns,
-    with units and prior sds.
+    Parameters
+    ----------
+    statistics
+        Likelihoods of n campaigns, with units and prior sds of p parameters.
+    j
+        Index of the parameter.
+    posteriors
+        Gaussians of levels, instrument errors and step under every hypothesis, see `hypotheses`.
+    step_probabilities
+        Posterior probabilities of a step of this parameter just before each campaign but the first,
+        for each of r values of the machine's scatter from campaign to campaign, shape (r, n − 1).
+    levels
+        Values of all parameters at the last campaign.
+    chart
+        Points and limits of the control chart.
+    prob
+        Probability of the credible intervals.
     """
     scale = float(statistics.prior_sd[j])
     total = float(step_probabilities.sum())
@@ -533,11 +540,11 @@ def _parameter_change(
 def _change(weight: Array, mean: Array, sd: Array, prob: float) -> Summary:
     """Return mean, sd and credible interval of the size of a parameter's step.
 
-    They are averages over hypotheses with the weights ``weight``, which sum to one. A hypothesis
-    states just before which campaign the step occurred, and how large the machine's scatter from
-    campaign to campaign is. ``mean`` and ``sd`` are mean and standard deviation of the size under
-    each hypothesis. These and the result are in units of the parameter's prior sd. ``prob`` is the
-    probability of the interval.
+    They are those of a mixture of hypotheses with the weights ``weight``, which sum to one. A
+    hypothesis states just before which campaign the step occurred, and how large the machine's
+    scatter from campaign to campaign is. ``mean`` and ``sd`` are the mean and standard deviation of
+    the size under each hypothesis. All sizes are in units of the parameter's prior sd. ``prob`` is
+    the probability of the interval.
     """
     mean = mean.ravel()
     sd = sd.ravel()

@@ -1,4 +1,4 @@
-"""Posterior predictive checks: whether the readings look like new circles under the posterior.
+"""Posterior predictive checks: whether readings look like new ones that the posterior predicts.
 
 The basis consists of the harmonics of a circle at the orders 0 to 12, 25 coefficients in all. φ are
 the h hyper-parameters, the scales of the noise and of other effects; σ, one of them, is the
@@ -53,7 +53,8 @@ __all__ = [
     "in_order_of_force",
 ]
 
-# p-value below which a shift of the circles' centre in proportion to force is reported.
+# A shift of the circles' centre in proportion to force is reported if its p-value times the number
+# of axes tested (Bonferroni) is below this.
 SHIFTED = 0.01
 # Largest number of random draws from the posterior from which posterior predictive checks are
 # computed.
@@ -61,9 +62,9 @@ _DRAWS = 500
 # A posterior predictive check fails if its p-value times the number of all checks (Bonferroni) is
 # below this.
 _FAILS = 0.01
-# Posterior predictive checks are ranked by the logarithms of their p-values. Smaller p-values are
-# first raised to this value, so that the logarithm is finite. It is also the least standard error
-# of a slope over force, so that nothing is divided by zero.
+# Posterior predictive checks are ranked by the logarithms of their p-values. p-values below this
+# are first raised to it, so that the logarithm is finite. It is also the smallest standard error of
+# a slope over force, so that nothing is divided by zero.
 _SMALLEST_P = 1e-300
 # Largest number of readings of a test from which the autocorrelation of its noise is computed.
 _LONGEST_STRETCH = 100_000
@@ -76,8 +77,8 @@ _FEWEST_TESTS = 4
 # Whether the circles' centre shifts with force is checked only in planes with tests at this many
 # different forces or more.
 _FEWEST_FORCES = 3
-# The tests of a plane count as run in order of rising or falling force if the p-value of the
-# hypothesis that their order by force and their order in time are unrelated is below this.
+# The tests of a plane count as run in order of rising or falling force if the p-value of a test for
+# a relation between force and time is below this.
 _IN_ORDER = 0.05
 # Fourier orders 13 to 16, just above the orders 0 to 12 of the model. The readings at these orders
 # show how strong the noise is.
@@ -161,17 +162,21 @@ def failing_checks(checks: Sequence[Check]) -> tuple[Check, ...]:
 def effects_of_failures(
     bound: BoundModel, phi: Array, checks: Mapping[str, TestChecks]
 ) -> tuple[dict[str, float], float]:
-    """Return how much failing checks could change parameters and widen intervals.
+    """Return how much the causes of failing checks could change parameters and widen intervals.
 
     The first result holds, for each test with a failing Fourier order, the largest change of any
     parameter when the test is left out. The change is in units of the parameter's posterior
     standard deviation. This result is empty if no such check fails, if the campaign has one test
-    only, or if the prior is flat. The second result is the largest share by which a parameter's
-    interval grows if tests with a failing check of noise or autocorrelation are noisier than
-    modelled. Their noise is taken to be as strong as the readings show at the Fourier orders 13 to
-    16. The share is 0 if no such check fails. Both results are computed at one value ``phi`` of the
-    hyper-parameters (scales of the noise and of other effects), shape (h,). ``checks`` holds the
-    p-values of each test, by the name of the test. ``bound`` is the model, applied to its campaign.
+    only, or if the prior is flat.
+
+    The second result is the largest share by which a parameter's interval grows if tests with a
+    failing check of noise or autocorrelation are noisier than modelled. Their noise is taken to be
+    as strong as the readings show at the Fourier orders 13 to 16. The share is 0 if no such check
+    fails.
+
+    Both results are computed at one value ``phi`` of the hyper-parameters (scales of the noise and
+    of other effects), shape (h,). ``checks`` holds the p-values of each test, by the name of the
+    test. ``bound`` is the model, applied to its campaign.
     """
     failing = failing_checks(all_checks(checks))
     of_order = [check.test for check in failing if check.kind == CheckKind.ORDER]
@@ -201,14 +206,14 @@ def _shift_without(bound: BoundModel, phi: Array, tests: Sequence[str]) -> dict[
 
 
 def _widening_by_noise(bound: BoundModel, phi: Array, tests: Sequence[str]) -> float:
-    """Return the largest share by which any interval grows if the named tests are noisier.
+    """Return the largest share by which an interval grows if some tests are noisier than modelled.
 
-    Intervals are those of the parameters; a share of 0.1 means intervals wider by 10 %. The noise
-    variance of the named tests is taken to be as large as their readings show at the Fourier orders
-    13 to 16, if that exceeds the noise variance of the model. The mean noise variance of all tests
-    then replaces σ², for every test. ``phi``, shape (h,), is one value of the hyper-parameters
-    (scales of the noise and of other effects); ``tests`` are the names of the tests. ``bound`` is
-    the model, applied to its campaign.
+    Intervals are those of the parameters; a share of 0.1 means that an interval is 10 % wider.
+    ``tests`` are the names of the tests that are noisier. Their noise variance is taken to be as
+    large as their readings show at the Fourier orders 13 to 16, if that exceeds the noise variance
+    σ² of the model. The mean noise variance of all tests then replaces σ² for every test. ``phi``,
+    shape (h,), is one value of the hyper-parameters (scales of the noise and of other effects).
+    ``bound`` is the model, applied to its campaign.
     """
     sigma = bound.hyper_prior.names.index("sigma")
     fails = np.isin(bound.test_names, tests)
@@ -389,8 +394,8 @@ def _p_values_of_orders(draws: ModelDraws, r: int, shared: Array, sigma: Array) 
 class _Scatter(NamedTuple):
     """Covariance C S² Cᵀ of k residuals that v independent sources of scatter cause.
 
-    The covariance is given for every posterior draw of the standard deviations of the sources, the
-    diagonal of the matrix S. C, shape (k, v), holds the effects of the sources on the residuals.
+    C, shape (k, v), holds the effects of the sources on the residuals. S is the diagonal matrix of
+    the standard deviations of the sources; each posterior draw has its own S.
     """
 
     columns: Array  #: effects of v sources of scatter on k residuals, shape (k, v)
