@@ -53,14 +53,14 @@ __all__ = [
 T = TypeVar("T")
 # Type of a NumPy array with elements of any kind.
 Array: TypeAlias = NDArray[Any]
-# Largest size of a JSON file with a result that is read [bytes].
+# Largest size of a result's JSON file that is read [bytes].
 _LARGEST_BYTES = 200_000_000
 # Longest one-line text (``repr``) that displays an object [characters].
 _LONGEST_REPR = 80
 # Longest text for the value of one field in the one-line text of an object [characters].
 _LONGEST_VALUE = 56
-# A list, tuple, set or dictionary with more entries is displayed in one-line texts by its number of
-# entries only.
+# A list, tuple, set or dictionary with more entries than this is displayed in one-line texts by its
+# number of entries only.
 _MOST_ENTRIES = 12
 
 
@@ -103,10 +103,10 @@ def _to_records(frame: pd.DataFrame) -> list[dict[Any, Any]]:
 
 
 Finite = Annotated[float, BeforeValidator(_infinite_if_null), PlainSerializer(_null_unless_finite)]
-"""Type of a field for a number that may be infinite, which is written as null in JSON."""
+"""Type of a field for a number that may be infinite; infinity is written as null in JSON."""
 
 Number = Annotated[float, BeforeValidator(_nan_if_null), PlainSerializer(_null_unless_finite)]
-"""Type of a field for a number that may be missing (NaN), which is written as null in JSON."""
+"""Type of a field for a number that may be missing (NaN); NaN is written as null in JSON."""
 
 Numbers = Annotated[np.ndarray, BeforeValidator(np.asarray), PlainSerializer(_to_list)]
 """Type of a field for an array, which is written as nested lists in JSON."""
@@ -126,7 +126,7 @@ else:
 
 
 def entries_of(source: Any) -> dict[str, Any]:
-    """Return the attributes of an object that are displayed, by name.
+    """Return the displayed attributes of an object, by name.
 
     The attributes are those that the object's class lists in ``shown``, or else all fields of a
     dataclass or pydantic model. For other objects the dictionary is empty.
@@ -265,8 +265,8 @@ class Result(Shown):
         return result
 
 
-# Objects of pydantic, the library that checks content, that convert results to and from
-# dictionaries, by the class of the result. Each is made when it is first needed.
+# Converters of results to and from dictionaries, by the class of the result. They are objects of
+# the library pydantic. Each is made when it is first needed.
 _ADAPTERS: dict[type, TypeAdapter[Any]] = {}
 
 
@@ -303,7 +303,7 @@ def register_when_displayed(register: Callable[[], object]) -> None:
 
 
 def registered_function(general: Any, result: Any) -> Callable[[Any], Any] | None:
-    """Return the function that displays results of the class of ``result``; None without one.
+    """Return the function that is registered for the class of ``result``; None if there is none.
 
     ``general`` is a function made by `functools.singledispatch`, for which other modules register
     one function per class of results. Functions stored by `register_when_displayed` are called
@@ -336,10 +336,10 @@ def parts_of(result: Any) -> tuple[Passage, ...]:
 
 @singledispatch
 def screen_of(result: Any) -> tuple[Passage, ...]:
-    """Return the tables and sentences about a result that fit on one screen.
+    """Return the tables and sentences about a result that ``print`` shows.
 
-    By default these are all tables and sentences. For results with more, the module
-    `ldbb_bayes.report.screens` registers a function for their class.
+    By default these are all tables and sentences. For classes of results that fill more than a
+    screen, the module `ldbb_bayes.report.screens` registers functions that return fewer.
     """
     registered = registered_function(screen_of, result)
     if registered is not None:

@@ -27,10 +27,10 @@ _MOST_ROWS = 60
 _NARROWEST = 80
 # Largest width of the displayed lines of tables and texts [characters].
 _WIDEST = 100
-# Number of lines of a terminal whose size is unknown.
+# Number of lines that is assumed for a terminal of unknown size.
 _TERMINAL_LINES = 24
-# If a table needs more lines than this, ``print`` leaves out the columns that need lines of their
-# own.
+# If a table needs more lines than this, ``print`` leaves out the columns that do not fit side by
+# side.
 _SCREEN_LINES = 45
 # Smallest widths [characters] to which the head of a column is broken into lines. They are tried in
 # this order until the table fits.
@@ -127,17 +127,17 @@ class Table:
 
         If the table is too wide, the heads of its columns are broken into lines. If it is still too
         wide, columns with the same value in every row are stated once below the table. If that is
-        not enough, further columns are moved to lines beneath their rows, beginning with the last:
-        first texts, then numbers, then an estimate and its uncertainty.
+        not enough, further columns are moved to lines beneath their rows: first those with texts,
+        then those with numbers, and finally an estimate and its uncertainty.
         """
         return _TextLayout(self, width).text()
 
     def screen(self, width: int = 100) -> str:
-        """Return the table as text for a screen, if it is long without some columns.
+        """Return the table as text for a screen; if it is long, some columns are left out.
 
         Lines have at most ``width`` characters. If the text has more than 45 lines, the columns
-        that `text` moves to lines beneath their rows are left out, and the last line names them.
-        No row is left out, so that a table with more rows is longer than a screen.
+        that `text` moves to lines beneath their rows are left out, and the last line names them. No
+        row is left out, so that the text may still be longer than a screen.
         """
         layout = _TextLayout(self, width)
         text = layout.text()
@@ -175,7 +175,7 @@ class _TextLayout:
         self._width = width
         # Indices of columns in three groups: side by side as usual (``_columns``), stated once
         # below the table because all rows agree (``_constant``), and moved to lines beneath their
-        # rows.
+        # rows (``_beneath``).
         self._columns = list(range(len(self._heads)))
         self._constant: list[int] = []
         self._beneath: list[int] = []

@@ -144,7 +144,7 @@ def display_unit(unit: str) -> tuple[float, str]:
 
 
 def to_inside(text: str, unit: str, subject: str = "value") -> float:
-    """Return the value of a text with number and unit as a number in an internal unit.
+    """Return the quantity that a text states, with its unit, as a number in an internal unit.
 
     In mm/N, "0.5 nm/N" is 5e-7. Any unit of the same kind may be used: nm/N, µm/kN or um/kN for a
     compliance; nm/N per kN or nm/N/kN for its slope; µrad/(N m) or µrad/N/m for a rotation.
@@ -245,7 +245,7 @@ def _size_of(unit: str) -> _Size | None:
 
 
 def _as_quotients(match: re.Match[str]) -> str:
-    """Return a product of units in brackets as quotients: the (N m) of µrad/(N m) gives N/m."""
+    """Return the N/m that replaces (N m) in µrad/(N m), so that the unit becomes µrad/N/m."""
     return re.sub(r"[ ·*]+", "/", match[1].strip())
 
 

@@ -26,18 +26,17 @@ from ldbb_bayes.reading.words import UNITS, WORDS
 
 __all__ = ["direction_of", "loads_of", "quantity_of", "unit_size"]
 
-# A value in a line above a table agrees with another value of the same quantity if they differ by
-# at most this share, because it may be rounded.
+# Largest relative difference of two values of a quantity that agree, if neither is from a name.
 _ROUNDED_IN_LINE = 1e-3
-# A value in the name of a file, sheet or test agrees with another value of the same quantity if
-# they differ by at most this share, because it may be rounded.
+# Largest relative difference of two values of a quantity that agree, if one is from the name of a
+# file, sheet or test. Values in names are often rounded.
 _ROUNDED_IN_NAME = 0.02
 # Relative tolerance within which the forces, or the pressures, in all rows of a test count as
 # equal.
 _CONSTANT = 1e-9
-# Largest number of characters of a text from a file that an error message shows.
+# An error message shows at most this number of characters of a text from a file.
 _TEXT_SHOWN = 60
-# Largest number of characters of a unit from a file that an error message shows.
+# An error message shows at most this number of characters of a unit from a file.
 _UNIT_SHOWN = 40
 
 
@@ -53,7 +52,7 @@ def quantity_of(recording: Recording, key: str, column_value: float | None = Non
     """Return a quantity of a test, such as its radius; None if nothing states it.
 
     The quantity is in the unit at the end of its field's name, such as mm. Values that the user or
-    a column of the table states count before those in lines above the table and in names.
+    a column of the table states take precedence over those in lines above the table and in names.
 
     Parameters
     ----------
@@ -68,8 +67,8 @@ def quantity_of(recording: Recording, key: str, column_value: float | None = Non
     Raises
     ------
     InputError
-        For lines and names that contradict each other, and for a number in which a mark may be a
-        decimal mark or separate thousands.
+        For lines and names that contradict each other if neither the user nor a column states the
+        quantity, and for a number such as 1,000 that can be read in two ways.
     """
     certain = _certain_evidence(recording, key, column_value)
     uncertain = _uncertain_evidence(recording, key)
@@ -118,9 +117,9 @@ def _certain_evidence(
 ) -> list[_Evidence]:
     """Return the values that the user and a column of the table state for a quantity.
 
+    The value that takes precedence is first: the user's value, but for a radius the column's value.
     ``key`` is the field of the quantity, such as radius_mm; ``column_value`` is the value of its
-    column, or None. The list has at most two entries. The entry that counts is first: the user's
-    value, but for a radius the column's value. ``recording`` is the test as its file holds it.
+    column, or None. ``recording`` is the test as its file holds it.
     """
     user_evidence = _evidence_if_stated(recording.stated_value(key), "as given")
     column_evidence = _evidence_if_stated(column_value, "its column")
@@ -162,14 +161,15 @@ def _uncertain_evidence(recording: Recording, key: str) -> list[_Evidence]:
 
 
 def loads_of(recording: Recording) -> dict[str, float]:
-    """Return the loads of a test that are stated, by field: ``force_N``, ``pressure_bar`` or both.
+    """Return the stated loads of a test by field: ``force_N``, ``pressure_bar`` or both.
 
     ``recording`` is the test as its file holds it.
 
     Raises
     ------
     InputError
-        If no load is stated.
+        If no load is stated, if sources contradict each other, or if the column of a load is not
+        constant.
     """
     is_stated = any(recording.stated_value(key) is not None for key in LOAD_ROLES)
     loads = {}
@@ -218,8 +218,8 @@ def unit_size(
 ) -> float:
     """Return the factor from the unit of a column to the unit that this package uses.
 
-    The unit is the one that the user states, or else that of the header. Without either it is the
-    usual unit, and this is noted as an assumption.
+    The unit of the column is the one that the user states, or else the one in its header. If
+    neither states a unit, the usual unit is assumed and the assumption is noted.
 
     Parameters
     ----------
@@ -230,7 +230,7 @@ def unit_size(
     usual
         Unit that is assumed if none is stated.
     reason
-        Reason for the usual unit, for the note.
+        Reason that the note gives for the usual unit.
 
     Raises
     ------
@@ -284,8 +284,8 @@ def direction_of(recording: Recording) -> str | None:
 
     The first source that states a direction counts, in this order: the user, the column of
     directions, lines above the table and names, sheets without a table. Raise an `InputError` if
-    this source states both directions, or if the column has another word. Sheets without a table
-    that state both directions do not count. ``recording`` is the test as its file holds it.
+    this source states both directions, or if a word in the column means neither. Sheets without a
+    table that state both directions do not count. ``recording`` is the test as its file holds it.
     """
     column_senses: dict[str, int] = {}
     for word, line in recording.direction_words.items():

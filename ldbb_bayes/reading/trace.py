@@ -1,4 +1,4 @@
-"""Angles [deg] and readings [µm] of one test, computed from the columns of a foreign table."""
+"""Angles [deg] and readings [µm] of one test, from the columns of a table in a foreign format."""
 
 from __future__ import annotations
 
@@ -27,21 +27,21 @@ _LARGEST_SPAN_RAD = 7.0
 # Readings are taken as distances of the balls if their median differs from the nominal radius by
 # less than this [mm]. A bar cannot measure larger deviations from the radius.
 _LARGEST_DEVIATION_MM = 1.5
-# Readings without a unit are taken as mm if their median differs from the radius in mm by less than
-# this share.
+# Readings without a unit are taken as mm if their median, taken as mm, differs from the radius by
+# less than this share of the radius.
 _NEAR_RADIUS = 0.05
-# Readings without a unit are taken as mm if all are smaller than this number.
+# Readings without a unit are taken as mm if the absolute values of all are below this number.
 _LARGEST_IN_MM = 0.5
-# Readings may be distances of the balls, and no deviations from the radius, if their median is
-# larger than this [mm].
+# Readings seem to be distances of the balls, not deviations from the radius, if their median is
+# larger than this [mm] and their scatter is small.
 _SMALLEST_RADIUS_MM = 20.0
-# Readings may be distances of the balls, and no deviations from the radius, if their scatter (the
-# median absolute deviation from the median) is below this share of their median.
+# The scatter of readings is small if their median absolute deviation from the median is below this
+# share of the median.
 _SMALLEST_SCATTER = 0.01
 # A test whose angles cover more than this number of turns holds several laps, or a run-in and
-# run-out beside its circle.
+# run-out in addition to its circle.
 _MORE_THAN_A_TURN = 1.02
-# Largest number of characters of a list of columns that an error message shows.
+# An error message shows at most this number of characters of a list of columns.
 _LIST_SHOWN = 200
 
 
@@ -65,8 +65,9 @@ class _Log(NamedTuple):
 def trace_of(recording: Recording, direction: str | None) -> Trace:
     """Return angles [deg], readings [µm] and direction of travel of a test.
 
-    If the layout states so, several laps are averaged; otherwise all are kept. Of a log over time,
-    readings outside whole turns are left out, and the direction becomes CCW if none is stated.
+    Several laps are averaged if the layout states so; otherwise all are kept. If the table has
+    times instead of angles, only readings on the circle are kept, without run-in and run-out, and
+    an unstated direction is taken as CCW.
 
     Parameters
     ----------
@@ -78,8 +79,8 @@ def trace_of(recording: Recording, direction: str | None) -> Trace:
     Raises
     ------
     InputError
-        For missing columns, readings that fit neither deviations nor distances, and laps that
-        cannot be averaged.
+        For missing columns, times without a feed or out of order, readings that fit neither
+        deviations nor distances, and laps that cannot be averaged.
     """
     readings = recording.numbers.get("reading")
     if "angle" not in recording.numbers and "time" in recording.numbers:
@@ -215,8 +216,7 @@ def _zero_of(recording: Recording, reading_um: Array) -> str:
     is the test as its file holds it; ``reading_um`` are its readings.
     """
     radius_mm = recording.radius_mm
-    # Readings are also tested for distances of the balls on a circle with another radius. They must
-    # not be taken for deviations.
+    # Distances of the balls on a circle of another radius must not be taken for deviations.
     median_mm = float(np.median(reading_um)) * 1e-3
     scatter_mm = float(np.median(np.abs(reading_um - 1e3 * median_mm))) * 1e-3
     is_near = abs(median_mm - radius_mm) < _LARGEST_DEVIATION_MM

@@ -73,7 +73,7 @@ def _unit_sizes() -> dict[str, dict[str, float]]:
 
 
 def _units_by_word() -> dict[str, str]:
-    """Return the name that this package uses for a unit, by every word for this unit in files."""
+    """Return this package's name of a unit for every word that files may use for it."""
     units_by_word: dict[str, str] = {}
     for units in WORDS["units"].values():
         for unit, (_, *synonyms) in units.items():
@@ -89,9 +89,9 @@ _UNITS_BY_WORD = _units_by_word()
 
 
 def unit_named(text: str) -> str:
-    """Return the unit that a text names, by the name that this package uses for it.
+    """Return this package's name of the unit that a text names.
 
-    Return an empty text if it names no known unit.
+    Return an empty text if the text names no known unit.
     """
     if len(text) > _LONGEST_UNIT:
         return ""

@@ -43,7 +43,7 @@ _LARGEST_WHOLE = 1e15
 
 
 def read_workbook(path: Path, raw: bytes, wanted: Sequence[str]) -> list[Sheet]:
-    """Return the sheets of a workbook that are not empty, with their cells as texts.
+    """Return the non-empty sheets of a workbook, with their cells as texts.
 
     For a cell with a formula, the value saved in the file is read.
 
@@ -59,8 +59,8 @@ def read_workbook(path: Path, raw: bytes, wanted: Sequence[str]) -> list[Sheet]:
     Raises
     ------
     InputError
-        For a workbook that is damaged, too large or has a password, and for a name that no sheet
-        has.
+        For a workbook that is damaged, empty, too large or protected by a password, and for a name
+        that no sheet has.
     """
     if raw.startswith(ARCHIVE_SIGNATURE):
         _check_archive(path, raw)
@@ -126,8 +126,8 @@ def _cell_text(value: object) -> str:
 def _check_archive(path: Path, raw: bytes) -> None:
     """Raise an `InputError` for a zipped workbook that is damaged or would not fit into memory.
 
-    Zipped workbooks are XLSX and ODS. A workbook that would not fit unpacks to too many bytes or,
-    in XLSX, has a cell with a very high row or column number. ``raw`` is the content of the file at
+    XLSX and ODS files are zipped. A workbook would not fit if it unpacks to too many bytes or, in
+    XLSX, has a cell with a very high row or column number. ``raw`` is the content of the file at
     ``path``, a ZIP archive.
     """
     try:
@@ -139,7 +139,7 @@ def _check_archive(path: Path, raw: bytes) -> None:
                     _check_cells(path, archive.read(member))
     except InputError:
         raise
-    except Exception as error:  # noqa: BLE001 - whatever a damaged archive makes of the library
+    except Exception as error:  # noqa: BLE001 - a damaged archive may raise any exception
         raise _unreadable(path, f"a damaged one ({type(error).__name__})") from None
 
 

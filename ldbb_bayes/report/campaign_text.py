@@ -1,7 +1,7 @@
 """Campaigns as tables and sentences: what was measured, and what is assumed of the instrument.
 
 Campaigns are also displayed before a fit. Hence this module imports no analysis modules, which take
-long to load.
+a long time to load.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ __all__ = ["parts_of"]
 class _Setting(NamedTuple):
     """Presentation of one setting of a test in a table.
 
-    ``head`` is the head of its column; ``template`` is the format string of its value.
+    ``head`` is the heading of its column; ``template`` is the format string of its value.
     """
 
     head: str
     template: str
 
 
-# Settings of circular tests, by the name of their field. A table of tests has a column for a
+# Settings of circular tests, by the name of their field. The table of a preview has a column for a
 # setting only if the tests differ in it.
 _SETTINGS = {
     "plane": _Setting("plane", "{}"),
@@ -133,8 +133,8 @@ def _significant(value: float | None, digits: int) -> str:
 def _passages_of_uncertainties(result: Uncertainties) -> tuple[Passage, ...]:
     """Return a table of what a fit assumes of the instrument, and a list of its certificates.
 
-    Every row of the table has a quantity, its nominal value, its standard uncertainty u, the source
-    of u, and where campaign.toml can state the quantity.
+    Every row of the table states a quantity, its nominal value, its standard uncertainty u, the
+    source of u, and the place in campaign.toml where the quantity can be stated.
     """
     rows = []
     for assumed in result.assumed:

@@ -91,11 +91,12 @@ def _elpd_cells(comparison: Comparison, name: str) -> tuple[str, str]:
 
 
 def assumptions_table(comparison: Comparison, *, slope_scales: bool = True) -> Table:
-    """Return a table of the log Bayes factor ln B under other assumptions than those of the models.
+    """Return a table of the log Bayes factor ln B under assumptions that the models do not make.
 
     ln B is that of the second model over the first. The assumptions are about the prior of the
-    slopes and how circles differ from one another. The last column concerns only how circles
-    differ. It states how much the readings favour each assumption over the one in the models [nat].
+    slopes (changes of compliance with force) and about how circles differ from one another. For the
+    latter, the last column states how much the readings favour each assumption over the one in the
+    models [nat].
 
     Parameters
     ----------
@@ -128,10 +129,9 @@ def left_out_tests_table(comparison: Comparison) -> Table:
     """Return a table that compares every test with its prediction from the other tests.
 
     It has one row per test. The columns are the force, the p-value of the test's readings, the
-    p-value adjusted for the number of tests, and the flag of tests that do not agree with the
-    others. The last column states how much better the second model predicts the test than the first
-    model does [nat]. Fields of the comparison with ``lofo`` in their names (leave one force out)
-    hold these numbers.
+    p-value adjusted for the number of tests, and a flag for tests that do not agree with the
+    others. The last column is the log density of the test under the second model minus that under
+    the first [nat].
 
     Parameters
     ----------

@@ -136,11 +136,11 @@ def _covariance_columns(covariance: Array, units: list[str]) -> list[list[tuple[
 
 
 def _coverage_factor(draws: Array, covariance: Array, probability: float) -> float:
-    """Return the coverage factor of the ellipsoid that holds the share ``probability``.
+    """Return the coverage factor of the ellipsoid that holds a share ``probability`` of the draws.
 
-    The share is that of the random draws of p parameters from the posterior, ``draws``, shape (p,
-    draws). ``covariance``, shape (p, p), is their covariance. Parameters that have the same value
-    in all draws do not contribute.
+    ``draws``, shape (p, draws), are random draws of p parameters from the posterior.
+    ``covariance``, shape (p, p), is their covariance. Parameters that have the same value in all
+    draws do not contribute.
     """
     sd = np.sqrt(np.diag(covariance))
     scale = np.where(sd > 0.0, sd, 1.0)
@@ -157,8 +157,8 @@ def _parameter_entries(
 
     ``entries`` are the results of the fit by parameter; ``interval`` is the key of the credible
     interval in them, such as ``ci95``. ``draws``, shape (parameters, draws), are random draws from
-    the posterior. ``within`` in the result is the share of these draws that lie in mean ± U, where
-    U is twice the standard deviation.
+    the posterior. In the result, ``within`` is the share of these draws within mean ± U, where U is
+    twice the standard deviation.
     """
     verdict_by_name = judge_posterior(posterior)
     parameters = []

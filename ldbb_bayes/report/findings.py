@@ -57,7 +57,7 @@ class Findings:
         Function that returns a design of the next tests, or a text with the reason why none is
         available.
     averaged
-        Posterior averaged over models, whose numbers the sheets state.
+        Posterior averaged over models, whose numbers the sheets state; None if it was not computed.
     tolerances
         Tolerances by quantity; default: those of the campaign.
     """
@@ -233,8 +233,8 @@ def _design_next_tests(posterior: xr.DataTree, tests: int | None) -> Recommended
 def _compare_degrees(posterior: xr.DataTree) -> Compared:
     """Return a comparison of models with constant and linear compliance, by their evidence alone.
 
-    Compliance that is quadratic in force is compared too if the posterior is of such a model. If
-    the comparison is not possible, return a text with the reason.
+    A model with compliance quadratic in force is compared, too, if the fitted model is quadratic.
+    If the comparison is not possible, return a text with the reason.
     """
     model = model_of(posterior)
     largest = model.with_degree(max(model.degree, 1))

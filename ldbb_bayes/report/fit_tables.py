@@ -46,7 +46,8 @@ __all__ = [
 # than those of the other circles. The table of a fit's parameters shows λ of a circle only if its
 # posterior median is at least this.
 _ODD_CIRCLE = 2.5
-# Kinds of remarks on a campaign that are not repeated after a fit, because the fit states them.
+# Kinds of remarks on a campaign that are left out after a fit, because the sentences on the fit say
+# the same.
 _REMARKS_OF_FITS = (RemarkKind.ONE_LEVEL, RemarkKind.TWO_LEVELS, RemarkKind.ONE_WAY)
 
 

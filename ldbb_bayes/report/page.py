@@ -163,8 +163,8 @@ def _ignore(done: int, total: int) -> None:
 def _lines(findings: Findings) -> tuple[str, str, str]:
     """Return the three lines of text below the report's title.
 
-    They state the machine and its tests, the day and version of the fit, and the model that gave
-    the numbers in the annex (the sections that follow the sheets).
+    They state the machine and its tests, the day of the fit and the version of this package, and
+    the model that gave the numbers in the annex (the sections that follow the sheets).
     """
     result = findings.result
     seen = findings.seen
@@ -298,7 +298,7 @@ def write_report(
     InputError
         The comparison or design was made from other readings, the campaigns are of different
         machines, ``language`` is unknown, ``force_N`` is outside the forces tested, or the folder
-        cannot be written or holds files of others in ``tables``.
+        cannot be written or its subfolder ``tables`` holds files that no report has written.
 
     Examples
     --------

@@ -65,7 +65,7 @@ def _draw_svg(figure: Figure) -> str:
 
 
 def _round_coordinates(match: re.Match[str]) -> str:
-    """Return the matched coordinates of an SVG figure, rounded to a hundredth of a point."""
+    """Return the matched coordinates of an SVG figure, cut to two decimals."""
     return _DIGITS.sub(r"\1", match[0])
 
 

@@ -98,10 +98,10 @@ def _(design: Design) -> tuple[Passage, ...]:
 
 
 def _expected_table(design: Design) -> Table:
-    """Return a table of the standard uncertainties to expect of a design, and the prior sds.
+    """Return a table of the standard uncertainties expected from a design, and of the prior sds.
 
-    It has one row per parameter of interest. At most two other designs, with which the recommended
-    one is compared, have columns, too.
+    It has one row per parameter of interest, and columns for at most two other designs with which
+    the recommended one is compared.
     """
     others = design.compared[:_MOST_DESIGNS]
     rows = []

@@ -178,7 +178,7 @@ def _quantities_table(table: pd.DataFrame, quantities: Mapping[str, str], captio
 
 
 def _shown_forces(forces: Sequence[float]) -> list[float]:
-    """Return forces for the rows of a table: all if they are few, otherwise evenly chosen ones.
+    """Return the forces for the rows of a table: all if they are few, otherwise an even selection.
 
     The first and the last force are always included.
     """

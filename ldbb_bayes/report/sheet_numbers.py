@@ -306,7 +306,7 @@ class SheetNumbers:
         return stated
 
     def _partners_of_geometry(self) -> tuple[str, ...]:
-        """Return the effects that undetermined geometric errors are confounded with, by name."""
+        """Return the names of effects confounded with undetermined geometric errors."""
         partners: dict[str, None] = {}
         for name, quantity in self.parameters.items():
             if name.startswith("E_") and quantity.is_undetermined:

@@ -112,9 +112,9 @@ def _first_sheet(numbers: SheetNumbers) -> Iterator[Block]:
 
 
 def _undetermined(numbers: SheetNumbers) -> list[str]:
-    """Return texts on the quantities that the readings do not determine, each with the reason.
+    """Return texts on what the readings do not determine, each with the reason.
 
-    If there are none, the only text states this.
+    If the readings determine everything, the only text states this.
     """
     words = numbers.words
     items = []
@@ -370,7 +370,7 @@ def _missing_certificates(findings: Findings, words: Words) -> str:
     return words("state.none_stated")
 
 
-# ---- form fields: what and who the certificate is about
+# ---- form fields: machine, operator, tests and instrument
 
 
 def _entries(findings: Findings, words: Words) -> Iterator[tuple[str, str]]:
@@ -478,8 +478,8 @@ def _instrument(findings: Findings) -> list[_InstrumentPiece]:
 def _ball_size(findings: Findings, key: str) -> str:
     """Return the stated grade or sphericity of a ball as text, such as G10 or 0.2 µm.
 
-    ``key`` names a part of the instrument. The text is empty if the grade is not stated, or if the
-    part is not a ball.
+    ``key`` names a part of the instrument. The text is empty if neither is stated, or if the part
+    is not a ball.
     """
     if key not in ("work", "tool"):
         return ""

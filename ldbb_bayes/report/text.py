@@ -51,10 +51,9 @@ _SMALL_SHARE = 0.005
 # Smallest share of the variance at which an uncertainty budget has a row for the sum of its small
 # contributions.
 _NEGLIGIBLE_SHARE = 5e-4
-# Smallest share of a parameter's variance at which a source is named among the largest sources of
-# the parameter's standard uncertainty u.
+# Smallest share of a parameter's variance at which a source of its standard uncertainty u is named.
 _LARGE_SHARE = 0.05
-# Largest number of sources that are named as the largest of a parameter's standard uncertainty u.
+# Largest number of sources that are named for the standard uncertainty u of a parameter.
 _MOST_SOURCES = 3
 
 
@@ -63,9 +62,9 @@ _MOST_SOURCES = 3
 
 @parts_of.register
 def _passages_of_imported(result: Imported) -> tuple[Passage, ...]:
-    """Return a heading with the numbers of tests and readings of an imported campaign, and a list.
+    """Return a heading on an imported campaign, and a list of the assumptions of the import.
 
-    The list has the assumptions that the import made, each with the option that changes it.
+    Each assumption is listed with the option that changes it.
     """
     campaign = result.campaign
     heading = (

@@ -36,7 +36,7 @@ class Words:
     table: Mapping[str, Any]
 
     def __call__(self, key: str, **values: str) -> str:
-        """Return the text with a key such as ``heads.value``, with values filled in.
+        """Return the text that has a key such as ``heads.value``, with values filled in.
 
         ``values`` replace the names in braces in the text, such as ``{force}``.
         """
@@ -46,7 +46,7 @@ class Words:
         return str(words).format(**values)
 
     def number(self, text: str) -> str:
-        """Return a text in which numbers have the language's decimal mark, as 1,5 in German."""
+        """Return a text with the language's decimal mark in its numbers, such as 1,5 in German."""
         return re.sub(r"(?<=\d)\.(?=\d)", str(self.table["decimal"]), text)
 
     def joined(self, items: Sequence[str]) -> str:

@@ -126,7 +126,8 @@ NONE_ALIKE = "The readings determine every combination of what the model contain
 
 # ---- limits at which the wording of sentences changes; no result depends on them
 
-# Ratios of expected uncertainties, of one design to another, count as equal if they differ by less.
+# Ratios of the uncertainties expected from two designs count as equal if they differ by less than
+# this.
 _EQUAL_RATIOS = 2e-3
 _MOST_CHECKS = 3  # largest number of failed checks that a sentence on a fit names
 # Sentences say that the readings contradict non-negative compliances if the natural logarithm of
@@ -138,8 +139,7 @@ _SURE = 0.95
 _MOST_NAMES = 5  # largest number of campaigns or tests that a sentence names
 _MOST_JOINED = 3  # largest number of campaigns that a sentence names as outside control limits
 _MOST_LISTED_TESTS = 12  # largest number of tests to run that a sentence lists
-# Smallest probability that is stated as a number with three decimals; smaller ones are stated as
-# "< 0.001".
+# Probabilities below this are stated as "< 0.001", larger ones as a number with three decimals.
 _UNLIKELY = 5e-4
 # p-value below which two campaigns are said to disagree about an error of their common instrument.
 _CONFLICT = 0.01
@@ -935,9 +935,10 @@ def remedy_words(budget: Budget) -> str:
 
 
 def caveat_words(caveat: Any) -> str:
-    """Return one or two sentences on a limitation of a trend's or a population's result.
+    """Return one or two sentences on a limitation of the results of a trend or a population.
 
-    A trend is that of one machine over its campaigns; a population is of several machines.
+    A trend is the change of one machine's parameters over its campaigns; a population is a group of
+    machines.
     """
     template = _SENTENCES["caveats"][caveat.kind]
     return str(
@@ -1028,8 +1029,8 @@ def population_sentences(population: Any) -> tuple[str, ...]:
 def population_doubts(doubts: Any) -> tuple[str, ...]:
     """Return sentences on the limitations of a population of machines.
 
-    ``doubts`` is the population itself. Its limitations matter above all if it serves as a prior
-    for another machine.
+    ``doubts`` is the result for the population, which lists its limitations. They matter above all
+    if the population serves as a prior for another machine.
     """
     return _sentences("population_doubts", doubts)
 

@@ -192,8 +192,8 @@ def _draw_trace(axes: Any, shown: _Traces, r: int) -> None:
 def _draw_rings(axes: Any, shown: _Traces, plane: str) -> None:
     """Draw the scale of the polar panel of one plane.
 
-    The scale has the circle of zero readings if it lies in the panel, rings in µm, angles, and the
-    names of the machine axes.
+    The scale consists of rings in µm, angles, the names of the machine axes and, if it lies in the
+    panel, the circle of zero readings.
     """
     zero = shown.zero_radius
     if shown.has_nominal_circle:
@@ -259,7 +259,8 @@ def _panel_head(shown: _Traces, plane: str) -> str:
 def _draw_force_scale(figure: Figure, shown: _Traces) -> None:
     """Draw the colour scale of forces at the right of the figure.
 
-    From bottom to top, the forces are in the order of the traces from the innermost outwards.
+    Forces increase upwards if the trace at the largest force is outside that at the smallest force,
+    otherwise downwards.
     """
     forces_N = shown.bound.setting.force_N
     levels = np.unique(forces_N)
@@ -313,9 +314,9 @@ def _round_step(size: float) -> float:
 def residuals(posterior: xr.DataTree) -> Figure:
     """Draw the residuals, reading minus prediction, against angle for up to ten tests.
 
-    The prediction has the effects of machine, bar and balls. What the model describes for each
-    circle separately, its set-up shift and its discrepancy from the other effects, is left in the
-    residuals.
+    The prediction includes the effects of machine, bar and balls. Two effects that the model has
+    for each circle separately are left in the residuals: the set-up shift and the discrepancy, a
+    deviation that no other effect explains.
 
     Parameters
     ----------

@@ -27,7 +27,7 @@ _MIDDLE_NAT = 20.0
 _BREAK_MARK = ((-0.6, -1.0), (0.6, 1.0))  # ends (x, y) of the stroke that marks a broken scale
 
 
-# ---- figure of the evidence for each model
+# ---- figure of the log Bayes factor under several assumptions
 
 
 class _Assumption(NamedTuple):
@@ -54,7 +54,7 @@ def evidence(comparison: Comparison) -> Figure:
     the assumptions are about how circles differ from one another. Bars on the dots are 95 %
     intervals of the numerical error. The numbers at the right are the log evidences of the
     assumptions minus that of the models' own assumption. The scale is linear. It is broken if
-    values under assumptions that the readings reject lie far out.
+    assumptions that the readings reject give values far from the others.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ class _Stretch(NamedTuple):
 
 
 def _stretches(value: Array, allowed: Array) -> list[_Stretch]:
-    """Return the stretches of the broken scale of log Bayes factors that contain values.
+    """Return the stretches of the broken scale of log Bayes factors; empty ones are left out.
 
     The stretches are returned from left to right. ``value``, shape (n,), are the log Bayes factors
     under n assumptions; ``allowed``, shape (n,), states which assumptions the readings do not
@@ -218,11 +218,11 @@ def _gain_words(gain: float | None) -> str:
 def compliance_with_local_fits(comparison: Comparison) -> Figure:
     """Draw compliance C against force F: model average, mean of every model, and local fits.
 
-    The figure corresponds to Fig. 15 of the paper. The average is over models in which each slope
-    is present or absent. If the comparison has no such average, the first model is drawn in its
-    place. A local fit uses only the tests at two neighbouring forces. It has its own geometric
-    errors and therefore estimates the tangent d(F C)/dF rather than C, so that the tangent of the
-    average is drawn, too.
+    The figure corresponds to Fig. 15 of the paper. The average is over models with and without each
+    slope (change of compliance with force). If the comparison has no such average, the first model
+    is drawn in its place. A local fit uses only the tests at two neighbouring forces. It has its
+    own geometric errors and therefore estimates the tangent d(F C)/dF rather than C. For this
+    reason, the tangent of the average is drawn, too.
 
     Parameters
     ----------

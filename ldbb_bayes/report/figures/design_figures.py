@@ -36,11 +36,10 @@ class _PlanBars(NamedTuple):
 
 @styled
 def expected_widths(design: Design, today: Mapping[str, float] = MappingProxyType({})) -> Figure:
-    """Draw, as bars, the uncertainty of every parameter that each plan of tests should give.
+    """Draw bars of each parameter's expected standard uncertainty under each plan of tests.
 
-    The expected standard uncertainty u is shown for the recommended tests, for the plans compared
-    with them, and in the limit of ever more repetitions of the recommended tests. Each parameter
-    has its own scale of bars.
+    Plans are the recommended tests, the tests compared with them, and the limit of ever more
+    repetitions of the recommended tests. Each parameter has its own scale of bars.
 
     Parameters
     ----------

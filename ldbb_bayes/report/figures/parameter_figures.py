@@ -200,7 +200,7 @@ def _draw_curve(axes: Axes, force_N: Array, curves: Array, words: Mapping[str, s
 
 @styled
 def corner(posterior: xr.DataTree, names: Sequence[str] | None = None) -> Figure:
-    """Draw the joint posterior distribution of every pair of some parameters (corner plot).
+    """Draw the joint posterior distribution of each pair of the chosen parameters (corner plot).
 
     Parameters
     ----------

@@ -30,8 +30,8 @@ _DASHED = (0, (4, 3))
 def compliance_atlas(machine: Machine, circle: Circle | None = None) -> Figure:
     """Draw the patterns of all joint compliances, that is, their effects on readings of a circle.
 
-    Compliances with proportional patterns have the same colour. Of these, the model keeps one,
-    which is drawn bold.
+    Compliances with proportional patterns have the same colour. The model keeps one of them, which
+    is drawn bold.
 
     Parameters
     ----------

@@ -147,10 +147,10 @@ def force_colours(forces_N: Sequence[float]) -> list[Any]:
 
 
 def axis_label(name: str, unit: str) -> tuple[float, str]:
-    """Return factor and label for a figure's axis that shows a parameter.
+    """Return the unit factor and the label of an axis for a parameter.
 
-    The factor converts the internal ``unit`` to the unit shown; the label is such as "C_XXX
-    (nm/N)".
+    The factor converts the internal ``unit`` of the parameter ``name`` to the unit in the label. An
+    example of a label is "C_XXX (nm/N)".
     """
     factor, label = display_unit(unit)
     return factor, f"{display_name(name)} ({label})"
@@ -189,9 +189,9 @@ def name_rows(axes: Axes, names: Sequence[str]) -> Array:
 
 
 def right_labels(axes: Axes, rows: Any, texts: Sequence[str]) -> None:
-    """Write a text at the right of each row of a panel; ``rows`` are the rows' positions.
+    """Write a text at the right of each row of a panel.
 
-    ``texts`` has one text per row.
+    ``rows`` are the vertical positions of the rows; ``texts`` has one text per row.
     """
     for row, text in zip(rows, texts, strict=True):
         axes.text(1.015, row, text, fontsize=8, va="center", transform=axes.get_yaxis_transform())
@@ -236,7 +236,7 @@ def save_figure(
 ) -> list[Path]:
     """Write one figure into a folder, in one file for each format.
 
-    The same figure gives the same bytes.
+    The same figure always gives files with the same bytes.
 
     Parameters
     ----------

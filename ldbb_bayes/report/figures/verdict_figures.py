@@ -1,7 +1,7 @@
 """Figures of verdicts and uncertainty budgets.
 
-Verdicts state how far the readings determine each parameter; the figure shows its densities before
-and after the readings. Budgets show the sources of each uncertainty.
+Verdicts state how far the readings determine each parameter; their figure shows the prior and the
+posterior density of each parameter. Budgets show the sources of each uncertainty.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ __all__ = ["budget_bars", "prior_and_posterior"]
 # A source of uncertainty is not drawn if its share of the variance is below this for every
 # parameter [%].
 _SMALLEST_SHARE = 0.5
-# The bar of a source of uncertainty has the source's name on it if the share of the variance that
-# it shows, divided by the number of letters of the name, is above this [%].
+# The name of a source of uncertainty is written on its bar if the bar shows more than this share of
+# the variance per letter of the name [%].
 _SHARE_PER_LETTER = 1.75
 # Weights of red, green and blue in the brightness of a colour.
 _LUMINANCE = (0.2126, 0.7152, 0.0722)
@@ -75,7 +75,7 @@ def prior_and_posterior(identifiability: Identifiability) -> Figure:
 
 
 def _draw_densities(axes: Axes, entry: ParameterIdentifiability) -> None:
-    """Draw the densities of a parameter before and after the readings, each scaled to peak 1.
+    """Draw the prior and the posterior density of a parameter, each scaled to a peak of 1.
 
     A flat prior is not drawn.
     """
