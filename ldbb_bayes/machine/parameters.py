@@ -34,8 +34,8 @@ _ORDERS: dict[GeometricKind, int] = {"gain": 1, "straightness": 2}
 class ComplianceName:
     """Name of a compliance C_ijk of the paper, at joint k.
 
-    The compliance is the displacement or rotation i (component of a twist) caused by the force or
-    moment j (component of a wrench).
+    The compliance is the displacement or rotation i (component of a twist) per unit of the force or
+    moment j (component of a wrench) that causes it.
     """
 
     twist: str  #: displacement i (X, Y or Z) or rotation i (A, B or C)
@@ -46,16 +46,16 @@ class ComplianceName:
     def label(self) -> str:
         """Name of the compliance as results print it, for example ``C_CXY``.
 
-        ``C_CXY`` is the rotation C caused by a force along X at joint Y.
+        ``C_CXY`` is the rotation C (about Z) per unit of a force along X at joint Y.
         """
         return f"C_{self.twist}{self.wrench}{self.joint}"
 
     @property
     def rotations(self) -> int:
-        """Number of rotary components of the compliance: 0, 1 or 2.
+        """Number of rotary quantities among the indices i and j of the compliance: 0, 1 or 2.
 
-        A rotation caused by a moment has two; a rotation caused by a force, or a displacement
-        caused by a moment, has one.
+        Rotations and moments are rotary: the number is 2 for a rotation caused by a moment, and 1
+        for a rotation caused by a force or a displacement caused by a moment.
         """
         return (self.twist in ROTARY) + (self.wrench in ROTARY)
 
@@ -90,10 +90,10 @@ class ComplianceName:
 
     @property
     def preference(self) -> tuple[bool, int, bool, bool, str]:
-        """Sort key by which one compliance of a set is chosen to represent all of them.
+        """Sort key for choosing the compliance that represents a set: the smallest key wins.
 
-        The compliances of a set change the readings proportionally, so that circles cannot separate
-        them. The compliance with the smallest key is chosen. `kept_compliances` states the rules.
+        The compliances of a set have proportional effects on the readings, so that circles cannot
+        separate them. `kept_compliances` states the rules of the choice.
         """
         translation_for_moment = self.wrench in ROTARY and self.twist not in ROTARY
         turned_plane = {axes.rotation: plane for plane, axes in PLANES.items()}

@@ -3,7 +3,8 @@
 A bound model is the model of one campaign. The coefficients of the model are the parameters of
 interest (compliances, their slopes and geometric errors) and the coefficients of nuisances, which
 are effects that are modelled but not of interest. The hyper-parameters φ of the model are the
-scales of noise and nuisances.
+scales of noise and nuisances. Reduced readings are the at most 25 numbers to which the module
+`reduction` reduces the readings of a test.
 """
 
 from __future__ import annotations
@@ -25,9 +26,9 @@ __all__ = ["information_of", "informations_of"]
 
 @dataclass(frozen=True, eq=False)
 class _Noise:
-    """Effect of a nuisance term that differs between tests, treated as noise of each test.
+    """Nuisance effect that differs between tests and is therefore treated as noise of each test.
 
-    ``term`` is the class name of the term, and ``columns`` describe the effect.
+    ``term`` is the class name of the nuisance term, and ``columns`` describe its effect.
     """
 
     term: str
@@ -88,8 +89,8 @@ def informations_of(bound: BoundModel, phi: Array) -> Iterator[Information]:
     are treated as noise of each test. ``bound`` is the model of a campaign. ``phi``, shape (w, h),
     are the hyper-parameters, which are the scales of noise and nuisances; lengths are in mm. The
     design matrix is that of the reduced readings, not yet divided by their noise: it does not
-    depend on the hyper-parameters and is computed once. Tests with the same noise use one
-    covariance in common.
+    depend on the hyper-parameters and is computed once. Tests with the same noise share one
+    covariance.
     """
     shared, shared_owners, noises = _sort_columns(bound)
     names = list(bound.names)
@@ -113,11 +114,7 @@ def informations_of(bound: BoundModel, phi: Array) -> Iterator[Information]:
 
 
 def _sort_columns(bound: BoundModel) -> _SortedColumns:
-    """Return the columns of all nuisance terms of a campaign's model, sorted into two groups.
-
-    In one group the coefficients are the same in all tests, in the other they differ between tests.
-    Nuisances are effects that are modelled but not of interest.
-    """
+    """Return the columns of all nuisance terms of a campaign's model, sorted into two groups."""
     shared: list[Columns] = []
     owners: list[str] = []
     noises: list[_Noise] = []

@@ -55,12 +55,12 @@ class ParameterConditional(Gaussian):
         self,
         rng: np.random.Generator,
     ) -> tuple[Array, NDArray[np.bool_]]:
-        """Return random parameters given that no compliance is negative, and whether each is exact.
+        """Return random parameters given that no compliance is negative, and which draws are valid.
 
-        There is one draw of the p parameters for each of the w Gaussian densities; the draws have
-        the shape (w, p). A draw is exact if the rejection sampler accepted it and rounding made no
-        compliance negative; this is stated by an array of the shape (w,). A draw that is not exact
-        may have a negative compliance.
+        There is one draw of the p parameters for each of the w Gaussian densities, shape (w, p).
+        The second array, shape (w,), is true for draws that the rejection sampler accepted and that
+        have no negative compliance. The other draws do not follow the density and may have negative
+        compliances.
         """
         z, accepted = self.orthant.draw_standard(rng)
         beta = self.from_standard(z)

@@ -8,13 +8,17 @@ L⁻¹ Aᵀ D⁻¹ r of
 
     P = Aᵀ D⁻¹ A = L Lᵀ.
 
-Rows with the same variance are of one kind, and there are few kinds. Every kind has one matrix that
-does not depend on φ; its elements are called Gram entries. P and Aᵀ D⁻¹ r are the sums of these
-matrices, each times 1/D of its kind. The last dimension of every array that depends on φ has the
-length w, the number of values of φ, and is contiguous.
+Rows with the same variance are of one kind, and there are few kinds. The scalar products of the
+columns of A with each other and with r, summed over the rows of one kind, do not depend on φ; they
+are called Gram entries. P and Aᵀ D⁻¹ r are the sums of the Gram entries of all kinds, each times
+1/D of its kind. The last dimension of every array that depends on φ has the length w, the number of
+values of φ, and is contiguous.
 
-Two columns have a row in common if both are non-zero in that row. Columns are divided into three
-kinds of groups. Isolated groups have no row in common with other columns. Leaves have rows in
+Prior variances may be negative (`Observations.signs`). Then P = L S Lᵀ, where the diagonal matrix S
+holds the signs ±1 of the Cholesky pivots, and |L⁻¹ Aᵀ D⁻¹ r|² is a sum of squares with these signs.
+
+Two columns have a row in common if both are non-zero in that row. The columns are divided into
+groups of three types. Isolated groups have no row in common with other columns. Leaves have rows in
 common with one further group only, the root. Leaves are eliminated before the root. The root is
 chosen once, so that the fewest operations are needed.
 """
@@ -45,8 +49,8 @@ _CACHE_SIZE = 1 << 19
 # products (BLAS) rounds such multiples identically, so that results do not depend on how many
 # values are processed together.
 BLAS_MULTIPLE = 8
-# Time that the calls of functions take when one column of a matrix is eliminated, stated as the
-# number of multiplications that take as long.
+# Time of the function calls that eliminate one column of a matrix, divided by the time of one
+# multiplication.
 _CALL_COST = 60.0
 # Number of columns of a matrix P = Aᵀ D⁻¹ A that one matrix product computes. A smaller number
 # wastes time in function calls; a larger one computes entries below the diagonal that are not
@@ -57,9 +61,9 @@ _GRAM_COLUMNS = 4
 class Front(NamedTuple):
     """Groups of columns of the design matrix A that are eliminated together.
 
-    Each group has the same number s of columns. The border of the groups is m columns that are
-    eliminated later and have rows in common with the groups: rows in which a column of the border
-    and a column of a group are both non-zero. Rows of A of one kind have the same noise variance.
+    Each group has the same number s of columns. Two columns have a row in common if both are
+    non-zero in that row; m columns that are eliminated later have rows in common with the groups.
+    Rows of A with the same noise variance are of one kind.
     """
 
     #: Indices of the s columns of each group in the design matrix, shape (groups, s).
@@ -69,12 +73,13 @@ class Front(NamedTuple):
     #: index 0 in the remaining places; the products in ``gram`` are zero there.
     kinds: NDArray[np.intp]
     #: Scalar products of the s columns of each group with each other, with the m columns eliminated
-    #: later that have rows in common with the group, and with the readings. There is one product
-    #: for each of k kinds of rows (rows with the same noise variance), a sum over the rows of this
-    #: kind; shape (groups, s, s + m + 1, k).
+    #: later that have rows in common with the group, and with the readings. Each product is a sum
+    #: over the rows of one of k kinds (rows with the same noise variance).
+    #: Shape (groups, s, s + m + 1, k).
     gram: Array
     #: Signs ±1 of the Cholesky pivots of the s columns of each group, shape (groups, s); None if
-    #: all pivots are positive.
+    #: all are positive. A pivot is negative where a prior variance is negative
+    #: (`Observations.signs`).
     signs: Array | None
 
     @property
@@ -300,7 +305,8 @@ class _Plan(NamedTuple):
     def cost(self) -> float:
         """Cost of this elimination: number of multiplications for one value of φ.
 
-        φ are the hyper-parameters. Function calls count as the multiplications that take as long.
+        φ are the hyper-parameters. The time of function calls is included, converted to
+        multiplications.
         """
         total = 0.0
         for groups in _group_by_size(self.isolated):
@@ -321,12 +327,14 @@ class DesignRows:
     columns
         Design matrix A, shape (rows, columns).
     values
-        Readings r, shape (rows,); zero in rows that depend on the parameters of interest.
+        Readings r, shape (rows,). Rows that depend on the parameters of interest hold zero, because
+        the caller adds their part for each value of these parameters (``shift`` of
+        `Elimination.factorize`).
     kinds
         Index of each row's kind (rows of one kind have the same variance), shape (rows,).
     signs
-        Sign of the prior variance of every coefficient, ±1, which is the sign of its Cholesky
-        pivot, shape (columns,).
+        Signs ±1 of the prior variances of the coefficients, shape (columns,). A negative variance
+        removes noise (`Observations.signs`) and makes the Cholesky pivot of the column negative.
     shared
         Number of columns whose coefficients are the same in all tests; they are the first columns.
     private
@@ -356,10 +364,9 @@ class DesignRows:
         groups: Sequence[NDArray[np.intp]],
         border: NDArray[np.intp] | None = None,
     ) -> Front:
-        """Return the data by which groups of s columns of the design matrix are eliminated.
+        """Return the data needed to eliminate groups of columns of the design matrix together.
 
-        The data are indices, scalar products and signs. All groups have the same number s of
-        columns, so that they can be eliminated together.
+        All groups have the same number s of columns.
 
         Parameters
         ----------
@@ -397,7 +404,7 @@ class DesignRows:
         return Front(group_columns, padded_kinds, gram, None)
 
     def elimination(self, last: int | None) -> Elimination:
-        """Return the permitted order of eliminating the columns that needs the fewest operations.
+        """Return the order of eliminating the columns that needs the fewest operations.
 
         Parameters
         ----------
@@ -438,7 +445,7 @@ class DesignRows:
         """Order of elimination in which the columns of single tests precede the shared columns.
 
         The coefficients of shared columns are the same in all tests. Shared columns that have no
-        row in common with columns of single tests are eliminated apart.
+        row in common with columns of single tests form isolated groups.
         """
         isolated = []
         root = [np.zeros(0, dtype=np.intp)]
@@ -450,12 +457,12 @@ class DesignRows:
         return _Plan(isolated, self._private, np.sort(np.concatenate(root)))
 
     def _plans_by_row_count(self, last: int) -> list[_Plan]:
-        """Return plans that eliminate first the shared columns with few non-zero rows.
+        """Return plans that first eliminate the shared columns with few non-zero elements.
 
         The coefficients of shared columns are the same in all tests. The other columns form the
-        root, which is eliminated last: shared columns with more non-zero rows than a limit, the
+        root, which is eliminated last: shared columns with more non-zero elements than a limit, the
         final ``last`` shared columns, and the columns of single tests. There is one plan for every
-        limit that changes the division.
+        limit that gives a different division.
         """
         nonzero = self._columns != 0.0
         first = self._shared - last
@@ -495,9 +502,9 @@ def _elimination_cost(
 ) -> float:
     """Return the number of multiplications that eliminate groups with equal numbers of columns.
 
-    Function calls count as the multiplications that take as long. ``groups`` are arrays of column
-    indices. ``border`` is the number of columns that are eliminated later and have rows in common
-    with a group, that is rows in which both have elements that are not zero.
+    The time of function calls is included, converted to multiplications. ``groups`` are arrays of
+    column indices. ``border`` is the number of columns that are eliminated later and have rows in
+    common with a group.
     """
     columns = len(groups[0])
     remaining = columns + border + 1 - np.arange(columns)

@@ -14,10 +14,10 @@ linear and Gaussian:
 | ∫ g, moments, marginal densities | `log_integral`, `mean`, `sd`, `covariance`, `marginal(keep)` |
 | random draws, standardised x, densities | `draw`, `from_standard`, `standardize`, `log_density` |
 
-P is kept by its square root, P = S⁻¹ L Lᵀ S⁻¹, with L lower triangular and S a diagonal matrix of
-scales. Against rounding, rows are factorised by QR with scaled columns; normal equations are not
-formed and no matrix is inverted. Means and covariances exist only if P is positive definite;
-products of densities can be computed for any P.
+P is stored as P = S⁻¹ L Lᵀ S⁻¹, with L lower triangular and S a diagonal matrix of scales. To limit
+rounding errors, likelihoods are computed by the QR decomposition of rows with scaled columns,
+without normal equations. Means and covariances exist only if P is positive definite; products of
+densities can be computed for any P.
 """
 
 from __future__ import annotations
@@ -77,8 +77,8 @@ class Gaussian(Shown):
         shift: Array,
         log_constant: Array | float = 0.0,
     ) -> None:
-        # The attributes precision, shift and log_constant are cached properties of the class. The
-        # values assigned here are kept, so that they are not computed from mean and root later.
+        # The attributes precision, shift and log_constant are cached properties of the class. They
+        # keep the values assigned here, and are not computed from mean and root.
         self.precision = precision
         self.shift = shift
         self.log_constant = np.asarray(log_constant, dtype=float)
@@ -236,8 +236,8 @@ class Gaussian(Shown):
         scale
             Diagonal of the diagonal matrix S, shape (..., q).
         constant
-            Part of the logarithm of the integral that does not follow from R and ``scale``; with a
-            prior it includes ln det L.
+            Part of the logarithm of the function's integral that does not follow from R and
+            ``scale``; with a prior it includes ln det L.
         has_prior
             Whether the decomposed matrix also has the rows [Lᵀ, 0] of a prior with the mean
             ``origin`` and the precision matrix S⁻¹ L Lᵀ S⁻¹, where L is lower triangular.
@@ -400,7 +400,8 @@ class Gaussian(Shown):
     ) -> Array:
         """Return independent random draws of the q coefficients, shape ``(*size, ..., q)``.
 
-        Each of the Gaussians that the dimensions "..." hold gets as many draws as ``size`` states.
+        ``size`` is the shape of the array of draws of each Gaussian, by default a single draw. The
+        dimensions "..." hold the Gaussians.
         """
         return self.from_standard(rng.standard_normal((*size, *self.mean.shape)))
 
@@ -416,10 +417,10 @@ def _lower_with_positive_diagonal(upper: Array) -> Array:
 
 
 def _column_scales(rows: Array) -> Array:
-    """Return factors for the columns of matrices (..., n, q) that bring their lengths near one.
+    """Return factors, shape (..., q), that bring the norms of the columns of matrices near one.
 
-    The factors have shape (..., q). They are powers of two, so that multiplying by them causes no
-    rounding errors.
+    The matrices ``rows`` have the shape (..., n, q). The factors are powers of two, so that
+    multiplying by them causes no rounding errors.
     """
     norms = np.linalg.norm(rows, axis=-2)
     exponent = np.round(np.log2(np.where(norms > 0.0, norms, 1.0))).astype(int)

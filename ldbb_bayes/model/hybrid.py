@@ -64,16 +64,16 @@ Preset = Literal["default", "first", "paper"]
 # Hyper-parameter that every model has: the standard deviation σ of the readings' white noise.
 _SIGMA = Scale("sigma", "sigma_um", "σ", "white noise")
 # Order of the hyper-parameters (scales of the noise and of other effects) in all arrays and lists.
-# Hyper-parameters of terms not listed here follow; the noise factors λ of single circles are last.
+# Other hyper-parameters follow these, and the noise factors λ of single circles are last.
 _HYPER_ORDER = ("sigma", "delta", "delta_0", "delta_1", "kappa", "tau", "decay", "omega", "eta")
-# Smallest number of circles of a campaign with which every circle has a noise factor λ of its own,
-# if the model has the term ``CircleScale``. With fewer circles, no circle has one.
+# If the model has the term ``CircleScale`` and the campaign has at least this number of circles,
+# every circle has a noise factor λ of its own. Otherwise no circle has one.
 _FEWEST_SCALED_CIRCLES = 4
-# Largest error [nat] of the log prior probability that compliances are not negative. It applies to
-# each group of compliances that depend on common parameters.
+# Error tolerance [nat] for the log prior probability that compliances are not negative. It applies
+# separately to each group of compliances that depend on common parameters.
 _TRUNCATION_TOLERANCE = 1e-4
 # Largest number of machines that are drawn from the prior to find one without a negative
-# compliance. With the default prior and three tested planes, one of 60 has none.
+# compliance. With the default prior and three tested planes, about one in 60 machines has none.
 _MOST_MACHINES = 20_000
 
 
@@ -246,7 +246,7 @@ class HybridModel(Result):
     def fixing(self, *names: str) -> HybridModel:
         """Return the same model with the named parameters of interest fixed at zero.
 
-        Names are such as C_XYX_1. The prior means of these parameters become zero too.
+        A name is, for example, C_XYX_1. The prior means of these parameters become zero too.
         """
         fixed = {*self.fixed, *(inside_name(name) for name in names)}
         means = dict(self.prior.means)
@@ -363,7 +363,7 @@ class HybridModel(Result):
 
         The names are ``joint load``, ``curved mount`` (a deflection of the work ball's mount that
         is not proportional to force) and ``curved force law`` (a force that is not a linear
-        function of pressure), each only if the model has this effect.
+        function of pressure). Only effects that the model has are named.
         """
         term_by_kind = {type(term): term for term in self.nuisances}
         names = []
@@ -374,7 +374,7 @@ class HybridModel(Result):
         return tuple(names)
 
     def with_rivals(self, *names: str) -> HybridModel:
-        """Return the same model with only the named ones of its `rivals`.
+        """Return the same model with only those of its `rivals` that are named.
 
         Rivals are effects that resemble a change of compliance with force, such as ``joint load``.
         All rivals that are not named are removed.
@@ -569,8 +569,8 @@ class Simulation(Result):
     units: dict[str, str]  #: internal unit of each parameter of interest, by name
 
 
-# Cache of the reduced readings of every campaign (at most 25 numbers for each test). Comparisons
-# combine one campaign with hundreds of models, and the reduction is the same for all of them.
+# Cache of the reduced readings of every campaign (at most 25 numbers for each test). A comparison
+# combines one campaign with hundreds of models, which all use the same reduced readings.
 _REDUCED_READINGS: WeakKeyDictionary[Campaign, tuple[Reduced, ...]] = WeakKeyDictionary()
 
 
@@ -586,8 +586,8 @@ class BoundModel(Shown):
     model : model for any campaign.
     campaign : campaign or plan.
     keep : names of the tests to use; by default all. The reference force F0, the force range, the
-        region of physical compliances, the estimate Ĉ of the compliances and the choice of one or
-        two ball forms stay those of the whole campaign.
+        region of physical compliances and the estimate Ĉ of the compliances stay those of the whole
+        campaign. So does the choice between one form error for both balls and one for each ball.
     pilot : for a plan, the campaign whose F0, force range and Ĉ are used instead of the plan's own.
 
     Attributes
@@ -601,9 +601,10 @@ class BoundModel(Shown):
     interest : ndarray, shape (tests, 25, p)
         H: reading per unit of each parameter of interest, as 25 Fourier coefficients.
     physical, truncation : Truncation
-        ``physical`` is the region of parameters in which no compliance C(F) is negative that is a
-        deflection in the direction of the load itself. ``truncation`` is the same region if the
-        prior is restricted to it; otherwise it permits all parameters.
+        ``physical`` is the region of parameters in which compliances C(F) are not negative; only
+        compliances that are deflections in the direction of the load itself are restricted.
+        ``truncation`` is the same region if the prior is restricted to it; otherwise it permits all
+        parameters.
     """
 
     shown = ("model", "campaign", "test_names", "names", "setting")
@@ -650,10 +651,10 @@ class BoundModel(Shown):
         self.interest = self._interest_columns()
 
     def _setting_of_campaign(self, reduced: Sequence[Reduced]) -> Setting:
-        """Return the conditions of all tests, with effects linearised about an estimated machine.
+        """Return the conditions of all tests, with the estimated machine that some effects need.
 
-        The machine's parameters are estimated from ``reduced``, the reduced readings of all tests,
-        or from the pilot campaign if there is one.
+        The module `linearisation` explains why. The machine's parameters are estimated from
+        ``reduced``, the reduced readings of all tests, or from the pilot campaign if there is one.
         """
         setting = setting_of(
             self.campaign, self.compliances, self.model.reference_force_N, pilot=self.pilot
@@ -759,8 +760,8 @@ class BoundModel(Shown):
         """Names of the parts of the model that act on this campaign.
 
         The names are Compliance, GeometricErrors and the class names of nuisance terms (effects
-        modelled but not of interest). Hysteresis, for example, acts only on circles in both
-        directions.
+        modelled but not of interest). Hysteresis, for example, acts only where circles are run in
+        both directions.
         """
         idle = []
         for kind, columns in self.columns_of.items():
@@ -832,11 +833,11 @@ class BoundModel(Shown):
 
     @cached_property
     def coefficients(self) -> dict[str, tuple[float, float]]:
-        """Prior mean and sd by name of the rivals' coefficients and of the parameters of interest.
+        """Prior means and sds of rivals' coefficients and of parameters of interest, by their names.
 
         Rivals are effects that resemble a change of compliance with force, such as a force that is
-        not a linear function of pressure; their coefficients come first. In `collapsed`, the same
-        coefficients are, in the same order, the last of those that are the same in all tests. Means
+        not a linear function of pressure; their coefficients come first. The coefficients are in
+        the same order as in `collapsed`, where they are the last ones that all tests share. Means
         and sds are in internal units (mm, N, rad).
         """
         priors: dict[str, tuple[float, float]] = {}
@@ -864,9 +865,9 @@ class BoundModel(Shown):
 
         Nuisances are effects modelled but not of interest, β are the parameters of interest, and φ
         the hyper-parameters (scales of noise and nuisances). Negative compliances are not excluded.
-        Of the coefficients that are the same in all tests, the last are those of rivals (effects
-        that resemble a change of compliance with force), followed by β − `centre`, where `centre`
-        is a least-squares estimate of β.
+        The last coefficients that all tests share are those of rivals (effects that resemble a
+        change of compliance with force), followed by β − `centre`, where `centre` is a
+        least-squares estimate of β.
         """
         nuisances = sorted(self.nuisance_columns, key=is_rival_of_slopes)
         interest = Columns(
@@ -941,7 +942,8 @@ class BoundModel(Shown):
 
         y are the readings, β the p parameters of interest, and φ (w, h) are w values of the h
         hyper-parameters (scales of noise and nuisances), with lengths in mm. Negative compliances
-        are not excluded. With a flat prior of β, the evidence lacks its normalising constant.
+        are not excluded. With a flat prior of β, the evidence is defined only up to a constant
+        factor.
         """
         log_evidence, shifted = self.collapsed.conditional(phi, last=len(self.names))
         conditional = ParameterConditional.factored(
@@ -1002,9 +1004,10 @@ class BoundModel(Shown):
         raise self._impossible_prior()
 
     def _impossible_prior(self) -> InputError:
-        """Return the error for a prior of which hardly any draw is without a negative compliance.
+        """Return the error for a prior whose random machines nearly all have a negative compliance.
 
-        The message names the compliance whose prior mean is the most sds below zero.
+        The message names the compliance whose prior mean is the most sds below zero, or the setting
+        ``slope_scale`` if no prior mean is negative.
         """
         constrained = np.flatnonzero(self.truncation.rows.any(axis=0))
         ratio = self.prior_mean[constrained] / self.prior_sd[constrained]
@@ -1024,9 +1027,10 @@ class BoundModel(Shown):
         )
 
     def linearised_at(self, beta: Array) -> Setting:
-        """Return the conditions of the tests, with effects linearised about the machine of β.
+        """Return the conditions of the tests, with the parameters β as the estimate of the machine.
 
-        β (p,) are the parameters of interest, in mm, N and rad.
+        β (p,) are the p parameters of interest, in mm, N and rad. Effects that depend on the
+        machine, such as an error of the angle, are then computed for β (`linearise`).
         """
         every_parameter = np.zeros(len(self._free))
         every_parameter[self._free] = beta

@@ -29,19 +29,19 @@ _LEAST_DECAY = 0.5
 _MOST_DECAY = 3.5
 
 
-# Shape a of the inverse gamma prior InvGamma(a, b) of λ², where λ is the factor by which the noise
-# of one circle differs from the usual.
+# Shape a of the inverse gamma prior InvGamma(a, b) of λ², where λ is the factor that multiplies the
+# noise of one circle.
 _SHAPE = 1.5
 
 
-# Rate b of the inverse gamma prior InvGamma(a, b) of λ², where λ is the factor by which the noise
-# of one circle differs from the usual.
+# Rate b of the inverse gamma prior InvGamma(a, b) of λ², where λ is the factor that multiplies the
+# noise of one circle.
 _RATE = 1.5
 
 
 @dataclass(frozen=True, eq=False)
 class HyperPrior:
-    """Independent prior densities of the h hyper-parameters, each of one of three kinds (laws).
+    """Independent prior densities of the h hyper-parameters, which are of three kinds (``laws``).
 
     The prior of a length (such as the sd of the noise) is half-normal, with the scale ``scale``
     [mm] and values not less than ``lower`` [mm]. The prior of a decay, the power by which the
@@ -197,7 +197,7 @@ class HyperPrior:
 
     @cached_property
     def _decay_levels(self) -> Array:
-        """Probabilities of a decay below its lower and below its upper bound, shape (2, decays).
+        """Probability that a decay is below its lower and below its upper bound, shape (2, decays).
 
         The probabilities are those of the normal prior without the bounds. The decay is the power
         by which the amplitude of form error falls with its order.

@@ -4,7 +4,8 @@ Parameters are compliances, their slopes with force and geometric errors. Nuisan
 are modelled but not of interest. Hyper-parameters are the scales of noise and nuisances. The module
 computes the uncertainty of each coefficient, and what the uncertainty would be if a nuisance were
 known. `identify`, uncertainty budgets and designs use this module. The computation needs the forces
-and angles of the readings, but not their values.
+and angles of the readings, but not their values. Reduced readings are the at most 25 numbers to
+which the module `reduction` reduces the readings of a test.
 """
 
 from __future__ import annotations
@@ -31,8 +32,8 @@ class Information:
     z are the reduced readings, scaled so that their noise e is white and has unit variance. c (m,)
     are all coefficients divided by their prior sd, and A is the design matrix of c. Coefficients
     are the parameters of interest and those of nuisances (effects modelled but not of interest)
-    that are the same in all tests. If no prior is flat, the posterior covariance of c is
-    (1 + AᵀA)⁻¹. Methods can take terms and coefficients as known; c and e are then without them.
+    that are the same in all tests. The posterior covariance of c is (1 + AᵀA)⁻¹ if no prior is
+    flat. Methods can take terms and coefficients as known, and then leave them out of c and e.
     """
 
     #: Names of the m coefficients: parameters of interest, then nuisance coefficients, which belong
@@ -122,8 +123,8 @@ class Information:
                 raise InputError(
                     "reading noise must be left: readings without any would make everything known."
                 )
-        # The design matrices of all tests with the same noise covariance are multiplied together by
-        # the inverse of its Cholesky factor.
+        # All design matrices of tests with the same noise covariance are multiplied by the inverse
+        # of its Cholesky factor in one step.
         blocks_by_noise: dict[int, list[int]] = {}
         for k, sources in enumerate(self.noise):
             blocks_by_noise.setdefault(id(sources), []).append(k)

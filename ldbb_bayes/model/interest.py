@@ -23,8 +23,8 @@ __all__ = ["Group", "Parameter", "ParametersOfInterest", "compliance_rows", "phy
 
 Group = Literal["compliance", "slope", "geometric"]
 # The prior sd of a slope (change of a compliance with force) is proportional to the absolute value
-# of the compliance's estimate. This value counts as at least the typical size of the compliance
-# (usually its prior sd) divided by this number.
+# of the compliance's estimate. If this value is below the typical size of the compliance (usually
+# its prior sd) divided by this number, the quotient is used instead.
 _SD_PER_LEAST_SIZE = 20.0
 
 
@@ -72,7 +72,8 @@ class ParametersOfInterest:
     """
 
     degree: int
-    #: the compliances that the campaign's circles can separate, and those that they represent
+    #: the compliances that the campaign's circles can separate, and the others that each of these
+    #: represents
     visible: Kept
     geometric_errors: tuple[GeometricName, ...]
 
@@ -131,9 +132,9 @@ class ParametersOfInterest:
     def compliance_sd(self, prior: Prior) -> Array:
         """Return the prior sd of every compliance, shape (compliances,), in mm, N and rad.
 
-        If the circles cannot separate several compliances of the machine, one of them represents
-        the others in the model. The prior sd of this compliance includes the contribution of the
-        others, unless the user gave the sd.
+        The effect of some compliances on the readings is a combination of the effects of several
+        compliances of the model, which represent them. The prior sd of these includes a
+        contribution of the compliances that they represent, unless the user gave the sd.
         """
         overridden = [name.label in prior.overrides for name in self.compliances]
         with_dropped_sets = self._with_dropped_sets(prior.compliance_sd)
@@ -142,9 +143,9 @@ class ParametersOfInterest:
     def _with_dropped_sets(self, size_of: Callable[[Sequence[ComplianceName]], Array]) -> Array:
         """Return the size of every compliance, including those that it represents, (compliances,).
 
-        A compliance may represent others that the circles cannot separate from it. Their sizes,
-        multiplied by the weights with which they act, are added in quadrature. ``size_of`` is the
-        function that returns the sizes of named compliances alone.
+        A compliance may represent others in part (`Kept.absorbed`). Their sizes, multiplied by
+        their weights, are added in quadrature. ``size_of`` is the function that returns the sizes
+        of named compliances without those that they represent.
         """
         sizes = size_of(self.compliances)
         for k, absorbed in enumerate(self.visible.absorbed):

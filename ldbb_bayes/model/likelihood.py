@@ -1,4 +1,4 @@
-"""The likelihood ln p(z | β, φ) with the nuisance coefficients integrated out analytically.
+"""The log likelihood ln p(z | β, φ), with the nuisance coefficients integrated out analytically.
 
 β (p,) are the parameters: compliances, their slopes and geometric errors. Nuisance coefficients
 belong to effects that are modelled but not of interest. φ are the hyper-parameters: the scales of
@@ -45,8 +45,8 @@ __all__ = ["StructuredGaussian"]
 # the GNU C library (malloc) afterwards keeps freed memory of up to this size for reuse, which is
 # faster.
 _MALLOC_BYTES = 31 << 20
-# Variance [mm²] that replaces smaller absolute values of noise and prior variances, by which the
-# likelihood divides. A coefficient with this prior variance is numerically zero.
+# Variances of noise and priors with a smaller absolute value are replaced by this number, because
+# the likelihood divides by them. A coefficient with this prior variance is numerically zero.
 _LEAST_VARIANCE = 1e-60
 
 
@@ -85,9 +85,9 @@ class _Batch(NamedTuple):
 class StructuredGaussian:
     """Density p(z | β, φ) of readings z, with all nuisance coefficients integrated out.
 
-    Nuisances are effects modelled but not of interest. Their coefficients are shared by all tests
-    or private, that is used by a single test. β are the parameters, and φ the hyper-parameters
-    (scales of the noise and of nuisances).
+    Nuisances are effects modelled but not of interest. Their coefficients are either shared by all
+    tests or private, which means that each belongs to a single test. β are the parameters, and φ
+    the hyper-parameters (scales of the noise and of nuisances).
 
     Parameters
     ----------
@@ -233,9 +233,9 @@ class StructuredGaussian:
     ) -> Array:
         """Return the conditional mean of each test's own v coefficients, shape (w, tests, v).
 
-        The condition is the readings, the parameters of interest, the hyper-parameters and the
-        nuisance coefficients that are the same in all tests. Coefficients of noise that could not
-        be made diagonal come last among the v.
+        The readings, the parameters of interest, the hyper-parameters and the nuisance coefficients
+        that are the same in all tests are given. The last of the v coefficients describe noise
+        whose covariance could not be made diagonal, if there is any.
 
         Parameters
         ----------
@@ -263,12 +263,11 @@ class StructuredGaussian:
         return mean * self._unit[q : q + v]
 
     def _conditional_elimination(self, last: int | None) -> Elimination:
-        """Return the order in which coefficients are eliminated before a Gaussian is returned.
+        """Return the order in which `conditional` eliminates coefficients; ``last`` is its argument.
 
-        Shared coefficients are the same in all tests. The final ``last`` of them are eliminated at
-        the end. If ``last`` is None, or if no columns correct for unevenly spaced angles, all
-        shared coefficients keep their order: results from quasi-random points are sensitive to the
-        last digits of the Cholesky factors, which another order would change.
+        The fastest order is used only if some columns correct for unevenly spaced angles. Otherwise
+        the order is fixed: another order would change the last digits of the Cholesky factors, to
+        which results from quasi-random points are sensitive.
         """
         return self._design.elimination(last if self._uneven else None)
 
@@ -280,10 +279,9 @@ class StructuredGaussian:
     ) -> Iterator[_Batch]:
         """Yield, for batches of values of φ, the quantities that elimination needs (`_Batch`).
 
-        φ are the hyper-parameters. Each item holds, for the values of φ of one batch, the
-        reciprocal noise variances, the part of Aᵀ D⁻¹ r that depends on β, and the part of the log
-        density that needs no elimination. A is the design matrix of the nuisance coefficients, D
-        the diagonal noise covariance, and r the readings less their part from β.
+        φ are the hyper-parameters. A is the design matrix of the nuisance coefficients, D the
+        diagonal noise covariance, and r the readings less their part from the parameters of
+        interest β.
 
         Parameters
         ----------
@@ -291,8 +289,8 @@ class StructuredGaussian:
             Values of the h hyper-parameters, shape (values, h); lengths in mm.
         beta
             Values of the p parameters of interest β, shape (values, p), or (p,) for all values of φ
-            alike. If it is None, the part of Aᵀ D⁻¹ r is None too, and β does not enter the log
-            density.
+            alike. If it is None, ``shift`` (the part of Aᵀ D⁻¹ r that depends on β) is None too,
+            and β does not enter the log density.
         batch_size
             Largest number of values of φ in a batch.
         """

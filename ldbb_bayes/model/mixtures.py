@@ -50,8 +50,7 @@ def mixture_quantiles(
 ) -> Array:
     """Return quantiles of mixtures of k Gaussians, shape (levels, ...).
 
-    The equation distribution function = level is solved by Newton's method, with bounds that always
-    enclose the quantile.
+    Each quantile is found by Newton's method, between bounds that always enclose it.
 
     Parameters
     ----------
