@@ -40,7 +40,7 @@ def __getattr__(name: str) -> Any:
 
 
 def _unknown_name_message(name: str) -> str:
-    """Return the message for a name that the package does not have, with the most similar one."""
+    """Return the error message for an unknown name; it suggests a similar public name, if any."""
     similar = get_close_matches(name, _public, n=1)
     if not similar:
         return f"module 'ldbb_bayes' has no attribute {name!r}. dir(ldbb_bayes) lists its names."

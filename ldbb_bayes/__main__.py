@@ -24,7 +24,7 @@ def run() -> None:
         main()
     except KeyboardInterrupt:
         message = "ldbb-bayes: interrupted; nothing was written."
-        print(message, file=sys.stderr)  # noqa: T201, what the terminal is told
+        print(message, file=sys.stderr)  # noqa: T201, a message for the user
         sys.exit(130)
 
 

@@ -1,10 +1,11 @@
-"""Find degeneracies: combinations of coefficients that no reading of a campaign resolves.
+"""Degeneracies: combinations of coefficients that no reading of a campaign resolves.
 
 Coefficients are the parameters of interest (compliances, their slopes and geometric errors) and the
-nuisance coefficients (effects that are modelled but not of interest). The degeneracies span the
-null space of the design matrix. The basis found is sparse, so that each degeneracy has few members.
-An example is an amount of a nuisance, with the change of parameters that looks exactly like it. No
-readings are needed, so that a plan can be examined too.
+nuisance coefficients (effects that are modelled but not of interest). In a degeneracy, the effects
+of the coefficients on the readings cancel. For example, a change of the parameters cancels the
+effect of a nuisance. The degeneracies span the null space of the design matrix; a sparse basis of
+it is computed, so that each degeneracy involves few coefficients. No readings are needed, so that a
+plan can be examined too.
 """
 
 from __future__ import annotations
@@ -36,8 +37,8 @@ _NAMED_SHARE = 0.02
 # The effect of a coefficient on the readings is a rounding error if it is below this share of the
 # largest effect of any coefficient in the same combination.
 _ROUNDING = 1e-9
-# Friction counts as hidden if a combination of the parameters can change the readings in the same
-# way, except for less than this share of the change.
+# Friction counts as hidden if a change of the parameters imitates its effect on the readings. The
+# difference must be less than this share of the effect.
 _UNEXPLAINED_SHARE = 1e-3
 # Singular values below this share of the largest count as zero when the change of the readings by
 # friction is fitted by changes of the parameters.
@@ -55,12 +56,12 @@ _LOBES = 4
 class Degeneracy:
     """A combination of parameters and nuisance coefficients that no reading resolves.
 
-    Nuisance coefficients are effects that are not of interest. The model includes some of them and
-    leaves out others.
+    Nuisance coefficients are effects that are not of interest. Those that the model leaves out are
+    considered too.
     """
 
-    #: class name of the model term of the pivot, the coefficient for which the combination is
-    #: written; empty if the pivot is a parameter
+    #: class name of the model term that the pivot belongs to; empty if the pivot is a parameter.
+    #: The pivot is the coefficient whose effect on the readings the other coefficients cancel.
     term: str
     #: changes of coefficients, by name, that compensate one another in every reading; in internal
     #: units (mm, N, rad); nuisance coefficients come before parameters
@@ -92,8 +93,8 @@ class StandingKind(StrEnum):
     """Kind of effect on the readings that looks like a parameter of the machine.
 
     The kinds are friction, drift, a nonlinear mount or force device (curvature), and a four-lobed
-    form error of the balls (lobes). Such an effect is no term of the model, or only tests at
-    different forces separate it from the parameter.
+    form error of the balls (lobes). The model has no term for such an effect, or only tests at
+    different forces separate the effect from the parameter.
     """
 
     FRICTION = "friction"
@@ -135,7 +136,7 @@ def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
     """Return a sparse basis of the degeneracies that involve parameters of interest.
 
     A degeneracy is a combination of parameters and nuisance coefficients that no reading resolves.
-    Its pivot is the coefficient for which the combination is written, with the value one.
+    Its pivot is the coefficient whose effect on the readings the other coefficients cancel.
 
     Parameters
     ----------
@@ -163,12 +164,11 @@ def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
 
 
 def _parameters_alone_if_unresolved(space: NullSpace, vector: Array) -> Array:
-    """Return a combination of coefficients without its nuisance coefficients, if it needs none.
+    """Return a combination with its nuisance coefficients set to zero, if still unresolved then.
 
-    Nuisance coefficients are effects that are modelled but not of interest. They are set to zero if
-    no reading resolves the parameters of the combination alone. Otherwise the combination is
-    returned unchanged. The combination is ``vector``, shape (m,): the m coefficients in units of
-    their prior standard deviations. ``space`` is the null space of the campaign's design matrix.
+    If a reading resolves the parameters of the combination alone, the combination is returned
+    unchanged. The combination is ``vector``, shape (m,): the m coefficients in units of their prior
+    standard deviations. ``space`` is the null space of the campaign's design matrix.
     """
     is_parameter = np.arange(len(vector)) < space.parameters
     parameters_only = np.where(is_parameter, vector, 0.0)
@@ -185,9 +185,9 @@ def _describe_degeneracy(
     """Return the `Degeneracy` that describes an unresolved combination of coefficients.
 
     The combination is ``vector``, shape (m,): the m coefficients in units of their prior standard
-    deviations. ``pivot`` is the index of the coefficient for which the combination is written, with
-    the value one. ``space`` is the null space that the combination belongs to. Return None if no
-    parameter in the combination has more than 2 % of the largest effect on the readings.
+    deviations. ``pivot`` is the index of the coefficient that has the value one. ``space`` is the
+    null space that the combination belongs to. Return None if the effect of every parameter on the
+    readings is at most 2 % of the largest effect of any coefficient in the combination.
     """
     names = coefficients.names
     effect = space.largest * np.abs(vector)
@@ -277,8 +277,8 @@ def standing_degeneracies(bound: BoundModel, aliases: Sequence[Degeneracy]) -> t
     """Return the kinds of effect that look like parameters, each with these parameters.
 
     The kinds are friction, drift, a nonlinear mount or force device, and a four-lobed form error of
-    the balls. Such an effect is no term of the model, or only tests at different forces separate it
-    from the parameters.
+    the balls. The model has no term for such an effect, or only tests at different forces separate
+    the effect from the parameters.
 
     Parameters
     ----------
@@ -336,7 +336,7 @@ def _like_drift(bound: BoundModel) -> tuple[str, ...]:
 
     For a campaign whose tests were run in the order of their forces, these are the direct
     compliances and, if the model has the term ``Position``, the rotations caused by a force. There
-    are none for another campaign, for a plan, or if the model has the term ``Drift``.
+    are none for any other campaign, for a plan, or if the model has the term ``Drift``.
     """
     modelled = _modelled_terms(bound)
     if "Drift" in modelled or bound.campaign.is_plan or not in_order_of_force(bound):

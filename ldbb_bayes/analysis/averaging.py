@@ -1,4 +1,4 @@
-"""Average the posterior over several models.
+"""Posterior averaged over several models.
 
 The averaged posterior is p(β, φ | y) = Σ_M p(M | y) p(β, φ | y, M): the posterior under each model
 M, weighted by the posterior probability of the model given the readings y. β are the parameters
@@ -224,8 +224,8 @@ def _check_arguments(models: Mapping[str, HybridModel], draws: int) -> None:
 def _weigh_models(models: Mapping[str, HybridModel], evidences: Evidences) -> _WeightedModels:
     """Return the models of the average with their posterior probabilities.
 
-    These models are each given model with each subset of its rival explanations. Evidences that
-    ``evidences`` does not hold yet are computed.
+    The average contains every given model once with each subset of its rival explanations.
+    Evidences that are missing in ``evidences`` are computed.
     """
     combinations = []
     variants = []
@@ -320,9 +320,9 @@ def _pool_draws(bound: BoundModel, draws_of_models: Sequence[ModelDraws]) -> tup
 def _log_densities(draws_of_models: Sequence[ModelDraws], order: Array) -> dict[str, Array]:
     """Return the log densities of the draws of all models, by name of the density.
 
-    Names are such as ``lp``, for the log density of the posterior. ``order``, shape (chains,
-    draws), holds the index of the draw that belongs at each place of the result, among the draws of
-    all models one after another.
+    For example, ``lp`` is the log density of the posterior. Each result has the shape of ``order``,
+    (chains, draws). ``order`` holds the indices of the draws in the order of the result; the draws
+    of all models are counted one model after another.
     """
     by_model = [densities_of(draws_of_model) for draws_of_model in draws_of_models]
     pooled = {}
@@ -334,8 +334,8 @@ def _log_densities(draws_of_models: Sequence[ModelDraws], order: Array) -> dict[
 def _log_prob_truncation(weighted: _WeightedModels) -> tuple[float, float]:
     """Return the log probability that no compliance is negative, and its error [nat].
 
-    The probability is that under the posterior of the most probable model. This posterior is
-    computed without the condition that compliances are not negative.
+    The probability is computed from the posterior of the most probable model. This posterior is the
+    one without the condition that compliances are not negative.
     """
     most_probable = weighted.bounds[int(np.argmax(weighted.probability))]
     near = weighted.nodes[0].posterior.plain.mode

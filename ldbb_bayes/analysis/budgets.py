@@ -54,10 +54,10 @@ class Contribution:
     #: ("other …"), a noise of the readings, or ``Parameters`` for the parameters' own priors
     source: str
     term: str  #: model term that the source belongs to, such as ``Mount``
-    #: evaluation (GUM 2.3.2, 2.3.3): "A" from the scatter of the readings, "B" by other means
+    #: type of evaluation (GUM 2.3.2, 2.3.3): "A" from scatter of the readings, "B" by other means
     kind: Kind
-    #: standard uncertainty of the source, in the unit ``unit``; None for several coefficients
-    #: together
+    #: standard uncertainty of the source, in the unit ``unit``; None if the source has no single
+    #: one, such as several coefficients together
     u: float | None
     unit: str  #: unit of the source's standard uncertainty ``u``
     #: change of the parameter's estimate per unit of the source; for noise, the ratio of
@@ -100,7 +100,7 @@ class _PosteriorVariance:
     of the prior standard deviations. ``shares`` holds, by names of source and model term, the share
     of the source in the variance of each parameter, shape (p,). ``variance_if_known`` holds, by
     name of a model term, the variance that each parameter would have if the term were known
-    exactly, divided by its prior variance, shape (p,).
+    exactly, in units of the parameter's prior variance, shape (p,).
     """
 
     bound: BoundModel
@@ -225,8 +225,8 @@ def _coefficient_line(
     information = variance.information
     row = information.interest[i]
     column = information.names.index(source)
-    # A nuisance larger than its prior mean moves the parameter's estimate in the direction opposite
-    # to the sign of their posterior covariance.
+    # A nuisance larger than its prior mean shifts the parameter's estimate. The sign of this shift
+    # is opposite to that of the posterior covariance of nuisance and parameter.
     sign = -float(np.sign(variance.covariance[row, column]))
     source_u = float(information.scale[column])
     unit = Term.owner(source).unit_of(source).inside

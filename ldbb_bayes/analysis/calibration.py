@@ -162,8 +162,7 @@ class Validation(Result):
         table = pd.DataFrame(index=list(self.names))
         for prob in _INTERVALS:
             limit = prob * (self.draws + 1)
-            # A true value exactly at an end of the credible interval counts half. The rank, the
-            # number of posterior draws below the true value, is then at a limit of its range.
+            # A true value exactly at an end of the credible interval counts as half inside.
             inside = 0.5 * (distance < limit - 1e-9) + 0.5 * (distance < limit + 1e-9)
             table[_percent(prob)] = inside.mean(axis=0)
             table[f"u{_percent(prob)}"] = np.sqrt(prob * (1.0 - prob) / self.replicates)

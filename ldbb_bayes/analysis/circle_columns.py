@@ -41,9 +41,7 @@ class MachineColumns(NamedTuple):
     """
 
     elastic: Array  #: effects of compliances and slopes, zero for other parameters, shape (25, p)
-    #: changes of the 25 Fourier coefficients of the circle per unit of each of the p parameters
-    #: that is a geometric error, zero for other parameters, shape (25, p)
-    geometric: Array
+    geometric: Array  #: effects of geometric errors, zero for other parameters, shape (25, p)
 
 
 class SecondOrderFactors(NamedTuple):

@@ -1,8 +1,8 @@
 """Circular-test quantities of ISO 230-4 for the machine's own tool path, without the instrument.
 
-Radial deviations are small compared with the radius R. A shift of the circle's centre by (a, b)
-therefore lowers the deviation at angle θ by a cos θ + b sin θ. The error of this approximation is
-e²/2R for an eccentricity e: 0.01 µm for a circle that is 50 µm off centre.
+Radial deviations are small compared with the radius R. About a centre that is shifted by (a, b),
+the deviation at angle θ is therefore lower by a cos θ + b sin θ. The error of this approximation is
+at most e²/2R for a shift by e: about 0.01 µm for 50 µm.
 """
 
 from __future__ import annotations
@@ -106,12 +106,13 @@ def predict_circularity(
         the path, and include the effect of compliance. Squareness has the sign of the plane's own
         parameter, E_C0YX in XY; scale_mismatch is the gain of the first axis minus that of the
         second. For a plane run in both directions of travel, G, F_max and F_min are those of the
-        mean path, and there are also G_b and D [µm]; D is the mean radius minus the nominal one.
+        mean path. There are then also the bidirectional deviation G_b [µm] and the mean deviation
+        D [µm], which is the mean radius minus the nominal one.
 
     Raises
     ------
     InputError
-        For a probability that is not between 0 and 1, or a posterior from `to_units`.
+        For a negative force, a probability not between 0 and 1, or a posterior from `to_units`.
 
     Examples
     --------
@@ -201,7 +202,8 @@ def _bidirectional_quantities(path_um: Array, half_difference_um: Array) -> dict
     ``path_um`` is the mean of the clockwise and the counterclockwise tool path, and
     ``half_difference_um`` half their difference. Both are given, for each posterior draw, by the 25
     Fourier coefficients of the radial deviation (constant, and cosine and sine of the harmonics 1
-    to 12), shape (draws, 25). Both paths are taken about the least-squares centre of their mean.
+    to 12), shape (draws, 25). Both paths are taken about the least-squares centre and radius of
+    their mean.
     """
     centred = np.where(_CENTRED, path_um, 0.0)
     clockwise = (centred + half_difference_um) @ basis(ANGLE_RAD).T

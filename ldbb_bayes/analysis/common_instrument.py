@@ -156,15 +156,14 @@ def _share_hypers(bounds: Sequence[BoundModel], phi: Sequence[Array]) -> list[Ar
 
 
 def _information_and_means(bound: BoundModel, phi: Array) -> _Campaign:
-    """Return the information of a campaign's readings about its coefficients, and their means.
+    """Return the posterior of one campaign's coefficients, given its hyper-parameters.
 
-    The means are those of the posterior. Coefficients are the parameters and the nuisance
-    coefficients that tests share. ``phi`` are the hyper-parameters of the campaign, shape (h,)
-    [mm].
+    Coefficients are the parameters and the nuisance coefficients that tests share. ``phi`` are the
+    hyper-parameters, shape (h,) [mm].
     """
     information = information_of(bound, phi)
     # The error of the bar's length is common to both campaigns only if their radii are the same.
-    # Name it by the radius, so that the names differ otherwise.
+    # The radius is therefore part of its name here.
     bar_length = f"bar_length_{bound.setting.radii_mm[0]:g}"
     names = []
     for name in information.names:
@@ -214,10 +213,10 @@ def worst_conflict(
 ) -> Conflict | None:
     """Return the common coefficient about which the readings of two campaigns disagree most.
 
-    The campaigns were run with the same instrument. Their readings y alone, without the prior,
-    estimate a coefficient ν of the instrument with the standard uncertainty 1/√l, where l =
-    1/Var(ν | y) − 1/S and S is the prior variance of ν. The estimates from the two campaigns must
-    agree within their uncertainties.
+    The campaigns were run with the same instrument. A coefficient ν of the instrument is estimated
+    from the readings y of each campaign without its prior. The standard uncertainty of the estimate
+    is 1/√l, where l = 1/Var(ν | y) − 1/S and S is the prior variance of ν. The two estimates are
+    compared by their uncertainties.
 
     Parameters
     ----------

@@ -1,11 +1,11 @@
-"""Compare models of one campaign by their evidences.
+"""Comparison of models of one campaign by their evidences.
 
 The posterior probability of a model M given the readings y is p(M | y) ∝ p(y | M) p(M). The
 evidence p(y | M) is the density of the readings under the model, averaged over the prior of its
 parameters; it is computed by quadrature. The ratio of two evidences is the Bayes factor B; ln B is
-stated in nats (1 nat is a factor e). The comparison is repeated under other assumptions, and every
-test is predicted from the other tests. All models are given the same readings, and have the same
-priors for the parameters that they share.
+stated in nats (1 nat is a factor e). The comparison is repeated under priors and assumptions other
+than those of the models, and every test is predicted from the other tests. All models are given the
+same readings, and have the same priors for the parameters that they share.
 
 The elpd (expected log predictive density) of a model states how well it predicts readings that were
 left out. Here it is the sum over the tests r of ln p(y_r | y_−r): the log density of test r given
@@ -91,7 +91,7 @@ _COARSEST_TOLERANCE = 1.0
 
 
 class Sign(StrEnum):
-    """Whether the sign of the log Bayes factor of two models holds under other assumptions."""
+    """Whether the sign of a log Bayes factor depends on the models' priors and assumptions."""
 
     OPEN = "depends on assumptions that the readings allow"
     HELD = "holds but for assumptions that the readings reject"
@@ -127,8 +127,8 @@ class ComparedModel:
     log_evidence_error: Finite
     posterior_probability: float
     #: expected log predictive density (elpd), leaving one force out (lofo): sum over the tests of
-    #: the log density of each test given the other tests [nat]; not a number for a campaign of one
-    #: test
+    #: the log density of each test given the other tests [nat]; not a number if no test was left
+    #: out
     elpd_lofo: Number
     elpd_lofo_se: Number  #: standard error of ``elpd_lofo``, from the scatter over the tests [nat]
     #: root-mean-square residual (Eq. 34 of the paper) of the posterior mean prediction [µm]; the
@@ -185,10 +185,10 @@ class ScaledSlopes:
 
 @dataclass(frozen=True)
 class Difference:
-    """A sum over the tests of a campaign, and its standard error from their scatter [nat].
+    """A sum over the tests of a campaign, and its standard error from the scatter over them [nat].
 
-    Summed is the log predictive density of each test, or the difference of this density between two
-    models. ``value`` is the sum and ``se`` its standard error.
+    The summands are the log predictive densities of the tests, or the differences of these
+    densities between two models. ``value`` is the sum and ``se`` its standard error.
     """
 
     value: Number
@@ -213,8 +213,8 @@ class Comparison(Result):
 
     campaign: ComparedCampaign  #: name and digest of the campaign that models were compared on
     models: dict[str, ComparedModel]  #: results of each model, by the name that the caller gave
-    #: log Bayes factor ln B of each later model over the first [nat]; keys are such as
-    #: "linear/constant", the later model's name before the first's
+    #: log Bayes factor ln B of each later model over the first [nat]; a key such as
+    #: "linear/constant" has the later model's name before the first model's name
     log_bayes_factor: dict[str, float]
     #: error of each log Bayes factor ln B [nat], with the keys of ``log_bayes_factor``
     log_bayes_factor_error: dict[str, Finite]
@@ -225,15 +225,16 @@ class Comparison(Result):
     #: assumptions state the log Bayes factor of the second model over the first
     sensitivity_of: str
     #: log Bayes factor of the second model over the first at each scale of the prior of the slopes
-    #: (changes of compliance with force); empty if neither model has slopes
+    #: (changes of compliance with force); empty if neither model has slopes, or if the two models
+    #: differ only in this prior
     prior_sensitivity: tuple[ScaledSlopes, ...]
     #: scales of the prior of the slopes (changes of compliance with force) at which the log Bayes
     #: factor in ``prior_sensitivity`` changes sign
     prior_sensitivity_crossings: tuple[float, ...]
     #: log Bayes factor of the second model over the first under each assumption about how circles
     #: differ from one another; the models' own assumption comes first, white noise alone last. If
-    #: there are ``explanations``, the second is averaged over the rival explanations, and the third
-    #: is that without them.
+    #: there are ``explanations``, the second entry is the average over the rival explanations, and
+    #: the third entry is the comparison without any of them.
     discrepancy_sensitivity: tuple[Assumed, ...]
     #: posterior probability that each compliance changes with force, by name of the compliance;
     #: empty if no model has slopes, or if only evidences were computed
@@ -249,11 +250,11 @@ class Comparison(Result):
     #: fits of constant compliance to every two neighbouring forces: the table that `local_fits`
     #: returns; empty if all tests have one force, or if only evidences were computed
     local_fits: Records
-    #: largest error allowed of every log evidence [nat]; assumptions whose log evidence is more
-    #: than 10 nat lower than the best are allowed 0.1 nat
+    #: largest error allowed for a log evidence [nat]. An error of 0.1 nat is allowed under an
+    #: assumption whose log evidences are at least 10 nat below that of the models' own assumption.
     tolerance: float
-    #: largest error of any log evidence [nat]; assumptions whose log evidence is more than 10 nat
-    #: lower than the best are not counted
+    #: largest error of any log evidence [nat], except under assumptions whose log evidences are at
+    #: least 10 nat below that of the models' own assumption
     largest_error: Finite
     #: number of evidences whose quadrature weights cannot be trusted, so that their errors are
     #: infinite; the field has the name of an older version, for programs that read the JSON file
@@ -265,7 +266,7 @@ class Comparison(Result):
 
     @property
     def pair(self) -> tuple[str, str]:
-        """Return the names of the first two models, which are compared under other assumptions."""
+        """Return the names of the first two models, also compared under other assumptions."""
         first, second, *_ = self.models
         return first, second
 
@@ -286,9 +287,10 @@ class Comparison(Result):
 
     @property
     def within_tolerance(self) -> bool:
-        """Return whether the error of every log evidence is within the tolerance asked for.
+        """Return whether ``largest_error`` is within ``tolerance``.
 
-        Assumptions whose log evidence is more than 10 nat lower than the best do not count.
+        Not counted are assumptions whose log evidences are at least 10 nat below that of the
+        models' own assumption.
         """
         return self.largest_error <= self.tolerance
 
@@ -384,8 +386,8 @@ class _ComparisonPlan:
     pair: dict[str, HybridModel]
     #: model with the most parameters, with which the tests at neighbouring forces are fitted
     largest: HybridModel
-    #: the largest model, with compliance at most linear in force; from it, the models are made in
-    #: which only some compliances change with force
+    #: the largest model, but with compliance at most linear in force; the models in which only some
+    #: compliances change with force are made from it
     linear: HybridModel
     #: the first two models under each scale of the prior of the slopes (changes of compliance with
     #: force), in the order of `SLOPE_SCALES`; empty if neither model has slopes, or if the two
@@ -432,7 +434,7 @@ class _StepCounter:
 
 
 def _report_nothing() -> None:
-    """Do nothing: replace the function that reports progress once no more reports are wanted."""
+    """Do nothing; this takes the place of the progress function when all steps are reported."""
 
 
 @one_blas_thread
@@ -458,8 +460,8 @@ def compare(
     Parameters
     ----------
     models : mapping of str to HybridModel
-        At least two models by name. Under other priors and assumptions, ln B of the second model
-        over the first is computed.
+        At least two models by name. For the first two, ln B of the second over the first is also
+        computed under other priors and assumptions.
     campaign : Campaign
         Campaign with readings.
     evidence_only : bool
@@ -467,7 +469,7 @@ def compare(
         as fast. Then no test is left out, models with only some of the slopes are not compared, and
         there are no fits to neighbouring forces.
     tolerance : float
-        Error asked of every log evidence [nat], from 0.0001 to 1.
+        Largest error allowed for a log evidence [nat], from 0.0001 to 1.
     prob : float
         Probability, between 0 and 1, of the credible intervals of the compliance C(F) at every
         force F, and of those from fits to the tests at neighbouring forces.
@@ -479,8 +481,8 @@ def compare(
         Evidences of this campaign that are known already; new ones are added. `average` can use
         the same. Where given, their tolerance replaces ``tolerance``.
     executor : Executor, optional
-        Executor of ``concurrent.futures`` that computes local fits and other assumptions in
-        parallel, with the same result. Default: this process.
+        Executor of ``concurrent.futures`` that computes local fits, and evidences under other
+        assumptions, in parallel, with the same result. Default: this process.
 
     Returns
     -------
@@ -744,7 +746,7 @@ def _evidences_of(left_out_nodes: Mapping[str, Mapping[str, Nodes]]) -> list[Evi
 def _log_bayes_factors(nodes_by_model: Mapping[str, Nodes]) -> dict[str, tuple[float, float]]:
     """Return the log Bayes factor of each later model over the first, and its error [nat].
 
-    Keys are such as "linear/constant", the later model's name before the first's.
+    A key such as "linear/constant" has the later model's name before the first model's name.
     """
     first, *other_names = nodes_by_model
     factors = {}
@@ -812,8 +814,8 @@ def _elpd_differences(log_densities: Mapping[str, Array]) -> dict[str, Differenc
     """Return the expected log predictive density of every model minus that of the first model.
 
     ``log_densities`` holds, by model, the log density of every test given the other tests [nat].
-    Keys of the result are such as "linear/constant", the first model's name last. The result is
-    empty if no test is left out.
+    A key such as "linear/constant" has the first model's name last. The result is empty if no test
+    is left out.
     """
     first, *other_names = log_densities
     differences = {}
@@ -906,8 +908,8 @@ def _compare_tests(
 ) -> dict[str, ComparedTest]:
     """Return the comparison of every test with its prediction from the other tests, by name.
 
-    The result is empty if no test is left out. ``nodes_by_model`` holds the posterior for all tests
-    by model, and ``left_out_nodes`` that without a test, by model and by the test left out.
+    The result is empty if no test is left out. ``nodes_by_model`` holds the posterior of each model
+    for all tests; ``left_out_nodes`` holds, by model and test, the posterior without the test.
     ``left_out_log_densities`` holds the log density of every test given the others, by model [nat].
     ``tolerance`` is the error allowed of a log evidence [nat].
     """

@@ -41,8 +41,8 @@ __all__ = ["Conformity", "Decision", "assess_conformity", "draws_at", "normal_co
 _FEWEST_DRAWS = 10
 # Number of posterior draws for which the machine's circular path is computed.
 _PATH_DRAWS = 2000
-# Least value that a quantity's posterior standard deviation is given in a divisor, to avoid a
-# division by zero.
+# A smaller posterior standard deviation is replaced by this value in a divisor, to avoid a division
+# by zero.
 _LEAST_SD = 1e-300
 
 
@@ -130,8 +130,8 @@ def assess_conformity(
     ------
     InputError
         For an unknown name, a number without its unit or with one of another kind, limits the
-        wrong way round or below zero for a quantity that cannot be negative, or a force or
-        confidence out of range.
+        wrong way round or below zero for a quantity that cannot be negative, a force or confidence
+        out of range, or a posterior from `to_units`.
 
     Examples
     --------
@@ -165,8 +165,8 @@ def draws_at(posterior: xr.DataTree, force_N: float) -> dict[str, Array]:
     """Return posterior draws of every parameter, by name, in mm, N and rad.
 
     Compliances are those at the force ``force_N`` of the bar; slopes and geometric errors do not
-    depend on it. Each array has the shape (draws,). In an average over models, draws of different
-    names must not be paired.
+    depend on it. Each array has the shape (draws,). If the posterior is an average over models,
+    draws of different parameters with the same index may belong to different models.
     """
     bound = bound_of(posterior)
     draws = dict(zip(bound.names, draws_of(posterior, bound)[0].T, strict=True))

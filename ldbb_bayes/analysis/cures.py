@@ -1,4 +1,4 @@
-"""Find further tests that would resolve the degeneracies of a campaign.
+"""Further tests that would resolve the degeneracies of a campaign.
 
 A degeneracy is a combination of parameters and nuisance coefficients (effects that are modelled but
 not of interest) that no reading resolves.
@@ -47,7 +47,7 @@ class Cure(StrEnum):
     """Remedy that would resolve a degeneracy: further tests of a kind, or a calibration.
 
     A degeneracy is a combination of parameters and other effects that no reading resolves.
-    Further tests are at other forces, with a ball or both turned, at another radius, in the
+    Further tests are at other forces, with one or both balls turned, at another radius, in the
     opposite direction of travel, or on full circles.
     """
 
@@ -66,8 +66,8 @@ def cures(bound: BoundModel, aliases: Sequence[Degeneracy]) -> tuple[tuple[Cure,
 
     A degeneracy is a combination of parameters and nuisance coefficients (effects that are modelled
     but not of interest) that no reading resolves. To find out whether further tests help, they are
-    added to the plan, and the degeneracies of the longer plan are found. If a degeneracy is written
-    for a nuisance coefficient, a calibration is always among its remedies.
+    added to the plan, and the degeneracies of the longer plan are found. For a degeneracy with a
+    ``term``, a calibration is always among the remedies.
 
     Parameters
     ----------
@@ -109,9 +109,10 @@ def _is_among(degeneracy: Degeneracy, remaining: Sequence[Degeneracy]) -> bool:
 def _is_same(degeneracy: Degeneracy, candidate: Degeneracy) -> bool:
     """Return whether two degeneracies, combinations that no reading resolves, count as the same.
 
-    Two degeneracies that are written for a nuisance coefficient (an effect modelled but not of
-    interest) are the same if these coefficients are of the same kind. Two that are written for a
-    parameter are the same if they have two parameters in common, or one if the first has only one.
+    The pivot of a degeneracy is the coefficient whose effect on the readings the others cancel. Two
+    degeneracies are the same if their pivots are nuisance coefficients of the same kind. Two with
+    parameters as pivots are the same if they have two parameters in common; one is enough if the
+    first degeneracy has only one.
     """
     if degeneracy.term != candidate.term:
         return False
@@ -130,7 +131,7 @@ def _pattern(nuisance: str) -> str:
 
 
 def _further_tests(plan: Campaign) -> dict[Cure, list[CircularTest]]:
-    """Return the tests that can be added to a plan, by the remedy that they make up."""
+    """Return the tests that each remedy would add to a plan, by remedy."""
     further = {
         Cure.FORCES: _at_other_forces(plan),
         Cure.WORK_BALL: _clocked(plan, work_ball=True),
@@ -184,8 +185,8 @@ def _clocked(
 def _at_other_radius(plan: Campaign) -> list[CircularTest]:
     """Return copies of all tests of a plan at a radius that the plan does not have.
 
-    The radius is two thirds of that of the test with the lowest force. If a test of the plan has
-    about this radius already, the new radius is reduced to two thirds until no test has it.
+    The radius is two thirds of that of the test with the lowest force. While a test of the plan has
+    about this radius, it is multiplied by two thirds again.
     """
     radii_of_plan = np.array([test.circle.radius_mm for test in plan.tests])
     radius = float(radii_of_plan[plan.forces_N.argmin()])

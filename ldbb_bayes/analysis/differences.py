@@ -58,8 +58,8 @@ def compare_posteriors(
 ) -> pd.DataFrame:
     """Return the difference of every parameter between two campaigns, second minus first.
 
-    The campaigns, of ``posterior`` and of ``other``, may be before and after a repair, or of two
-    machines of the same kind.
+    For example, the campaigns were run before and after a repair, or on two machines of the same
+    kind.
 
     Parameters
     ----------
@@ -80,7 +80,8 @@ def compare_posteriors(
         campaigns at the reference force of the first), difference, sd (of the difference), ci_low,
         ci_high and probability_of_increase. With the same instrument, ``attrs["conflict"]`` is the
         instrument's coefficient about which the campaigns disagree most, and the p-value of the
-        disagreement (Bonferroni); otherwise it is None.
+        disagreement (Bonferroni). It is None if the readings of both campaigns inform about no such
+        coefficient, and for different instruments.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Describe a machine by what its circular tests can show: parameters, units and patterns.
+"""Description of a machine by what its circular tests can show: parameters, units and patterns.
 
 The pattern of a parameter is the change of the readings per unit of the parameter, as a formula of
 angle θ and radius R.
@@ -84,8 +84,8 @@ class DescribedMachine(Result):
     #: number of linearly independent effects that the machine's compliances have on the readings,
     #: the rank of the matrix of derivatives of the readings with respect to all compliances
     rank: int
-    #: condition number of the matrix of derivatives of the readings by ``compliances``, unscaled
-    #: (mm, N), for full circles with evenly spaced angles
+    #: condition number of the matrix of derivatives of the readings with respect to
+    #: ``compliances``, unscaled (mm, N), for full circles with evenly spaced angles
     condition_number: float
 
 

@@ -40,13 +40,13 @@ def measure_circularity(posterior: xr.DataTree | Campaign) -> tuple[pd.DataFrame
     -------
     tests : DataFrame
         One row per test. Columns are force_N, direction, plane, radius_mm and arc_deg; G, F_max and
-        F_min about the least-squares centre, and G_minimum_zone about that of the minimum zone
-        [µm]; squareness and scale_mismatch [µm/m], which are not a number for an arc of less than
-        350°, and for a test of at most 25 readings.
+        F_min about the least-squares centre and radius, and G_minimum_zone about the centre of the
+        minimum zone [µm]; squareness and scale_mismatch [µm/m], which are not a number for an arc
+        of less than 350°, and for a test of at most 25 readings.
     pairs : DataFrame
         One row per pair of a clockwise and a counterclockwise test of the same circle. Columns are
         force_N and plane; the bidirectional deviation G_b about the least-squares centre,
-        G_b_minimum_zone about that of the minimum zone, and the mean radial deviation D [µm].
+        G_b_minimum_zone about the centre of the minimum zone, and the mean radial deviation D [µm].
 
     Examples
     --------

@@ -1,13 +1,14 @@
 """Local fits: constant compliance and geometry at every two neighbouring force levels.
 
-If compliance changes with force, its estimates differ from pair to pair. Each pair of levels is
+If compliance changes with force, the estimates from different pairs of levels differ. Each pair is
 fitted twice: by the paper's least squares (Tables 7 and 8), and by the posterior of the model. The
 model includes nuisances, effects that are not of interest. Pairs overlap, and share ball form, bar
-length and mount. The errors of their estimates are therefore correlated, and the points scatter
-less than their error bars suggest.
+length and mount. The errors of their estimates are therefore correlated, and the estimates scatter
+less than their uncertainties suggest.
 
-Geometric errors are fitted anew in every pair. A pair therefore estimates the tangent d(F C)/dF = C
-+ F dC/dF. It equals the compliance C(F) only where the compliance does not change with the force F.
+Geometric errors are fitted anew in every pair, so that only the change of the readings between the
+two forces determines the compliance. A pair therefore estimates d(F C)/dF = C + F dC/dF. It equals
+the compliance C(F) only where the compliance does not change with the force F.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Find a sparse basis of the combinations of coefficients that no reading can resolve.
+"""Sparse basis of the combinations of coefficients that no reading can resolve.
 
 Coefficients are the parameters of interest and the nuisance coefficients (effects that are modelled
-but not of interest). Each vector of the basis is a combination, written for its pivot: the
-coefficient that has the value one in it.
+but not of interest). In each combination of the basis, one coefficient, the pivot, has the value
+one. The others cancel its effect on the readings.
 """
 
 from __future__ import annotations
@@ -62,10 +62,10 @@ class NullSpace:
         """Return the basis as pairs of pivot and vector; pairs with a nuisance as pivot come first.
 
         A vector is a combination of the m coefficients that no reading resolves, shape (m,). Its
-        pivot is the index of a coefficient that has the value one in it and zero in all other
-        vectors. Three kinds of vectors are found in turn: combinations of parameters alone, then
-        each nuisance that the remaining parameters can imitate, then the remaining null space. A
-        nuisance that alone changes no reading noticeably is left out.
+        pivot is the index of the coefficient that has the value one and whose effect the others
+        cancel. Combinations of parameters alone are found first, then combinations of one nuisance
+        with the remaining parameters, then all others. A nuisance that alone changes no reading
+        noticeably is left out.
         """
         columns = np.arange(len(self.largest))
         is_parameter = columns < self.parameters

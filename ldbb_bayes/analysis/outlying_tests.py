@@ -1,11 +1,11 @@
-"""Find tests that do not agree with the other tests of their campaign.
+"""Tests that do not agree with the other tests of their campaign.
 
 Each test r is compared with replicates: circles simulated from p(y_r | y_−r), the distribution of
-its readings y_r given the readings y_−r of the other tests. The models take part with their
-posterior probabilities given the other tests. For each Fourier order, the p-value of a test is the
-share of replicates that deviate as much as the test. A test has 13 orders, and the smallest of its
-p-values would be small by chance. It is therefore compared with the smallest p-values of the
-replicates.
+its readings y_r given the readings y_−r of the other tests. If there are several models, each
+simulates a share of the replicates equal to its posterior probability given the other tests. For
+each Fourier order, the p-value of a test is the share of replicates that deviate at least as much
+as the test. The smallest of the 13 p-values of a test may be small by chance. It is therefore
+compared with the smallest p-values of the replicates.
 
 Holm's method bounds the family-wise error: the probability that any test is flagged although all
 agree. A flagged test is taken out before the remaining tests are judged again, because it would
@@ -95,7 +95,7 @@ def find_outlying_tests(
     Parameters
     ----------
     models : mapping of str to HybridModel
-        Models by name; they take part with their posterior probabilities given the other tests.
+        Models by name, weighted by their posterior probabilities given the other tests.
     campaign : Campaign
         Campaign with readings of at least two tests.
     seed : int
@@ -248,9 +248,9 @@ def _judge_left_out(
     """Return the test ``name`` compared with simulated circles that the other tests predict.
 
     ``size`` is the number of circles at first. If at most 5 % of them deviate as much as the test,
-    the test is judged again with twice as many circles. ``nodes_by_model`` holds the posterior
-    given all tests, by model; ``left_out_nodes`` holds that given all but one, by model and by the
-    test left out.
+    the test is judged again with twice as many circles. ``nodes_by_model`` holds the posterior of
+    each model given all tests. ``left_out_nodes`` holds, by model and test, the posterior given all
+    tests but this one.
     """
     bound = _any_nodes(nodes_by_model).bound
     r = bound.test_names.index(name)

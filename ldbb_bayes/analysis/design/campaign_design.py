@@ -66,8 +66,8 @@ class Certificate(Result):
     bound is the mean of the sensitivities, weighted by the shares. By Kiefer and Wolfowitz (1960),
     the shares are optimal if the largest sensitivity of all candidates does not exceed the bound;
     0.01 % more is tolerated. For criterion D with flat priors the bound is the number of
-    parameters. If the criterion is not concave, the certificate is not ``global``: it rules out
-    only similar shares.
+    parameters. If the criterion is not concave, the certificate is not ``global``: it proves only
+    that no small change of the shares is an improvement.
     """
 
     max_sensitivity: float
@@ -190,7 +190,7 @@ class Design(Forecast):
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Names of the columns of a table of tests that describe a test, apart from its force.
+        """Names of the columns, other than the force, by which a table describes a test.
 
         The columns are the angles by which the two balls are turned, and the radius. Plane,
         direction and set-up are added if tests differ in them.
@@ -390,8 +390,8 @@ def design(
     Raises
     ------
     InputError
-        For numbers out of range, unknown names, a design to compare with of another machine, a
-        model or criterion that does not suit the parameters, or tests that leave parameters
+        For numbers out of range, unknown names, a design in ``against`` that is of another machine,
+        a model or criterion that does not suit the parameters, or tests that leave parameters
         undetermined.
 
     Examples

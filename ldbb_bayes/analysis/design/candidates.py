@@ -116,8 +116,8 @@ def add_foreseen_tests(
         direction = test.direction if str(test.plane) in both_ways else None
         possible.append((kind(test, direction), test))
     possible += [(kind(test), test) for test in compared_tests]
-    # Keep the first test of every kind: the dictionary is made from the reversed list, in which
-    # tests that come first overwrite later ones.
+    # Keep the first test of every kind: in the reversed list it comes last, and so it overwrites
+    # the other tests of its kind in the dictionary.
     test_by_kind = dict(reversed(possible))
     new_tests = []
     for test_kind, test in test_by_kind.items():
@@ -171,8 +171,8 @@ def bind_tests(
     """Return the model bound to a plan of these tests.
 
     The reference force, range of force and estimate Ĉ of the compliances are those of the pilot.
-    The model has the parameters that the pilot's tests can show too, even if the plan leaves these
-    tests out; their direction of travel does not count.
+    The model also has the parameters that only the pilot's tests can show, even if the plan leaves
+    these tests out. The pilot's directions of travel do not count for this.
 
     Parameters
     ----------
@@ -206,8 +206,8 @@ def running_order(
 
     Tests of one set-up form a block. Within it, tests of one plane and radius form a block, and
     within this, tests of one clocking of the work ball. All these blocks are in random order. In
-    each, the clockings of the tool ball ascend or descend by turns. Tests of the same clockings are
-    in random order.
+    one work-ball block the clockings of the tool ball ascend, in the next they descend, and so on.
+    Tests of the same clockings are in random order.
     """
     ordered: list[CircularTest] = []
     for setup_block in _random_blocks(tests, _setup, rng):

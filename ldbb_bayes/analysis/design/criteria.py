@@ -48,7 +48,7 @@ class Determinant:
         return np.asarray(2.0 * np.log(diagonal).sum(axis=-1))
 
     def directions(self, root: Array) -> Array:
-        """Return Q, shape (..., s, s), where Q Qᵀ is the derivative of ln det S by S.
+        """Return Q, shape (..., s, s), with Q Qᵀ = ∂Φ/∂S for the criterion Φ = ln det S.
 
         S is the precision of the s parameters of interest, and ``root`` its Cholesky factor L,
         shape (..., s, s). Q is L⁻ᵀ. The leading dimensions (...) are those of several designs or
@@ -70,8 +70,8 @@ class Variance:
     """Criteria A, c and I: Φ = −tr(W S⁻¹), the negative of a weighted sum of variances.
 
     S is the precision of the s parameters of interest and W, shape (s, s), their weights. W is the
-    identity for criterion A, and c cᵀ for criterion c, about one combination cᵀ β of the parameters
-    β. For criterion I it is the mean of x xᵀ over the predictions xᵀ β of interest.
+    identity for criterion A. It is c cᵀ for criterion c, which is about one combination cᵀ β of the
+    parameters β. For criterion I it is the mean of x xᵀ over the predictions xᵀ β of interest.
     """
 
     concave: ClassVar[bool] = True
@@ -88,7 +88,7 @@ class Variance:
         return np.asarray(-np.einsum("ij,...jk,...ik->...", self.weight, inverse, inverse))
 
     def directions(self, root: Array) -> Array:
-        """Return Q, shape (..., s, rank of W): Q Qᵀ is the derivative of −tr(W S⁻¹) in S.
+        """Return Q, shape (..., s, rank of W), with Q Qᵀ = ∂Φ/∂S for Φ = −tr(W S⁻¹).
 
         S is the precision (inverse covariance) of the s parameters of interest, and W, shape
         (s, s), the matrix of their weights, whose rank is the number of its eigenvalues above zero.

@@ -71,11 +71,12 @@ def discrimination_of(
 ) -> Discrimination:
     """Return the expected log Bayes factor of slopes and the probabilities of decisive evidence.
 
-    Slopes are the changes of the compliances with force; they are compared with no slopes.
+    Slopes are the changes of the compliances with force. The Bayes factor B compares the model with
+    the slopes to the model without slopes.
 
-    Let m, shape (s,), be the mean of the s slopes that the analysis of the tests will find, and C,
-    shape (s, s), their posterior covariance. The log Bayes factor is ln B = ½ (ln det C + mᵀ C⁻¹
-    m). Let m₁ be the mean and P₁ the precision of the slopes before the tests, C = L Lᵀ (Cholesky),
+    Let m, shape (s,), be the posterior mean of the s slopes after the tests, and C, shape (s, s),
+    their posterior covariance. The log Bayes factor is ln B = ½ (ln det C + mᵀ C⁻¹ m). Let m₁ be
+    the mean and P₁ the precision of the slopes before the tests, C = L Lᵀ (Cholesky),
     and Lᵀ P₁ L = U e Uᵀ (eigenvalues e). The components of z = Uᵀ L⁻¹ m are then independent. Given
     slopes β, their means are e Uᵀ L⁻¹ m₁ + (1 − e) Uᵀ L⁻¹ β and their variances 1 − e.
 

@@ -33,8 +33,8 @@ __all__ = [
 # Number of posterior means that a forecast draws at random for each possible state of the machine.
 # Each is one that an analysis of the new tests may find.
 _MEANS_PER_STATE = 4
-# Number of times that every test counts when the standard deviation is computed that very many
-# tests would leave (the floor of a parameter's uncertainty).
+# The floor of a parameter's uncertainty is its expected standard deviation if every test were run
+# this many times.
 _REPETITIONS_OF_FLOOR = 1e6
 # Singular values of the design matrix of the readings below this count as zero, when it is tested
 # whether the tests determine every parameter.
@@ -143,9 +143,9 @@ def truncated_variances(
     """Return expected posterior variances with truncation, and their standard errors.
 
     With truncation, compliances must not be negative. A state is one possible machine. States in
-    which a compliance would be negative at a force of the new tests are left out, unless all are
-    such. For every other state, posterior means that the analysis may find are drawn at random. The
-    variance is that of the truncated Gaussian about each of these means.
+    which a compliance would be negative at a force of the new tests are left out, unless this holds
+    for all states. For every other state, posterior means that the analysis may find are drawn at
+    random. For each mean, the variance of the truncated Gaussian about it is computed.
 
     Parameters
     ----------

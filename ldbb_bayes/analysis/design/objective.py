@@ -20,9 +20,9 @@ from ldbb_bayes.results import Array, Shown
 
 __all__ = ["Objective"]
 
-# A parameter counts as undetermined by a design if less than this share of its column, in the
-# Cholesky factor of the precision matrix (inverse covariance), is linearly independent of the
-# columns of the parameters before this parameter.
+# A parameter counts as undetermined by a design if its diagonal element in the Cholesky factor of
+# the precision matrix (inverse covariance) is below this share of the square root of its diagonal
+# element in the precision matrix itself.
 _SINGULAR_SHARE = 1e-6
 # Largest number of elements of the precision matrices that `Objective.after_adding` computes at a
 # time, to limit memory.
@@ -98,7 +98,7 @@ class Objective(Shown):
         return total
 
     def sensitivity(self, counts: Array) -> tuple[float, Array]:
-        """Return the criterion Φ of a design, and its derivatives by the counts n_i of tests.
+        """Return the criterion Φ of a design, and its derivatives with respect to the counts n_i.
 
         ``counts`` holds the number n_i of tests of each candidate i (test that could be run), shape
         (candidates,); the derivatives ∂Φ/∂n_i have the same shape. Let ∂Φ/∂M = D_k D_kᵀ be the

@@ -243,10 +243,10 @@ class Search:
         return self._shares[tests]
 
     def find_design(self, tests: int) -> ExactDesign:
-        """Return the best design found of ``tests`` tests, each of them one of the candidates.
+        """Return the best design found for a number of tests.
 
-        A candidate is a test that could be run. Raise an `InputError` if no design has tests at
-        enough different forces, or if the design found leaves a parameter undetermined.
+        Raise an `InputError` if no design has tests at enough different forces, or if the design
+        found leaves a parameter undetermined.
         """
         possible_levels = min(tests, len(distinct_forces(self.forces_N)))
         if possible_levels < self.levels:

@@ -86,7 +86,7 @@ class Space:
     seed: int = 1
 
     def __post_init__(self) -> None:
-        """Store the fields without repeated values, and the pilot with all tests foreseen.
+        """Drop repeated values of the fields, and complete the pilot's foreseen tests.
 
         Radii default to those of the pilot's tests. An `InputError` is raised if the candidate
         tests, the criterion or the parameters of interest are not valid.
@@ -105,7 +105,7 @@ class Space:
         self._check_interest()
 
     def _store(self, name: str, value: object) -> None:
-        """Set a field, although instances of this frozen dataclass cannot be changed otherwise."""
+        """Set a field of this frozen dataclass."""
         object.__setattr__(self, name, value)
 
     def _check_candidates(self) -> None:

@@ -23,8 +23,9 @@ from ldbb_bayes.results import Array
 
 __all__ = ["States", "extend_hyper_parameters", "hyper_nodes", "states_before"]
 
-# Posteriors of the hyper-parameters, by the pilot (the campaign that a design starts from) whose
-# readings they are given; one for each model. They are kept because their computation takes long.
+# Posteriors of the hyper-parameters given the readings of a pilot (the campaign that a design
+# starts from), by pilot, one for each model. They are kept because to compute them takes a long
+# time.
 _POSTERIORS: WeakKeyDictionary[Campaign, list[HyperPosterior]] = WeakKeyDictionary()
 
 
@@ -64,12 +65,12 @@ def hyper_nodes(model: HybridModel, pilot: Campaign, size: int, seed: int) -> Ar
 
 
 def extend_hyper_parameters(bound: BoundModel, phi: Array, run: int) -> Array:
-    """Return hyper-parameters of a model of circles already run and of new circles.
+    """Return the hyper-parameters of a model bound to circles already run and to new circles.
 
     The hyper-parameters φ of the pilot, the campaign that a design starts from, are extended by
-    those of the new circles. The relative scale λ of the scatter of a single new circle is set to
-    1, as 1/λ² is one on average. Other hyper-parameters that do not act on the pilot are spread
-    over their prior.
+    those of the new circles. The relative scale λ of the scatter of each new circle is set to 1,
+    because the prior mean of 1/λ² is 1. Other hyper-parameters that the pilot does not have get
+    values spread evenly over their prior.
 
     Parameters
     ----------
@@ -159,8 +160,8 @@ def states_before(
 def _hyper_posterior(model: HybridModel, pilot: Campaign) -> HyperPosterior:
     """Return the posterior of the hyper-parameters given the pilot's readings.
 
-    The pilot is the campaign that a design starts from. The posterior is computed once and kept
-    with it.
+    The pilot is the campaign that a design starts from. The posterior is computed only once for
+    each model and pilot.
     """
     posteriors = _POSTERIORS.setdefault(pilot, [])
     for posterior in posteriors:
