@@ -8,11 +8,11 @@ distribution function)
 
     ψ(x, μ) = Σ_j ln Φ(−e_j) + ½ μ_j² − x_j μ_j,   e_j = bound_j − Σ_{k<j} L_jk x_k / L_jj − μ_j,
 
-is bounded by its value at the saddle point. Rejection sampling is therefore exact, and averages of
-weights are efficient, however small the probability is (Botev, J. R. Statist. Soc. B 79, 125-148,
-2017). The e_j are called edges: lower limits of the shifted variables. Further constraints may be
-linear combinations of those above (rows beyond the rank of the matrix of constraints). Each further
-constraint restricts the last x_j on which it depends to an interval, which only reduces the
+is bounded by its value at the saddle point. With this bound rejection sampling is exact, and
+averages of weights are efficient, however small the probability of the constraints is (Botev, J. R.
+Statist. Soc. B 79, 125-148, 2017). The e_j are called edges: they are the lower limits of the
+shifted variables x_j − μ_j. Further constraints may be linear combinations of those above. Each of
+them bounds the last x_j on which it depends, from below or from above, and so only reduces the
 weights.
 """
 
@@ -30,8 +30,9 @@ from ldbb_bayes.results import Array
 
 __all__ = ["ROUNDING", "SaddlePoint", "Tilted", "find_saddle_point", "least_distance_multipliers"]
 
-# The search for the saddle point of the log importance weight ends when its gradient, relative to
-# the size of the gradient's terms, is below this. It is also a bound of rounding errors of ln P.
+# The search for the saddle point of the log importance weight ends when the gradient, relative to
+# the size of its terms, is below this. It is also a bound of the rounding errors of log
+# probabilities.
 ROUNDING = 1e-10
 # Largest number of steps of Newton's method for the saddle point of the log importance weight.
 _ITERATIONS = 60
@@ -47,7 +48,7 @@ _LEAST_UNIFORM = 1e-300
 class SaddlePoint(NamedTuple):
     """Saddle points of the log importance weights ψ(x, μ) of w problems.
 
-    ``x`` are the d coordinates and ``tilt`` the tilts μ, each of shape (w, d). A tilt μ_j is the
+    ``x`` holds the d coordinates and ``tilt`` the tilts μ, each of shape (w, d). A tilt μ_j is the
     shift of the normal density from which x_j is drawn at random. The last x_j and the last μ_j
     are zero.
     """
@@ -59,8 +60,9 @@ class SaddlePoint(NamedTuple):
 class Proposal(NamedTuple):
     """Random draws from the shifted (tilted) density, and their log importance weights.
 
-    There are s draws of d coordinates for each of w problems: ``x`` has shape (d, s, w). A weight
-    is ln (exact density / shifted density), up to a constant; ``log_weight`` has shape (s, w).
+    There are s draws of d coordinates for each of w problems: ``x`` has shape (d, s, w). A log
+    weight is ln (exact density / shifted density), up to a constant; ``log_weight`` has shape
+    (s, w).
     """
 
     log_weight: Array
@@ -70,19 +72,19 @@ class Proposal(NamedTuple):
 class _Interval(NamedTuple):
     """Probability that a standard normal variable is in an interval, and data for random draws.
 
-    The interval is from a lower end ``low`` to an upper end ``high``, which may be infinite. Its
-    probability is the difference of two tail probabilities: left tails are used if the centre of
-    the interval is negative, else right tails, so that rounding errors are small.
+    The interval is from ``low`` to ``high``, which may be infinite. Its probability is computed as
+    the difference of two tail probabilities. Left tails are used if the centre of the interval is
+    negative, else right tails, so that rounding errors are small.
     """
 
     #: Logarithm of the probability of the interval, ln (Φ(high) − Φ(low)), where Φ is the standard
-    #: normal distribution function and low and high are the ends of the interval.
+    #: normal distribution function.
     log_mass: Array
-    #: Log probability of the tail of the standard normal density that contains the interval: left
-    #: of the upper end if the centre of the interval is negative, else right of the lower end.
+    #: Log probability of the tail that contains the interval: the tail to the left of ``high`` if
+    #: left tails are used, else the tail to the right of ``low``.
     log_tail: Array
-    #: Probability of the tail of the standard normal density beyond the interval, divided by that
-    #: of the tail that also contains the interval. None if the interval has no upper end.
+    #: Probability of the tail beyond the interval, divided by that of the tail that contains the
+    #: interval. None if the interval has no upper end, so that nothing is beyond it.
     tail_ratio: Array | None
     #: −1 where the centre of the interval is negative and left tails are used; 1 where right tails
     #: are used.
@@ -92,35 +94,31 @@ class _Interval(NamedTuple):
 class _ConvexFunction(NamedTuple):
     """Convex function whose minimum gives the saddle point of the tilted density, for w problems.
 
-    Each problem has d constraints U x ≥ ``bound`` on the elements of U x. x is a standard normal
-    vector, and U a lower triangular matrix with ones on its diagonal. The value of the function is
-    ½ mᵀ C m − boundᵀ m + Σ_j (e_j m_j + ln Φ(−e_j)), with the coupling C = U Uᵀ − I of the
-    constraints, shape (w, d, d). The argument m, shape (w, d), holds the inverse Mills ratios
-    φ(e) / Φ(−e) of the edges e: the lower limits of normal variables that the tilting has shifted.
-    φ and Φ are the standard normal density and distribution function.
+    Each problem has d constraints U x ≥ ``bound`` on a standard normal vector x, where U is a lower
+    triangular matrix with ones on its diagonal. The function of m is
+    ½ mᵀ C m − boundᵀ m + Σ_j (e_j m_j + ln Φ(−e_j)), with the coupling C = U Uᵀ − I. Each m_j is
+    the inverse Mills ratio φ(e_j) / Φ(−e_j) of an edge e_j, the lower limit of a normal variable
+    that the tilting has shifted. φ and Φ are the standard normal density and distribution function.
     """
 
-    #: Value, for each of w problems, of the convex function whose minimum gives the saddle point of
-    #: the log importance weight, shape (w,).
+    #: Value of the convex function for each of w problems, shape (w,).
     value: Array
-    #: Derivatives of the convex function, whose minimum gives the saddle point of the log
-    #: importance weight, with respect to the d inverse Mills ratios of each of w problems, shape
-    #: (w, d).
+    #: Derivatives of the convex function with respect to the inverse Mills ratios m, shape (w, d).
     gradient: Array
-    #: Derivative of each inverse Mills ratio m = φ(e) / Φ(−e) with respect to e, the lower limit of
-    #: a shifted normal variable; it is between 0 and 1, shape (w, d).
+    #: Derivative of each inverse Mills ratio m_j with respect to its edge e_j, between 0 and 1,
+    #: shape (w, d).
     slope: Array
-    #: Largest absolute element of the gradient of the convex function whose minimum is sought,
-    #: relative to the size of the gradient's terms, for each of w problems, shape (w,).
+    #: Largest absolute element of the gradient for each of w problems, relative to the size of the
+    #: gradient's terms, shape (w,).
     error: Array
 
 
 class _Edges(NamedTuple):
-    """Lower limits (edges) of the shifted normal variables at the saddle points of w problems.
+    """Lower limits (edges) of the shifted normal variables, found by the search for saddle points.
 
-    ``edge`` holds the limits of the d variables of each problem, shape (w, d). ``solved`` (w,)
-    states whether the search for the saddle point succeeded. ``value`` (w,) is the value, at these
-    limits, of the convex function whose minimum gives the saddle point.
+    ``edge`` holds the limits of the d variables of each of w problems, shape (w, d). ``solved``
+    (w,) states whether the search succeeded. ``value`` (w,) is the value of `_ConvexFunction` at
+    these limits.
     """
 
     edge: Array
@@ -147,14 +145,14 @@ class Tilted(NamedTuple):
     #: Shift (tilt) of the normal density from which each of the d elements x_j is drawn at random,
     #: shape (d, w) for w problems; the last one is zero.
     tilt: Array
-    #: Coefficients of x in the k further constraints, dependent_mean + dependent · x ≥ 0, which are
-    #: linear combinations of the independent ones, shape (k, d, w) for w problems.
+    #: Coefficients of x in the k further constraints, dependent_mean + dependent · x ≥ 0, shape
+    #: (k, d, w) for w problems.
     dependent: Array
-    #: Means of the k further constraints, dependent_mean + dependent · x ≥ 0, which are linear
-    #: combinations of the independent ones, shape (k, w) for w problems.
+    #: Constant terms of the k further constraints, dependent_mean + dependent · x ≥ 0, shape (k, w)
+    #: for w problems.
     dependent_mean: Array
-    #: Index of the last element x_j on which each of the k further constraints (linear combinations
-    #: of the independent ones) depends, shape (k, w) for w problems.
+    #: Index of the last element x_j on which each of the k further constraints depends, shape
+    #: (k, w) for w problems.
     last: Array
 
     def select(self, members: NDArray[np.intp]) -> Tilted:
@@ -173,8 +171,8 @@ class Tilted(NamedTuple):
     def log_bound(self) -> Array:
         """Upper bound of the log probability that all constraints hold, shape (w,).
 
-        The bound is the log importance weight at its saddle point. Constraints that are linear
-        combinations of others are not considered.
+        The bound is the log importance weight at its saddle point. The further constraints, which
+        could only reduce it, are not considered.
         """
         independent = self._replace(last=np.full_like(self.last, -1))
         return independent.log_weight(self.x[:, None])[0]
@@ -188,9 +186,8 @@ class Tilted(NamedTuple):
         Parameters
         ----------
         uniform
-            Uniform random numbers between 0 and 1, shape (d, s, w), or (d, s, 1) to use the same
-            ones in all problems. The last of the d numbers may be missing if ``draw_last`` is
-            false.
+            Random numbers, uniform between 0 and 1, shape (d, s, w), or (d, s, 1) to use the same
+            ones in all problems. If ``draw_last`` is false, the first d − 1 of the d suffice.
         draw_last
             Whether the last element of x is drawn; otherwise it is zero. Weights do not depend on
             it.
@@ -211,7 +208,7 @@ class Tilted(NamedTuple):
     def log_weight(self, x: Array) -> Array:
         """Return the log importance weights of s points for each of w problems, shape (s, w).
 
-        A weight is ln (exact density / shifted density), up to a constant. The points ``x`` are
+        A log weight is ln (exact density / shifted density), up to a constant. The points ``x`` are
         vectors of d elements, shape (d, s, w).
         """
         log_mass = np.zeros(x.shape[1:])
@@ -227,11 +224,10 @@ class Tilted(NamedTuple):
     ) -> tuple[Array, Array | None]:
         """Return lower and upper limits of x_j − tilt_j, given x_k for all k < j.
 
-        The limits follow from the constraints on x and the tilts, the shifts of the normal
-        densities from which x is drawn. Each has the shape (s, w) for s points x of w problems, or
-        (1, w) if it is the same for all points. ``x`` has the shape (d, s, w). The upper limit is
-        None if no constraint bounds x_j from above; only constraints that are linear combinations
-        of others can do so.
+        The limits follow from the constraints on x. ``x`` holds s points for each of w problems,
+        shape (d, s, w). Each limit has the shape (s, w), or (1, w) if it is the same for all
+        points. Only the further constraints can bound x_j from above. The upper limit is None if
+        x_j is the last element in none of them.
         """
         # The first constraint depends on x_0 alone, so its lower limit is the same for all points.
         explained = np.einsum("kw,ksw->sw", self.unit[j, :j], x[:j]) if j > 0 else 0.0
@@ -274,11 +270,11 @@ def _measure_interval(low: Array, high: Array | None) -> _Interval:
 
 
 def _log_tail_share(interval: _Interval, uniform: Array) -> Array:
-    """Return the log tail probability at random points of a standard normal in an interval.
+    """Return log tail probabilities of random points of a standard normal variable in an interval.
 
-    The tail is to the left or to the right of a point, as ``interval.direction`` states. The tail
-    probability is uniform between its values at the two ends of the interval; ``uniform`` are the
-    random numbers between 0 and 1 that determine its position between them.
+    The tail is to the left or to the right of a point, as ``interval.direction`` states. Its
+    probability is uniform between the values at the two ends of the interval; the random numbers
+    ``uniform``, between 0 and 1, determine where it lies between them.
     """
     share = np.clip(uniform, _LEAST_UNIFORM, 1.0)
     if interval.tail_ratio is not None:
@@ -289,14 +285,14 @@ def _log_tail_share(interval: _Interval, uniform: Array) -> Array:
 def find_saddle_point(unit: Array, bound: Array) -> SaddlePoint:
     """Return the saddle points of the log importance weight ψ(x, μ) for w problems.
 
-    Each problem has d constraints unit · x ≥ bound on a standard normal vector x. μ are the tilts,
-    the shifts of the normal densities from which x is drawn at random; those at the saddle point
+    Each problem has d constraints unit · x ≥ bound on a standard normal vector x. The tilts μ are
+    the shifts of the normal densities from which x is drawn at random; at the saddle point they
     give the smallest bound of the weights. The derivatives of ψ with respect to x and μ are zero
     where x = unitᵀ m and μ = x − m, with the inverse Mills ratios m_j = φ(e_j) / Φ(−e_j). φ and Φ
-    are the standard normal density and distribution function. The edges e, the lower limits of the
-    shifted variables, solve e + (unit unitᵀ − I) m = bound, which is done by Newton's method. Where
-    the log probability of the constraints is below about −1e7, too small to matter, the saddle
-    point may be approximate.
+    are the standard normal density and distribution function. The edges e are the lower limits of
+    the shifted variables. They solve e + (unit unitᵀ − I) m = bound, and are found by Newton's
+    method. The saddle point may be approximate where the log probability of the constraints is
+    below about −1e7, too small to matter.
 
     Parameters
     ----------
@@ -308,8 +304,8 @@ def find_saddle_point(unit: Array, bound: Array) -> SaddlePoint:
     Returns
     -------
     SaddlePoint
-        Coordinates x and tilts μ, each of shape (w, d). The last x_j and the last μ_j are zero,
-        because they do not change the bound of ψ.
+        Coordinates x and tilts μ, each of shape (w, d). The last x_j and the last μ_j are set to
+        zero, which does not change the bound of the weights.
 
     Raises
     ------
@@ -331,9 +327,9 @@ def _edges_at_saddle_point(unit: Array, bound: Array) -> Array:
     """Return the lower limits (edges) of the shifted normal variables at w saddle points, (w, d).
 
     The constraints of each problem are unit · x ≥ bound, with ``unit`` (w, d, d) and ``bound``
-    (w, d). Newton's method starts from the bounds. Where it fails, it starts once more, from the
-    most probable x that meets the constraints. Raise an `InputError` where it fails again, unless
-    the probability of the constraints is too small to matter.
+    (w, d). Newton's method starts with the bounds as edges. Where it fails, it starts once more,
+    with the edges at the most probable x that meets the constraints. Raise an `InputError` where it
+    fails again, unless the probability of the constraints is too small to matter.
     """
     coupling = unit @ np.swapaxes(unit, 1, 2) - np.eye(bound.shape[1])
     edge, solved, _ = _solve_edges(coupling, bound, bound)
@@ -360,11 +356,10 @@ def _solve_edges(
 ) -> _Edges:
     """Solve e + C m(e) = bound for the edges e of w problems, by Newton's method.
 
-    The edges are the lower limits of d shifted normal variables of each problem, shape (w, d).
-    m(e) = φ(e) / Φ(−e) are their inverse Mills ratios, with the standard normal density φ and
-    distribution function Φ. C is ``coupling``, shape (w, d, d). ``bound`` and the edges from which
-    the search starts, ``start``, have the shape (w, d). A step of the search is halved until the
-    step reduces the value of `_ConvexFunction` or the relative size of its gradient.
+    The edges are the lower limits of the d shifted normal variables of each problem, and m(e) their
+    inverse Mills ratios. C is ``coupling``, shape (w, d, d). The search starts from the edges
+    ``start``; these and ``bound`` have the shape (w, d). Each step is halved until it reduces the
+    value of `_ConvexFunction` or the relative size of its gradient.
     """
     edge = np.array(start)
     current = _evaluate_convex_function(coupling, bound, edge)
@@ -400,20 +395,17 @@ def _edges_of_nearest_point(
     unit: Array,
     bound: Array,
 ) -> Array:
-    """Return the lower limits of the shifted normal variables at one point x, shape (d,).
+    """Return the approximate edges at the most probable x that meets the constraints, shape (d,).
 
-    x is the most probable standard normal vector that meets the constraints unit · x ≥ bound, with
-    ``unit`` (d, d), ``bound`` (d,) and ``coupling`` = unit unitᵀ − I. Newton's method for the
-    saddle point starts again from these limits, the edges, where it failed from the bounds.
+    The edges are the lower limits of the shifted normal variables. The constraints on the standard
+    normal vector x are unit · x ≥ bound, with ``unit`` (d, d), ``bound`` (d,) and ``coupling`` =
+    unit unitᵀ − I.
     """
     binding = np.flatnonzero(least_distance_multipliers(unit, bound))
     block = coupling[np.ix_(binding, binding)] + np.eye(len(binding))
     mills = np.zeros(len(bound))
     mills[binding] = np.linalg.solve(block, bound[binding])
-    # An edge e is a point from which on a standard normal variable is kept (truncation). Compute e
-    # approximately from the inverse Mills ratio m = φ(e) / (1 − Φ(e)), where φ and Φ are the
-    # standard normal density and distribution function: for large e, m is about e + 1/e, so that e
-    # is about m − 1/m.
+    # The inverse Mills ratio m of a large edge e is about e + 1/e, so that e is about m − 1/m.
     far = mills - 1.0 / np.maximum(mills, 1.0)
     return np.where(mills > 1.0, far, bound - coupling @ mills)
 
@@ -425,9 +417,8 @@ def _evaluate_convex_function(
 ) -> _ConvexFunction:
     """Return the convex function whose minimum gives the saddle point, with its derivatives.
 
-    The formula is that of `_ConvexFunction`. It is evaluated for w problems, with the bounds
-    ``bound`` (w, d) and the matrices C = ``coupling`` (w, d, d), at given lower limits of the
-    shifted normal variables, ``edge`` (w, d).
+    The formula is that of `_ConvexFunction`, with C = ``coupling``, shape (w, d, d). ``edge`` holds
+    the lower limits of the shifted normal variables; it and ``bound`` have the shape (w, d).
     """
     mills = _inverse_mills(edge)
     coupled_mills = np.einsum("wij,wj->wi", coupling, mills)
@@ -453,10 +444,10 @@ def _inverse_mills(edge: Array) -> Array:
 def least_distance_multipliers(unit: Array, bound: Array) -> Array:
     """Return the Lagrange multipliers of the point x nearest to zero with unit · x ≥ bound.
 
-    There is one multiplier for each of the d constraints, shape (d,). It is zero if the nearest
-    point x satisfies the constraint without equality, and positive otherwise. All multipliers are
-    known only up to a common factor. The problem is solved by non-negative least squares (Lawson
-    and Hanson, Solving Least Squares Problems, ch. 23).
+    There is one multiplier for each of the d constraints, shape (d,). It is zero if the constraint
+    holds with strict inequality at the nearest point, and usually positive if it holds with
+    equality. The multipliers have an arbitrary common factor. They are computed by non-negative
+    least squares (Lawson and Hanson, Solving Least Squares Problems, ch. 23).
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
 """Triangular algebra on stacks of small matrices.
 
 A stack is an array of many matrices of the same size. NumPy and SciPy solve one triangular system
-at a time. Here each step is done for all matrices of the stack at once, which makes thousands of
-small systems fast.
+at a time. The functions of this module do each step for all matrices of a stack at once, which is
+much faster for thousands of small systems.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ def eliminate(
     signs: Array | None = None,
     link_signs: Array | None = None,
 ) -> None:
-    """Compute Cholesky factors of the first columns of many symmetric matrices, in place.
+    """Compute the first columns of the Cholesky factors of many symmetric matrices, in place.
 
-    The factors are P = L S Lᵀ, where P is symmetric, L lower triangular and S a diagonal matrix of
-    signs ±1, by default the unit matrix. Only the first s columns of L are computed. Right-hand
-    sides b, stored as further entries of the columns of P, become L⁻¹ b. Entries become NaN where P
-    has no factors with these signs.
+    The factor of a symmetric matrix P is the lower triangular matrix L with P = L S Lᵀ, where S is
+    a diagonal matrix of signs ±1, by default the unit matrix. Only the first s columns of L are
+    computed. Right-hand sides b, stored as further entries of the columns of P, become L⁻¹ b.
+    Entries become NaN where P has no factor with these signs.
 
     Parameters
     ----------
@@ -35,9 +35,9 @@ def eliminate(
         matrix, of which only the part from the diagonal on is used, is ``front[group, j, j:]``.
         The columns are overwritten by those of L.
     links
-        k columns l of L that were computed earlier, common to all groups, shape (k, n, w); None if
-        there are none. Σ s l lᵀ is subtracted from P before it is factorised, where s = ±1 is the
-        sign of each column (``link_signs``).
+        Further k columns l of L, computed earlier and common to all groups, shape (k, n, w); None
+        if there are none. Σ ±l lᵀ is subtracted from P before P is factorised, with the sign of
+        each column from ``link_signs``.
     signs
         Signs ±1 on the diagonal of S, shape (groups, s); None if all are positive.
     link_signs

@@ -20,17 +20,17 @@ from ldbb_bayes.results import Array
 
 __all__ = ["Truncation"]
 
-# Number of grid points on which the distribution function of one coordinate of a truncated Gaussian
-# vector is integrated.
+# Number of points of the grid on which the distribution function of one coordinate of a truncated
+# Gaussian vector is computed.
 _GRID = 1025
-# Number of grid points for integrating over each coordinate of a truncated Gaussian vector that
-# shares a constraint with the coordinate whose distribution is computed.
+# To compute the distribution of one coordinate, the density is integrated over the coordinates that
+# share a constraint with it. This is the number of grid points for each of these.
 _COARSE_GRID = 257
-# The grid for integrating a truncated Gaussian ends this many sd from its mean before truncation,
-# unless it must be wider to reach the permitted values.
+# The grid for a coordinate of a truncated Gaussian extends this many sd to both sides of the mean
+# before truncation, as far as the values are permitted.
 _REACH = 9.0
-# The grid for integrating a truncated Gaussian is at least this many sd wide, also where all
-# permitted values are far from the mean before truncation.
+# Where all permitted values are far from the mean before truncation, the grid extends over this
+# many sd, as far as the values are permitted.
 _LEAST_WIDTH = 2.0
 
 
@@ -49,7 +49,7 @@ class Truncation:
 
     @property
     def active(self) -> bool:
-        """Whether the region A β ≥ 0 has any constraint, that is whether A has rows."""
+        """Whether there is any constraint, that is, whether A has rows."""
         return len(self.rows) > 0
 
     def holds(self, beta: Array) -> Array:
@@ -94,10 +94,11 @@ class Truncation:
         """Return n vectors β ~ N(mean, diag sd²) with A β ≥ 0 from numbers uniform in [0, 1].
 
         A β ≥ 0 is the region of the p parameters β in which no compliance is negative. Each
-        parameter is the quantile, at its level, of its distribution given the parameters before it
-        (Rosenblatt, Ann. Math. Stat. 23, 470-472, 1952). Quantiles are computed analytically,
-        except for parameters that share a constraint with later ones: their distribution function
-        is integrated on a grid, with an error of 2e-5 in probability.
+        parameter is a quantile of its distribution given the parameters before it; ``level`` holds
+        the probabilities of these quantiles (Rosenblatt, Ann. Math. Stat. 23, 470-472, 1952).
+        Quantiles are computed analytically, except for parameters that share a constraint with
+        later ones: their distribution function is integrated on a grid, with an error of 2e-5 in
+        probability.
 
         Parameters
         ----------
@@ -131,9 +132,9 @@ def _quantile_inside(
 ) -> Array:
     """Return n standard normal vectors z with rows · z ≥ edge from numbers uniform in [0, 1].
 
-    Each element of z is the quantile, at its number in ``level``, of its distribution given the
-    elements before it. ``level`` and the result have shape (n, k). The m constraints are given by
-    their coefficients ``rows``, shape (m, k), and lower bounds ``edge``, shape (m,).
+    Each element of z is a quantile of its distribution given the elements before it; ``level``
+    holds the probabilities of these quantiles. ``level`` and the result have shape (n, k). The m
+    constraints have the coefficients ``rows``, shape (m, k), and lower bounds ``edge``, shape (m,).
     """
     n, k = level.shape
     z = np.empty((n, k))
@@ -160,11 +161,10 @@ def _distribution(
 ) -> tuple[Array, Array]:
     """Return the distribution function of the first coordinate of z, and the grid of its values.
 
-    z is a standard normal vector of k elements restricted by the m constraints rows · z ≥ edge. The
-    arguments are the bytes of the arrays ``rows`` (m, k), the coefficients of the constraints, and
-    ``edge`` (m,), their lower bounds, because the cache needs keys that can be hashed. Both results
-    have shape (1025,): the probability that the coordinate is below each grid value, and the grid
-    values.
+    z is a standard normal vector of k elements restricted by the m constraints rows · z ≥ edge,
+    with ``rows`` (m, k) and ``edge`` (m,). These arrays are passed as their bytes, because the
+    cache needs arguments that can be hashed. Both results have shape (1025,): the probability that
+    the coordinate is below each grid value, and the grid values.
     """
     edges = np.frombuffer(edge)
     coefficients = np.frombuffer(rows).reshape(len(edges), -1)
@@ -212,11 +212,10 @@ def _first_density(
 
 
 def _probability_inside(rows: Array, edge: Array) -> Array:
-    """Return the probability of rows · z ≥ edge for a standard normal vector z, shape (...).
+    """Return the probability of rows · z ≥ edge for standard normal z, up to a constant factor.
 
-    The probability is correct up to a constant factor. z has k elements. The coefficients of the m
-    constraints, ``rows``, have the shape (m, k), and their lower bounds, ``edge``, (..., m) for
-    many problems.
+    The m constraints on the k elements of z have the coefficients ``rows``, shape (m, k), and the
+    lower bounds ``edge``, shape (..., m) for many problems. The result has the shape (...).
     """
     if rows.shape[1] > 1:
         grid, density = _first_density(rows, edge, _COARSE_GRID)
@@ -233,8 +232,8 @@ def _support(
 ) -> tuple[Array, Array]:
     """Return the least and the greatest first coordinate of points z with rows · z ≥ edge.
 
-    z has k elements. The coefficients of the m constraints, ``rows``, have the shape (m, k), and
-    their lower bounds, ``edge``, (..., m) for many problems. Both results have shape (...), and are
+    The m constraints on the k elements of z have the coefficients ``rows``, shape (m, k), and the
+    lower bounds ``edge``, shape (..., m) for many problems. Both results have shape (...), and are
     infinite where there is no limit. The other coordinates of z are eliminated from the
     inequalities, the last one first (Fourier-Motzkin elimination).
     """
@@ -256,11 +255,11 @@ def _eliminate_last(
 ) -> tuple[Array, Array]:
     """Return the constraints that rows · z ≥ edge implies on all coordinates of z but the last.
 
-    The coefficients of the m constraints, ``rows``, have shape (m, k), and their lower bounds,
-    ``edge``, (..., m) for many problems. The new constraints are of two kinds: those in which the
-    last coordinate has no part, and sums of two constraints, scaled so that the last coordinate
-    cancels. One constraint of such a pair bounds the last coordinate from below, the other from
-    above. The coefficients and lower bounds of the new constraints are returned.
+    The m constraints have the coefficients ``rows``, shape (m, k), and the lower bounds ``edge``,
+    shape (..., m) for many problems; the new constraints are returned in the same form. Some are
+    constraints that do not contain the last coordinate. The others are sums of two constraints, of
+    which one bounds the last coordinate from below and the other from above; they are scaled so
+    that this coordinate cancels.
     """
     last = rows[:, -1]
     free = np.flatnonzero(last == 0.0)

@@ -1,4 +1,4 @@
-"""Nuisance terms by which circles differ: set-up shift, discrepancy, hysteresis and drift.
+"""Nuisance terms for differences between circles: shift, discrepancy, hysteresis and drift.
 
 Nuisance terms are effects that are modelled but not of interest.
 """
@@ -24,8 +24,8 @@ __all__ = ["CircleScale", "Covariate", "Discrepancy", "Drift", "Hysteresis", "Mo
 Moves = Literal["together", "apart", "zero", "centre"]
 # Quantities to which a drift of the bar's length and the circle's centre can be proportional.
 Covariate = Literal["time", "temperature"]
-# Highest order n of the harmonics cos nθ, sin nθ of the hysteresis that does not depend on force,
-# in the model's first edition (preset ``first``).
+# Highest order n of the harmonics cos nθ, sin nθ of hysteresis in the model's first edition (preset
+# ``first``), for the part of hysteresis that does not depend on force.
 _FIRST_EDITION_ORDERS = 4
 
 
@@ -33,10 +33,11 @@ _FIRST_EDITION_ORDERS = 4
 class SetupShift(Term):
     """Random shift of the readings' zero and of the circle's centre between circles.
 
-    The effects are 1 (zero, order 0) and cos θ, sin θ (centre, order 1), with θ the angle on the
-    circle. Every test has coefficients of its own, and their prior sds are hyper-parameters.
-    ``moves`` states whether zero and centre have one common sd δ or separate sds δ_0 and δ_1, or
-    whether only one of the two moves, with the sd δ.
+    A shift of the zero adds a constant to the readings of a circle (order 0). A shift of the centre
+    adds multiples of cos θ and sin θ (order 1), with θ the angle on the circle. Every test has
+    separate coefficients, and their prior sds are hyper-parameters. ``moves`` states whether zero
+    and centre have one common sd δ or separate sds δ_0 and δ_1, or whether only one of the two
+    moves, with the sd δ.
 
     Examples
     --------
@@ -54,9 +55,9 @@ class SetupShift(Term):
 
     @property
     def scales(self) -> tuple[Scale, ...]:
-        """Hyper-parameters of the shift between circles: its sd δ.
+        """Hyper-parameters of the shift between circles: its sd δ, or two separate sds.
 
-        If ``moves`` is apart, they are the separate sds of the readings' zero and of the centre.
+        If ``moves`` is apart, the readings' zero has the sd δ_0 and the circle's centre the sd δ_1.
         """
         if self.moves != "apart":
             return (Scale("delta", "delta_um", "δ", "set-up shift"),)
@@ -81,10 +82,11 @@ class SetupShift(Term):
 
 @dataclass(frozen=True)
 class Discrepancy(Term):
-    """Model inadequacy and change from run to run: cos nθ, sin nθ, n = 2 … 12.
+    """Model inadequacy and change from run to run, in harmonics of the orders n = 2 … 12.
 
-    θ is the angle on the circle. The coefficients are separate for every test. Their prior sd is
-    κ/n^decay, with the hyper-parameter κ and the fixed power ``decay``.
+    The harmonics are cos nθ and sin nθ, with θ the angle on the circle. Every test has separate
+    coefficients. Their prior sd is κ/n^decay, with the hyper-parameter κ and the fixed power
+    ``decay``.
 
     Examples
     --------
@@ -161,16 +163,18 @@ class _HysteresisSd(NamedTuple):
 
 @dataclass(frozen=True)
 class Hysteresis(Term):
-    """Difference between the two directions of travel (ISO 230-4): s cos nθ, s sin nθ, n = 0 … 12.
+    """Errors that change their sign with the direction of travel (hysteresis, ISO 230-4).
 
-    s = ±1 is the direction of travel, θ the angle on the circle and n the order of the harmonics.
-    One part does not depend on force (backlash, reversal spikes, servo mismatch); its prior sd is
-    η/n, and η at order 0, with the hyper-parameter η. The other part is proportional to force
-    (friction in the bar, lost motion); its prior sd is ``proportional_um_per_kN``/n, undivided at
-    order 0. Each plane has separate coefficients. The term acts only on planes in which circles are
-    run in both directions; with one direction, hysteresis cannot be separated from the machine's
-    other errors. If ``law`` is ``fixed``, as in the model's first edition (preset ``first``), the
-    part that does not depend on force ends at order 4, and ``constant_um`` replaces η.
+    The errors are harmonics s cos nθ and s sin nθ of the orders n = 0 … 12, where s = ±1 is the
+    direction of travel and θ the angle on the circle. They have two parts. One part does not depend
+    on force (backlash, reversal spikes, servo mismatch); the prior sd of its coefficients is η/n,
+    with the hyper-parameter η. The other part is proportional to force (friction in the bar, lost
+    motion); the prior sd of its coefficients is ``proportional_um_per_kN``/n. At order 0, these sds
+    are not divided. Each plane has separate coefficients. The term acts only on planes in which
+    circles are run in both directions; with one direction, hysteresis cannot be separated from the
+    machine's other errors. If ``law`` is ``fixed``, as in the model's first edition (preset
+    ``first``), ``constant_um`` replaces η, and the part that does not depend on force ends at
+    order 4.
 
     Examples
     --------
@@ -204,7 +208,7 @@ class Hysteresis(Term):
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """Return the columns of hysteresis in every plane with circles in both directions.
 
-        A column is the reading per unit coefficient, under the conditions of a campaign's tests.
+        A column is the reading per unit of one coefficient, in every test of a campaign.
         """
         columns: list[Columns] = []
         for plane in setting.groups_by("plane"):
@@ -270,8 +274,8 @@ class Hysteresis(Term):
     def pattern(cls, coefficient: str) -> str:
         """Return the harmonic of a coefficient of hysteresis in words, from its name.
 
-        For example, hysteresis_force_cos2 is `` in cos 2θ times force``; reports append these words
-        to the name of the term. The plane follows if the name contains one.
+        For example, hysteresis_force_cos2 gives `` in cos 2θ times force``. Reports append these
+        words to the name of the term. If the coefficient's name contains a plane, so do the words.
         """
         force = " times force" if coefficient.startswith("hysteresis_force") else ""
         return f" in {order_in_words(coefficient)}{force}{plane_in_words(coefficient)}"
@@ -281,11 +285,12 @@ class Hysteresis(Term):
 class Drift(Term):
     """Drift of the bar's length and of the circle's centre with time or temperature.
 
-    The columns (readings per unit coefficient) are u for the length and u B̂ for the coordinates of
-    the centre. B̂ is the unit vector along the bar. u is the time of each test in hours, or its
-    temperature in kelvins, as ``over`` states, minus the mean of the campaign. ``length_um`` and
-    ``centre_um`` are prior sds per hour or kelvin; a steel bar of 150 mm grows by 1.7 µm/K. Models
-    have the term only on request, because `SetupShift` covers random changes between circles.
+    Let u be the time of each test in hours or its temperature in kelvins, as ``over`` states, minus
+    the mean of the campaign. Per unit coefficient, the reading changes by u for the bar's length,
+    and by u B̂ for the coordinates of the centre, where B̂ is the unit vector along the bar.
+    ``length_um`` and ``centre_um`` are the prior sds of the coefficients, per hour or kelvin; a
+    steel bar of 150 mm grows by 1.7 µm/K. Models have the term only on request, because
+    `SetupShift` covers random changes between circles.
 
     Examples
     --------
@@ -306,8 +311,8 @@ class Drift(Term):
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """Return the columns of the drift of bar length and circle centre for a campaign's tests.
 
-        A column is the reading per unit coefficient. Raise an `InputError` if a test does not
-        record the time or temperature to which the drift is proportional.
+        A column is the reading per unit of one coefficient. Raise an `InputError` if a test lacks
+        the time or temperature to which the drift is proportional.
         """
         change = setting.temperature_K
         field = "temperature_C"

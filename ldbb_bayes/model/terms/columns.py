@@ -1,8 +1,8 @@
-"""Columns of a nuisance term, their Gaussian priors, and the hyper-parameters that scale these.
+"""Columns of nuisance terms, Gaussian priors of their coefficients, and hyper-parameters.
 
 A nuisance term is an effect that is modelled but not of interest. Its columns are its effect on the
-readings per unit of each of its coefficients. Hyper-parameters are the scales (standard deviations)
-of the noise and of such effects.
+readings per unit of each of its coefficients. Hyper-parameters scale the prior standard deviations
+of the coefficients, and those of the noise.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ __all__ = ["FORM_ORDER", "NOISE", "OWN", "BasisNoise", "Columns", "Hyper", "Law"
 
 # Type of the name of a hyper-parameter (scale of the noise or of another effect), such as sigma.
 Hyper = str
-# Name that stands for the parameters of interest in lists that give, for each coefficient, the
-# class name of its nuisance term.
+# Some lists state the class name of the nuisance term to which each coefficient belongs. The
+# parameters of interest belong to no term; this name is stated for them instead.
 OWN = "Parameters"
-# Name that stands for the white noise of the readings in lists that give, for each source of noise,
-# the class name of its nuisance term.
+# Some lists state the class name of the nuisance term of each source of noise. The white noise of
+# the readings belongs to no term; this name is stated for it instead.
 NOISE = "ReadingNoise"
 # Order n of the harmonics cos nθ, sin nθ at which the scales τ of ball form and ω of the machine's
 # pattern are stated. The prior sds at other orders are these scales times (n/6)^(−decay).
@@ -36,12 +36,12 @@ Law = Literal["half-normal", "decay", "circle"]
 
 
 class Scale(NamedTuple):
-    """A hyper-parameter and its prior: usually the sd [mm] of the coefficients that it scales.
+    """Hyper-parameter of the model, with its prior.
 
-    The field ``law`` states the kind of prior. Hyper-parameters of two kinds have no unit:
-    ``decay``, the power by which the amplitude of form falls with its order, and ``circle``, the
-    factor λ on the noise of one circle, whose square has the inverse gamma prior
-    InvGamma(3/2, 3/2).
+    Most hyper-parameters are prior sds of coefficients or of noise [mm], and have a half-normal
+    prior. Two kinds, named in the field ``law``, have no unit: ``decay`` is the power by which the
+    amplitude of form falls with its order, and ``circle`` is the factor λ on the noise of one
+    circle, whose square has the inverse gamma prior InvGamma(3/2, 3/2).
 
     Examples
     --------
@@ -52,11 +52,12 @@ class Scale(NamedTuple):
     ['sigma', 'delta', 'kappa', 'tau', 'decay', 'omega', 'eta']
     """
 
-    #: name of the hyper-parameter, such as sigma; in results, ``_um`` is appended to the names of
-    #: lengths
+    #: name of the hyper-parameter, such as sigma; if it is a length, its name in results ends with
+    #: ``_um``
     name: Hyper
     #: scale of the hyper-parameter's half-normal prior [µm], or the name of the field of `Prior`
-    #: that holds the scale; prior mean for the kind ``decay``; not used for the kind ``circle``
+    #: that holds this scale; for the kind ``decay`` it is the prior mean instead, and for the kind
+    #: ``circle`` it is not used
     prior_um: float | str
     symbol: str = ""  #: symbol of the hyper-parameter in reports, such as σ
     words: str = ""  #: description of the hyper-parameter in reports, such as white noise
@@ -71,10 +72,10 @@ class Scale(NamedTuple):
 class Source(NamedTuple):
     """Factor that hyper-parameters contribute to the prior sd of a coefficient.
 
-    The factor is hyper · circle · (order/6)^(−decay). Here ``hyper`` (the scale of an effect),
-    ``circle`` (the noise factor λ of a circle) and ``decay`` (the power by which form falls with
-    its order) are names of hyper-parameters, whose values are inserted. ``order`` is the order of
-    the coefficient's harmonic. Each of the three parts is 1 if its name is None.
+    The factor is hyper · circle · (order/6)^(−decay), with the values of three hyper-parameters.
+    Their names are in the fields ``hyper`` (the scale of an effect), ``circle`` (the noise factor λ
+    of a circle) and ``decay`` (the power by which form falls with its order). Where a name is None,
+    that part of the product is 1. ``order`` is the order of the coefficient's harmonic.
     """
 
     hyper: Hyper | None = None
@@ -84,7 +85,7 @@ class Source(NamedTuple):
 
     @property
     def names(self) -> tuple[Hyper, ...]:
-        """Names of the hyper-parameters from which this factor on a prior sd is computed."""
+        """Names of the hyper-parameters from which this factor is computed."""
         return tuple(name for name in (self.hyper, self.circle, self.decay) if name)
 
     def at(self, value: Mapping[Hyper, Any]) -> Any:
@@ -106,16 +107,16 @@ class Columns(Shown):
     """Columns of one term's p coefficients, with the Gaussian prior of the coefficients.
 
     A column is the reading per unit of a coefficient, as a function of the angle θ on the circle.
-    The column is given by its Fourier coefficients: those of 1, cos θ, sin θ, cos 2θ, sin 2θ, … to
-    the order 12. The prior sd of coefficient j is sd_j · hyper · λ · (order_j/6)^(−decay), to which
-    ``stated`` is added in quadrature. hyper, λ (noise factor of the test's circle) and decay are
-    hyper-parameters.
+    It is stored as its Fourier coefficients: those of 1, cos θ, sin θ, cos 2θ, sin 2θ, … to the
+    order 12. The prior sd of coefficient j is sd_j · hyper · λ · (order_j/6)^(−decay), with the
+    hyper-parameters hyper, λ (noise factor of the test's circle) and decay. If the field ``stated``
+    is given, its value for coefficient j is added in quadrature.
 
     Raises
     ------
     InputError
-        If the shapes of ``values`` or ``sd`` do not agree with the number of names, for private
-        columns with a mean, and for columns that are not private with noise factors of circles.
+        If the shapes of ``values`` or ``sd`` do not agree with the number of names, if private
+        columns have a mean, or if columns have noise factors of circles but are not private.
 
     Examples
     --------
@@ -183,9 +184,9 @@ class Columns(Shown):
 
     @property
     def sources(self) -> tuple[Source, ...]:
-        """Factor from hyper-parameters that multiplies the prior sd of each of p coefficients.
+        """Factors from hyper-parameters that multiply the prior sds of the p coefficients.
 
-        The factors do not contain the noise factors λ of circles.
+        They do not contain the noise factors λ of circles.
         """
         if self.decay is None or self.orders is None:
             return (Source(self.hyper),) * len(self.names)
@@ -194,10 +195,10 @@ class Columns(Shown):
         )
 
     def sources_of(self, test: int) -> tuple[Source, ...]:
-        """Return the factor from hyper-parameters that scales the prior sd of each coefficient.
+        """Return the factors from hyper-parameters that multiply the prior sds in one test.
 
-        The factors are those of the test with the index ``test``, counted from 0, and contain the
-        noise factor λ of the test's circle.
+        There is one factor for each of the p coefficients; it contains the noise factor λ of the
+        test's circle. ``test`` is the index of the test, from 0.
         """
         circle = _circle_of(self.circle, test)
         return tuple(source._replace(circle=circle) for source in self.sources)
@@ -265,10 +266,10 @@ class BasisNoise(Shown):
 
     @property
     def sources(self) -> tuple[Source, ...]:
-        """Factor from hyper-parameters that multiplies the noise of each test.
+        """Factors from hyper-parameters that multiply the noise, one for each test.
 
-        The factor contains the noise factor λ of the test's circle. If circles have no noise
-        factors, there is a single factor for all tests.
+        They contain the noise factors λ of the tests' circles. If circles have no noise factors,
+        there is a single factor for all tests.
         """
         if not len(self.circle):
             return (Source(self.hyper),)
@@ -304,8 +305,8 @@ class BasisNoise(Shown):
 def _circle_of(circles: Sequence[Hyper] | Array, test: int) -> Hyper | None:
     """Return the name of the hyper-parameter λ, the noise factor of one test's circle.
 
-    ``circles`` are the names for all tests, or empty, and ``test`` is the index of the test, from
-    0. Return None if the circle has no noise factor.
+    Return None if the circle has no noise factor. ``circles`` holds the names for all tests, or is
+    empty; ``test`` is the index of the test, from 0.
     """
     if not len(circles):
         return None

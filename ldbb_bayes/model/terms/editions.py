@@ -17,8 +17,9 @@ def first_edition() -> tuple[Term, ...]:
     """Return the nuisance terms of the model's first edition (preset ``first``).
 
     Nuisance terms are effects modelled but not of interest. The prior sd of the balls' form falls
-    as 1/n with its order n (waves in a turn), mount deflection and force have no curvature, all
-    circles scatter alike, and the constant part of hysteresis has a fixed prior sd.
+    as 1/n with its order n (waves in a turn). Mount deflection and force error have no curvature.
+    All circles scatter alike. The part of hysteresis that does not depend on force has a fixed
+    prior sd.
     """
     return (
         BallForm(law="1/n"),

@@ -56,7 +56,7 @@ class BarLength(Term):
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """Return the columns of the bar's length error, one for each nominal radius of a campaign.
 
-        A column is the reading per unit of the length error, which is 1 at all angles.
+        A column, the reading per unit of length error, is 1 in tests with this radius, else 0.
         """
         names = []
         constants = []
@@ -94,11 +94,12 @@ class BarLength(Term):
 class Mount(Term):
     """Error of the deflection of the work ball's mount, and curvature of this deflection.
 
-    The nominal deflection is proportional to the pressure (Eq. 32 of the paper). The prior sd of
-    its error per pressure is the share ``relative_sd`` of the nominal value, or follows from a
-    certificate. The curvature is a coefficient times q(F) = 4 (F/F_max)(1 − F/F_max), where F is
-    the force and F_max the largest force of the campaign; the coefficient has the prior sd
-    ``curvature_um``. If ``curvature_um`` is 0, there is no curvature.
+    The nominal deflection is proportional to the pressure (Eq. 32 of the paper). The first
+    coefficient is the error of the deflection per pressure. Its prior sd follows from a
+    certificate, or else is the share ``relative_sd`` of the nominal value. The second coefficient,
+    the curvature, is multiplied by q(F) = 4 (F/F_max)(1 − F/F_max), where F is the force and F_max
+    the largest force of the campaign. Its prior sd is ``curvature_um``; if this is 0, there is no
+    curvature.
 
     Examples
     --------
@@ -109,8 +110,8 @@ class Mount(Term):
     [('mount', 4.66e-05)]
     """
 
-    #: prior sd of the mount's deflection per pressure, as a share of its nominal value; used if no
-    #: certificate states an uncertainty
+    #: prior sd of the error of the mount's deflection, as a share of the nominal deflection; used
+    #: if no certificate states an uncertainty
     relative_sd: float = 0.10
     #: prior sd of the curvature of the mount's deflection at half the largest force [µm]; 0 if the
     #: deflection has no curvature
@@ -124,7 +125,7 @@ class Mount(Term):
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """Return the columns of the mount's deflection and of its curvature with force.
 
-        A column is the reading per unit coefficient, under the conditions of a campaign's tests.
+        A column is the reading per unit of one coefficient, in every test of a campaign.
         """
         relative = self._relative_sd(setting.instrument)
         sd = np.array([relative * (setting.deflection_um_per_bar * 1e-3)])
@@ -173,12 +174,13 @@ class Mount(Term):
 class ForceError(Term):
     """Errors of the force: a gain error, a curvature and a random error of every test.
 
-    The error of the reading is the error of the force times the estimated deflection per newton,
-    j_C·Ĉ, where Ĉ are the estimated compliances and j_C is the reading per unit force and
-    compliance. The error of the force is the sum of three parts: the gain error times the force F;
-    the curvature times F_max q(F) with q(F) = 4 (F/F_max)(1 − F/F_max), where F_max is the largest
-    force of the campaign; and the random error. If ``curvature_sd`` is 0, there is no curvature.
-    The prior sds follow from the load cell's certificate, if there is one.
+    The error of the force is the sum of three parts. The first is the gain error times the force F.
+    The second is the curvature times F_max q(F) with q(F) = 4 (F/F_max)(1 − F/F_max), where F_max
+    is the largest force of the campaign; if ``curvature_sd`` is 0, there is no curvature. The third
+    is the random error. The error of the reading is the error of the force times the estimated
+    deflection per newton, j_C·Ĉ, where Ĉ are the estimated compliances and j_C is the reading per
+    unit force and compliance. The prior sds follow from the load cell's certificate, if there is
+    one.
 
     Examples
     --------
@@ -205,7 +207,7 @@ class ForceError(Term):
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """Return the columns of gain error, curvature and random error of the force.
 
-        A column is the reading per unit coefficient, under the conditions of a campaign's tests.
+        A column is the reading per unit of one coefficient, in every test of a campaign.
         """
         deflection = (setting.elastic @ setting.compliance_estimate)[:, :, None]
         sd = self._sd_by_name(setting.instrument)
@@ -224,9 +226,8 @@ class ForceError(Term):
     def _sd_by_name(self, instrument: Instrument) -> dict[str, float]:
         """Return the prior sd of every force error by the name of its coefficient.
 
-        The sd comes from the certificate in ``instrument``, or else from the settings of the term.
-        The linearity that a certificate states is taken as a bound, with all values within it
-        equally likely.
+        The sd comes from the certificate in ``instrument``, or else from the fields of the term.
+        The linearity in a certificate is taken as the half-width of a uniform distribution.
         """
         sd = {
             "force_gain": _standard_uncertainty(instrument.force_U_percent, self.gain_sd, 0.01),
@@ -272,12 +273,12 @@ class ForceError(Term):
 class Angle(Term):
     """Error of the angle's reference, and lag of the trace behind the angle.
 
-    Both effects shift the readings ρ along the angle θ on the circle, and thereby change a reading
-    by the shift times dρ/dθ. ρ = F j_C·Ĉ + j_G·Ê are the readings predicted from the estimated
-    compliances Ĉ and geometric errors Ê. F is the force, j_C the reading per unit force and
-    compliance, and j_G the reading per unit geometric error. The shift from the reference is the
-    same in all tests. The shift from the lag has the sign of the direction of travel. Tests that
-    state no direction count as clockwise.
+    Both effects shift the readings by a small angle along the circle. A reading then changes by
+    this angle times dρ/dθ, where θ is the angle on the circle and ρ = F j_C·Ĉ + j_G·Ê the reading
+    predicted from the estimated compliances Ĉ and geometric errors Ê. F is the force, j_C the
+    reading per unit force and compliance, and j_G the reading per unit geometric error. The error
+    of the reference is the same in all tests. The lag has the sign of the direction of travel;
+    tests that state no direction count as clockwise.
 
     Examples
     --------

@@ -17,9 +17,9 @@ from ldbb_bayes.results import Array
 
 __all__ = ["JointLoad", "Position"]
 
-# Exponent of |u| in the reading that a bolted contact of an axis causes, where u is the component
-# along the axis of the unit vector along the bar. The contact deflects as (force along the
-# axis)^(2/3), and the projection of the deflection on the bar is one more factor |u|.
+# A bolted contact of an axis changes the reading in proportion to |u| to this power, where u is the
+# component along the axis of the unit vector along the bar: the contact deflects as (force along
+# the axis)^(2/3), and projecting the deflection on the bar multiplies it by |u| once more.
 _CONTACT_POWER = 5.0 / 3.0
 
 
@@ -27,13 +27,13 @@ _CONTACT_POWER = 5.0 / 3.0
 class JointLoad(Term):
     """Nonlinear deflection of each machine axis a under its own load F u_a.
 
-    u is the unit vector along the bar and F the bar's force. The term has two columns (readings per
-    unit coefficient) for each axis: F u_a² (F |u_a| − F0)/F_max, for preload and rolling contact,
-    and F^⅔ F0^⅓ |u_a|^(5/3) − F u_a², for bolted contact (deflection ~ load^⅔). F0 is the
-    reference force and F_max the largest force of the campaign. Both columns are zero where the bar
-    is along the axis and F = F0, so that the direct compliance C_aa of the axis is the secant
-    compliance there. The prior sd of each coefficient is ``relative_sd`` times the estimate of
-    C_aa.
+    u is the unit vector along the bar, F the bar's force, F0 the reference force and F_max the
+    largest force of the campaign. The term has two columns (readings per unit coefficient) for each
+    axis: F u_a² (F |u_a| − F0)/F_max, for preload and rolling contact, and
+    F^⅔ F0^⅓ |u_a|^(5/3) − F u_a², for bolted contact (deflection ~ load^⅔). Both are zero where the
+    bar is along the axis and F = F0. The direct compliance C_aa of the axis is therefore its
+    deflection per force there (secant compliance). The prior sd of each coefficient is
+    ``relative_sd`` times the estimate of C_aa.
 
     Examples
     --------
@@ -54,7 +54,7 @@ class JointLoad(Term):
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """Return the columns of the nonlinear deflection of each axis that the circles drive.
 
-        A column is the reading per unit coefficient, under the conditions of a campaign's tests.
+        A column is the reading per unit of one coefficient, in every test of a campaign.
         """
         columns = []
         for axis, estimate in setting.driven_axes():
@@ -73,9 +73,8 @@ class JointLoad(Term):
     def secants(self, setting: Setting, force_N: Array) -> Array:
         """Return the change of an axis' compliance per unit of its two coefficients, shape (n, 2).
 
-        The change is the nonlinear deflection where the bar is along the axis, divided by the
-        force. ``force_N`` holds n forces, none of them zero, shape (n,). ``setting`` holds the
-        reference force and the campaign's largest force.
+        The change is the nonlinear deflection, with the bar along the axis, divided by the force.
+        ``force_N`` holds n forces, none of them zero, shape (n,).
         """
         deflections = self._deflections(setting, force_N, u_squared=1.0, u_cubed=1.0, u_contact=1.0)
         return deflections / force_N[:, None]
@@ -91,11 +90,10 @@ class JointLoad(Term):
     ) -> Array:
         """Return the deflections by rolling and by bolted contact per unit of compliance.
 
-        They are F (F |u|³ − F0 u²) / F_max and F^⅔ F0^⅓ |u|^(5/3) − F u², shape (..., 2) [N]. F are
-        the forces ``force_N``, F0 is the reference force, F_max the campaign's largest force, and u
-        the component along an axis of the unit vector along the bar. ``u_squared`` is u²,
-        ``u_cubed`` |u|³ and ``u_contact`` |u|^(5/3): numbers, or Fourier coefficients that are
-        broadcast against the forces.
+        The formulas are those of `JointLoad`, and the result has the shape (..., 2) [N]. u is the
+        component along an axis of the unit vector along the bar. ``u_squared`` is u², ``u_cubed``
+        |u|³ and ``u_contact`` |u|^(5/3): numbers, or Fourier coefficients that are broadcast
+        against the forces.
         """
         reference_N = setting.reference_force_N
         rolling = force_N * (force_N * u_cubed - reference_N * u_squared) / setting.largest_force_N
@@ -144,7 +142,7 @@ class Position(Term):
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """Return the columns of the compliance's change along the travel of each driven axis.
 
-        A column is the reading per unit coefficient, under the conditions of a campaign's tests.
+        A column is the reading per unit of one coefficient, in every test of a campaign.
         """
         force = setting.force_N[:, None]
         columns = []
