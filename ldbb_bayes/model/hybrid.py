@@ -833,7 +833,7 @@ class BoundModel(Shown):
 
     @cached_property
     def coefficients(self) -> dict[str, tuple[float, float]]:
-        """Prior means and sds of rivals' coefficients and of parameters of interest, by their names.
+        """Prior means and sds of rivals' coefficients and of parameters of interest, by name.
 
         Rivals are effects that resemble a change of compliance with force, such as a force that is
         not a linear function of pressure; their coefficients come first. The coefficients are in

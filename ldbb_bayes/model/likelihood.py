@@ -263,7 +263,7 @@ class StructuredGaussian:
         return mean * self._unit[q : q + v]
 
     def _conditional_elimination(self, last: int | None) -> Elimination:
-        """Return the order in which `conditional` eliminates coefficients; ``last`` is its argument.
+        """Return the order in which `conditional` eliminates coefficients, given its ``last``.
 
         The fastest order is used only if some columns correct for unevenly spaced angles. Otherwise
         the order is fixed: another order would change the last digits of the Cholesky factors, to

@@ -8,7 +8,7 @@ parameters of interest (compliances, their slopes and geometric errors), with th
 the design matrix A (rows, coefficients); each coefficient is expressed in a unit of its own
 (`Observations.unit`). Shared coefficients are the same in all tests; private ones belong to a
 single test. The rows of a test are rotated so that the covariance of all its noise is diagonal.
-Every prior of a coefficient that is not flat is one more row. Only the diagonal matrix D depends on
+Every prior of a coefficient adds one row, unless it is flat. Only the diagonal matrix D depends on
 the hyper-parameters φ, the scales (standard deviations) of the noise and of nuisances. The entries
 of D are sums of known numbers times squared sources of variance; a source is a hyper-parameter or a
 product of hyper-parameters.
@@ -96,7 +96,7 @@ class Observations(NamedTuple):
 
 
 class _Nuisances(NamedTuple):
-    """Nuisances (effects modelled but not of interest), by how they enter the equations.
+    """Nuisances (effects modelled but not of interest), sorted by their part in the equations.
 
     The observation equations are z − H β = A x + N(0, D), with diagonal D. The coefficients x of
     ``shared`` columns of A are the same in all tests; in ``private`` columns every test has its own
@@ -109,8 +109,8 @@ class _Nuisances(NamedTuple):
     diagonal: list[BasisNoise]
     shared: list[Columns]
     private: list[Columns]
-    #: Signs ±1 of the prior variances of the coefficients that every test has for itself, one for
-    #: each coefficient of a test; −1 stands for a negative variance, which removes noise.
+    #: Signs ±1 of the prior variances of the coefficients that belong to single tests, one for each
+    #: coefficient of one test; −1 stands for a negative variance, which removes noise.
     private_signs: list[float]
     uneven: bool
 
@@ -121,7 +121,7 @@ class _Nuisances(NamedTuple):
 
     @property
     def private_size(self) -> int:
-        """Number of nuisance coefficients that each test has for itself, equal for all tests."""
+        """Number of nuisance coefficients that belong to one test alone, equal for all tests."""
         return len(self.private_signs)
 
 
@@ -200,8 +200,8 @@ def observation_equations(
     Returns
     -------
     Observations
-        The rows of the readings test by test, then the rows of the priors; and the sources of
-        variance and constants of the log density.
+        The rows of the readings, test by test, followed by the rows of the priors. The sources of
+        variance and the constants of the log density are returned with them.
     """
     near_uniform = [test.near_uniform for test in reduced if test.near_uniform is not None]
     all_uniform = len(near_uniform) == len(reduced)
@@ -214,13 +214,13 @@ def observation_equations(
     signs = np.array([1.0] * nuisances.shared_size + nuisances.private_signs * len(reduced))
     private_signs = signs[nuisances.shared_size :]
     # The last rows of the observation equations, from the index ``first`` on, are the priors of the
-    # coefficients that every test has for itself.
+    # coefficients that belong to single tests.
     first = len(rows.variance) - len(private_signs)
     rows.variance[first:] *= private_signs[:, None]
     log_constants = [-0.5 * _LOG_2PI * test.readings for test in reduced]
     # The rows of circles with nearly uniform angles were multiplied by a matrix whose log
     # determinant is −½ Σ ln(1 + departure), where the departures are those of `NearUniform`. This
-    # determinant is added to the log density as a constant.
+    # log determinant is added to the log density as a constant.
     if all_uniform:
         for r, test in enumerate(near_uniform):
             log_constants[r] -= 0.5 * np.log1p(test.departure).sum()
@@ -253,7 +253,7 @@ def _sort_nuisances(
     near_uniform
         Departures of the angles of every test from uniform ones. None if some test is not a full
         circle with nearly uniform angles: the covariance of only one term of noise can then be made
-        diagonal. The term that affects the most Fourier coefficients is chosen, and the other noise
+        diagonal. This is the term that affects the most Fourier coefficients; the other noise
         becomes private columns.
     tests
         Number of tests.
@@ -395,7 +395,7 @@ def _rotate(
     *,
     uniform: bool,
 ) -> _Rotated:
-    """Return the matrix Q that makes the noise of one test diagonal, and what follows from it.
+    """Return the matrix Q that makes the noise of one test diagonal, and the test's rotated matrices.
 
     The m reduced readings of the test are multiplied by Q. R (m, 25) is the triangular factor of
     these readings (``test.factor``). If all tests are circles with nearly uniform angles
@@ -423,10 +423,8 @@ def _add_priors(
 ) -> _Scaled:
     """Return the rows of the readings and of the priors, with rescaled nuisance coefficients.
 
-    The unit of a nuisance coefficient is its prior sd divided by the hyper-parameter that scales
-    it, or its prior sd if no hyper-parameter scales it, or for a flat prior the reciprocal norm of
-    its column. ``tests`` is the number of tests, and ``sources`` are the sources of variance:
-    hyper-parameters and their products.
+    `Observations.unit` states the unit of each coefficient. ``tests`` is the number of tests, and
+    ``sources`` are the sources of variance: hyper-parameters and their products.
     """
     priors = _coefficient_priors(nuisances, tests, sources)
     norms = np.linalg.norm(reading_rows.columns, axis=0)
@@ -557,8 +555,8 @@ def _columns_for_uneven_angles(circles: Sequence[NearUniform], sign: float) -> C
     Returns
     -------
     Columns or None
-        As many columns as the circle with the most significant directions of this sign needs; None
-        if no circle has a significant direction of this sign.
+        The columns; their number is the largest number of significant directions of this sign that
+        a circle has. None if no circle has a significant direction of this sign.
     """
     indices_by_test = []
     for circle in circles:

@@ -116,7 +116,7 @@ class OrthantMoments(NamedTuple):
 
 
 class _Solved(NamedTuple):
-    """Problems whose matrices of constraints were made triangular, and their shifted densities.
+    """Problems with triangular matrices of constraints, and the densities from which to draw.
 
     Each of w problems concerns a standard normal vector e with q elements. ``axes`` (w, d, q) holds
     the d orthonormal directions of e on which alone the constraints depend. ``tilted`` states the
@@ -268,7 +268,8 @@ class Orthant:
         rng
             Random number generator.
         max_proposals
-            About this number of proposals is tried for each draw.
+            The search for an accepted proposal ends after about this number of proposals for each
+            draw.
 
         Returns
         -------

@@ -314,7 +314,7 @@ class Prior(Shown):
             )
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Return how pickle creates the same prior: the class with all its settings.
+        """Return what pickle needs to create the same prior: the class with all its settings.
 
         Read-only mappings, which pickle cannot store, are replaced by dictionaries.
         """

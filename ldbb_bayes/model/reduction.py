@@ -54,7 +54,7 @@ class NearUniform(NamedTuple):
 
     @property
     def significant(self) -> NDArray[np.bool_]:
-        """Whether each of 25 departures from uniform angles changes a log density by over 1e-6."""
+        """Whether each of the 25 departures from uniform angles is too large to be neglected."""
         return np.abs(self.departure) > _LEAST_DEPARTURE
 
 

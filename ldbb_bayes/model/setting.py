@@ -337,8 +337,9 @@ def setting_of(
     reference_force_N
         Reference force F0 [N]; None means the middle of the range of forces.
     pilot
-        Campaign from which a plan takes F0, range and largest value of the forces, and the zero of
-        time and temperature. If it is None, they are taken from ``campaign`` itself.
+        Campaign from which a plan takes F0 (if ``reference_force_N`` is None), the range and
+        largest value of the forces, and the mean time and temperature. If it is None, they are
+        taken from ``campaign`` itself.
     """
     machine = campaign.machine()
     tests = campaign.tests
@@ -406,11 +407,11 @@ def _machine_columns(campaign: Campaign, compliances: Sequence[ComplianceName]) 
 
 
 def _by_setup(campaign: Campaign, columns: Array) -> Array:
-    """Return the columns of the campaign's geometric errors, from the columns of the machine's.
+    """Return the columns of the campaign's geometric errors, with tool offsets for each set-up.
 
-    A column is the reading per unit of one error, as Fourier coefficients; ``columns`` and the
-    result have the shape (tests, 25, errors). Each offset of the machine's tool ball becomes
-    separate offsets for every set-up, of which each acts in its own set-up only.
+    A column is the reading per unit of one error, as Fourier coefficients. ``columns``, shape
+    (tests, 25, errors), are those of the errors of the machine. Each offset of the tool ball
+    becomes one offset for every set-up, which acts in this set-up only.
     """
     machine_errors = [name.label for name in geometric_names(campaign.machine())]
     names = geometric_errors_of(campaign)
@@ -446,9 +447,9 @@ def _relative_to_mean(
 
 
 def _recorded(field: str, campaign: Campaign) -> Array:
-    """Return the field ``field`` of every test, such as time_s, shape (tests,).
+    """Return the values of one field, such as time_s, for all tests, shape (tests,).
 
-    The number is NaN for tests in which the field is not recorded.
+    ``field`` is the name of the field. The value is NaN for tests in which it is not recorded.
     """
     values = [getattr(test, field) for test in campaign.tests]
     return np.array([np.nan if value is None else value for value in values], dtype=float)

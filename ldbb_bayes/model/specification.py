@@ -237,8 +237,8 @@ class _TruthsFile(BaseModel):
 class Truths:
     """Plan and true values of a simulation, as a TOML file states them."""
 
-    #: campaign without readings that is to be simulated; None if the file states no forces, and the
-    #: plan must come from another file
+    #: campaign without readings that is to be simulated; None if the file states no forces. The
+    #: plan must then come from another file.
     plan: Campaign | None
     #: true compliances, slopes and geometric errors by name, in internal units (mm, N, rad); None
     #: to draw them at random from the prior
@@ -254,8 +254,8 @@ class Truths:
 def is_truths(path: Path) -> bool:
     """Return whether a file is a TOML file of true values for a simulation.
 
-    Such a file is recognised by its suffix ``.toml`` and because it lists no tests, unlike a
-    campaign. Return False if the file does not exist or is not valid TOML.
+    Such a file has the suffix ``.toml`` and, unlike a campaign, lists no tests. Return False if the
+    file does not exist or is not valid TOML.
     """
     if path.suffix.lower() != ".toml" or not path.is_file():
         return False

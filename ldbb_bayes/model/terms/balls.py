@@ -41,10 +41,11 @@ _LAST_SPHERICITY_ORDER = 3
 
 
 class _TurnedBall(NamedTuple):
-    """One of the balls that make up a form error, and the angle [rad] by which this ball is turned.
+    """Ball that contributes to a form error, and the angle by which it is turned in it [rad].
 
-    The form error, of one ball or of the sum of both balls, is a Fourier series in an angle. The
-    turn of the ball is measured from the zero of this angle; it is zero for the form of one ball.
+    The form error, of one ball or the sum of both, is a Fourier series in an angle. ``turned_rad``
+    is the value of this angle where the angle on the ball itself is zero. It is zero if the form
+    error is that of a single ball.
     """
 
     ball: Ball

@@ -58,7 +58,7 @@ class Unit(NamedTuple):
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """Value of a quantity of the instrument, and its standard uncertainty, that a term assumes.
+    """Value and standard uncertainty that a term assumes for a quantity of the instrument.
 
     ``name`` is the name of the coefficient, such as bar_length, ``value`` its assumed value and
     ``sd`` its standard uncertainty.
@@ -129,10 +129,11 @@ def uncertainties(campaign: Campaign, terms: Iterable[Term] | None = None) -> Un
 def assumption(
     campaign: Campaign, name: str, certificate: str, sd: float, value: float = 0.0
 ) -> Uncertainty:
-    """Return the record of what a term assumes about a coefficient, with its unit and origin.
+    """Return the record of what a term assumes about a coefficient of its effect.
 
-    The unit follows from the name of the coefficient. The origin is whether the campaign has a
-    certificate that states the uncertainty; this function does not read the uncertainty from it.
+    The unit follows from the name of the coefficient. The record also says whether a certificate of
+    the campaign states the uncertainty. The uncertainty itself is the argument ``sd``; it is not
+    read from the certificate.
 
     Parameters
     ----------
