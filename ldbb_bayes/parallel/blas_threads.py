@@ -17,8 +17,8 @@ __all__ = ["ONE_THREAD", "one_blas_thread"]
 P = ParamSpec("P")
 R = TypeVar("R")
 
-# Environment variables, with their values, that make BLAS (the linear algebra library behind NumPy)
-# start with one thread in a new process.
+# Environment variables, with their values, for a new process in which BLAS (the linear algebra
+# library behind NumPy) is to have one thread.
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 
 

@@ -1,9 +1,9 @@
 """Executor that runs jobs in worker processes of Dask, on this computer or on a cluster.
 
 Dask is a library that distributes computations over several computers. Its own executor,
-`distributed.Client.get_executor()`, cannot be used. If the result of a job is lost after it arrived
-and before it is used, that executor raises a ValueError. This looks like an error raised by the job
-itself, so that the job would not be run again.
+`distributed.Client.get_executor()`, is not used: if the result of a job is lost after it arrived,
+that executor raises a ValueError. The error would be taken for one that the job itself raised, and
+the job would not be run again.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ __all__ = ["ANSWER_S", "dask_executor", "dask_setup"]
 
 # Time [s] after which a Dask scheduler that does not answer counts as missing.
 ANSWER_S = 10.0
-# Number of threads of this process that wait for results of Dask workers. It limits the number of
-# jobs that are submitted at once.
+# Number of threads of this process that wait for results of Dask workers. Each waits for one job,
+# so that Dask has at most this number of jobs at once.
 _WAITING_THREADS = 64
 # Names of Dask's loggers that are silenced, because their messages are also raised as exceptions.
 _LOGGERS = (
@@ -99,8 +99,8 @@ def dask_executor(scheduler: str | None = None, workers: int = 0) -> Iterator[Ex
     Raises
     ------
     InputError
-        If Dask is not installed, no scheduler answers, or a worker has several threads or other
-        versions of the libraries.
+        If Dask is not installed, if no scheduler answers, if worker processes cannot start, or if a
+        worker has several threads or other versions of the libraries.
     """
     refuse_to_nest()
     try:
@@ -122,7 +122,7 @@ def dask_executor(scheduler: str | None = None, workers: int = 0) -> Iterator[Ex
             client = stack.enter_context(
                 distributed.Client(address, timeout=ANSWER_S, set_as_default=False)
             )
-        except Exception as error:  # noqa: BLE001 - what is at the address may answer anything
+        except Exception as error:  # noqa: BLE001 - a server other than Dask may cause any error
             raise InputError(
                 "--scheduler must be the address of a Dask scheduler that is at work, got"
                 f" {scheduler!r} ({error}). Copy it from what dask scheduler says when it starts."
@@ -150,9 +150,10 @@ class _DaskExecutor(Executor):
         return self._threads.submit(self._call_in_worker, partial(fn, *args, **kwargs))
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Accept no more jobs, and wait for the jobs that were already submitted if ``wait``.
+        """Accept no more jobs.
 
-        With ``cancel_futures``, jobs that have not begun are cancelled.
+        If ``wait``, return only when the submitted jobs have ended. If ``cancel_futures``, cancel
+        the jobs that have not begun.
         """
         self._threads.shutdown(wait, cancel_futures=cancel_futures)
 
@@ -170,9 +171,8 @@ class _DaskExecutor(Executor):
 def _local_cluster(workers: int) -> Iterator[Any]:
     """Yield a Dask cluster of worker processes on this computer; it ends with the ``with`` block.
 
-    ``workers`` is the number of processes; 0: one per processor core. If a worker died, closing the
-    cluster may take long. After ten seconds it is no longer waited for, because all results have
-    arrived by then.
+    ``workers`` is the number of processes; 0: one per processor core. If a worker died, the cluster
+    may take a long time to close. The wait ends after ten seconds; all results have arrived before.
     """
     from distributed import LocalCluster  # imported here, because Dask need not be installed
 
@@ -192,11 +192,11 @@ def _local_cluster(workers: int) -> Iterator[Any]:
 
 
 def _check_workers(client: Any, scheduler: str) -> None:
-    """Raise an `InputError` for Dask workers that would fail or give other results than here.
+    """Raise an `InputError` for Dask workers with several threads or other library versions.
 
-    Such workers have several threads, or other versions of this package and its libraries than this
-    process. ``client`` is Dask's connection to the scheduler, and ``scheduler`` the address of the
-    scheduler for messages. If the scheduler has no workers yet, give a warning.
+    Such workers would fail, or their results would differ from those of this process. If the
+    scheduler has no workers yet, give a warning. ``client`` is Dask's connection to the scheduler,
+    and ``scheduler`` its address, used in messages.
     """
     versions_by_worker = client.run(partial(versions, python=True), on_error="return")
     if not versions_by_worker:
@@ -217,8 +217,8 @@ def _check_workers(client: Any, scheduler: str) -> None:
 def _check_versions(address: str, worker_versions: Any) -> None:
     """Raise an `InputError` if the library versions of a worker differ from those of this process.
 
-    ``address`` is the address of the worker. ``worker_versions`` are its versions by library; an
-    exception that the worker returned instead is refused too.
+    ``address`` is the address of the worker. ``worker_versions`` are its versions by library. An
+    `InputError` is also raised if the worker returned an exception instead of versions.
     """
     if not isinstance(worker_versions, dict):
         worker_versions = {}

@@ -22,7 +22,7 @@ EXECUTORS = ("process", "dask")
 
 @contextmanager
 def second_process() -> Iterator[Executor | None]:
-    """Yield an executor that runs jobs in one process in addition to this one.
+    """Yield an executor that runs jobs in a second process beside this one.
 
     Yield None if this process may use only one processor core.
     """
@@ -37,7 +37,7 @@ def second_process() -> Iterator[Executor | None]:
 def executor_named(
     kind: str, workers: int = 0, scheduler: str | None = None
 ) -> Iterator[Executor | None]:
-    """Yield the executor that runs jobs as the options of a command state.
+    """Yield the executor that the options of a command select.
 
     Parameters
     ----------
@@ -54,7 +54,8 @@ def executor_named(
     Raises
     ------
     InputError
-        If an option is unknown, out of range, or cannot be combined with another.
+        If an option has an unknown or impossible value, if two options contradict each other, or if
+        the executor cannot start.
     """
     check_known("--executor", [kind], EXECUTORS)
     if workers < 0:

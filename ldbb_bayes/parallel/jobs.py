@@ -1,4 +1,4 @@
-"""Running of independent jobs, each of which gives one result even if worker processes die."""
+"""Functions that run independent jobs, and give a result for each even if worker processes die."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ T = TypeVar("T")
 _JOBS_PER_WORKER = 4
 # Number of jobs submitted at once to an executor whose number of workers is not known.
 _JOBS_IN_FLIGHT = 64
-# Lock that lets jobs in threads of one process run one at a time, because these threads share BLAS
-# (the linear algebra library behind NumPy) and the filters of warnings. A job may itself run jobs;
-# one thread must therefore be able to take the lock twice.
+# Lock with which jobs in threads of one process run one at a time, because these threads share the
+# filters of warnings and BLAS (the linear algebra library behind NumPy). One thread may take the
+# lock twice, because a job may itself run jobs.
 _TURN = threading.RLock()
 
 
@@ -46,7 +46,7 @@ class Lost:
 
 @dataclass(frozen=True)
 class _Attempt(Generic[T]):
-    """Attempt to run a job; a job whose worker process dies gets a second and last attempt."""
+    """First or second attempt to run a job; the second follows if the worker process died."""
 
     index: int  # index of the job, from 0
     job: T  # argument with which the function is called
@@ -59,11 +59,11 @@ def done(
     """Yield the index (from 0) and the result of every job, in the order in which jobs finish.
 
     Each job has one thread of BLAS, the linear algebra library behind NumPy. A job whose worker
-    process dies (killed, out of memory) is tried once more after all other jobs, alone; if its
-    worker dies again, its result is `Lost`. If an executor has threads of one process, jobs run one
-    at a time; an executor with processes is faster. For processes, the function must be importable,
-    and jobs and results must be picklable. Jobs are taken from the iterable only as needed. When
-    the iterator is closed, pending jobs are cancelled.
+    process dies (killed, out of memory) is repeated alone after all other jobs; if its worker dies
+    again, its result is `Lost`. With an executor of threads, jobs run one at a time; an executor of
+    processes is faster, but the function must then be importable, and jobs and results must be
+    picklable. Jobs are taken from the iterable only as needed. When the iterator that this function
+    returns is closed, pending jobs are cancelled.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ def _submit(call: Callable[[], R], executor: Executor | None) -> Future[R]:
     future: Future[R] = Future()
     try:
         future.set_result(call())
-    except Exception as error:  # noqa: BLE001 - it is raised where results are handed out
+    except Exception as error:  # noqa: BLE001 - `done` raises it again
         future.set_exception(error)
     return future
 
@@ -181,7 +181,6 @@ def _error_of(future: Future[R]) -> BaseException | None:
 def _is_death_of_worker(error: BaseException) -> bool:
     """Return whether an error means that a worker process died.
 
-    The error KilledWorker of the library Dask is recognised by its name, because Dask need not be
-    installed.
+    Dask's error KilledWorker is recognised by its name, because Dask need not be installed.
     """
     return isinstance(error, WorkerDiedError) or type(error).__name__ == "KilledWorker"

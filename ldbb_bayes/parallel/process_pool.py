@@ -1,10 +1,10 @@
 """Executor of worker processes on this computer, each with its own communication pipe.
 
 If a worker dies, even while it sends a result, no other job fails and the executor does not hang.
-The pools of the standard library and of loky (3.7, which joblib uses) have one pipe in common for
-all results. Such pools have three faults. A worker that dies breaks the whole pool, so that all
-running jobs fail. If a worker is killed while it sends a result, the pool waits for ever. Workers
-keep running when the process that started them is killed.
+The pools of the standard library and of loky (3.7, which joblib uses) have one pipe for the results
+of all workers, and therefore three faults. A worker that dies breaks the whole pool, so that all
+running jobs fail. If a worker is killed while it sends a result, the pool waits for ever. If the
+process that started the workers is killed, they keep running.
 """
 
 from __future__ import annotations
@@ -60,8 +60,8 @@ def process_executor(workers: int = 0) -> Iterator[Executor]:
     Raises
     ------
     InputError
-        If a worker process cannot start. The error is raised where the result of its job is asked
-        for.
+        If a worker process cannot start. The future of its job raises the error when the result is
+        requested.
     """
     refuse_to_nest()
     pool = _ProcessPool(workers or usable_cores())
@@ -82,9 +82,8 @@ def usable_cores() -> int:
 def refuse_to_nest() -> None:
     """End this process if it is a worker that is still importing the user's script.
 
-    A worker gets here while it imports the script if the script starts workers outside
-    ``if __name__ == "__main__":``. Each worker would then start workers again. The process that
-    started this worker reports the fault to the user.
+    This happens if the script starts workers outside ``if __name__ == "__main__":``, so that each
+    worker would start workers again. The process that started this worker reports the fault.
     """
     if getattr(multiprocessing.current_process(), "_inheriting", False):
         sys.exit(1)
@@ -124,9 +123,10 @@ class _ProcessPool(Executor):
         return self._threads.submit(self._call_in_process, partial(fn, *args, **kwargs))
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Accept no more jobs, and wait for the jobs that were already submitted if ``wait``.
+        """Accept no more jobs.
 
-        With ``cancel_futures``, jobs that have not begun are cancelled.
+        If ``wait``, return only when the submitted jobs have ended. If ``cancel_futures``, cancel
+        the jobs that have not begun.
         """
         self._threads.shutdown(wait, cancel_futures=cancel_futures)
 
@@ -205,7 +205,7 @@ def _run_next_job(connection: Connection) -> _Answer | None:
         return _Answer(True, call())
     except EOFError:
         return None
-    except Exception as error:  # noqa: BLE001 - it is raised where the result is asked for
+    except Exception as error:  # noqa: BLE001 - the starting process raises it again
         error.add_note("".join(traceback.format_exception(error)))
         return _Answer(False, error)
 
@@ -215,7 +215,7 @@ def _send(connection: Connection, answer: _Answer) -> None:
         connection.send(answer)
     except OSError:
         raise
-    except Exception as error:  # noqa: BLE001 - whatever a class raises that cannot be pickled
+    except Exception as error:  # noqa: BLE001 - a class that cannot be pickled may raise any error
         reason = (
             f"{type(answer.content).__name__} must be picklable, got: {error}. {answer.content}"
         )
