@@ -6,7 +6,8 @@ of the noise and of other effects. y are the readings. Nuisances are effects tha
 not of interest: shared ones are common to several tests, private ones belong to a single circle.
 There are three kinds of prediction:
 
-- machine: H β, where the matrix H holds the effect of a unit of each parameter on each circle;
+- machine: H β plus the nominal deflection of the mount, unless readings are compensated for it. The
+  matrix H holds the effect of a unit of each parameter on each circle;
 - shared: the machine plus ball form, bar length, mount and force error. Root-mean-square residual
   and fitness (Eq. 34-35 of the paper) refer to this prediction;
 - new circle: the shared prediction plus set-up shift, discrepancy and white noise, drawn anew.
@@ -66,8 +67,8 @@ class ModelDraws(NamedTuple):
 class PrivateTerm(NamedTuple):
     """An effect on one circle only, with v coefficients that are drawn anew for every circle."""
 
-    #: Fourier coefficients of the readings (orders 0 to 12) per unit of each of the effect's v
-    #: coefficients [mm], shape (25, v)
+    #: change of the 25 Fourier coefficients (orders 0 to 12) of the readings [mm] per unit of each
+    #: of the v coefficients of the effect, shape (25, v)
     columns: Array
     #: standard deviations of the effect's v coefficients, for every random draw of the
     #: hyper-parameters, shape (draws, v)
@@ -80,7 +81,7 @@ def evenly_spaced(total: int, size: int) -> Array:
 
 
 def pool_draws(beta: Array, phi: Array, size: int | None = None) -> tuple[Array, Array]:
-    """Return the draws of all chains joined: first of the parameters, then of the hyper-parameters.
+    """Return draws of the parameters and of the hyper-parameters, with all chains joined.
 
     ``beta``, shape (chains, draws, p), are draws of the parameters; ``phi``, shape (chains, draws,
     h), those of the hyper-parameters. The results have the shapes (chains × draws, p) and (chains ×
@@ -194,7 +195,7 @@ def _names_of_shared(bound: BoundModel) -> list[str]:
 
 
 def shared_coefficients(bound: BoundModel, phi: Array, beta: Array) -> Array:
-    """Return the prediction for each measured circle without scatter, from posterior draws [mm].
+    """Return what posterior draws predict for each measured circle, without its scatter [mm].
 
     The prediction includes the machine, ball form, bar length, mount and force error. Nuisances,
     that is, effects that are modelled but not of interest, are at their means given the readings,

@@ -17,8 +17,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["conditional_draws", "draw_parameters_given"]
 
-# Largest number of times that a random draw of the parameters is repeated if a compliance is
-# negative in it.
+# Largest number of times that a random draw of the parameters is repeated if the rejection sampler
+# gave up or rounding made a compliance negative.
 _REPEATS = 20
 
 

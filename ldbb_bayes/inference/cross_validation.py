@@ -1,4 +1,4 @@
-"""Densities of circles left out, in the layout that ArviZ's checks and comparisons read.
+"""Densities of the readings of circles left out, arranged as ArviZ needs them to check models.
 
 y_r are the readings of test r, y_−r those of all other tests. φ are the h hyper-parameters, the
 scales of the noise and of other effects; λ_r among them is the factor on the set-up shift and the
@@ -28,7 +28,7 @@ from ldbb_bayes.results import Array
 
 __all__ = ["log_likelihood_of_tests", "with_predictive"]
 
-# Values of ln λ at which the integral over λ is computed as a sum. λ is the factor on two random
+# The integral over λ is computed as a sum over these values of ln λ. λ is the factor on two random
 # effects of one circle: its set-up shift (of zero and centre) and its discrepancy (unexplained
 # deviations of the orders 2 to 12). The steps are small compared with the width of the density of
 # ln λ.
@@ -36,8 +36,8 @@ _LOG_LAMBDA = np.arange(-1.5, 3.01, 0.25)
 # Error allowed in each log evidence, and in each log probability that no compliance is negative
 # [nat].
 _TOLERANCE = 1e-2
-# The densities of the readings of one test at all posterior draws are tempered, that is raised to a
-# power below one, if the Pareto shape k̂ of their inverses is above this.
+# The densities of a test's readings at all posterior draws are tempered if the Pareto shape k̂ of
+# the inverse densities is above this. Tempering raises them to a power below one.
 _LARGE_K = 0.4
 # The power to which the densities of a test's readings are raised (tempering) is this value divided
 # by the Pareto shape k̂ of the inverse densities.
@@ -74,21 +74,23 @@ def with_predictive(posterior: xr.DataTree, *, draws: int = 1000, seed: int = 1)
     Notes
     -----
     ``posterior_predictive.reading_mm`` (chain, draw, reading) holds the readings of a new circle
-    for every test, with the scatter of the circle measured; the readings measured are
-    ``observed_data.reading_mm``. ``per_test`` of both groups is the range of the readings of each
-    test [mm], for ``arviz_stats.loo_pit``.
+    for every test. If the model has a factor λ_r on set-up shift and discrepancy, the new circle
+    has that of the measured circle r. The measured readings are ``observed_data.reading_mm``.
+    ``per_test`` of both groups is the range of the readings of each test [mm], for
+    ``arviz_stats.loo_pit``.
 
     ``log_likelihood.per_test`` (chain, draw, test) is ln p(y_r | y_−r, φ): the log density of the
     readings of test r, given those of all other tests and the hyper-parameters φ (scales of the
     noise and of other effects). All unknowns that enter linearly are integrated out, under the
     condition that no compliance is negative if the model requires it. The factor λ_r on the set-up
     shift and discrepancy of circle r, if the model has one, is integrated out as well. The harmonic
-    mean of p over draws is the density of a circle left out (Bürkner, Gabry and Vehtari 2021), so
-    that ``arviz.loo`` estimates what `compare` computes. Pareto's k̂ is low, as leaving a circle
-    out changes only the weights of the hyper-parameters that circles share. If it exceeds 0.4
-    nevertheless, p is raised to a power below one and scaled so that its harmonic mean is the exact
-    density. The sum of ln p over tests is not the log likelihood of all readings; for the
-    sensitivity of the posterior to the latter see ``Fit.sensitivity``.
+    mean of p over draws is the density of the readings of a circle left out (Bürkner, Gabry and
+    Vehtari 2021), so that ``arviz.loo`` estimates what `compare` computes. The Pareto shape k̂ of
+    the weights is low, as leaving a circle out changes only the weights of the hyper-parameters
+    that circles share. If it exceeds 0.4 nevertheless, p is raised to a power below one and scaled
+    so that its harmonic mean is the exact density. The sum of ln p over tests is not the log
+    likelihood of all readings; for the sensitivity of the posterior to the latter see
+    ``Fit.sensitivity``.
 
     Examples
     --------

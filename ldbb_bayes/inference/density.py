@@ -4,10 +4,11 @@
 hyper-parameters, the scales of the noise and of other effects. y are the readings. Nuisances,
 effects that are modelled but not of interest, are integrated out.
 
-The density is ln p(y | β, φ) + ln p(β) + ln p(φ), without division by the evidence p(y). All three
-are normalised. β has the prior N(m, S), with mean m (p,) and covariance S (p, p), restricted by
-truncation to compliances that are not negative, A β ≥ 0 with A of shape (rows, p). φ has its own
-prior, independent of β. The integral over x = (β, φ) is the evidence that `log_evidence` returns.
+The log density is ln p(y | β, φ) + ln p(β) + ln p(φ), without − ln p(y), where p(y) is the
+evidence. All three densities are normalised. β has the prior N(m, S), with mean m (p,) and
+covariance S (p, p), restricted by truncation to compliances that are not negative, A β ≥ 0 with A
+of shape (rows, p). φ has its own prior, independent of β. The integral of their product over x =
+(β, φ) is the evidence, whose logarithm `log_evidence` returns.
 """
 
 from __future__ import annotations
@@ -28,8 +29,8 @@ from ldbb_bayes.results import Array, Shown
 
 __all__ = ["JointDensity", "LinearRedraw", "LogDensity", "log_density", "starting_points"]
 
-# Starting points of a sampler are drawn from a density like the posterior, but wider: its standard
-# deviations are multiplied by the square root of this temperature.
+# The hyper-parameters of a sampler's starting points are drawn from a density like their posterior,
+# but with standard deviations multiplied by the square root of this temperature.
 _START_TEMPERATURE = 1.5
 # Number of random points drawn for each starting point that a sampler needs. More than one is
 # drawn, because points with a negative compliance are dropped.
@@ -259,11 +260,12 @@ class LogDensity(Shown):
         return points
 
     def _evaluate(self, x: Array, density: Callable[[Array, Array], Array]) -> Array:
-        """Return a log density at the points x; −inf if a hyper-parameter is outside its bounds.
+        """Return a log density at the points x; −inf where x is not finite or outside its bounds.
 
-        x holds the parameters, then the hyper-parameters, shape (d,) or (n, d). ``density`` is a
-        function that takes the parameters and the hyper-parameters of m points, shapes (m, p) and
-        (m, h), and returns their log densities, shape (m,).
+        x holds the parameters, then the hyper-parameters, shape (d,) or (n, d). Only the bounds of
+        the hyper-parameters count. ``density`` is a function that takes the parameters and the
+        hyper-parameters of m points, shapes (m, p) and (m, h), and returns their log densities,
+        shape (m,).
         """
         values = self._check_points(x)
         points = values.reshape(-1, len(self.names))

@@ -2,8 +2,8 @@
 
 ESS is the effective sample size. The Pareto shape k̂ is the shape of the Pareto distribution fitted
 to the largest weights; if it is large, averages with these weights cannot be trusted. ArviZ is
-imported in the functions, because it loads scipy.stats, which takes long; most commands need no
-diagnostics.
+imported inside the functions that use it: it loads scipy.stats, which takes a long time, and most
+commands need no diagnostics.
 """
 
 from __future__ import annotations
@@ -84,8 +84,8 @@ def power_sensitivity(
     a doubling of the power. A parameter counts as sensitive above 0.05. A constant factor has
     sensitivity 0. ``draws`` holds the posterior draws of each parameter by name, ``log_densities``
     the logarithm of each factor at these draws, by the name of the factor, each of shape (chains,
-    draws). Keys of the result are the parameter, then the factor. The weights by which draws are
-    converted to another power are so even that they need no smoothing.
+    draws). Keys of the result are the parameter, then the factor. The draws are weighted to
+    represent the posterior at another power. These weights are so even that they are not smoothed.
     """
     from arviz_stats.base import array_stats
 
@@ -109,9 +109,10 @@ def power_sensitivity(
 
 
 def _scaling_weights(log_density: Array, power: float, parameters: int) -> Array:
-    """Return the weights that posterior draws have if a factor of the density is raised to a power.
+    """Return weights of posterior draws for a factor of the density raised to a power.
 
-    ``log_density`` is the logarithm of the factor, such as the prior, at the draws, shape (chains,
+    Draws with these weights represent the posterior density in which the factor, such as the prior,
+    has that power. ``log_density`` is the logarithm of the factor at the draws, shape (chains,
     draws). The result has the shape (parameters, draws of all chains), with equal rows, as the
     weights are the same for all parameters.
     """

@@ -51,7 +51,7 @@ def log_evidence(model: HybridModel, campaign: Campaign, *, tolerance: float = 1
     campaign : Campaign
         Campaign with readings.
     tolerance : float
-        Error of the log evidence asked for [nat]; the error reached is ``error`` of the result.
+        Error allowed in the log evidence [nat]; the error reached is ``error`` of the result.
 
     Returns
     -------
@@ -189,11 +189,10 @@ def log_bayes_factor(evidence: Evidence, other: Evidence) -> tuple[float, float]
 def log_prob_truncation(truncated: HyperPosterior, tolerance: float = 0.02) -> tuple[float, float]:
     """Return the log posterior probability that no compliance is negative, and its error [nat].
 
-    The posterior is the one that allows negative compliances. The probability is the integral of
+    The probability is that under the posterior which allows negative compliances: the integral of
     its density over compliances that are not negative, divided by the integral over all values.
-    Both integrals use the same values of the hyper-parameters (nodes), unless the condition moves
-    the posterior too far. ``truncated`` is the posterior with the condition; ``tolerance`` is the
-    error asked for of each log integral [nat].
+    ``truncated`` is the posterior with the condition; ``tolerance`` is the error allowed in each
+    log integral [nat].
     """
     plain = truncated.plain.nodes(tolerance)
     inside = truncated.nodes(tolerance)

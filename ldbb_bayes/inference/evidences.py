@@ -3,9 +3,9 @@
 The evidence Z(y) is the density of the readings y under a model. Without test r the readings are
 y_−r, and ln p(y_r | y_−r) = ln Z(y) − ln Z(y_−r) states how well the other tests predict test r.
 Properties of the campaign, such as its reference force, are still computed from all tests. Whole
-tests are left out, as the readings of one circle are not independent: they have the random shift of
-its zero and centre (set-up shift) and its unexplained deviations (discrepancy) in common. φ are the
-hyper-parameters, the scales of the noise and of other effects. Nodes are weighted points that
+tests are left out, as the readings of one circle are not independent. They share the random shift
+of the circle's zero and centre (set-up shift) and its unexplained deviations (discrepancy). φ are
+the hyper-parameters, the scales of the noise and of other effects. Nodes are weighted points that
 represent p(φ | y).
 """
 
@@ -26,8 +26,8 @@ from ldbb_bayes.results import Array, Shown
 
 __all__ = ["Evidences", "leave_one_out"]
 
-# A log evidence that serves only to decide whether a model is rejected is computed to this error
-# [nat], or to the tolerance asked for if that is larger.
+# Error allowed in a log evidence [nat] that only serves to decide whether a model is rejected. If
+# the tolerance of the other evidences is larger, it is allowed instead.
 _ROUGH_TOLERANCE = 0.1
 
 
@@ -47,7 +47,7 @@ class Evidences(Shown):
     campaign : Campaign
         Campaign with readings.
     tolerance : float
-        Error asked of every log evidence [nat].
+        Error allowed in every log evidence [nat].
     progress : callable, optional
         Function called without arguments after each model.
     keep : sequence of str, optional
@@ -130,9 +130,9 @@ class Evidences(Shown):
     def apart(self, tolerance: float | None = None) -> Evidences:
         """Return new ``Evidences`` of the same readings, with no model computed yet.
 
-        The new object searches for the mode of a model's posterior from the mode that this object
-        has found for a model with the same hyper-parameters. ``tolerance`` is the error asked of
-        every log evidence [nat]; if None, it is that of this object.
+        The new object starts its search for the mode of a model's posterior at the mode that this
+        object has found for a model with the same hyper-parameters, if there is one. ``tolerance``
+        is the error allowed in every log evidence [nat]; if None, it is that of this object.
         """
         return self._with_modes(tolerance or self.tolerance, self._keep, self._modes)
 
@@ -141,9 +141,10 @@ class Evidences(Shown):
     ) -> Evidences:
         """Return new ``Evidences`` of the readings without one test, with no model computed yet.
 
-        ``test`` is the name of the test left out, ``tests`` are the names of all tests. The search
-        for the mode of a model's posterior starts from the entry of ``modes`` for the names of the
-        model's hyper-parameters (scales of the noise and of other effects).
+        ``test`` is the name of the test left out, ``tests`` are the names of all tests. ``modes``
+        holds modes of posteriors, by the names of their hyper-parameters (scales of the noise and
+        of other effects). The search for the mode of a model's posterior starts at the entry for
+        the model's hyper-parameters.
         """
         remaining = [name for name in tests if name != test]
         return self._with_modes(self.tolerance, remaining, modes, self.progress)
@@ -186,9 +187,10 @@ class Evidences(Shown):
 def _largest_first(model: HybridModel) -> list[int]:
     """Return a key by which models sort from the largest to the smallest.
 
-    A model is larger if the degree of its compliances in force is higher. Among models of one
-    degree, that with fewer parameters fixed at zero is larger; if these are equal, that with more
-    rival explanations of slopes (effects that look like a change of compliance with force).
+    A model is larger if its compliances are polynomials in the force of a higher degree. Among
+    models of equal degree, the one with fewer parameters fixed at zero is larger. If these numbers
+    are equal too, the one with more rival explanations of slopes is larger; these are effects that
+    look like a change of compliance with force.
     """
     return [-model.degree, len(model.fixed), -len(model.rivals)]
 

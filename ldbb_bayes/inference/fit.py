@@ -36,8 +36,8 @@ from ldbb_bayes.units import ranked
 __all__ = ["Concern", "ConcernKind", "Fit", "State", "assess_fit"]
 
 # The posterior of a parameter counts as sensitive to the prior if its power-scaling sensitivity is
-# above this: how much it moves if the prior density is raised to a power near one (Kallioinen et
-# al. 2023).
+# above this. The sensitivity states how much the posterior moves if the prior density is raised to
+# a power near one (Kallioinen et al. 2023).
 _SENSITIVE = 0.05
 # A failing posterior predictive check of a Fourier order of a test matters if leaving out this test
 # changes some parameter by more than this number of the parameter's standard uncertainties.
@@ -55,8 +55,8 @@ _IMPROBABLE = float(np.log(1e-3))
 # The posterior median of a hyper-parameter (scale of the noise or of another effect) is expected to
 # lie below the quantile of its prior at this probability.
 _EXPECTED_HYPER = 0.999
-# A fit warns of a parameter if its posterior mean is farther than this from the prior mean that
-# the user stated. The unit is the standard deviation of this distance if the prior is right.
+# A fit warns of a parameter if its posterior mean is farther than this from the prior mean that the
+# user stated. The unit is the standard deviation that this distance has if the prior is right.
 _LARGEST_PRIOR_DISTANCE = 3.0
 # Least variance expected of the distance between the prior mean and the posterior mean of a
 # parameter, as a share of the prior variance. It avoids a division by zero.
@@ -91,14 +91,15 @@ class Concern(Result):
 
     For each ``kind``, ``value`` and then ``limit`` are:
 
-    - NOT_CONVERGED: number of steps after which the sampler gave up; effective sample size asked
-      for, which it did not reach.
+    - NOT_CONVERGED: number of steps after which the sampler gave up; effective sample size that was
+      asked for.
     - TRUNCATION: log posterior probability that no compliance is negative; smallest value expected.
-    - FORCES: number of different forces of the campaign; number that the degree of the compliances
-      in force needs.
+    - FORCES: number of different forces of the campaign; number needed to check the degree of the
+      compliances as polynomials in the force.
     - HYPER: posterior median of the hyper-parameter ``name`` [mm]; quantile of its prior at 99.9 %.
     - CENTRE: p-value of the hypothesis that the circles' centre does not shift along the machine
-      axis ``name`` in proportion to force; p-value below which such a shift is reported.
+      axis ``name`` in proportion to force; limit of this p-value times the number of axes, below
+      which the shift is reported.
     - PRIOR: distance of the posterior mean of the parameter ``name`` from the prior mean that the
       user stated; the largest distance expected. Both are in units of the standard deviation of
       this distance if the prior is right.
@@ -250,9 +251,10 @@ def assess_fit(
     rng : Generator
         Generator of the random draws of new circles.
     prior_level : float or array
-        Mean of the log prior density of the parameters over the prior, for the model of each draw,
-        shape (chains, draws), or one number. It is subtracted before the prior density is raised to
-        a power, so that differences of this level between models do not count.
+        Expected value, under the prior, of the log prior density of the parameters. It is that of
+        the model of each draw, shape (chains, draws), or one number for all draws. It is subtracted
+        from the log prior density, so that differences of this level between models do not count as
+        sensitivity.
 
     Returns
     -------
@@ -358,10 +360,10 @@ def _check_posterior(
     """Check a posterior against the assumptions of its model; yield a warning for each misfit.
 
     There is a warning if the readings contradict non-negative compliances, and one if there are too
-    few different forces for the degree of the compliances in force. There is a warning for each
-    hyper-parameter that is larger than its prior leads to expect, and for each parameter that is
-    too far from the prior mean that the user stated. Finally there is a warning for each machine
-    axis along which the circles' centre shifts in proportion to force.
+    few different forces for the degree of the compliances as polynomials in the force. There is a
+    warning for each hyper-parameter that is larger than its prior leads to expect, and for each
+    parameter that is too far from the prior mean that the user stated. Finally there is a warning
+    for each machine axis along which the circles' centre shifts in proportion to force.
 
     Parameters
     ----------

@@ -26,8 +26,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["importance_sample"]
 
-# Distances from a mode of the density to integrate, on either side along every direction, at which
-# the density is evaluated. They are in standard deviations.
+# The density to integrate is evaluated at these distances from a mode, on both sides along every
+# direction. They are in standard deviations of the Gaussian fitted at the mode.
 _ALONG_AXIS = np.array([0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.5, 8.0, 10.0])
 # Number of independent randomisations (scrambles) of the Sobol sequence; the scatter between them
 # gives the error of an integral.
@@ -37,7 +37,8 @@ _SCRAMBLES = 8
 # dimensions if this is more. The number is then rounded up to a power of two.
 _FEWEST_POINTS = 32.0
 _POINTS_PER_DIMENSION = 1.5
-# Each round of importance sampling has this number of times the points of the round before.
+# Each round of importance sampling starts with this many times the points with which the round
+# before started, unless that exceeds the largest number allowed.
 _GROWTH = 4
 # Largest number of rounds of importance sampling, each of which draws new points.
 _ROUNDS = 5
@@ -46,12 +47,11 @@ _ROUNDS = 5
 # anew.
 _EFFICIENT = 0.4
 # Before a proposal (the density drawn from) is fitted to weighted points, weights are evened out by
-# raising them to a power below one. Their effective sample size must then reach a third of the
-# number of points or, if that is smaller, this number times one plus the number of dimensions.
+# raising them to a power below one. In h dimensions, their effective sample size must then reach
+# this number times h + 1, or a third of the number of points if that is smaller.
 _FITTED_PER_DIMENSION = 40.0
-# Uneven weights of points are raised to a power. The power is one at first and is multiplied by
-# ``_EVENING`` until the effective sample size of the weights suffices or the power is no longer
-# above ``_LEAST_POWER``.
+# The power to which weights are raised starts at one. It is multiplied by ``_EVENING`` until the
+# effective sample size of the weights suffices or the power is no longer above ``_LEAST_POWER``.
 _EVENING = 0.8
 _LEAST_POWER = 0.02
 
@@ -65,16 +65,17 @@ def importance_sample(
     max_points: int = 65_536,
     tries: int = 2,
 ) -> Integral:
-    """Return the integral ∫ f of a density from quasi-random points, within a tolerance.
+    """Return the integral ∫ f of a density from quasi-random points, to a tolerance if possible.
 
     Points are drawn in rounds from a proposal, a density much like f, and weighted by f divided by
     the proposal. The proposal of the first round is fitted to f along directions through every
     mode. The proposal of a later round is fitted to the points of all rounds before. If the weights
-    of a round are even enough, the round is extended by as many points again. The first round that
-    reaches the tolerance with weights that can be trusted is returned. If there is none, the best
-    round is returned; its ``trusted`` states whether its weights can be trusted. If the weights of
-    no round can be trusted, another seed is tried, as a round may miss a tail of f by chance. If no
-    seed gives weights that can be trusted, the best round of the first seed is returned.
+    of a round are even enough, the round is extended by as many points again. The earliest later
+    round that reaches the tolerance with weights that can be trusted is returned. If there is none,
+    the later round with the smallest error is returned; ``trusted`` of the result states whether
+    its weights can be trusted. If they cannot, other seeds are tried, as a round may miss a tail of
+    f by chance. If no seed gives weights that can be trusted, the result of the first seed is
+    returned.
 
     Parameters
     ----------
@@ -84,7 +85,7 @@ def importance_sample(
         Modes (maxima) of f, shape (h,), the highest first, each with a square root, shape (h, h),
         of the inverse of minus the Hessian of ln f there.
     tolerance : float
-        Error of ln ∫ f asked for [nat].
+        Error allowed in ln ∫ f [nat].
     seed : int
         Seed of the randomised quasi-random sequences.
     max_points : int
@@ -115,7 +116,7 @@ def _best_of_rounds(
     seed: int,
     max_points: int,
 ) -> Integral:
-    """Return the earliest round of sampling that reaches the tolerance, or else the best round.
+    """Return the earliest round that reaches the tolerance, or the best round if none does.
 
     The best round is the one with the smallest error, among those with weights that can be trusted
     if there are any. The first round only serves to fit the proposal (the density drawn from) and
@@ -157,7 +158,7 @@ def _draw_round(
 
     Points are drawn from ``proposal``, at first ``size`` points of each randomised quasi-random
     sequence (scramble). ``log_density`` is the logarithm of the density f to integrate and
-    ``tolerance`` the error of ln ∫ f asked for [nat]. Doubling stops early if the weights are too
+    ``tolerance`` the error allowed in ln ∫ f [nat]. Doubling stops early if the weights are too
     uneven or cannot be trusted, or if the round would have more than ``max_points`` points.
     """
     count = np.maximum(np.rint(size * proposal.share), 1.0).astype(int)
@@ -182,7 +183,7 @@ def _extend_sample(
     count: Index,
     earlier: Integral | None,
 ) -> Integral:
-    """Return the ``earlier`` sample, or an empty one if it is None, with new weighted points added.
+    """Return a sample of weighted points: those of ``earlier``, if it is given, and new ones.
 
     The points are drawn from the components of ``proposal`` by quasi-random sequences. ``engines``
     holds, for each component, its randomised sequences; ``count``, shape (components,), is the

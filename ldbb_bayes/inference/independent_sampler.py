@@ -21,7 +21,7 @@ from ldbb_bayes.results import Array
 
 __all__ = ["JointDraws", "TooRoughError", "draw_jointly"]
 
-# The rejection sampler gives up after this many blocks of proposals for each block (256) of draws
+# The rejection sampler gives up after this many blocks of proposals for each block of 256 draws
 # asked for.
 _MOST_ROUNDS = 50
 # Number of random draws of the parameters, for each value of the hyper-parameters, from which the
@@ -73,12 +73,13 @@ def draw_jointly(posterior: HyperPosterior, size: int, rng: np.random.Generator)
     the posterior of φ, and β from its Gaussian density given φ and the readings. φ is then accepted
     in proportion to its weight, the posterior density divided by the proposal. If compliances must
     not be negative, several β are drawn for each φ, and the weight is multiplied by the share of
-    these β without negative compliances. This is exact, as the share is on average the probability,
-    given φ and the readings, that no compliance is negative. If the share is too small, the weight
-    is multiplied by this probability itself, and β is drawn from a density shifted (tilted) towards
-    compliances that are not negative. The probability of acceptance is the weight divided by twice
-    an estimate of the mean weight. If this ratio exceeds one, φ may be used several times, each
-    time with another β. ``posterior`` is the posterior density of φ.
+    these β without negative compliances. On average the share is the probability, given φ and the
+    readings, that no compliance is negative, so that the draws are those of the posterior. If the
+    share is too small, the weight is multiplied by this probability itself, and β is drawn from a
+    density shifted (tilted) towards compliances that are not negative. The probability of
+    acceptance is the weight divided by twice an estimate of the mean weight. If this ratio exceeds
+    one, φ may be used several times, with different β as far as there are enough. ``posterior`` is
+    the posterior density of φ.
 
     Raises
     ------

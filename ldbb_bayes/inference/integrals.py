@@ -1,7 +1,8 @@
 """Integrals ∫ f of a density f in h dimensions as sums over n weighted nodes, with an error.
 
-The nodes are either a lattice, two regular grids moved against each other, or a random sample from
-a proposal, a density much like f. A scramble is one randomisation of a quasi-random sequence.
+The nodes are either a lattice or a random sample. A lattice consists of two regular grids moved
+against each other. A sample is drawn from a proposal, which is a density much like f, by means of
+several randomised quasi-random sequences.
 """
 
 from __future__ import annotations
@@ -46,9 +47,9 @@ _BEYOND_EDGE = 3.0
 # Its error is taken to be this share of the difference between the log integrals from the two
 # grids.
 _MEAN_OF_TWO = 0.25
-# The error of a log integral from a lattice is a share of d, the difference between the log
-# integrals from its two grids. Where d exceeds this value [nat], the share of this value is taken.
-# If d² is larger than the share, d² is the error.
+# Let d be the difference between the log integrals from a lattice's two grids [nat]. The error of
+# the log integral from the lattice is ``_MEAN_OF_TWO`` times d, where d counts as at most this
+# value; it is d² if d² is larger.
 _LARGEST_LINEAR = 0.02
 # The difference between the log integrals from a lattice's two grids counts as at least this share
 # of the difference before the lattice's step, the distance between its points, was shortened.
@@ -130,11 +131,10 @@ class Integral:
     def _lattice_error(self) -> float:
         """Return the error of the log integral ln ∫ f from a lattice [nat].
 
-        It is a share of the difference between the log integrals from the lattice's two grids, plus
-        the share of the integral beyond the lattice's outermost nodes. Only a share of the
-        difference counts, because the errors of the two grids cancel to first order in their mean.
-        The difference may pass through zero as the step of the lattice is shortened. It therefore
-        counts as at least 0.35 of the difference before the last shortening.
+        It is the sum of two errors: that of the mean of the two grids (see `_LARGEST_LINEAR`), and
+        the share of the integral beyond the outermost nodes. A difference between the grids counts
+        as at least 0.35 of the difference before the step was last shortened, because it may be
+        small by chance.
         """
         difference = max(self.grid_difference, _DECLINE * self.coarser_difference)
         of_mean = max(difference**2, _MEAN_OF_TWO * min(difference, _LARGEST_LINEAR))
@@ -175,8 +175,8 @@ class Integral:
     def heaviest(self, spare: float) -> tuple[Array, Array]:
         """Return the nodes with the largest weights, shape (k, h), and these weights, shape (k,).
 
-        As many nodes are left out as together hold less than the share ``spare`` of the integral.
-        The weights returned are scaled to sum to one.
+        The nodes of smallest weight, which together hold less than the share ``spare`` of the
+        integral, are left out. The weights returned are scaled to sum to one.
         """
         heavy = self._heavy_nodes(spare)
         return self.free[heavy], self.weight[heavy] / self.weight[heavy].sum()
@@ -184,7 +184,8 @@ class Integral:
     def _heavy_nodes(self, spare: float) -> Index:
         """Return the indices of the nodes with the largest weights, in ascending order.
 
-        As many nodes are left out as together hold less than the share ``spare`` of the integral.
+        The nodes of smallest weight, which together hold less than the share ``spare`` of the
+        integral, are left out.
         """
         order = np.argsort(self.weight)
         return np.sort(order[np.cumsum(self.weight[order]) >= spare])

@@ -4,10 +4,10 @@ For a smooth function that falls off in every direction, the error of the rule f
 the step shortens (Trefethen and Weideman, SIAM Review 56, 385-458, 2014). The lattice consists of
 two grids, the second moved by half a step in every direction. Together they are body-centred, and
 errors along single directions cancel in the mean of the two grids. A step is the distance from a
-point of a grid to the next one along a direction of the grid. Steps are in units of the standard
-deviation (sd) of the Gaussian fitted to the density at its highest mode, in every direction. The
-edge of a lattice is its outermost points. f is the density integrated, h the number of dimensions,
-n the number of nodes (points).
+point of a grid to the next one along a direction of the grid. The unit of a step is a standard
+deviation of the Gaussian that is fitted to the density at its highest mode. The edge of a lattice
+is its outermost points. f is the density integrated, h the number of dimensions, n the number of
+nodes (points).
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ __all__ = ["grow_lattice"]
 # An integral is computed from a coarse lattice if the error allowed in its logarithm is at least
 # this [nat], else from a fine lattice.
 _LOOSE_TOLERANCE = 1e-2
-# Spacing of the points of the coarse lattice that is tried first, in units of the standard
+# Step (spacing of the points) with which a coarse lattice starts, in units of the standard
 # deviation of the Gaussian that is fitted to the density at its highest mode.
 _LOOSE_STEP = 2.0
-# Spacing of the points of the fine lattice that is tried first, as a multiple of the spacing with
+# Step (spacing of the points) with which a fine lattice starts, as a multiple of the step with
 # which the integral of a Gaussian density would reach the tolerance.
 _STEP_MARGIN = 0.93
 # Points are added to a coarse lattice until the log density at its outermost points is below its
 # highest value by this [nat].
 _LOOSE_DEPTH = 9.0
 # Points are added to a fine lattice until the log density at its outermost points is below its
-# highest value by this minus the logarithm of the tolerance of the log integral [nat].
+# highest value by this plus ln(1 / tolerance) [nat]; the tolerance is that of the log integral.
 _DEPTH = 5.5
 # If too much of the integral lies beyond the outermost points of a lattice, the lattice is computed
 # again, with points added until the log density at its outermost points is lower by this [nat].
@@ -55,12 +55,13 @@ def grow_lattice(
     step: float | None = None,
     max_nodes: int = 200_000,
 ) -> Integral:
-    """Return the integral ∫ f of a density from a lattice, within a tolerance.
+    """Return the integral ∫ f of a density from a lattice, within a tolerance if possible.
 
-    The nodes of the lattice are the points of two regular grids, moved against each other by half a
-    step, the distance from a point of a grid to the next one. Points are added around the modes
-    until f is negligible at the outermost points, and the step is shortened as needed. Both stop at
-    ``max_nodes`` nodes; the error of the result may then exceed the tolerance.
+    The nodes of the lattice are the points of two regular grids. A step is the distance from a
+    point of a grid to the next one; the grids are moved against each other by half a step. Points
+    are added around the modes until f is negligible at the outermost points, and the step is
+    shortened as needed. Both stop at ``max_nodes`` nodes; the error of the result may then exceed
+    the tolerance.
 
     Parameters
     ----------
@@ -71,10 +72,10 @@ def grow_lattice(
         of the inverse of minus the Hessian of ln f there. The root at the highest mode sets the
         directions of the lattice.
     tolerance : float
-        Error of ln ∫ f asked for [nat].
+        Error allowed in ln ∫ f [nat].
     step : float, optional
-        Step of each grid that is tried first, in units of the standard deviation of the Gaussian
-        fitted to f at the highest mode. Default: the step that a Gaussian density would need.
+        Step of both grids to start with, in units of the standard deviation of the Gaussian fitted
+        to f at the highest mode. Default: computed from the tolerance.
     max_nodes : int
         Number of nodes of a grid above which no points are added to it. The step is not shortened
         either if that would give a lattice of more nodes than this.
@@ -104,12 +105,12 @@ def grow_lattice(
 
 
 def _first_step(h: int, tolerance: float) -> float:
-    """Return the spacing of the points of a lattice in h dimensions that is tried first.
+    """Return the step, or spacing of the points, with which a lattice in h dimensions starts.
 
-    The spacing, or step, is in units of the standard deviation of the Gaussian fitted to the
-    density at its highest mode. For a Gaussian density f, the log integrals ln ∫ f from the two
-    grids of the lattice differ by 4 h exp(−2 π²/step²). The step is a little shorter than
-    ``tolerance``, the error allowed in ln ∫ f [nat], requires.
+    The step is in units of the standard deviation of the Gaussian fitted to the density at its
+    highest mode. It is 2 if ``tolerance``, the error allowed in the log integral [nat], is 0.01 or
+    more. Otherwise it is a little shorter than a Gaussian density would need to reach the
+    tolerance.
     """
     if tolerance >= _LOOSE_TOLERANCE:
         return _LOOSE_STEP
@@ -127,9 +128,9 @@ def _lattice(
 ) -> Integral:
     """Return the integral ∫ f of a density from the two grids of a lattice in h dimensions.
 
-    The columns of ``cell``, shape (h, h), are the steps from a node of a grid to its next ones.
+    The columns of ``cell``, shape (h, h), are the steps of a grid along its h directions.
     ``coarser_difference`` is the difference between ln ∫ f from the two grids before the step was
-    shortened [nat]. The other arguments are those of `_grow_grid`.
+    last shortened [nat], or zero. The other arguments are those of `_grow_grid`.
     """
     grids = [
         _grow_grid(log_density, centre, cell, starts, offset, depth, max_nodes)
@@ -181,14 +182,14 @@ def _grow_grid(
     depth: float,
     max_nodes: int,
 ) -> _Grid:
-    """Return one grid of a lattice: add the neighbours of nodes until all new ones are negligible.
+    """Return one grid of a lattice, grown from the modes until all neighbours added are negligible.
 
     A node is negligible if the log density there is below its highest value by ``depth`` [nat] or
     more. Growing also stops at ``max_nodes`` nodes. The grid's steps are the columns of ``cell``,
-    shape (h, h). ``starts`` are the modes of the density, from which the grid grows, relative to
-    ``centre`` and in multiples of the steps. ``offset`` is the part of a step, 0 or 0.5, by which
-    the grid is moved in every direction. The edge of the grid is its negligible nodes, and the
-    nodes added last if growth stopped at ``max_nodes``.
+    shape (h, h). ``starts`` are the modes of the density relative to ``centre``, in multiples of
+    the steps. ``offset`` is the part of a step, 0 or 0.5, by which the grid is moved in every
+    direction. The edge of the grid is its negligible nodes, and the nodes added last if growth
+    stopped at ``max_nodes``.
     """
     h = len(starts[0])
     neighbours = np.vstack([np.eye(h), -np.eye(h)])
@@ -215,7 +216,7 @@ def _grow_grid(
 
 
 def _first_front(starts: Sequence[Array], offset: float) -> Array:
-    """Return the grid points next to the starting points, from which a grid grows, shape (n, h).
+    """Return the grid points next to the starting points of a grid's growth, shape (n, h).
 
     Starting points and grid points are in multiples of the grid's steps. ``offset`` is the part of
     a step by which the grid is moved; it is not included in the grid points. If it is zero, the

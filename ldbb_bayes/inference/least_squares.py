@@ -77,7 +77,8 @@ def fit_least_squares(
     campaign : Campaign
         Campaign with readings.
     degree : {0, 1, 2}
-        Degree of the compliances in force: constant (0), linear (1, Eq. 33) or quadratic (2).
+        Degree of the compliances as polynomials in the force: constant (0), linear (1, Eq. 33) or
+        quadratic (2).
     reference_force_N : float, optional
         Force F0 at which slopes add nothing [N]. Default: the mid-range of the campaign's forces.
         Zero gives Eq. 33 literally.

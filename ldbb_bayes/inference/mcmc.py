@@ -37,12 +37,12 @@ __all__ = [
 _BLOCKS_PER_LENGTH = 4
 # Largest number of times that the sampler's blocks of steps double in length.
 _LARGEST_DOUBLING = 5
-# At the first doublings of the length of the sampler's blocks, as many as this, the number of draws
-# that a block stores doubles too. A later doubling leaves the number of stored draws unchanged; the
-# number of steps from one stored draw to the next doubles instead.
+# When a block of the sampler doubles in length, up to this number of times, it also stores twice as
+# many draws. At every later doubling it stores as many draws as before, and the number of steps
+# from one stored draw to the next doubles.
 _DOUBLINGS_STORED = 2
 # A walker moves by differential evolution: by a factor times the difference of two other walkers.
-# In this share of such moves the factor is one, by which walkers jump between modes.
+# In this share of such moves the factor is one, so that walkers can jump between modes.
 _JUMP_SHARE = 0.1
 # Share of the moves of walkers that propose independent points, drawn from a density near the
 # posterior, if there is a source of such points.
@@ -50,8 +50,8 @@ _REDRAW_SHARE = 0.9
 # Largest number of draws kept of each ensemble of walkers, unless the effective sample size asked
 # for needs more.
 _MOST_DRAWS = 25_000
-# Moves that propose independent points to walkers take them from a stock. This number of points is
-# drawn at a time to fill it.
+# Moves that propose independent points to walkers take the points from a stock. This number of
+# points is drawn each time that the stock is too small.
 _STOCK = 512
 
 
@@ -90,7 +90,7 @@ class StoppingRule(Shown):
     #: number of steps of the sampler before its draws are first assessed; later assessments are
     #: further apart, and not every step of a long run is stored
     block: int = 20
-    #: share of the stored draws, the first ones, that is discarded as burn-in
+    #: share of the stored draws that is discarded as burn-in, counted from the first draw
     discard: float = 0.25
     #: number of autocorrelation times that the draws kept must span, because an ensemble that has
     #: hardly moved can look well mixed
@@ -160,7 +160,9 @@ class EnsembleRun:
     chain: Array
     assessment: Assessment
     converged: bool  #: whether the draws meet the stopping rule (effective sample size and R-hat)
-    steps: int  #: number of steps that each ensemble of walkers made
+    #: number of steps that each ensemble of walkers made; for independent draws, the number of
+    #: draws of each chain
+    steps: int
     walkers: int  #: number of walkers of each ensemble; 1 if the draws are independent
     acceptance: float  #: share of the proposed moves, or of proposed draws, that were accepted
 
@@ -214,7 +216,7 @@ def run_ensembles(
     progress: Callable[[Progress], None] | None = None,
     redraw: Redraw | None = None,
 ) -> EnsembleRun:
-    """Return the run of several ensembles of walkers until the stopping rule is met.
+    """Run several ensembles of walkers until a stopping rule ends the run, and return the draws.
 
     A walker is a point that moves at random through d coordinates; the points that it visits are
     the draws. Walkers move by differential evolution, or jump to independent points from
@@ -427,7 +429,8 @@ class RedrawMove:
     def _next_independent_points(self, size: int, random: np.random.RandomState) -> WeightedPoints:
         """Remove ``size`` weighted points from the stock of independent points, and return them.
 
-        If the stock has too few, more points are drawn by means of ``random``.
+        If the stock has too few, more points are drawn first. ``random`` generates the random
+        numbers.
         """
         stock = self._stock
         while stock is None or len(stock.points) < size:

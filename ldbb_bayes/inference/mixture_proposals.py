@@ -2,7 +2,8 @@
 
 A proposal is the density from which points are drawn. A split t is a Student-t distribution with
 different scales and degrees of freedom on its two sides (Geweke, Econometrica 57, 1317-1339, 1989).
-A component of a mixture is a product of split t along h directions of its own, in h dimensions.
+A component of a mixture in h dimensions is a product of h split t distributions, each along a
+direction of its own.
 """
 
 from __future__ import annotations
@@ -61,11 +62,12 @@ _SHRINKAGE = 4.0
 
 @dataclass(frozen=True, eq=False)
 class SplitT:
-    """Distribution of x = centre + root z, where the h elements of z are independent split t.
+    """Distribution of x = centre + root z, where each of h elements of z follows its own split t.
 
-    A split t is a Student-t distribution with different scales and degrees of freedom on its two
-    sides. The density is continuous, as the two sides have the same height at z = 0. The columns of
-    the matrix ``root`` are the directions of the elements of z in the space of x.
+    The elements of z are independent. A split t is a Student-t distribution with different scales
+    and degrees of freedom on its two sides. Its density is continuous, as the two sides have the
+    same height at z = 0. The columns of the matrix ``root`` are the directions of the elements of z
+    in the space of x.
     """
 
     #: point x at which the two sides of the distribution meet in every direction, shape (h,)
@@ -173,8 +175,8 @@ def refit_mixture(proposal: Mixture, points: Array, weight: Array) -> Mixture:
     """Return a mixture with each component of ``proposal`` refitted to weighted points.
 
     ``points`` has the shape (n, h); the weights, shape (n,), sum to one. The weight of each point
-    is shared among the components in proportion to share times density of the components there.
-    Components that receive less than 2 % of the weight stay as they are.
+    is divided among the components in proportion to their density there, multiplied by their share
+    of the mixture. Components that receive less than 2 % of the weight stay as they are.
     """
     by_component = proposal.by_component(points)
     weights = weight * np.exp(by_component - np.logaddexp.reduce(by_component, axis=0))
@@ -192,8 +194,8 @@ def _refit_component(component: SplitT, points: Array, weight: Array) -> SplitT:
     """Return a component of a mixture, refitted to mean, covariance and tails of weighted points.
 
     ``component`` gives the coordinates in which the fit is made. ``points`` has the shape (n, h);
-    the weights, shape (n,), sum to one. Correlations are shrunk towards zero, the more so the fewer
-    points carry the weight.
+    the weights, shape (n,), sum to one. Correlations are shrunk towards zero; the shrinkage is
+    stronger if few points carry the weight.
     """
     z = np.linalg.solve(component.root, (points - component.centre).T).T
     ess = 1.0 / (weight**2).sum()
@@ -274,7 +276,7 @@ def fit_split_t(centre: Array, root: Array, z: Array, weight: Array) -> SplitT:
 
 
 def _fit_about(offset: float, z: Array, weight: Array, freedoms: Array) -> _AxisFit:
-    """Return split Student-t distributions along h directions, with sides meeting at ``offset``.
+    """Return split Student-t distributions along h directions, whose two sides meet at ``offset``.
 
     The distributions are fitted to n points: ``z``, shape (n, h), holds the coordinates along each
     direction, ``weight``, shape (n, h), the weights. ``freedoms`` are the degrees of freedom to
@@ -299,7 +301,7 @@ def _fit_about(offset: float, z: Array, weight: Array, freedoms: Array) -> _Axis
 
 
 def _fit_scale(square: Array, side_weights: Array, scale: Array, freedom: Array) -> Array:
-    """Return scales of split Student-t distributions, shape (2, h), improved by a few steps.
+    """Return better scales of split Student-t distributions, shape (2, h), after a few steps.
 
     A split Student-t has different scales and degrees of freedom on its two sides. The steps are
     those of expectation-maximisation, from the present ``scale`` and degrees of ``freedom``, each

@@ -35,8 +35,8 @@ __all__ = ["Evidence", "HyperPosterior", "Nodes"]
 # Step of the central differences by which the log density is differentiated with respect to the
 # hyper-parameters. It is in their unbounded coordinates, mostly ln(value − lower bound).
 _DIFFERENCE_STEP = 0.05
-# Curvatures (negative second derivatives) of the log density below this count as this value in
-# every direction. They are in unbounded coordinates of the hyper-parameters, such as their
+# A curvature (negative second derivative) of the log density in any direction counts as this value
+# if it is smaller. They are in unbounded coordinates of the hyper-parameters, such as their
 # logarithms.
 _LEAST_CURVATURE = 0.3
 # The search for modes (maxima) of the posterior of the hyper-parameters begins with ``_STARTS``
@@ -50,7 +50,7 @@ _BASINS = 3
 # hyper-parameters, such as their logarithms.
 _SEPARATION = 1.5
 # A maximum of the log posterior density of the hyper-parameters is negligible if it is lower than
-# the highest maximum by this or more [nat].
+# the highest maximum by at least this [nat].
 _NEGLIGIBLE_DEPTH = 12.0
 # Maxima of the posterior density with one hyper-parameter (scale of the noise or of another effect)
 # held near zero are sought only if the model has at most this number of hyper-parameters.
@@ -58,14 +58,15 @@ _LARGEST_CORNER_DIMENSION = 5
 # When maxima of the posterior density with one hyper-parameter held near zero are sought, its
 # logarithm (unbounded coordinate) is held at this distance below its value at the mode.
 _BELOW_MODE = 3.0
-# Coarse nodes are weighted values of the hyper-parameters for which a rough integral suffices:
-# tolerance of the log evidence from them [nat], and spacing of the points of their lattice in
-# standard deviations of the posterior at its highest mode.
+# Coarse nodes are weighted values of the hyper-parameters that serve where a rough integral
+# suffices. ``_COARSE_TOLERANCE`` is the error allowed in the log integral from them [nat].
+# ``_COARSE_STEP`` is the spacing of the points of their lattice, in standard deviations of the
+# Gaussian fitted at the highest mode.
 _COARSE_TOLERANCE = 0.2
 _COARSE_STEP = 1.25
 # The probability that no compliance is negative is not computed at the nodes (values of the
-# hyper-parameters) of smallest weight. Their share of the integral is at most the tolerance [nat]
-# divided by this.
+# hyper-parameters) of smallest weight. The share of the integral in these nodes is less than the
+# tolerance [nat] divided by this.
 _PARTS_OF_TOLERANCE = 20.0
 # Largest share of the integral in nodes at which the probability that no compliance is negative is
 # not computed, whatever the tolerance.
@@ -73,9 +74,9 @@ _LARGEST_LEFT_OUT = 5e-4
 # The log probability that no compliance is negative is computed to a quarter of the tolerance, but
 # never better than this [nat].
 _FINEST_TOLERANCE = 1e-3
-# If nodes (weighted values of the hyper-parameters) miss the tolerance only because the computed
-# probability that no compliance is negative has an error too, new nodes are computed to this share
-# of the tolerance.
+# The computed probability that no compliance is negative adds an error of its own. If nodes
+# (weighted values of the hyper-parameters) miss the tolerance only for this reason, new nodes are
+# computed to this share of the tolerance.
 _NODES_SHARE = 0.7
 # Means and variances of parameters are averages over nodes, that is, weighted values of the
 # hyper-parameters. The nodes of smallest weight are left out; together they hold at most this share
@@ -106,8 +107,8 @@ class HyperPosterior:
         Seed of the starting points of the search for modes, and of the quasi-random points from
         which P(T | y, φ) is computed.
     near : ndarray, shape (h,), optional
-        Free coordinates of the mode of a density much like this one, which saves the search for the
-        mode.
+        Mode of a similar density, in free coordinates. The search for modes then starts from this
+        point alone.
     """
 
     def __init__(
@@ -183,10 +184,10 @@ class HyperPosterior:
         return np.asarray(log_density)
 
     def nodes(self, tolerance: float = 1e-3) -> Nodes:
-        """Return weighted nodes that integrate the density to this tolerance [nat].
+        """Return weighted nodes that integrate the density, to this tolerance [nat] if possible.
 
         The nodes are values of the hyper-parameters (scales of the noise and of other effects); the
-        tolerance is the error asked for of the log integral. If this density is ``truncated``, the
+        tolerance is the error allowed in the log integral. If this density is ``truncated``, the
         nodes of the density that allows negative compliances are used first. Their weights are
         multiplied by the probability that no compliance is negative. If the result misses the
         tolerance, nodes of the truncated density itself are computed. Of the two sets of nodes, the
@@ -239,7 +240,7 @@ class HyperPosterior:
         integral : Integral
             Integral of the density that allows negative compliances, with its nodes.
         tolerance : float
-            Error of the log integral asked for [nat].
+            Error allowed in the log integral [nat].
         orthant : callable, optional
             Function that takes indices of nodes, shape (k,), and returns the numerical problems
             from which P(T | y, φ) is computed there. Default: they follow from the parameters'
@@ -270,8 +271,8 @@ class HyperPosterior:
 
         spare = min(tolerance / _PARTS_OF_TOLERANCE, _LARGEST_LEFT_OUT)
         truncated = integral.times(log_factor_in_chunks, spare)
-        # The errors of P(T | y, φ) at all nodes add up with the nodes' weights, as they come from
-        # the same quasi-random points.
+        # The errors of ln P(T | y, φ) at the nodes need not cancel, as all come from the same
+        # quasi-random points. Their weighted sum is therefore taken.
         error = float(truncated.weight @ np.where(truncated.weight > 0.0, errors, 0.0))
         return Nodes(self, truncated, error)
 
@@ -358,14 +359,13 @@ class HyperPosterior:
         return basins
 
     def _corners(self) -> list[tuple[Array, Array]]:
-        """Return the maxima of the density with one hyper-parameter held near zero, each in turn.
+        """Return the maxima of the density if one hyper-parameter at a time is held near zero.
 
-        The other hyper-parameters compensate for the one held. Each maximum is a pair as in
-        `modes`: its point in unbounded coordinates, shape (h,), and a square root of the inverse of
-        minus the Hessian there. Negligible maxima are left out. The list is empty if there are more
-        than five hyper-parameters. The density extends beyond such a maximum: near zero, where a
-        hyper-parameter no longer matters, the log density falls only by one per unit of its
-        unbounded coordinate.
+        The density may extend far towards zero of a hyper-parameter. A proposal that is also fitted
+        at these maxima covers this. Each maximum is a pair as in `modes`: its point in unbounded
+        coordinates, shape (h,), and a square root of the inverse of minus the Hessian there.
+        Negligible maxima are left out. The list is empty if there are more than five
+        hyper-parameters.
         """
         corners: list[tuple[Array, Array]] = []
         dimensions = len(self.mode)
@@ -569,13 +569,14 @@ class Nodes:
         return mean, np.sqrt(weight @ (conditional.variance + (conditional.mean - mean) ** 2))
 
     def quantiles(self, levels: Array, *, seed: int, components: int = _COMPONENTS) -> Array:
-        """Return posterior quantiles of the p parameters at the n probabilities ``levels``, (n, p).
+        """Return posterior quantiles of the p parameters at n probabilities, shape (n, p).
 
-        The quantiles are those of a mixture of Gaussians: the densities of a parameter given each
-        of ``components`` values of the hyper-parameters, which are picked from the nodes by their
-        weights. If compliances must not be negative, this restricts the parameters along some
-        directions. Their components along these directions are then drawn at random with the given
-        ``seed``, and each Gaussian is also conditional on them.
+        ``levels``, shape (n,), holds the probabilities. The quantiles are those of a mixture of
+        Gaussians: the densities of a parameter given each of ``components`` values of the
+        hyper-parameters, which are picked from the nodes by their weights. If compliances must not
+        be negative, this restricts the parameters along some directions. Their components along
+        these directions are then drawn at random with the given ``seed``, and each Gaussian is also
+        conditional on them.
         """
         rng = np.random.default_rng(seed)
 
@@ -597,8 +598,8 @@ class Nodes:
         ``free``, shape (w, h), holds the hyper-parameters in unbounded coordinates. Standard
         coordinates are those in which the Gaussian density of the parameters given the
         hyper-parameters is N(0, I). If compliances must not be negative, this restricts standard
-        coordinates along d directions. ``along_axes`` then returns their mean, shape (w, d), and
-        covariance, shape (w, d, d).
+        coordinates along d directions. ``along_axes`` then returns the mean, shape (w, d), and the
+        covariance, shape (w, d, d), of the coordinates along these directions.
         """
         means = []
         variances = []

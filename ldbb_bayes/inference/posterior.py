@@ -1,4 +1,4 @@
-"""The posterior as an xarray DataTree in ArviZ's layout: build, save, load and read back."""
+"""The posterior as an xarray DataTree in ArviZ's layout: build, save, load and read it."""
 
 from __future__ import annotations
 
@@ -411,9 +411,10 @@ def model_draws_of(posterior: xr.DataTree, size: int | None = None) -> list[Mode
 
     If the posterior is of one model, the list has one item. The models of an average differ in
     their rival explanations: effects that readings can mistake for slopes (changes of compliance
-    with force). The effect of a rival explanation on the readings follows from the draws of its own
-    model only. Each item has all parameters of the average; a parameter that its model lacks is
-    zero. If ``size`` is given, at most that many draws are returned in total, evenly spaced.
+    with force). The effect of a rival explanation on the readings can only be computed from the
+    draws of a model that contains it. Each item has all parameters of the average; a parameter that
+    its model lacks is zero. If ``size`` is given, at most that many draws are returned in total,
+    evenly spaced.
     """
     bound = bound_of(posterior)
     beta, phi = draws_of(posterior, bound, size)
@@ -451,7 +452,7 @@ def curves_of(
 
 
 def to_units(posterior: xr.DataTree) -> xr.DataTree:
-    """Return a posterior with its draws in units that are easy to read: nm/N, nrad/N, µrad, µm.
+    """Return a posterior with its draws in units that are easy to read, such as nm/N and µrad.
 
     The result is for plots and summaries by other libraries; the analyses of this package need the
     posterior itself. The unit of each variable is in its attribute ``units``. Readings, forces and
@@ -497,7 +498,7 @@ def to_units(posterior: xr.DataTree) -> xr.DataTree:
 
 
 def _plain_unit(name: str, unit: str) -> tuple[float, str]:
-    """Return the unit in which draws of a variable are shown: factor, and label such as nm/N.
+    """Return factor and label of the unit in which draws of a variable are shown, such as nm/N.
 
     The factor converts from ``unit``, the internal unit of the variable called ``name``. In the
     unit shown, draws are about 0.1 or more in size, because other libraries round to two decimals.

@@ -134,7 +134,7 @@ def _draw_shared_of_plan(
     beta: Array,
     rng: np.random.Generator,
 ) -> Array:
-    """Return what machine and shared nuisances predict for the planned tests [mm].
+    """Return the effects of the machine and of shared nuisances on the planned tests [mm].
 
     Shared nuisances are effects that are modelled but not of interest and that several tests have
     in common. The result holds random draws of Fourier coefficients of the orders 0 to 12, shape

@@ -40,10 +40,10 @@ def integrate(
         Modes (maxima) of f, shape (h,), the highest first, each with a square root, shape (h, h),
         of the inverse of minus the Hessian of ln f there.
     tolerance : float
-        Error of ln ∫ f asked for [nat].
+        Error allowed in ln ∫ f [nat].
     step : float, optional
-        Spacing of the points of a lattice that is tried first, in units of the standard deviation
-        of the Gaussian fitted to f at the highest mode. Default: computed from the tolerance.
+        Spacing of the points with which a lattice starts, in units of the standard deviation of the
+        Gaussian fitted to f at the highest mode. Default: computed from the tolerance.
     seed : int
         Seed of importance sampling.
     """

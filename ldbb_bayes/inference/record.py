@@ -31,10 +31,10 @@ __all__ = ["densities_of", "groups_of", "prior_draws_of", "record_from"]
 def densities_of(draws: ModelDraws) -> dict[str, Array]:
     """Return log posterior and log prior densities of n posterior draws, each of shape (n,).
 
-    The key ``lp`` is for the log posterior density, not divided by the evidence, in the coordinates
-    of the sampler (see `JointDensity`). The key ``parameters`` is for the log prior density of the
-    parameters (compliances, slopes, geometric errors), ``hyper`` for that of the hyper-parameters
-    (the scales of the noise and of other effects).
+    The key ``lp`` is for the logarithm of the posterior density, which is not divided by the
+    evidence, in the coordinates of the sampler (see `JointDensity`). The key ``parameters`` is for
+    the log prior density of the parameters (compliances, slopes, geometric errors), ``hyper`` for
+    that of the hyper-parameters (the scales of the noise and of other effects).
     """
     bound, phi, beta = draws
     density = JointDensity(bound)
@@ -180,8 +180,9 @@ def _model_record(bound: BoundModel) -> dict[str, Any]:
 def _has_preset_priors(model: HybridModel) -> bool:
     """Return whether a model has the priors of the preset from which it was derived.
 
-    Two changes do not count. A drift over time or temperature may have been added, with its default
-    priors. The condition that no compliance is negative may have been switched on or off.
+    Three changes do not count. A drift over time or temperature may have been added, with its
+    default priors. Terms may have been left out. The condition that no compliance is negative may
+    have been switched on or off.
     """
     preset = HybridModel.from_preset(model.preset, model.degree)
     preset_terms = {type(term): term for term in preset.nuisances}

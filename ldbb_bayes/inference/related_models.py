@@ -3,8 +3,8 @@
 φ are the hyper-parameters, the scales of the noise and of other effects. Rival explanations of
 slopes are effects that look like a change of compliance with force. Given φ, the coefficients (the
 parameters, and those of rival explanations of slopes) have a Gaussian posterior. Related models
-differ only in the Gaussian priors of coefficients, and in truncation. The posterior of one model
-therefore follows from that of the other. Nodes are weighted points that represent p(φ | y), where y
+differ only in the Gaussian priors of coefficients, and in truncation. The posterior of one of them
+therefore follows from that of another. Nodes are weighted points that represent p(φ | y), where y
 are the readings. Truncation T restricts compliances to values that are not negative.
 """
 
@@ -45,7 +45,7 @@ class _Conditionals(NamedTuple):
 
 
 class _ChangedModel(NamedTuple):
-    """Changes of the posterior if the coefficients have the prior of another model.
+    """Changes of evidence and posterior if the coefficients have the prior of another model.
 
     The changes are given at n nodes, which are values of the hyper-parameters. The coefficients are
     the parameters of interest, and those of effects that look like a change of compliance with
@@ -55,8 +55,8 @@ class _ChangedModel(NamedTuple):
     #: ln p(y | φ) under the prior of the other model minus that under the prior of the given model,
     #: for the readings y and each of n values of the hyper-parameters φ, shape (n,)
     log_ratio: Array
-    #: posteriors of the coefficients asked for, given each of n values of the hyper-parameters,
-    #: under the prior of the other model
+    #: posteriors of some of the coefficients, given each of n values of the hyper-parameters, under
+    #: the prior of the other model
     conditionals: _Conditionals
 
 
@@ -186,11 +186,11 @@ class RelatedModels:
     def _change_prior(
         self, bound: BoundModel, coefficients: list[int], nodes: Index
     ) -> _ChangedModel:
-        """Return the changes of the posterior at some nodes under the prior of another model.
+        """Return how the posterior at some nodes changes under the prior of another model.
 
         ``bound`` is the other model applied to the campaign. ``nodes``, shape (k,), holds indices
         of nodes (values of the hyper-parameters). ``coefficients`` are the indices of the
-        coefficients whose posteriors are returned, besides the change of the evidence.
+        coefficients whose posteriors are returned.
         """
         log_ratio = np.zeros(len(nodes))
         changed = self._changed_priors(bound)

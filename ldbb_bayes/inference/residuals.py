@@ -1,4 +1,4 @@
-"""Residuals of the readings against a prediction, and quality of the fit (Eq. 34-35 of the paper).
+"""Readings minus predicted readings, and the quality of a fit (Eq. 34-35 of the paper).
 
 Predictions are the 25 basis coefficients of a circle for every test: its harmonics of the orders 0
 to 12. The readings of a test are reduced to m numbers that contain all information about these
@@ -111,7 +111,7 @@ def residuals_mm(bound: BoundModel, predicted: Array) -> list[Array]:
 
 
 def reduced_residuals(bound: BoundModel, predicted: Array) -> list[Array]:
-    """Return reduced readings minus prediction of every test [mm], each of shape (m,).
+    """Return the reduced readings of every test minus their prediction [mm], each of shape (m,).
 
     The readings of a test are reduced to m ≤ 25 numbers that contain all information about its
     Fourier coefficients of the orders 0 to 12. ``predicted``, shape (tests, 25), holds the

@@ -52,11 +52,11 @@ _SURPLUS = 1.3
 # Number of independent draws that are added to each chain, so that the computed effective sample
 # size of every parameter reaches the one asked for.
 _SURPLUS_DRAWS = 50
-# If draws that are as good as independent are to be thinned from a run of emcee, the run must have
-# an effective sample size of this multiple of their number.
+# Draws that are as good as independent may be picked from a run of emcee. The effective sample size
+# of the run must then be this multiple of their number.
 _THINNING = 4.0
-# If draws that are as good as independent are to be thinned from a run of emcee, its R-hat must be
-# at most ``_RHAT_WHEN_THINNED``, and it must span at least ``_LENGTHS_WHEN_THINNED``
+# If draws that are as good as independent are picked from a run of emcee, R-hat of the run must be
+# at most ``_RHAT_WHEN_THINNED``. The run must span at least ``_LENGTHS_WHEN_THINNED``
 # autocorrelation times.
 _RHAT_WHEN_THINNED = 1.05
 _LENGTHS_WHEN_THINNED = 2.0
@@ -114,8 +114,8 @@ def sample(
         Campaign with readings.
     sampler : {"joint", "independent"}
         ``joint``: emcee samples all parameters and hyper-parameters. ``independent``: independent
-        draws from a proposal fitted to the hyper-parameters; if its weights cannot be trusted,
-        ``joint`` is used instead and the record states it.
+        draws by rejection from a density fitted to the posterior of the hyper-parameters; if its
+        weights cannot be trusted, ``joint`` is used instead and the record states it.
     seed : int
         Seed of all random numbers.
     ensembles : int
@@ -125,7 +125,7 @@ def sample(
         hyper-parameters; only for ``joint``. Default: 4 d, but at least 128.
     rule : StoppingRule, optional
         When to stop. Default: every parameter has bulk and tail ESS (effective sample size) ≥ 1000
-        and R-hat ≤ 1.01.
+        and R-hat ≤ 1.01, and the further conditions of `StoppingRule` are met.
     progress : callable, optional
         Function called with a report of the run each time that convergence is assessed.
 

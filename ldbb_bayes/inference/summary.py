@@ -30,8 +30,8 @@ __all__ = [
     "summarize_nuisances",
 ]
 
-# Entries of a posterior's record that only serve to rebuild its campaign and its model. They are
-# left out of the JSON result of a fit.
+# Entries of a posterior's record that the JSON result of a fit leaves out. They serve to rebuild
+# the campaign and the model, or are stated with each parameter instead.
 _FOR_REBUILDING = frozenset(
     ("fields", "test_fields", "foreseen", "toml", "prior_sd", "prior_mean", "groups")
 )
@@ -246,8 +246,8 @@ def _moments(draws: ModelDraws, names: list[Any]) -> tuple[Array, Array]:
 
     Nuisances are effects that are modelled but not of interest. Their means and variances are
     conditional on the readings and on the parameters and hyper-parameters of the draw. Both arrays
-    have the shape (draws, coefficients); ``names`` are the names of the coefficients. They are zero
-    for a coefficient that the model lacks.
+    have the shape (draws, coefficients), and are zero for a coefficient that the model lacks.
+    ``names`` are the names of the coefficients.
     """
     bound = draws.bound
     shifted = draws.beta - bound.centre

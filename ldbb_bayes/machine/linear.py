@@ -56,9 +56,9 @@ _PARALLEL = 1e-10
 # A compliance has no effect if the norm of its column, the readings per unit of the compliance, is
 # smaller than this share of the largest norm.
 _NULL_SHARE = 1e-10
-# Weights of compliances in a linear combination that are smaller than this share of the largest
-# weight are rounding errors. So are negative eigenvalues of a matrix of such weights whose absolute
-# value is smaller than this share of the largest weight.
+# The part of a compliance's effect that is due to a kept compliance is a rounding error if it is
+# smaller than this share of that effect. A negative eigenvalue of a matrix of weights is a rounding
+# error if its absolute value is smaller than this share of the largest weight.
 _ROUNDING_WEIGHT = 1e-7
 # The effect of a compliance is independent of the effects of others if the part of its column that
 # is no combination of their columns is longer than this; the column itself has length one.
@@ -469,7 +469,8 @@ def hybrid_jacobian(
     force_N : float
         Radial force F of the bar [N].
     degree : int, default 0
-        Degree of the compliance in force: 0 (constant), 1 (linear) or 2 (quadratic).
+        Degree of the compliance as a polynomial in the force: 0 (constant), 1 (linear) or 2
+        (quadratic).
     reference_force_N : float, default 0.0
         Reference force F0 [N].
 
