@@ -297,7 +297,8 @@ def register_when_displayed(register: Callable[[], object]) -> None:
     """Store a function that defines how results are displayed, to be called later.
 
     ``register`` is called without arguments when a result is displayed and the display of its class
-    is not defined yet. A program thus loads the words about results only if it displays a result.
+    is not defined yet. Thus a program loads the modules that display results only when it displays
+    one.
     """
     _REGISTRATIONS.add(register)
 
@@ -349,7 +350,8 @@ def screen_of(result: Any) -> tuple[Passage, ...]:
 
 
 def lines_of(passages: Iterable[Passage], width: int = 120) -> str:
-    """Return passages as text with lines of at most ``width`` characters.
+    """Return passages as text, with lines of at most ``width`` characters if words are short
+    enough.
 
     A passage is a table, a paragraph or a list. An empty line follows each table.
     """
@@ -366,9 +368,9 @@ def lines_of(passages: Iterable[Passage], width: int = 120) -> str:
 
 
 def text_of(result: Any, width: int = 120) -> str:
-    """Return all tables and sentences about a result as plain text for a terminal or a log.
+    """Return all tables and sentences about a result as plain text, for a terminal or a log.
 
-    Lines have at most ``width`` characters.
+    Lines have at most ``width`` characters if words are short enough.
     """
     return lines_of(parts_of(result), width)
 

@@ -32,8 +32,8 @@ _TERMINAL_LINES = 24
 # If a table needs more lines than this, ``print`` leaves out the columns that do not fit side by
 # side.
 _SCREEN_LINES = 45
-# Smallest widths [characters] to which the head of a column is broken into lines. They are tried in
-# this order until the table fits.
+# The head of a column may be broken into lines as narrow as this [characters]. The widths are tried
+# in this order until the table fits.
 _HEAD_WIDTHS = (12, 9, 7, 1)
 # Number of spaces between the columns of a displayed table.
 _GAP = 2
@@ -135,9 +135,9 @@ class Table:
     def screen(self, width: int = 100) -> str:
         """Return the table as text for a screen; if it is long, some columns are left out.
 
-        Lines have at most ``width`` characters. If the text has more than 45 lines, the columns
-        that `text` moves to lines beneath their rows are left out, and the last line names them. No
-        row is left out, so that the text may still be longer than a screen.
+        Lines have at most ``width`` characters, as in `text`. If the text has more than 45 lines,
+        the columns that `text` moves to lines beneath their rows are left out, and the last line
+        names them. No row is left out, so that the text may still be longer than a screen.
         """
         layout = _TextLayout(self, width)
         text = layout.text()
@@ -183,7 +183,7 @@ class _TextLayout:
         self._head_lines = [head.replace(" (", "\n(").split("\n") for head in self._heads]
 
     def text(self) -> str:
-        """Return the table as lines of text that fit the width, with all its columns."""
+        """Return the table with all its columns, as lines of text that fit the width if possible."""
         if self._is_too_wide():
             self._fit()
         return "\n".join(self._lines(sorted(self._beneath)))
@@ -218,7 +218,7 @@ class _TextLayout:
         return lines
 
     def _fit(self) -> None:
-        """Change the layout until the table fits the width.
+        """Change the layout until the table fits the width, if possible.
 
         First, the heads of columns are broken into lines. If the table is still too wide, columns
         with one value in all rows are stated once. If that is not enough, further columns are moved

@@ -191,8 +191,8 @@ def setting_to_inside(name: str, value: Any, subject: str) -> Any:
     """Return a setting, written as text with a unit, as a number in the unit that its name states.
 
     For direct_mm_per_N, "60 nm/N" is 6e-5; for sd_um, "3 µm" is 3. A setting whose name has no unit
-    is a ratio: "10 %" is 0.1. For such a setting, a text that is no number is returned unchanged. A
-    value that is not a text is always returned unchanged.
+    is a ratio: "10 %" is 0.1. For such a setting, a text that is not a number with a unit is
+    returned unchanged. A value that is not a text is always returned unchanged.
 
     Parameters
     ----------

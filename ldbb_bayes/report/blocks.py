@@ -39,7 +39,7 @@ class Banner:
     kind
         ``usable``, ``reserved`` (usable with reservations) or ``unusable``.
     sentence
-        Statement whether the numbers can be used, with the most serious reasons.
+        Sentence that states whether the numbers can be used, with the most serious reasons.
     """
 
     kind: str

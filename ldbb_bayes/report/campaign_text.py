@@ -131,10 +131,11 @@ def _significant(value: float | None, digits: int) -> str:
 
 @parts_of.register
 def _passages_of_uncertainties(result: Uncertainties) -> tuple[Passage, ...]:
-    """Return a table of what a fit assumes of the instrument, and a list of its certificates.
+    """Return a table of what a fit assumes of the instrument, its certificates, and a note.
 
     Every row of the table states a quantity, its nominal value, its standard uncertainty u, the
-    source of u, and the place in campaign.toml where the quantity can be stated.
+    source of u, and the place in campaign.toml where the quantity can be stated. The note is on
+    lobes of the balls.
     """
     rows = []
     for assumed in result.assumed:

@@ -91,7 +91,7 @@ def _elpd_cells(comparison: Comparison, name: str) -> tuple[str, str]:
 
 
 def assumptions_table(comparison: Comparison, *, slope_scales: bool = True) -> Table:
-    """Return a table of the log Bayes factor ln B under assumptions that the models do not make.
+    """Return a table of the log Bayes factor ln B under each of several assumptions.
 
     ln B is that of the second model over the first. The assumptions are about the prior of the
     slopes (changes of compliance with force) and about how circles differ from one another. For the

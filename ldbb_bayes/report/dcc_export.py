@@ -67,9 +67,8 @@ def dsi_unit(*units: str) -> str:
 def write_dcc(posterior: xr.DataTree, path: str | os.PathLike[str], *, prob: float = 0.95) -> Path:
     """Write the results of a fit as XML in the format of a digital calibration certificate.
 
-    The file holds mean, U (k = 2), interval and covariance of every compliance and geometric error
-    in internal units (mm, N, rad), the same numbers as ``fit --json``. It states that it is
-    unsigned and is not a calibration certificate.
+    The file holds mean, U (k = 2), interval and covariance of every parameter of the machine in
+    internal units (mm, N, rad). It states that it is unsigned and is not a calibration certificate.
 
     Parameters
     ----------

@@ -94,7 +94,7 @@ class Findings:
     def varying(self) -> float:
         """Posterior probability that compliance changes with force.
 
-        The probability is 1 if no average over models was computed.
+        If no average over models was computed, it is set to 1, so that slopes are stated.
         """
         return 1.0 - self.probabilities.get(DEGREES[0], 0.0)
 

@@ -20,8 +20,8 @@ def _passages_of_identifiability(result: Identifiability) -> tuple[Passage, ...]
 
     Contraction, a column of the table, is the share of a parameter's prior variance that the
     readings remove. Two lists follow the sentences: combinations of parameters that no reading can
-    resolve, and parameters that look like friction, drift, curvature in force or lobes of the
-    balls.
+    resolve, and parameters whose effects on the readings look like those of friction, drift,
+    curvature in force or lobes of the balls.
     """
     rows = []
     for name, entry in result.parameters.items():

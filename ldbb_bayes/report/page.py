@@ -286,7 +286,8 @@ def write_report(
         Force at which the sheets state stiffness and circular deviation [N]. Default: the reference
         force.
     progress : callable, optional
-        Function called with the number of finished sections and the number of all sections.
+        Function called with the numbers of finished and of all steps. One step is a section, or
+        both sheets.
 
     Returns
     -------

@@ -19,8 +19,7 @@ from ldbb_bayes.units import display_name, display_unit, three_digits, two_digit
 
 __all__ = ["screen_of"]
 
-# Number of characters of the longest verdict on a parameter that fits into one line of a table 80
-# characters wide.
+# Largest number of characters of a verdict that fits into one line of a table 80 characters wide.
 _LONGEST_VERDICT = 42
 # Largest number of effects that the verdict on a confounded parameter names in a short table.
 _MOST_PARTNERS = 2

@@ -42,7 +42,7 @@ _WORDS_OF_QUANTITIES = {"scale_mismatch": "scale mismatch", "G_b": "G(b)"}
 
 @dataclass(frozen=True)
 class Details:
-    """Content of the HTML page that a screen shows only on demand and that is always printed.
+    """Content of the HTML page that is shown on a screen only on demand but is always printed.
 
     Parameters
     ----------
@@ -94,8 +94,9 @@ def limits(findings: Findings) -> Iterator[Part]:
     """Yield the section on degeneracies, with measures that would remove them.
 
     A degeneracy is a combination of parameters and other effects that no reading can resolve. The
-    section also names parameters that look like friction, drift, curvature in force or lobes of the
-    balls. The verdicts on single parameters are in the section on results.
+    section also names parameters whose effects on the readings look like those of friction, drift,
+    curvature in force or lobes of the balls. The verdicts on single parameters are in the section
+    on results.
     """
     bound = bound_of(findings.posterior)
     alike = degeneracies(bound)

@@ -102,7 +102,7 @@ class StatedQuantity:
 
     @property
     def is_undetermined(self) -> bool:
-        """Whether the readings leave the quantity undetermined; False for one without verdict."""
+        """Whether the readings leave the quantity undetermined; False without a verdict."""
         return self.entry is not None and not is_determined(self.entry)
 
     @property

@@ -143,8 +143,8 @@ _MOST_LISTED_TESTS = 12  # largest number of tests to run that a sentence lists
 _UNLIKELY = 5e-4
 # p-value below which two campaigns are said to disagree about an error of their common instrument.
 _CONFLICT = 0.01
-# Certificates of the instrument are mentioned with a parameter if they would reduce its standard
-# uncertainty u to less than this share.
+# A certificate of the instrument is mentioned for a parameter if it would reduce the parameter's
+# standard uncertainty u to less than this share of its present value.
 _NARROWER = 0.9
 _STRENGTHS = (
     # Each entry is an upper limit of |ln B|, where B is a Bayes factor, and the words for values
@@ -449,9 +449,9 @@ def _confounding_sentence(degeneracies: Sequence[Degeneracy], meaning: str) -> I
 
 
 def standing_words(standing: Standing) -> str:
-    """Return a sentence on parameters that look like an effect such as drift or friction.
+    """Return a sentence on parameters whose effects on the readings look like another effect.
 
-    ``standing`` is the kind of effect and the names of the parameters.
+    ``standing`` holds the kind of that effect, such as drift, and the names of the parameters.
     """
     names = _joined_parameters(standing.parameters)
     return str(_SENTENCES["standing"][standing.kind].format(names=names))
@@ -527,7 +527,7 @@ def concern_sentences(concerns: tuple[Concern, ...], sampler: Mapping[str, Any])
         if kind == "forces" and concern.value == 1:
             kind = "one-force"
         verb = "contradict" if concern.value < _CONTRADICTED else "speak against"
-        # The limit of a warning of the kind "forces" is the fewest different forces that the model
+        # For the kind "forces", the limit is the smallest number of different forces that the model
         # needs: its degree of compliance in force plus two.
         sentence = _SENTENCES["concerns"][kind].format(
             value=concern.value,
@@ -571,7 +571,7 @@ def remark_words(remark: Remark) -> str:
 
 
 def look_sentences(preview: CampaignPreview) -> list[str]:
-    """Return a sentence on each kind of oddity in a campaign's readings, with names of tests."""
+    """Return a sentence on each peculiarity of a campaign's readings, with the tests that show it."""
     tests_by_words: dict[str, list[str]] = {}
     for test in preview.tests:
         for remark in test.remarks:
@@ -989,7 +989,7 @@ def limit_words(lower: float | None, upper: float | None, factor: float = 1.0) -
 
 
 def _limit_digits(limit: float) -> str:
-    """Return a limit with four significant digits, and one from 1000 on as a whole number."""
+    """Return a limit as text with four significant digits; from 1000 on, as a whole number."""
     digits = f"{limit:.0f}" if abs(limit) >= 1000.0 else f"{limit:.4g}"
     return digits.replace("-", "−")
 

@@ -33,8 +33,8 @@ _BREAK_MARK = ((-0.6, -1.0), (0.6, 1.0))  # ends (x, y) of the stroke that marks
 class _Assumption(NamedTuple):
     """Log Bayes factor of two models under one assumption, and how well the readings support it.
 
-    ``error`` is that of the log Bayes factor [nat]. ``is_allowed`` states whether the readings do
-    not reject the assumption.
+    ``error`` is that of the log Bayes factor [nat]. ``is_allowed`` is false if the readings reject
+    the assumption.
     """
 
     name: str
@@ -137,9 +137,9 @@ def _stretches(value: Array, allowed: Array) -> list[_Stretch]:
     """Return the stretches of the broken scale of log Bayes factors; empty ones are left out.
 
     The stretches are returned from left to right. ``value``, shape (n,), are the log Bayes factors
-    under n assumptions; ``allowed``, shape (n,), states which assumptions the readings do not
-    reject. The middle stretch contains all values under assumptions that are not rejected, and all
-    values between −20 and 20 nat.
+    under n assumptions; ``allowed``, shape (n,), is false for assumptions that the readings reject.
+    The middle stretch contains all values under assumptions that are not rejected, and all values
+    between −20 and 20 nat.
     """
     near = max(_MIDDLE_NAT, 1.2 * float(np.abs(value[allowed]).max(initial=0.0)))
     left = value[value < -near]
@@ -296,7 +296,7 @@ def geometry_with_local_fits(comparison: Comparison) -> Figure:
 
 
 def _draw_nothing(axes: Axes, name: str, factor: float) -> None:
-    """Draw nothing beneath the curves of a panel, which then show no credible band."""
+    """Draw nothing; used for panels without a credible band."""
 
 
 def _draw_against_force(

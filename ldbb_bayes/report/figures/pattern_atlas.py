@@ -1,6 +1,7 @@
 """Atlases: the patterns of a machine's compliances and geometric errors on a circle.
 
-The pattern of a compliance or error is its effect on the reading against the angle of the circle.
+The pattern of a compliance or error is its effect on the reading as a function of the angle on the
+circle.
 """
 
 from __future__ import annotations

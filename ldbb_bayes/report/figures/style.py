@@ -236,7 +236,7 @@ def save_figure(
 ) -> list[Path]:
     """Write one figure into a folder, in one file for each format.
 
-    The same figure always gives files with the same bytes.
+    The same figure always gives PNG and SVG files with the same bytes.
 
     Parameters
     ----------
