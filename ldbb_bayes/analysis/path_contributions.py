@@ -53,8 +53,9 @@ def decompose_deviation(
 ) -> pd.DataFrame:
     """Return the contributions of the machine's effects to the readings of one circle [µm].
 
-    In every plane, the circle is that of the first test. For each effect (source), the table states
-    the largest and the smallest contribution along the circle, and the peak-to-peak value.
+    In each plane, the circle is that of the first test run in this plane. For each effect (source),
+    the table states the largest and the smallest contribution along the circle, and the
+    peak-to-peak value.
 
     Parameters
     ----------
@@ -70,11 +71,12 @@ def decompose_deviation(
     DataFrame
         One row per plane and source. Sources are all effects together, all compliances, all
         geometric errors, every compliance (its slope included) and every geometric error. Offsets
-        of the tool ball are sources of their own, but not part of the three sums. Columns
-        are plane, radius_mm, force_N and source; maximum, minimum and peak_to_peak; and sd, ci_low
-        and ci_high of the peak-to-peak. The values maximum and minimum are those of the posterior
-        mean contribution; peak_to_peak is the posterior median. If the readings hardly determine a
-        source, its peak_to_peak is larger than maximum − minimum.
+        of the tool ball are sources of their own, but not part of the three sums. Columns are
+        plane, radius_mm, force_N and source; and, in µm, maximum, minimum, peak_to_peak, sd, ci_low
+        and ci_high. The values maximum and minimum are those of the posterior mean contribution.
+        The posterior of the peak-to-peak value has the median peak_to_peak, the standard deviation
+        sd and the interval from ci_low to ci_high. If the readings hardly determine a source, its
+        peak_to_peak can be much larger than maximum − minimum.
 
     Raises
     ------

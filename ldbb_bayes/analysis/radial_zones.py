@@ -23,8 +23,8 @@ class Zone:
     All values are in the unit of the deviations.
     """
 
-    lower: float  #: smallest radial deviation from the nominal radius
-    upper: float  #: largest radial deviation from the nominal radius
+    lower: float  #: smallest distance from the centre minus the nominal radius
+    upper: float  #: largest distance from the centre minus the nominal radius
     mean: float  #: radius of the least-squares circle minus the nominal radius
 
     @property
@@ -46,7 +46,7 @@ def least_squares_zone(angle_rad: Array, deviation: Array) -> Zone:
 
 
 def minimum_zone_width(angle_rad: Array, deviation: Array) -> float:
-    """Return the smallest width that a zone of radial deviations has about any centre.
+    """Return the width of the narrowest zone of radial deviations about any centre.
 
     ``deviation``, shape (n,), are the radial deviations ρ at the angles θ, ``angle_rad``, shape
     (n,). A linear programme finds the centre (a, b) and the limits ``lower`` and ``upper`` that
@@ -81,8 +81,8 @@ def minimum_zone_width(angle_rad: Array, deviation: Array) -> float:
 def _circle_columns(angle_rad: Array, deviation: Array) -> Array:
     """Return the design matrix of a circle with the columns 1, cos θ and sin θ, shape (n, 3).
 
-    Each row is for one angle θ of ``angle_rad``. Fewer than three angles are refused, and angles
-    without a deviation each.
+    Each row is for one angle θ of ``angle_rad``. Raise an `InputError` for fewer than three angles,
+    and if the numbers of angles and deviations differ.
     """
     require(
         len(deviation) >= _FEWEST_ANGLES and len(angle_rad) == len(deviation),

@@ -84,11 +84,11 @@ def simultaneous_band(replicates: int, draws: int, prob: float) -> tuple[Array, 
 
 
 def _simultaneous_coverage(replicates: int, level: Array, lower: Array, upper: Array) -> float:
-    """Return the probability that uniform ranks stay within limits at every level.
+    """Return the probability that the number of uniform ranks below every level is within limits.
 
-    ``level`` are increasing probabilities, each with limits ``lower`` and ``upper`` in number of
-    ranks. Of ``replicates`` ranks, scaled to 0 … 1, the number below each level must lie between
-    its limits. From level to level, these numbers form a binomial Markov chain.
+    There are ``replicates`` ranks, scaled to 0 … 1. For each of the increasing probabilities
+    ``level``, the number of ranks below it must lie between the entries of ``lower`` and ``upper``.
+    From level to level, these numbers form a binomial Markov chain.
     """
     previous_level = 0.0
     previous_counts = np.zeros(1, dtype=int)

@@ -2,8 +2,7 @@
 
 Slopes of the compliances, load on the joints, a nonlinear mount and a nonlinear force device may
 each explain why readings change with force. Every combination of them is a model. All models have
-the same prior probability, and their evidences give the posterior probabilities. B is the Bayes
-factor of slopes over no slopes.
+the same prior probability, and their evidences give the posterior probabilities.
 """
 
 from __future__ import annotations

@@ -112,8 +112,8 @@ def changed(
 ) -> dict[str, tuple[HybridModel, ...]]:
     """Return both models of a pair under each assumption, by label of the assumption.
 
-    ``changes`` holds, by label, the function that changes a model to the assumption. An assumption
-    is left out if the two models are the same under it.
+    ``changes`` are the assumptions, as `discrepancy_assumptions` returns them. An assumption is
+    left out if the two models are the same under it.
     """
     pair = tuple(pair)
     pairs = {}

@@ -66,9 +66,8 @@ class Judgement(Result):
 def is_determined(entry: ParameterIdentifiability) -> bool:
     """Return whether the readings determine a parameter.
 
-    They determine the parameter if the verdict on the parameter is identified, or if its posterior
-    standard deviation is at most about a third of its prior standard deviation. For a flat prior
-    they always do.
+    They do so if its verdict is identified, or if its posterior standard deviation is at most about
+    a third of its prior standard deviation. For a flat prior they always do.
     """
     return entry.verdict == Verdict.IDENTIFIED or not entry.contraction < _HARDLY_DETERMINED
 
@@ -80,14 +79,15 @@ def state_of(
     *,
     comparison: Comparison | None = None,
 ) -> Judgement:
-    """Return whether the values on a certificate can be used, with reasons against it.
+    """Return whether the values on a certificate can be used, with reasons against their use.
 
     The values cannot be used if the sampler missed its target, the readings do not fit the model,
     or the readings speak against non-negative compliances. Otherwise, they can be used with
     reservation if one of these holds: the readings hardly determine a stated parameter; a result
-    depends on the prior; the noise is larger than its prior expects; the tests have too few forces
-    for the model's degree of compliance in force; the evidences of the compared models are not
-    precise enough; or the result of the comparison depends on assumptions.
+    depends on the prior; the noise, or the scale of another effect, is larger than its prior
+    expects; the tests have too few different forces for the degree of the model; the evidences of
+    the compared models are not precise enough; or the result of the comparison depends on
+    assumptions.
 
     Parameters
     ----------

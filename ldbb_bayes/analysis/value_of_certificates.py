@@ -32,8 +32,8 @@ def uncertainty_with(bound: BoundModel, instrument: Instrument, weight: Array, p
     """Return the standard uncertainty of every parameter, given an instrument's certificates.
 
     The variance of each parameter, given the hyper-parameters φ (the scales of the noise and of
-    other effects), is averaged over values of φ. These values are computed without the certificates
-    of ``instrument``.
+    other effects), is averaged over values of φ. These values are those for the instrument of
+    ``bound``, not for ``instrument``.
 
     Parameters
     ----------

@@ -96,7 +96,7 @@ class AveragedSlopes(NamedTuple):
 def count_subsets(model: HybridModel, campaign: Campaign) -> int:
     """Return the number of models whose evidence `slope_subsets` computes.
 
-    In each model, another subset of the compliances changes with force.
+    Each model lets a different subset of the compliances change with force.
     """
     possible = 2 ** len(_slope_names(model, campaign))
     if possible <= _ALL_SUBSETS:
@@ -163,7 +163,7 @@ def _slope_names(model: HybridModel, campaign: Campaign) -> dict[str, str]:
 
 
 def _best_first(slopes: int, weigh: Callable[[Choice], Nodes]) -> dict[Choice, Nodes]:
-    """Search for the subsets of slopes with the largest evidence, and return their nodes.
+    """Search for the subsets of slopes with the largest evidence; return the nodes of all tried.
 
     The nodes are the quadrature nodes of the posterior, which hold its evidence; ``weigh`` returns
     them for a subset. ``slopes`` is the number of possible slopes. The search ends after

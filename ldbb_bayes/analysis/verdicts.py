@@ -96,8 +96,8 @@ class Verdict(StrEnum):
        exactly like the parameter. Nothing then limits the size of this effect.
     2. *confounded*, when nuisances in the model look exactly like the parameter and make up more
        than half of its standard uncertainty: knowing them would remove more than a quarter of its
-       variance. This holds only if neither these readings nor a certificate state their size. A
-       size inferred from other Fourier orders of the circle does not count as measured.
+       variance. This holds only if neither a certificate nor the user states their size. A size
+       inferred from other Fourier orders of the circle does not count.
     3. *confounded*, when two conditions hold. More than half of the parameter's variance lies along
        combinations of coefficients for which the priors outweigh the readings. And more than half
        of the variance would vanish if the nuisance terms, and the parameters that no reading
@@ -332,9 +332,9 @@ def judge_posterior(posterior: xr.DataTree) -> dict[str, ParameterIdentifiabilit
 def hyper_parameter_nodes(bound: BoundModel) -> tuple[Array, Array]:
     """Return weights, shape (w,), and values, shape (w, h), of the hyper-parameters φ.
 
-    The w values are quadrature nodes that represent p(φ | y) given the readings y, where
-    compliances may be negative. Lengths are in mm; decays and noise factors are pure numbers. For a
-    plan there is one node, the prior median.
+    The w values are quadrature nodes that represent p(φ | y), for the readings y and a model in
+    which compliances may be negative. Lengths are in mm; decays and noise factors are pure numbers.
+    For a plan there is one node, the prior median.
     """
     if bound.campaign.is_plan:
         median = np.full((1, len(bound.hyper_prior.names)), 0.5)
@@ -680,7 +680,7 @@ def _alias_matrix(bound: BoundModel, information: Information) -> pd.DataFrame:
 
 
 def _correlation(information: Information) -> pd.DataFrame:
-    """Return the posterior correlations of parameters and of nuisances that tests share.
+    """Return the posterior correlations of parameters and of nuisances that act in several tests.
 
     Rows and columns of the table are named by these coefficients.
     """

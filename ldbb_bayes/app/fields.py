@@ -220,7 +220,7 @@ def _argument(
 
 
 def report_settings(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
-    """Return the options of a session's report, as ``ldbb-bayes report`` would have them.
+    """Return the options of a session's report, converted as ``ldbb-bayes report`` converts them.
 
     Parameters
     ----------
@@ -304,7 +304,7 @@ def read_files(folder: Path, choices: Mapping[str, str]) -> SourceCampaign:
     Returns
     -------
     SourceCampaign
-        The campaign, and the assumptions of its import.
+        The campaign, and the assumptions made when it was imported.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Plan of the next circular tests from sliders of the browser page, and its expected results."""
+"""Plan of the next circular tests, made from sliders of the browser page, and expected results."""
 
 from __future__ import annotations
 

@@ -67,8 +67,8 @@ class Session:
     def is_over(self) -> bool:
         """Whether the session has ended.
 
-        A session ends some time after its browser tabs were closed, if they send no request for an
-        hour, or if no browser tab was opened.
+        A session ends when no request has come for eight seconds after all its browser tabs were
+        closed, for an hour while a tab is open, or for a minute if no tab was ever opened.
         """
         limit_s = CLOSED_S
         if self.tabs is None:
@@ -103,9 +103,8 @@ class Session:
     def update_after_file_change(self) -> None:
         """Remove typed entries that no longer apply, and count one more change of the files.
 
-        Entries that no longer apply are the names of deleted certificates. If the files include a
-        ``campaign.toml``, they are also the entries about the campaign and its tables, which this
-        file states itself.
+        The names of deleted certificates no longer apply. If the files include a ``campaign.toml``,
+        neither do entries about the campaign and its tables, because this file states them.
         """
         file_sizes = self.held
         has_campaign_file = TOML in file_sizes

@@ -49,7 +49,7 @@ def refusal(error: Exception, folder: Path) -> str:
     Returns
     -------
     str
-        One message, without the folder before the names of files.
+        The message, in which files are named without the path of their folder.
 
     Raises
     ------
@@ -82,7 +82,8 @@ def understand(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
     -------
     dict
         Tests, traces (polar plots of the readings), assumptions and remarks about odd readings. If
-        the files cannot be read, the reason, and the names of the entry fields that cause it.
+        the files cannot be read, it holds the reason and the names of the entry fields that cause
+        it instead.
     """
     try:
         campaign, imported = read_files(folder, choices)
@@ -189,7 +190,7 @@ def _uncertainties_by_part(campaign: lb.Campaign) -> dict[str, list[dict[str, An
     """
     entries_by_part: dict[str, list[dict[str, Any]]] = {}
     for assumed in lb.terms.uncertainties(campaign).assumed:
-        # For example, the instrument's field bar_U_um states the uncertainty bar_length.
+        # The part is the first word of the instrument's field, such as bar in bar_U_um.
         certificate_field = assumed.certificate
         part = certificate_field.partition("_")[0] or assumed.name.partition("_")[0]
         if part in ("work", "tool"):
@@ -205,7 +206,7 @@ def _uncertainties_by_part(campaign: lb.Campaign) -> dict[str, list[dict[str, An
 
 def _ball_entry(campaign: lb.Campaign, assumed: Any, ball_name: str) -> dict[str, Any]:
     ball: lb.Ball = getattr(campaign.instrument, ball_name)
-    # Convert the sd of one Fourier order of the ball's form to its deviation from sphericity S: the
+    # Convert the sd of one Fourier order of the form to the ball's deviation from sphericity S: the
     # variance of each order is S² / 24.
     sphericity_um = math.sqrt(24.0) * assumed.sd * 1e3
     return {

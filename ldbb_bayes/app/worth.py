@@ -30,7 +30,7 @@ _PARTS = {
 
 
 def effects_of_certificates(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
-    """Return the uncertainty U of every parameter, without and with each new certificate.
+    """Return the uncertainty U of every parameter, and its largest reductions by new certificates.
 
     U is the expanded uncertainty (k = 2) that is expected from a fit with linear compliance. Slopes
     (changes of compliance with force) are left out.

@@ -399,7 +399,7 @@ def _name_tests(tests: Sequence[CircularTest]) -> tuple[CircularTest, ...]:
 def _free_name(stem: str, names: set[str]) -> str:
     """Return a name that is not in ``names``.
 
-    It is ``stem`` itself or, if this name is taken, the first of stem_2, stem_3, … that is not.
+    It is ``stem`` itself or, if this name is taken, the first of stem_2, stem_3, … that is free.
     """
     name = stem
     number = 1

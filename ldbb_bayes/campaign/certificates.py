@@ -349,9 +349,9 @@ def _title_with_holder(quantity: CertifiedQuantity) -> str:
 
 
 def _largest(quantities: Sequence[CertifiedQuantity]) -> CertifiedQuantity | None:
-    """Return that one of ``quantities`` which has the largest absolute value.
+    """Return the quantity with the largest absolute value.
 
-    Of several equally large quantities, return the last one; of no quantities, return None.
+    Of several equally large quantities, return the last one. Return None if there are none.
     """
     if not quantities:
         return None
@@ -359,10 +359,7 @@ def _largest(quantities: Sequence[CertifiedQuantity]) -> CertifiedQuantity | Non
 
 
 def _only(quantities: Sequence[CertifiedQuantity]) -> CertifiedQuantity:
-    """Return the only one of ``quantities``, which are certified quantities of one role.
-
-    Raise an `InputError` if there are several.
-    """
+    """Return the single element of ``quantities``; raise an `InputError` if there are several."""
     require(
         len(quantities) == 1,
         f"{_listed(quantities[:1])} must stand there once, got {_listed(quantities)}. Give the"

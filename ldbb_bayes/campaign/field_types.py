@@ -1,4 +1,4 @@
-"""Types of fields that a user fills: numbers, lengths, forces, names and dates with limits."""
+"""Types of fields that a user fills in: numbers, lengths, forces, names and dates with limits."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ __all__ = [
     "SetupNumber",
 ]
 
-# Largest number by which a set-up may be identified.
+# Largest number that a set-up may have.
 _LARGEST_SETUP = 1000
-# Configuration of classes that pydantic, the library that checks input, creates: fields that the
-# class does not have are refused.
+# Configuration of pydantic, the library that checks input: it refuses fields that a class does not
+# have.
 STRICT = ConfigDict(extra="forbid")
 
 

@@ -66,8 +66,8 @@ _MAX_ROUNDS = 20
 # Standard deviation of a normal distribution divided by its median absolute deviation (MAD). A MAD
 # times this factor estimates the standard deviation.
 _SD_PER_MAD = 1.4826
-# Smallest step between readings [µm] that counts as their resolution if fewer than a tenth of them
-# repeat another. A smaller step then only shows how many digits were written.
+# Smallest step between readings [µm] that counts as their resolution, if fewer than a tenth of the
+# readings repeat another. A smaller step only shows how many digits were written.
 _FINEST_STEP_UM = 0.005
 # Smallest number of different readings from which a resolution is determined if fewer than a tenth
 # of the readings repeat another.
@@ -311,7 +311,7 @@ def _preview_test(test: CircularTest, campaign: Campaign) -> TestPreview:
 def _remark_on_angles(
     test: CircularTest, campaign: Campaign, angles: _Angles, remarks: _Remarks
 ) -> None:
-    """Add remarks on a contradictory direction of travel, and on an arc or a gap of the angles."""
+    """Add a remark if the angles contradict the stated direction, cover an arc only or have gaps."""
     contradicts = test.direction and angles.travel and test.direction != angles.travel
     if contradicts and not campaign.is_plan and not _order_shows_no_travel(campaign):
         remarks.add(RemarkKind.TRAVEL, stated=test.direction, travel=angles.travel)

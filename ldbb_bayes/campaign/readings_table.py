@@ -183,7 +183,7 @@ def _angles_and_readings(path: Path, columns: Mapping[str, Any]) -> dict[str, Ar
 
 
 def _one_of(path: Path, columns: Mapping[str, Any], names: tuple[str, str]) -> str:
-    """Return that one of two ``names`` which a column of a table has.
+    """Return the one of two ``names`` that a table has as the name of a column.
 
     ``columns`` are the columns of the table by name. Raise an `InputError` if it has columns of
     both names or of neither.

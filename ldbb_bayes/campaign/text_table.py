@@ -200,7 +200,7 @@ def strict_numbers(
     """Return the numbers in the n cells of a table's column, shape (n,).
 
     Raise an `InputError` for a cell that is no finite number, and for one with marks between
-    thousands, such as 1,000,000. A single mark, as in 1.000, is read as the decimal mark.
+    thousands, such as 1,000,000. In a cell such as 1.000, the point is read as a decimal mark.
 
     Parameters
     ----------
