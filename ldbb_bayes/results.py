@@ -350,10 +350,10 @@ def screen_of(result: Any) -> tuple[Passage, ...]:
 
 
 def lines_of(passages: Iterable[Passage], width: int = 120) -> str:
-    """Return passages as text, with lines of at most ``width`` characters if words are short
-    enough.
+    """Return passages (tables, paragraphs and lists) as text, broken into lines.
 
-    A passage is a table, a paragraph or a list. An empty line follows each table.
+    Lines have at most ``width`` characters if words are short enough. An empty line follows each
+    table.
     """
     lines: list[str] = []
     for passage in passages:

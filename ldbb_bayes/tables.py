@@ -183,7 +183,7 @@ class _TextLayout:
         self._head_lines = [head.replace(" (", "\n(").split("\n") for head in self._heads]
 
     def text(self) -> str:
-        """Return the table with all its columns, as lines of text that fit the width if possible."""
+        """Return the table with all its columns, as lines that fit the width if possible."""
         if self._is_too_wide():
             self._fit()
         return "\n".join(self._lines(sorted(self._beneath)))

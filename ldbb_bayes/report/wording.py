@@ -571,7 +571,7 @@ def remark_words(remark: Remark) -> str:
 
 
 def look_sentences(preview: CampaignPreview) -> list[str]:
-    """Return a sentence on each peculiarity of a campaign's readings, with the tests that show it."""
+    """Return a sentence on each peculiarity of a campaign's readings, with names of tests."""
     tests_by_words: dict[str, list[str]] = {}
     for test in preview.tests:
         for remark in test.remarks:
