@@ -65,7 +65,7 @@ def check_probability(prob: object, name: str = "prob") -> None:
 
 
 def require_whole(name: str, number: object) -> None:
-    """Raise an `InputError` unless the argument ``number``, called ``name``, is a whole number."""
+    """Raise an `InputError` unless ``number`` is a whole number; its message states ``name``."""
     require(
         isinstance(number, SupportsIndex),
         f"{name} must be a whole number, got {number!r}. Give for example {name}=6.",

@@ -26,9 +26,9 @@ __all__ = ["app", "main"]
 # Class of errors in the use of a command. It belongs to the library Click, or to the copy of Click
 # in Typer, the library that reads the command line.
 _UsageError: Any = typer.BadParameter.__base__
-# Correct option for each option that users may type because the argument has this name in Python.
+# Users may type the name that an argument has in Python. This states the option to type instead.
 _OPTIONS_BY_ARGUMENT = {"--prob": "--ci", "--ci-prob": "--ci"}
-# Command that does the same as a function in Python, by the name of the function.
+# Users may type the name of a function in Python. This states the command that does the same.
 _COMMANDS_BY_FUNCTION = {
     "calibrate": "validate",
     "preview": "check",

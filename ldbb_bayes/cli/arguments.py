@@ -40,7 +40,8 @@ __all__ = [
     "model_from",
 ]
 
-# Deflection of the work ball's mount in the paper's experiment [µm/bar], the package's default.
+# Default deflection of the work ball's mount per pressure [µm/bar]: that of the published
+# experiment.
 _MOUNT_UM_PER_BAR = 2.33
 # Quantities that the columns of a table of readings can hold.
 _COLUMN_ROLES = ("angle", "time", "force", "pressure", "test", "direction", "reading")
@@ -80,7 +81,7 @@ def instrument_fields(*, balls: lb.Ball | None = None, **options: Any) -> dict[s
     Parameters
     ----------
     balls
-        Ball that is taken for both the workpiece side and the tool side, if one option states it.
+        Ball for both the workpiece side and the tool side, stated by the option ``--balls``.
     **options
         Fields of `Instrument`, and paths of digital calibration certificates (DCC): ``bar_dcc``,
         ``force_dcc``, ``work_dcc``, ``tool_dcc``.

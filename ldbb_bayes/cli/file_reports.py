@@ -119,8 +119,8 @@ def report_files(
         fit_result = fit_tables.full_result(fit, settings["prob"])
         stated_result = fit_tables.full_result(stated_posterior, settings["prob"])
         if campaign.tolerances:
-            # Both summaries state the same decisions on conformity. The decisions are based on the
-            # averaged posterior, if there is one, and on the force that the report states.
+            # Both summaries state the same decisions on conformity: those of the averaged
+            # posterior, if there is one, at the force that the report states.
             decisions = lb.assess_conformity(stated_posterior, force_N=settings.get("force_N"))
             conformity = {name: decision.as_dict() for name, decision in decisions.items()}
             fit_result["conformity"] = conformity
@@ -197,7 +197,8 @@ def _analyse(
     settings
         Options of the report by name.
     executor
-        Executor with a second process, which computes a part of the analyses; None without one.
+        Executor with a second process, which computes a part of the analyses; None if there is no
+        second process.
     """
     seed = settings["seed"]
     models = {"constant": model.with_degree(0), "linear": model}
@@ -294,9 +295,9 @@ def _printed_parts(
 ) -> tuple[Any, ...]:
     """Return what to print at the terminal: assumptions, remarks, results, next tests.
 
-    ``source`` is the campaign with its import, ``fit`` the posterior with linear compliance, and
-    ``result`` the summary of the stated posterior, which is averaged over constant and linear
-    compliance if possible.
+    ``source`` is the campaign with its import, and ``fit`` the posterior with linear compliance.
+    ``result`` is the summary of the posterior averaged over constant and linear compliance, or of
+    ``fit`` if there is no such average.
     """
     campaign = campaign_of(fit)
     constant_names = model_of(fit).with_degree(0).bind(campaign).names

@@ -78,7 +78,7 @@ class _Location(NamedTuple):
     """Place of an error in the content of a file."""
 
     keys: list[str]  # keys from the outermost table to the entry; entries of lists count from 1
-    owner: Any  # class that describes the table in which the last key is
+    owner: Any  # class that describes the table with the last key
 
 
 def _locate(model: Any, content: Any, loc: tuple[int | str, ...]) -> _Location:

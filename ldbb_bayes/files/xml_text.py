@@ -1,4 +1,4 @@
-"""Reading of XML that is not trusted: document types, entities and great depth are refused."""
+"""Reading of XML that is not trusted: document types, entities and deep nesting are refused."""
 
 from __future__ import annotations
 
@@ -21,8 +21,7 @@ def xml_of(content: bytes, wanted: str) -> ElementTree.Element:
     content
         Content of the file.
     wanted
-        Description of the file that the user should give if this one is no XML, for the message of
-        the error.
+        Description of the file that the user should give, for the error message.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Analysis of many campaigns: of all machines, one machine over time, or machines of one kind."""
+"""Analysis of many campaigns: batches of fits, the trend of a machine, populations of machines."""
 
 import lazy_loader
 

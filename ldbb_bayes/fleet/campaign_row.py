@@ -37,7 +37,7 @@ __all__ = ["Job", "Settings", "failed_row", "fit_row"]
 # Largest numerical error of each of the two log evidences from which a campaign's Bayes factor is
 # computed [nat].
 _EVIDENCE_TOLERANCE = 1e-2
-# Longest reason in a row that states why a campaign could not be fitted [characters].
+# Largest length of the text in a row that states why a campaign could not be fitted [characters].
 _LONGEST_REASON = 1200
 # Attributes of `Campaign` that are copied into columns of a batch's table with the same names.
 _CAMPAIGN_COLUMNS = ("name", "sha256", "machine_id", "date", "topology", "readings")
@@ -236,9 +236,9 @@ def _bayes_factor_columns(
 ) -> dict[str, Any]:
     """Return the log Bayes factor of linear over constant compliance, and its error [nat].
 
-    The two models have compliance linear in force and constant compliance. The result has the names
-    of the columns as keys. ``truncated_density`` is the posterior density of the hyper-parameters
-    under the condition that no compliance is negative.
+    One model has compliance linear in force, the other constant compliance. The result has the
+    names of the columns as keys. ``truncated_density`` is the posterior density of the
+    hyper-parameters under the condition that no compliance is negative.
     """
     density = truncated_density if model.prior.truncated else truncated_density.plain
     if model.degree == 1 and density.truncated == density.bound.truncation.active:

@@ -16,8 +16,8 @@ each hypothesis all distributions are Gaussian: w_t is integrated out in each ca
 result follows from sums over t ≥ k and one small linear system. The likelihood of a campaign has a
 precision matrix (inverse covariance) Λ of (c, b), which may be singular.
 
-In the shapes of arrays, r is the number of nodes (values) of the scatter, n that of campaigns, p
-that of parameters, s that of instrument errors, and q = p + s.
+In the shapes of arrays, r has another meaning: it is the number of nodes (values) of the scatter.
+n is the number of campaigns, p that of parameters, s that of instrument errors, and q = p + s.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ def hypotheses(carried: Gaussian, parameters: int, change_scale: float) -> Gauss
     A hypothesis assumes one of r values of the machine's scatter from campaign to campaign. It also
     assumes that one of the p parameters changed by a step just before one of the n campaigns, or
     that none changed. c are the levels of the p parameters before the step Δ, b the errors of the
-    instrument; q is the number of c and b together.
+    instrument; q is the number of all elements of c and b.
 
     The Gaussians have the shape (r, n, p, q + 1). Index k of the second array axis, from 0, means a
     step just before campaign k + 2, counted from 1; the last index means no step. Values are in
@@ -175,8 +175,8 @@ def instrument_moments(posteriors: Gaussian, probabilities: Array) -> tuple[Arra
 class Levels(NamedTuple):
     """Values of p parameters of a machine at the last campaign, in units of their prior sd.
 
-    They take into account that no parameter may have changed, or one of them just before any of the
-    campaigns. Each possibility has its probability as weight.
+    It is uncertain whether a parameter has changed, which, and just before which campaign. Every
+    possibility counts with its probability.
     """
 
     #: posterior means of the p parameters at the last campaign, in units of their prior sd, (p,)

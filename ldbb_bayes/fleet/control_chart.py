@@ -20,12 +20,12 @@ from ldbb_bayes.units import display_name, display_unit, round_uncertainty
 __all__ = ["draw_control_chart"]
 
 # A control chart marks a possible change of a parameter just before a campaign by a vertical line
-# if the probability of this change is above this.
+# if the probability of the change exceeds this value.
 _VISIBLE_PROBABILITY = 0.05
 # Largest number of campaigns whose dates label the horizontal axis of a control chart.
 _LABELLED_CAMPAIGNS = 6
 # Layout of a control chart: largest number of panels beside one another, height of a panel [inch],
-# and further height of the figure [inch].
+# and height of the figure beyond its panels [inch].
 _COLUMNS = 2
 _PANEL_HEIGHT = 2.0
 _MARGIN = 0.9
@@ -35,9 +35,9 @@ _MARGIN = 0.9
 def draw_control_chart(trend: Trend) -> Figure:
     """Draw the control chart of a trend.
 
-    It has a panel for each parameter. The panel shows the estimate of the parameter from each
-    campaign alone, in order of time. It also shows the control limits of each estimate, which
-    follow from the campaigns before it. Vertical lines show when the parameter may have changed.
+    The chart has a panel for each parameter. The panel shows the estimate of the parameter from
+    each campaign alone, in order of time. It also shows the control limits of each estimate, which
+    follow from the earlier campaigns. Vertical lines show when the parameter may have changed.
 
     Parameters
     ----------

@@ -162,7 +162,7 @@ def _unit_in(column: str) -> str:
 def _flatten(row: dict[str, Any]) -> dict[str, Any]:
     """Return a campaign's row in which each number of each parameter has a column of its own.
 
-    In the row given, the entry ``parameters`` holds the numbers of each parameter, and the entry
+    In the given row, the entry ``parameters`` holds the numbers of each parameter, and the entry
     ``conformity`` the probability and decision of each quantity with a tolerance. The columns are
     called, for example, C_XXX.mean and C_XXX.decision.
     """
@@ -197,9 +197,9 @@ def read_batch(
     log_bayes_factor (linear over constant compliance) and log_bayes_factor_error [nat].
 
     Every parameter and hyper-parameter (scale of the noise or of another effect) has NAME.mean,
-    NAME.sd, NAME.median, NAME.ci_low and NAME.ci_high in internal units (mm, N, rad), stated by
-    ``attrs["units"]``. Every quantity with a tolerance has NAME.probability (of conformance) and
-    NAME.decision. Columns ``gaussian_…`` hold the posterior and prior moments of parameters and
+    NAME.sd, NAME.median, NAME.ci_low and NAME.ci_high in internal units (mm, N, rad), which
+    ``attrs["units"]`` states. Every quantity with a tolerance has NAME.probability (of conformance)
+    and NAME.decision. Columns ``gaussian_…`` hold the posterior and prior moments of parameters and
     instrument errors, which `find_trend` and `fit_population` use. The posterior is the one without
     truncation (compliances may be negative). The covariance is given by its lower triangle, row by
     row.

@@ -6,9 +6,9 @@ machine, and s are the standard deviations of w. All values are in units of the 
 
 As a function of x = (c + w, b), ln g = −½ xᵀ Λ x + ηᵀ x + const. Λ is the precision matrix (inverse
 covariance matrix) and may be singular; η, the shift, is Λ times the estimate. Λ_c are the rows of Λ
-for the parameters, Λ_cc is its block for the parameters alone. In the shapes of arrays, k is the
-number of values of s, n that of campaigns or machines, c that of parameters, and q that of
-parameters and instrument errors.
+for the parameters, Λ_cc is its block for the parameters alone. In the shapes of arrays, c is not
+the level but the number of parameters. k is the number of values of s, n that of campaigns or
+machines, and q that of parameters and instrument errors.
 """
 
 from __future__ import annotations

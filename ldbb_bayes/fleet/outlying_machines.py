@@ -36,12 +36,12 @@ from ldbb_bayes.results import Array
 
 __all__ = ["JudgedMachines", "judge_machines"]
 
-# Number of new random draws of the spreads that are made without one machine, if the weights that
-# leave this machine out of the existing draws cannot be trusted. Spreads are the standard
-# deviations of machines about the mean of their population.
+# Spreads are the standard deviations of machines about the mean of their population. Random draws
+# of them from the posterior of all machines are weighted to leave out one machine. If the weights
+# cannot be trusted, this number of new draws is made from the posterior of the other machines.
 _DRAWS_WITHOUT = 512
-# Largest number of machines for each of which new random draws of the spreads are made without it.
-# The most outlying machines come first.
+# New random draws of the spreads without one machine are made for at most this number of machines,
+# the most outlying ones first.
 _MOST_REDRAWN = 200
 # p-values of a machine's parameters are raised to at least this. For smaller ones, the
 # corresponding quantile of the normal distribution would not be finite.
@@ -171,9 +171,9 @@ def _draw_without(
     Spreads are the standard deviations of the machines about the mean of their population; they are
     drawn from their posterior density given all machines but the one with the index m. For each
     draw, z holds the differences of the c parameters of machine m from what the other machines
-    predict, divided by their standard deviations. ``density`` is that with all machines, ``mode``
-    its mode in ln s, and ``separate`` holds the estimates from each machine alone. ``seed`` is that
-    of the new draws.
+    predict, divided by their standard deviations. ``density`` is the posterior density given all
+    machines, ``mode`` its mode in ln s, and ``separate`` holds the estimates from each machine
+    alone. ``seed`` is that of the new draws.
     """
     likelihood = density.likelihood
     stays = np.arange(len(likelihood.shift)) != m

@@ -97,9 +97,9 @@ class ParameterChange(Result):
     #: uncertain by more than 20 %
     percent: float | None
     level_before: float  #: mean level of the parameter before the step, if this parameter changed
-    #: level of the parameter at the last campaign; it takes into account that nothing may have
-    #: changed, or any one parameter just before any campaign, each with its posterior probability;
-    #: the uncertainty includes the errors of the instrument
+    #: level of the parameter at the last campaign; it is uncertain whether a parameter has changed,
+    #: which, and just before which campaign, and every possibility counts with its probability; the
+    #: uncertainty includes the errors of the instrument
     level_now: Summary
     #: standard uncertainty of the parameter due to the errors of the instrument, which shift the
     #: estimates from all campaigns together; the points and limits of the control chart do not
@@ -119,7 +119,8 @@ class Visit(Result):
     campaign: str
     #: date of the campaign; None if the campaign states none
     date: Annotated[datetime | None, PlainSerializer(_isoformat)]
-    #: probability that a parameter of the machine changed between the campaign before and this one
+    #: probability that a parameter of the machine changed between the previous campaign and this
+    #: one
     change_just_before: float
 
 

@@ -77,8 +77,8 @@ _FEWEST_TESTS = 4
 # Whether the circles' centre shifts with force is checked only in planes with tests at this many
 # different forces or more.
 _FEWEST_FORCES = 3
-# The tests of a plane count as run in order of rising or falling force if the p-value of a test for
-# a relation between force and time is below this.
+# The tests of a plane count as run in order of rising or falling force if the p-value of Student's
+# t-test of a relation between force and time is below this.
 _IN_ORDER = 0.05
 # Fourier orders 13 to 16, just above the orders 0 to 12 of the model. The readings at these orders
 # show how strong the noise is.
