@@ -258,7 +258,7 @@ def _write_beside_page(
     imported: lb.reading.Imported | None,
     analyses: _Analyses,
 ) -> None:
-    """Write the files beside the report's page: fit, campaign as read, comparison, design.
+    """Write the files beside the report's page: fit, average, campaign, comparison and design.
 
     Parameters
     ----------

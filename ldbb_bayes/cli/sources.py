@@ -55,7 +55,7 @@ class ReportSource:
     paths
         The same paths with ``*`` and ``?`` expanded.
     layout
-        Layout of the tables, as far as options state it.
+        Layout of the tables, from a layout file and options.
     campaign_fields
         Fields of the campaign that options state.
     certificates

@@ -197,13 +197,21 @@ def _compare(
     """Return a log integral for the other machines, and z of each machine left out.
 
     For each of n machines left out and each of k draws of the spreads, the other machines give a
-    Gaussian of the population's mean μ and the instrument's errors b: ``precision`` (q, q, k, n),
-    its inverse covariance, and ``shift`` (q, k, n), the precision times its mean. The first result,
-    shape (k, n), is the log integral of this Gaussian over μ and b, up to a constant. The second,
-    shape (c, k, n), is z. It compares each of the machine's c parameters, estimated from this
-    machine alone (``separate``), with what the Gaussian and the spreads predict: z is the
-    difference divided by its standard deviation. ``spread``, shape (k, c), holds the draws of the
-    spreads (standard deviations of the machines about μ).
+    Gaussian of the population's mean μ and the instrument's errors b. The first result, shape
+    (k, n), is the log integral of this Gaussian over μ and b, up to a constant. The second, shape
+    (c, k, n), is z: the difference between each of the machine's c parameters and its prediction
+    from the Gaussian and the spreads, divided by the standard deviation of the difference.
+
+    Parameters
+    ----------
+    separate
+        Estimates of the parameters from each machine left out alone.
+    precision
+        Inverse covariances of the Gaussians, shape (q, q, k, n).
+    shift
+        Products of precision and mean of the Gaussians, shape (q, k, n).
+    spread
+        Draws of the spreads (standard deviations of the machines about μ), shape (k, c).
     """
     q = len(shift)
     c = spread.shape[1]

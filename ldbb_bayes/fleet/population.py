@@ -136,7 +136,8 @@ class PooledParameter(Result):
 class PooledMachine(Result):
     """Estimates for one machine of a population, and its comparison with the other machines."""
 
-    name: Annotated[str, Field(exclude=True)]  #: machine_id of the machine
+    #: machine_id of the machine; if its campaign states none, the file path of the campaign
+    name: Annotated[str, Field(exclude=True)]
     campaigns: int  #: number of campaigns of this machine
     #: estimates of the machine's parameters from its own campaigns and from the population, by name
     #: of the parameter
@@ -177,7 +178,8 @@ class Population(Result):
     #: distribution of each parameter over the machines (mean, spread, prediction for a further
     #: machine), by name of the parameter
     parameters: dict[str, PooledParameter]
-    machine: dict[str, PooledMachine]  #: estimates for each machine, by machine_id
+    #: estimates for each machine, by its machine_id or else the file path of its campaign
+    machine: dict[str, PooledMachine]
     campaigns: int  #: number of campaigns of all machines in the population
     reference_force_N: float  #: force at which the compliances are stated [N]
     #: lowest and highest force of the range that all campaigns have in common [N]; if there is no
@@ -211,7 +213,7 @@ class Population(Result):
 
     @property
     def not_belonging(self) -> tuple[str, ...]:
-        """Return the machine_id of each machine that stands out from the others.
+        """Return the name of each machine that stands out from the others.
 
         A machine stands out if its corrected p-value is below 5 %. The machine with the largest
         deviation of a parameter comes first.
@@ -532,11 +534,21 @@ def _pool_parameters(
     """Return the distribution of every parameter over the machines, by name of the parameter.
 
     Each distribution is given by its mean, its spread and the prediction for a further machine.
-    Spreads are the standard deviations of the machines about their mean; they are summarised from
-    all random draws ``spreads``. The distributions of the mean and of a further machine are
-    averages of Gaussians over the draws ``first_spreads``, for each of which ``shared`` holds the
-    Gaussian of the mean and the instrument's errors. ``tails`` are the cumulative probabilities of
-    the two ends of the credible intervals. ``statistics`` holds the likelihoods of the campaigns.
+
+    Parameters
+    ----------
+    statistics
+        Likelihoods of the campaigns.
+    spreads
+        Random draws of the spreads (standard deviations of the machines about their mean), from
+        which the spreads are summarised.
+    first_spreads
+        First of these draws, over which the distributions of the mean and of a further machine are
+        averaged.
+    shared
+        Gaussian of the mean and the instrument's errors for each of ``first_spreads``.
+    tails
+        Cumulative probabilities of the two ends of the credible intervals.
     """
     c = len(statistics.parameters)
     scale = statistics.prior_sd[:c]
@@ -571,10 +583,18 @@ def _instrument_sd(
 ) -> Array:
     """Return the part of the sd of the population's mean that is due to instrument errors, (c,).
 
-    The sd is given for each of c parameters in units of the parameter's prior sd. ``weight``, shape
-    (k,), holds the weights of k random draws of the machines' spreads. For each draw, ``shared`` is
-    the Gaussian of the mean and the instrument's errors, and ``sd``, shape (k, c), the standard
-    deviation of the mean. ``statistics`` holds the likelihoods of the campaigns.
+    The sd is given for each of c parameters in units of the parameter's prior sd.
+
+    Parameters
+    ----------
+    statistics
+        Likelihoods of the campaigns.
+    weight
+        Weights of k random draws of the machines' spreads, shape (k,).
+    shared
+        Gaussian of the mean and the instrument's errors for each draw.
+    sd
+        Standard deviation of the mean for each draw, shape (k, c).
     """
     c = len(statistics.parameters)
     if not statistics.instrument:
@@ -593,14 +613,26 @@ def _pool_machines(
     judged: JudgedMachines | None,
     tails: tuple[float, float],
 ) -> dict[str, PooledMachine]:
-    """Return estimates for every machine and its comparison with the others, by machine_id.
+    """Return estimates for every machine and its comparison with the others, by its name.
 
     One set of estimates uses the population, another only the machine's own campaigns.
-    ``likelihood`` holds the likelihoods of the ``machines``. ``spreads`` are random draws of the
-    machines' standard deviations about the population's mean; for each draw, ``shared`` is the
-    Gaussian of the mean and the instrument's errors. ``judged`` is the comparison, None if there
-    are too few machines. ``tails`` are the cumulative probabilities of the two ends of the credible
-    intervals. ``statistics`` holds the likelihoods of the campaigns.
+
+    Parameters
+    ----------
+    statistics
+        Likelihoods of the campaigns.
+    machines
+        Name of each machine, see `PooledMachine`.
+    likelihood
+        Likelihoods of the machines.
+    spreads
+        Random draws of the spreads (standard deviations of the machines about their mean).
+    shared
+        Gaussian of the mean and the instrument's errors for each draw.
+    judged
+        Comparison of each machine with the others; None if there are too few machines.
+    tails
+        Cumulative probabilities of the two ends of the credible intervals.
     """
     names = statistics.parameters
     scale = statistics.prior_sd[: len(names)]
@@ -640,12 +672,21 @@ def _estimate_machines_separately(
 ) -> _Moments:
     """Return estimates from each machine's own campaigns, shape (n, c): n machines, c parameters.
 
-    The estimates do not use the population of the other machines; only the errors of the instrument
-    are estimated from the campaigns of all machines. ``weight``, shape (k,), holds the weights of k
-    random draws of the machines' spreads; for each draw, ``shared`` is the Gaussian of the
-    population's mean and the instrument's errors. ``tails`` are the cumulative probabilities of the
-    two ends of the credible intervals. All values are in units of the prior sd. ``likelihood``
-    holds the likelihoods of the machines.
+    Only the errors of the instrument are estimated from the campaigns of all machines. All values
+    are in units of the prior sd.
+
+    Parameters
+    ----------
+    likelihood
+        Likelihoods of the machines.
+    parameters
+        Number c of parameters.
+    weight
+        Weights of k random draws of the machines' spreads, shape (k,).
+    shared
+        Gaussian of the population's mean and the instrument's errors for each draw.
+    tails
+        Cumulative probabilities of the two ends of the credible intervals.
     """
     c = parameters
     b_mean, b_covariance = mixture_covariance(

@@ -58,7 +58,8 @@ class PopulationPrior(Shown):
     #: weighted sum of joint compliances that each compliance stands for, by name; a compliance
     #: without entry is taken to have the same sum as in the campaign to be fitted
     compliances: Mapping[str, Meaning] = field(default_factory=dict)
-    #: machine_id of each machine in the population from which the prior was made
+    #: machine_id, or else file path of the campaign, of each machine in the population from which
+    #: the prior was made
     machine_ids: frozenset[str] = frozenset()
     #: SHA-256 of the readings, and of the conditions under which they were taken, of each campaign
     #: in the population from which the prior was made

@@ -630,10 +630,20 @@ def _conformities(
 
     A quantity is a parameter or a stiffness; each decision is from one campaign alone. The
     uncertainties include that due to the instrument's errors, which all campaigns share.
-    ``tolerances`` holds limits by quantity. If it is empty, those that the newest campaign states
-    are used (``newest_tolerances``, as JSON), as far as they are for quantities of the trend.
-    ``statistics`` holds the likelihoods of the campaigns, ``chart`` the estimates from each
-    campaign alone, and ``campaigns`` the names of the campaigns.
+
+    Parameters
+    ----------
+    statistics
+        Likelihoods of the campaigns.
+    campaigns
+        Names of the campaigns, in order of time.
+    chart
+        Estimates from each campaign alone.
+    tolerances
+        Limits by quantity; None or empty for ``newest_tolerances``.
+    newest_tolerances
+        Limits that the newest campaign states, as JSON; those of quantities that the trend does not
+        have are left out.
     """
     followed = quantities(dict(zip(statistics.parameters, statistics.units, strict=True)))
     wanted: Mapping[str, str | Tolerance] = tolerances or {}

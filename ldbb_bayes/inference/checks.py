@@ -1,4 +1,4 @@
-"""Posterior predictive checks: whether readings look like new ones that the posterior predicts.
+"""Posterior predictive checks: whether readings look like those that the posterior predicts.
 
 The basis consists of the harmonics of a circle at the orders 0 to 12, 25 coefficients in all. φ are
 the h hyper-parameters, the scales of the noise and of other effects; σ, one of them, is the
