@@ -281,7 +281,7 @@ def _tolerances(tolerances: dict[str, str] | None = None) -> dict[str, str]:
     return tolerances or {}
 
 
-# Options that describe a tidy CSV and name the measurement.
+# Options that describe a tidy CSV, and labels of the measurement, such as its date.
 _TABLE_OPTIONS = options_of("table", "labels")
 # Options that state what calibration certificates say.
 _CERTIFICATE_OPTIONS = options_of("certificates")
