@@ -73,8 +73,8 @@ class Degeneracy:
     #: whether the model has a term for every nuisance coefficient in ``combination``; if not, the
     #: intervals of the parameters ignore the effect that is left out
     modelled: bool
-    #: whether a certificate, or a term changed by the user, states the size of every nuisance
-    #: coefficient in ``combination``
+    #: whether the size of every nuisance coefficient in ``combination`` is given by a certificate,
+    #: or by a model term whose values the user has changed
     stated: bool
     #: root sum of squares of the changes in ``combination``, each divided by its prior standard
     #: deviation
@@ -147,7 +147,7 @@ def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
     -------
     tuple of Degeneracy
         Degeneracies with a nuisance coefficient as pivot come first, then those with a parameter
-        as pivot, in the order of `NullSpace.sparse_basis`.
+        as pivot.
     """
     coefficients = _all_coefficients(bound)
     scaled = _effects(bound, coefficients.columns) * coefficients.prior_sd
@@ -418,7 +418,7 @@ def _all_coefficients(bound: BoundModel) -> _Coefficients:
 def _edition_terms(bound: BoundModel) -> dict[type[Term], Term]:
     """Return the nuisance terms of the preset that the model was made from, by class.
 
-    The terms have the values of the package, not those that the user has changed.
+    The terms have the package's own values, even where the user has changed them in the model.
     """
     edition = HybridModel.first()
     if bound.model.preset == "default":

@@ -214,9 +214,10 @@ def worst_conflict(
     """Return the common coefficient about which the readings of two campaigns disagree most.
 
     The campaigns were run with the same instrument. A coefficient ν of the instrument is estimated
-    from the readings y of each campaign without its prior. The standard uncertainty of the estimate
-    is 1/√l, where l = 1/Var(ν | y) − 1/S and S is the prior variance of ν. The two estimates are
-    compared by their uncertainties.
+    from the readings y of each campaign alone, without the prior of ν. The standard uncertainty of
+    the estimate is 1/√l, where l = 1/Var(ν | y) − 1/S and S is the prior variance of ν. The
+    campaigns disagree most about the coefficient for which the difference of the two estimates,
+    divided by its standard uncertainty, is largest.
 
     Parameters
     ----------

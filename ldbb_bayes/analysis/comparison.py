@@ -74,8 +74,8 @@ SLOPE_SCALES = (0.03, 0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 2.0, 3.0)
 # of the models' own assumption by this or more [nat].
 _REJECTED = 5.0
 # Under an assumption about how circles differ, the evidences of the two models are computed only
-# roughly if both log evidences are lower by this [nat] than the better one under the models' own
-# assumption.
+# roughly if both log evidences are at least this much [nat] below the better log evidence under the
+# models' own assumption.
 _FAR_REJECTED = 10.0
 # Number of posterior draws over which each model's prediction of the readings is averaged.
 _QUALITY_DRAWS = 1000
@@ -266,7 +266,10 @@ class Comparison(Result):
 
     @property
     def pair(self) -> tuple[str, str]:
-        """Return the names of the first two models, also compared under other assumptions."""
+        """Return the names of the first two models.
+
+        These two are also compared under other priors and assumptions.
+        """
         first, second, *_ = self.models
         return first, second
 

@@ -253,9 +253,9 @@ def _tail_probability(outside: Array, score: float) -> float:
 
     The probability is the share of posterior draws beyond the limit. ``outside``, shape (draws,),
     is true for these draws. If fewer than ``_FEWEST_DRAWS`` draws lie on one side of the limit, the
-    probability is instead the tail of a normal distribution. The probability of that side is then
-    at most the share of ``_FEWEST_DRAWS`` draws. ``score`` is the distance from the limit to the
-    mean in standard deviations, negative if the mean lies inside the limit.
+    probability is instead the tail of a normal distribution, and that side is given at most the
+    probability ``_FEWEST_DRAWS`` / draws. ``score`` is the distance from the limit to the mean in
+    standard deviations, negative if the mean lies inside the limit.
     """
     n = len(outside)
     count = int(outside.sum())

@@ -31,8 +31,8 @@ _ANGLE_DECIMALS = 6
 # Angles by which a ball is turned in its socket in further tests [°], to separate the form error of
 # the ball from the machine's errors.
 _CLOCKINGS_DEG = (45.0, 90.0)
-# Further tests are at two forces: the first number times the lowest force of the plan, and the
-# second number times its highest force.
+# Further tests at other forces are run at two forces: the first number times the lowest force of
+# the plan, and the second number times its highest force.
 _LOWER_FORCE_SHARE = 0.5
 _HIGHER_FORCE_SHARE = 1.5
 # Radius of further tests, as a share of a radius of the plan.

@@ -140,7 +140,7 @@ def compare_posteriors(
 def _compare_one_instrument(
     bounds: Sequence[BoundModel], phi: Sequence[Array], rows: Sequence[Array], levels: Array
 ) -> _Differences:
-    """Return the differences of two campaigns run with one instrument, as normal distributions.
+    """Return the differences of two campaigns run with one instrument, assumed to be normal.
 
     ``bounds`` are the models bound to the two campaigns and ``phi`` the mean hyper-parameters of
     each, shape (h,). ``rows`` are the matrices, shape (n, p), that map the p parameters of each to
@@ -178,7 +178,7 @@ def _compare_independent(first: Array, second: Array, levels: Array) -> _Differe
 
 
 def _check_comparable_machines(first: BoundModel, second: BoundModel, name: str) -> None:
-    """Raise an `InputError` if the parameters of two bound models must not be compared.
+    """Raise an `InputError` if the parameters of two bound models cannot be compared.
 
     The readings of the two campaigns must differ. Their machines must have the same topology and
     joint frames, and their tests the same planes. ``name`` is the name of the second campaign, for

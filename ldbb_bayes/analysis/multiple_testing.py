@@ -12,8 +12,8 @@ __all__ = ["holm"]
 def holm(p_value: Array) -> Array:
     """Return p-values adjusted by Holm's method (Scand. J. Statist. 6, 65-70, 1979), shape (n,).
 
-    If every adjusted p-value below α is called significant, the probability of any false alarm
-    among all n tests is at most α. This holds however the tests depend on one another.
+    If each test with an adjusted p-value below α is called significant, the probability of any
+    false alarm among all n tests is at most α. This holds however the tests depend on one another.
 
     Parameters
     ----------

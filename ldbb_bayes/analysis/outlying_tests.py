@@ -71,8 +71,8 @@ class JudgedTest:
     worst_order: int  #: Fourier order in which the test deviates most
     #: whether the family-wise p-value is below 2 % and more than half of the tests remain unflagged
     flag: bool
-    #: deviation in the worst Fourier order, as −ln of the probability that χ² is larger; tests with
-    #: equal p-values are listed in the order of this deviation
+    #: deviation in the worst Fourier order, as −ln of the probability that χ² is larger; of tests
+    #: with equal p-values, the one with the largest deviation is flagged first
     distance: float
 
 
@@ -103,9 +103,9 @@ def find_outlying_tests(
     tolerance : float
         Error allowed in every log evidence [nat].
     replicates : int, optional
-        Number of circles that are at first simulated in the place of each test. A test with a
-        p-value of at most 5 % is judged again with twice as many. Default: 20,000, or more for many
-        tests.
+        Number of circles that are simulated at first for each test. A test with a p-value of at
+        most 5 % is judged again with twice as many. Default: 20,000, or 400 per test if that is
+        more.
 
     Returns
     -------

@@ -59,7 +59,7 @@ _RESERVED_NAMES = ("recommended", _EQUAL_STEPS)
 
 @dataclass(frozen=True)
 class Certificate(Result):
-    """Proof that no other division of the tests among the candidates is better.
+    """Certificate that no other division of the tests among candidates is better, if it ``holds``.
 
     A candidate is a test that could be run; its share is the fraction of the tests that are run at
     it. The sensitivity of a candidate is the rate at which the criterion grows with its share. The
@@ -164,7 +164,8 @@ class Design(Forecast):
     #: efficiency of the design by its criterion, relative to the best division of the same number
     #: of tests among the candidates (tests that could be run), ``shares``
     efficiency: float
-    certificate: Certificate  #: proof that no other shares of the tests are better than ``shares``
+    #: certificate that no other shares of the tests are better than ``shares``, if it ``holds``
+    certificate: Certificate
     #: best division of the tests, one row per candidate test with a share above 0.0001: force_N,
     #: the columns that `columns` names, and share, the fraction of the tests that are run at this
     #: candidate

@@ -37,8 +37,9 @@ def templates(pilot: Campaign, directions: Sequence[Direction] = ()) -> tuple[Ci
     """Return a test without readings for every plane and every direction of travel.
 
     ``pilot`` is the campaign or plan that a design starts from. By default, the directions in a
-    plane are those of the pilot. In all other respects the template is like a test of the pilot:
-    the one in that plane with the median number of readings. Its angles are in equal steps.
+    plane are those of the pilot. The template has the other settings of one of the pilot's tests in
+    the plane: the one with the median number of readings. The angles of the template are in equal
+    steps.
     """
     tests: list[CircularTest] = []
     for plane in dict.fromkeys(test.plane for test in pilot.tests):

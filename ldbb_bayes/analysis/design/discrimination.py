@@ -24,8 +24,7 @@ DECISIVE = 5.0
 # Number of quasi-random points, for each value of the hyper-parameters, from which probabilities of
 # the log Bayes factor are computed.
 _POINTS = 256
-# Least variance that a component of the slopes' posterior mean is given, to avoid a division by
-# zero.
+# Variances are raised to at least this value, to avoid a division by zero.
 _LEAST_VARIANCE = 1e-12
 
 
@@ -76,9 +75,10 @@ def discrimination_of(
 
     Let m, shape (s,), be the posterior mean of the s slopes after the tests, and C, shape (s, s),
     their posterior covariance. The log Bayes factor is ln B = ½ (ln det C + mᵀ C⁻¹ m). Let m₁ be
-    the mean and P₁ the precision of the slopes before the tests, C = L Lᵀ (Cholesky),
-    and Lᵀ P₁ L = U e Uᵀ (eigenvalues e). The components of z = Uᵀ L⁻¹ m are then independent. Given
-    slopes β, their means are e Uᵀ L⁻¹ m₁ + (1 − e) Uᵀ L⁻¹ β and their variances 1 − e.
+    the mean and P₁ the precision of the slopes before the tests, C = L Lᵀ (Cholesky), and
+    Lᵀ P₁ L = U e Uᵀ (eigenvalues e). The components of z = Uᵀ L⁻¹ m are then independent. If the
+    true slopes are β, these components have the means e Uᵀ L⁻¹ m₁ + (1 − e) Uᵀ L⁻¹ β and the
+    variances 1 − e.
 
     Parameters
     ----------

@@ -45,8 +45,8 @@ _TRIED_CANDIDATES = 12
 # are tried as a replacement of each test of a design.
 _TRIED_AT_THE_END = 128
 # Candidate tests are selected by their sensitivity, the rate at which the criterion grows with the
-# number of tests at the candidate. To save time, sensitivities are averaged over every n-th value
-# of the hyper-parameters only, with n this number.
+# number of tests at the candidate. To save time, sensitivities are averaged over only one in this
+# many values of the hyper-parameters.
 _HYPER_STEP = 4
 # Number of designs that the search starts from. The first has the best fractions of tests, rounded
 # to whole numbers; the others are random. In every third design, tests are drawn from all
@@ -59,9 +59,9 @@ _STARTS = 6
 # sensitivities, weighted by the shares.
 _SHARES_TOLERANCE = 1e-5
 # The search restarts from perturbed designs at most ``_MAX_RESTARTS`` times, and less often if the
-# cost of all restarts would otherwise exceed ``_RESTART_COST``. The cost is the product of four
-# numbers: of the elements of the precision matrices, of tests, of candidate tests that are tried as
-# a replacement of each test, and of restarts.
+# cost of all restarts would otherwise exceed ``_RESTART_COST``. The cost is the number of elements
+# of the precision matrices, times the number of tests, times the number of candidates that are
+# tried as a replacement of each test, times the number of restarts.
 _MAX_RESTARTS = 100
 _RESTART_COST = 4_000_000
 # If at most this many designs are possible, the search does not restart from perturbed designs.
@@ -235,8 +235,7 @@ class Search:
     def shares(self, tests: float) -> Optimum:
         """Return the best shares of this number of tests, computed once for each number.
 
-        Shares are the fractions of the tests that are run at each candidate, a test that could be
-        run once or several times.
+        The share of a candidate is the fraction of the tests that are run at it.
         """
         if tests not in self._shares:
             self._shares[tests] = optimal_shares(self.objective, tests, tolerance=_SHARES_TOLERANCE)

@@ -22,25 +22,24 @@ from ldbb_bayes.results import Array, Shown
 
 __all__ = ["Optimum", "certificate", "is_better", "largest_positions", "optimal_shares"]
 
-# Two values of the design criterion, or of its derivatives for two candidates (tests that could be
-# run), count as equal if their difference, relative to the largest value, is below this. Among
-# candidates with equal values the first is taken.
+# Two values of the design criterion, or of its derivatives for two candidates, count as equal if
+# their difference is below this share of the largest value. Of candidates with equal values, the
+# first is taken.
 _EQUALITY_TOLERANCE = 1e-9
-# Largest number of rounds in which shares (fractions of the tests run at each candidate, a test
-# that could be run) are optimized. In each round, a few candidates join those with a share above
-# zero, and the shares of all these are optimized.
+# Largest number of rounds in which shares are optimized. In each round, a few candidates are added
+# to those with a share above zero, and the shares of all these are optimized.
 _MAX_ROUNDS = 400
 # Largest number of iterations of the solver SLSQP in each round of the optimization of shares.
 _SOLVER_ITERATIONS = 40
-# Largest number of candidate tests that join, in one round, those whose fractions are optimized.
+# Largest number of candidates that one round adds to those whose shares are optimized.
 _JOINING_CANDIDATES = 3
-# Number of evenly spread candidate tests whose fractions of the tests are optimized in the first
+# Number of candidates, evenly spread over the list of all, whose shares are optimized in the first
 # round.
 _FIRST_CANDIDATES = 32
-# A fraction of the tests, run at one candidate (test that could be run), counts as zero below this.
+# A share below this counts as zero.
 _ZERO_SHARE = 1e-10
-# When the solver starts, fractions of the tests are raised to at least this number divided by the
-# number of candidate tests whose fractions are optimized. Then all are scaled to sum to one.
+# Before the solver starts, shares are raised to at least this number divided by the number of
+# candidates whose shares are optimized. Then all shares are scaled to sum to one.
 _STARTING_SHARE = 0.02
 # Value of the solver's loss function where the fractions of tests leave a parameter undetermined.
 _UNDETERMINED_LOSS = 1e6
@@ -50,9 +49,8 @@ _UNDETERMINED_LOSS = 1e6
 _LOOSE_TOLERANCE = 1e-5
 _TIGHT_TOLERANCE = 1e-15
 _TOLERANCE_PER_EXCESS = 1e-3
-# The optimization of shares (fractions of the tests at each candidate test) ends after a round that
-# raises the criterion by less than this, relative to `Optimum.bound`, the mean of the sensitivities
-# weighted by the shares.
+# The optimization of shares also ends if a round with the smallest tolerance raises the criterion
+# by at most this share of `Optimum.bound`, and no other candidates are left to add.
 _NO_GAIN = 1e-13
 
 
@@ -140,7 +138,7 @@ def optimal_shares(objective: Objective, tests: float, *, tolerance: float = 1e-
     sensitivities, weighted by the shares. The algorithm optimizes the shares of a few active
     candidates, then adds candidates whose sensitivity exceeds the bound. These two steps are
     repeated until the relative excess of the largest sensitivity over the bound is within the
-    tolerance.
+    tolerance, until they no longer raise the criterion, or 400 times at most.
 
     Parameters
     ----------

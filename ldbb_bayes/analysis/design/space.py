@@ -262,8 +262,7 @@ class Space:
     def efficiency(self, tests: Sequence[CircularTest]) -> float:
         """Return the efficiency of tests relative to the best shares of as many tests.
 
-        Shares are the fractions of the tests that are run at each candidate, a test that could be
-        run once or several times.
+        The share of a candidate is the fraction of the tests that are run at it.
         """
         value = self.objective(tests).value(np.ones(len(tests)))
         best = self.search.shares(float(len(tests))).value

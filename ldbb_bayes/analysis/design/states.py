@@ -24,7 +24,7 @@ from ldbb_bayes.results import Array
 __all__ = ["States", "extend_hyper_parameters", "hyper_nodes", "states_before"]
 
 # Posteriors of the hyper-parameters given the readings of a pilot (the campaign that a design
-# starts from), by pilot, one for each model. They are kept because to compute them takes a long
+# starts from), by pilot, one for each model. They are kept because computing them takes a long
 # time.
 _POSTERIORS: WeakKeyDictionary[Campaign, list[HyperPosterior]] = WeakKeyDictionary()
 
