@@ -88,7 +88,7 @@ def informations_of(bound: BoundModel, phi: Array) -> Iterator[Information]:
     of interest) that are the same in all tests. Nuisances whose coefficients differ between tests
     are treated as noise of each test. ``bound`` is the model of a campaign. ``phi``, shape (w, h),
     are the hyper-parameters, which are the scales of noise and nuisances; lengths are in mm. The
-    design matrix is that of the reduced readings, not yet divided by their noise: it does not
+    design matrix refers to the reduced readings before they are scaled to unit noise. It does not
     depend on the hyper-parameters and is computed once. Tests with the same noise share one
     covariance.
     """

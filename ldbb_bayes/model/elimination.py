@@ -146,10 +146,10 @@ class Front(NamedTuple):
             Output of `assemble`, shape (groups, s, s + m + 1, w); overwritten by L and
             L⁻¹ Aᵀ D⁻¹ r.
         links, link_signs
-            Rows of the factors of columns eliminated earlier that have rows in common with these
-            groups, shape (earlier columns, s + m + 1, w), and the signs ±1 of their pivots, shape
-            (earlier columns,); see `eliminate`. ``links`` is None if there are no such columns, and
-            ``link_signs`` is None if all signs are positive.
+            Parts of the factors of columns eliminated earlier, shape (earlier columns, s + m + 1,
+            w), and the signs ±1 of the pivots of these columns, shape (earlier columns,), as
+            `eliminate` takes them. ``links`` is None if no earlier column has a row in common with
+            these groups, and ``link_signs`` is None if all signs are positive.
 
         Returns
         -------
@@ -215,8 +215,8 @@ class Elimination(NamedTuple):
 
         A is the design matrix, D the diagonal noise covariance, r are the readings and φ the
         hyper-parameters, on which D depends. Isolated groups of columns and leaves are factorised
-        first. The products of those rows of the leaves' factors that link them to the root are then
-        subtracted from the root's matrix, and the root is factorised last.
+        first. The contribution of the leaves is then subtracted from the root's matrix, and the
+        root is factorised last.
 
         Parameters
         ----------
@@ -249,14 +249,14 @@ class Elimination(NamedTuple):
         return factors, np.sum(gains, axis=0)
 
     def _assemble_leaves(self, weight: Array, shift: Array | None) -> tuple[list[Array], Array]:
-        """Return two views of one array: the leaves' matrices, and their part for the root.
+        """Return the matrices of the leaves, and a view of the part of them that the root needs.
 
         Leaves are groups of columns that have rows in common with one further group only, the root.
-        The first view is the list of matrices that `Front.assemble` returns for the leaves, from
-        ``weight`` and ``shift`` (see `factorize`). The second view holds their entries for the
-        columns of the root and the right-hand side, shape (columns of leaves, columns of the root
-        + 1, w). After the leaves are factorised in place, the second view holds those rows of their
-        factors that link the leaves to the root.
+        The matrices are those that `Front.assemble` returns; ``weight`` and ``shift`` are the
+        arguments of `factorize`. The view holds the entries of these matrices for the columns of
+        the root and the right-hand side, shape (columns of leaves, columns of the root + 1, w).
+        When the leaves are factorised in place, it becomes the ``links`` with which the root is
+        factorised.
         """
         widest = max((front.gram.shape[1] for front in self.leaves), default=0)
         leaf_columns = sum(front.columns.size for front in self.leaves)
@@ -303,7 +303,7 @@ class _Plan(NamedTuple):
 
     @property
     def cost(self) -> float:
-        """Cost of this elimination: number of multiplications for one value of φ.
+        """Cost of eliminating all groups: number of multiplications for one value of φ.
 
         φ are the hyper-parameters. The time of function calls is included, converted to
         multiplications.
@@ -500,11 +500,11 @@ def _elimination_cost(
     *,
     border: int,
 ) -> float:
-    """Return the number of multiplications that eliminate groups with equal numbers of columns.
+    """Return the number of multiplications that the elimination of groups of equal size needs.
 
     The time of function calls is included, converted to multiplications. ``groups`` are arrays of
-    column indices. ``border`` is the number of columns that are eliminated later and have rows in
-    common with a group.
+    column indices, all of the same length. ``border`` is the number of columns that are eliminated
+    later and have rows in common with a group.
     """
     columns = len(groups[0])
     remaining = columns + border + 1 - np.arange(columns)

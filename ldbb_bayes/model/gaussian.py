@@ -232,7 +232,8 @@ class Gaussian(Shown):
         triangle
             R factor of the matrix, shape (..., at least q, q + 1).
         origin
-            Point about which the coefficients are computed, shape (..., q).
+            Values that are subtracted from the coefficients to limit rounding errors, shape (...,
+            q).
         scale
             Diagonal of the diagonal matrix S, shape (..., q).
         constant
@@ -277,7 +278,7 @@ class Gaussian(Shown):
     def log_constant(self) -> Array:
         """Logarithm of the Gaussian function at the point where all q coefficients are zero.
 
-        The result has one element for each of many Gaussian functions, shape (...).
+        There is one number for each Gaussian function, shape (...).
         """
         origin = np.zeros(self.mean.shape[-1])
         return np.asarray(self.log_integral + self.log_density(origin))

@@ -80,7 +80,7 @@ _MOST_MACHINES = 20_000
 def _default_terms() -> tuple[Term, ...]:
     """Return the nuisance terms (effects modelled but not of interest) of the default model.
 
-    All existing terms are returned, except those that a model has only on request.
+    These are all terms except those that are only added on request (``on_demand``).
     """
     return tuple(kind() for kind in Term.kinds.values() if not kind.on_demand)
 
@@ -403,7 +403,7 @@ class HybridModel(Result):
         return _ordered(scales)
 
     def scales_in(self, setting: Setting) -> tuple[Scale, ...]:
-        """Return the hyper-parameters that act under the conditions of a campaign's tests.
+        """Return the hyper-parameters that have an effect on the tests of a campaign.
 
         Hyper-parameters are the scales of the noise and of other effects. They include the noise
         factors λ of single circles, if the circles have such factors. ``setting`` are the
@@ -1090,8 +1090,8 @@ def _rows_of_tests(campaign: Campaign, names: Sequence[str] | None) -> list[int]
 def _check_levels(model: HybridModel, campaign: Campaign) -> None:
     """Raise an `InputError` if a campaign has too few different forces for a model.
 
-    A model of degree 1 or 2 in force needs at least two different forces. A model with flat priors
-    needs at least as many as its degree plus two.
+    A model with linear or quadratic compliance (degree 1 or 2) needs at least two different forces.
+    A model with flat priors needs at least as many as its degree plus two.
     """
     levels = campaign.force_levels
     degree = model.degree

@@ -30,10 +30,11 @@ class Information:
     """Linear model z = A c + e of the readings, at given scales of the noise and of other effects.
 
     z are the reduced readings, scaled so that their noise e is white and has unit variance. c (m,)
-    are all coefficients divided by their prior sd, and A is the design matrix of c. Coefficients
-    are the parameters of interest and those of nuisances (effects modelled but not of interest)
-    that are the same in all tests. The posterior covariance of c is (1 + AᵀA)⁻¹ if no prior is
-    flat. Methods can take terms and coefficients as known, and then leave them out of c and e.
+    are all coefficients divided by their ``scale`` (prior sd), and A is the design matrix of c.
+    Coefficients are the parameters of interest and those of nuisances (effects modelled but not of
+    interest) that are the same in all tests. The posterior covariance of c is (1 + AᵀA)⁻¹ if no
+    prior is flat. Methods can take terms and coefficients as known, and then leave them out of c
+    and e.
     """
 
     #: Names of the m coefficients: parameters of interest, then nuisance coefficients, which belong
@@ -209,8 +210,9 @@ class Information:
     ) -> Array:
         """Return the posterior variances of the p parameters of interest, shape (p,).
 
-        The variances are divided by the prior variances. Parameters of interest are compliances,
-        their slopes with force and geometric errors.
+        The variances are divided by the squares of ``scale``, which are the prior variances unless
+        the prior is flat. Parameters of interest are compliances, their slopes with force and
+        geometric errors.
 
         Parameters
         ----------

@@ -73,7 +73,7 @@ class _Batch(NamedTuple):
 
     @property
     def numbers(self) -> slice:
-        """Slice of the indices (from 0) of the hyper-parameters' values, without repeated ones."""
+        """Slice of the hyper-parameters' values that the batch holds, without repeated ones."""
         return slice(self.phi_index[0], self.phi_index[-1] + 1)
 
     @property

@@ -30,10 +30,11 @@ def newton(
 ) -> Array:
     """Return a mode (local maximum) of a log density of h coordinates, shape (h,).
 
-    The mode is found by damped Newton steps. A step uses the absolute values of the curvatures (the
-    eigenvalues of the negative Hessian), and at least ``least_curvature``, so that it always goes
-    uphill. No step is longer than 1.5. Several fractions of a step are tried, and the one that
-    leads to the largest density is taken. After 60 steps, the point reached is returned.
+    The mode is found by damped Newton steps. The curvatures (eigenvalues of the negative Hessian)
+    are replaced by their absolute values, or by ``least_curvature`` if this is larger, so that
+    every step leads uphill. No step is longer than 1.5. Several fractions of a step are tried, and
+    the one that leads to the largest density is taken. The search ends after 60 steps at the
+    latest.
 
     Parameters
     ----------
@@ -45,7 +46,7 @@ def newton(
     start
         Point where the search starts, shape (h,).
     least_curvature
-        Curvatures with a smaller absolute value are replaced by this number.
+        Smallest curvature that a step uses.
     gain
         The search ends when a step raises the log density by no more than this [nat].
     """

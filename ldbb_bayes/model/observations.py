@@ -74,9 +74,9 @@ class Observations(NamedTuple):
     #: Sources of variance, by which the noise variances of the rows are stated: hyper-parameters
     #: (standard deviations of effects) and products of hyper-parameters.
     sources: list[Source]
-    #: Unit in which every nuisance coefficient is expressed, shape (coefficients,): its prior sd
-    #: divided by the hyper-parameter that scales it, or its prior sd if no hyper-parameter scales
-    #: it, or with a flat prior the reciprocal norm of its column.
+    #: Unit in which every nuisance coefficient is expressed, shape (coefficients,). It is the prior
+    #: sd divided by the hyper-parameter that scales it, or the whole prior sd if no hyper-parameter
+    #: does. For a flat prior it is the reciprocal norm of the coefficient's column.
     unit: Array
     #: Signs ±1 of the prior variances of the nuisance coefficients, shape (coefficients,). A
     #: negative variance removes noise, as `_columns_for_uneven_angles` explains.

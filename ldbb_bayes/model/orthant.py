@@ -62,9 +62,9 @@ _SCRAMBLES = 8
 # Factor (Student's t) on the standard error of a probability, because the error is estimated from
 # the scatter between only eight scrambles, which are random shifts of the quasi-random points.
 _STUDENT = 1.5
-# The stated error of a probability is at least this share of the error that as many plain random
-# numbers would have, because the results of a few scrambles (random shifts of the quasi-random
-# points) may agree by chance.
+# The stated error of a probability is at least this share of the error that the same number of
+# plain random points would give, because the results of a few scrambles (random shifts of the
+# quasi-random points) may agree by chance.
 _LEAST_ERROR_SHARE = 0.1
 # Largest number of importance weights that are computed at once, to limit the memory used. There is
 # one weight for every quasi-random point and every probability P(u ≥ 0) of a batch.
@@ -79,8 +79,8 @@ _OWEN_ERROR = 1e-15
 # The bound of P(u ≥ 0) from pairs of constraints is not used if the probability that the two
 # constraints most likely to fail both hold is smaller than this. The bound is then too inaccurate.
 _LEAST_PAIR = 1e-9
-# The probability that two constraints hold counts as too inaccurate if the correlation of the two
-# is closer to ±1 than this.
+# The computed probability that two constraints both hold counts as too inaccurate if their
+# correlation is closer to ±1 than this.
 _LEAST_DIFFERENCE = 1e-6
 # If the bound of P(u ≥ 0) by the constraint most likely to fail has a relative error below this, no
 # pairs of constraints are considered.
@@ -119,7 +119,7 @@ class _Solved(NamedTuple):
     """Problems with triangular matrices of constraints, and the densities from which to draw.
 
     Each of w problems concerns a standard normal vector e with q elements. ``axes`` (w, d, q) holds
-    the d orthonormal directions of e on which alone the constraints depend. ``tilted`` states the
+    the d orthonormal directions of e on which the constraints depend. ``tilted`` states the
     constraints on the d coordinates of e along these directions, and the shifts (tilts) of the
     density from which the coordinates are drawn at random.
     """
@@ -657,7 +657,7 @@ def _uncertain_rows(
     mean: Array,
     spread: Array,
 ) -> NDArray[np.intp]:
-    """Return the indices of the constraints that may fail in at least one problem, from 0.
+    """Return the indices (from 0) of the constraints that may fail in at least one problem.
 
     Each of w problems has m constraints u = mean + spread e ≥ 0, with standard normal e of q
     elements; ``mean`` has shape (w, m) and ``spread`` (w, m, q). A constraint counts as certain,
@@ -705,10 +705,11 @@ def _binding_rows(
 ) -> list[int]:
     """Return the indices of linearly independent constraints of one problem, the tightest first.
 
-    The problem has m constraints on a standard normal vector e of q elements. Constraints that hold
-    with equality at the most probable e that satisfies all of them are chosen first. Then follow
-    those whose rows have the longest part perpendicular to the rows chosen before, until there are
-    ``rank``. The result is in increasing order of ``distance``.
+    The problem has m constraints on a standard normal vector e of q elements. Consider the most
+    probable e that satisfies all constraints: constraints that hold with equality there are chosen
+    first. Further ones are chosen one by one, each time the one whose row has the longest part
+    perpendicular to the rows chosen before, until there are ``rank``. The result is in increasing
+    order of ``distance``.
 
     Parameters
     ----------

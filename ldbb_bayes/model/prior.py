@@ -136,10 +136,9 @@ def parameter_to_inside(parameter: str, value: float | str, words: str) -> float
 
 
 def _kind_of(parameter: str) -> _Kind | None:
-    """Return internal unit and field of the default prior sd of a parameter, from its name.
+    """Return a parameter's internal unit, and which field of `Prior` is its default prior sd.
 
-    The field is one of `Prior`, such as direct_mm_per_N for C_XXX. Return None if no parameter can
-    have the name.
+    For C_XXX, these are mm/N and direct_mm_per_N. Return None if no parameter can have the name.
     """
     match = _COMPLIANCE_NAME.fullmatch(parameter)
     if match is not None:
@@ -153,10 +152,10 @@ def _kind_of(parameter: str) -> _Kind | None:
 
 
 def degree_of(parameter: str) -> int:
-    """Return the degree in force of a parameter, from its name.
+    """Return the degree of a slope, 1 or 2, from its name; return 0 for any other parameter.
 
-    The degree is 1 for a linear slope of a compliance with force (C_XXX_1), 2 for a quadratic one
-    (C_XXX_2) and 0 for compliances and geometric errors.
+    A slope is the change of a compliance with force. It is linear (degree 1) for C_XXX_1 and
+    quadratic (degree 2) for C_XXX_2.
     """
     stem, _, suffix = parameter.rpartition("_")
     return int(suffix) if stem.startswith("C_") and suffix.isdigit() else 0
@@ -169,7 +168,7 @@ class Prior(Shown):
     Parameters of interest are compliances, their slopes with force and geometric errors. Scales are
     the standard deviations of the noise and of other effects. The defaults are wide for any machine
     tool: a compliance of 1e-4 mm/N is a stiffness of 10 N/µm, a scale error of 2e-4 is 200 µm/m.
-    Give your own by `HybridModel.with_prior` or in TOML; every value may be text with its unit.
+    Give other priors by `HybridModel.with_prior` or in TOML; every value may be text with its unit.
 
     The prior mean is zero for every parameter that ``means`` does not name. The prior mean of a
     slope with force is always zero, because constant compliance is the linear model with its slopes

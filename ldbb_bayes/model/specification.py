@@ -194,7 +194,7 @@ def _terms_of(tables: Mapping[str, dict[str, float | str]], model: HybridModel) 
 def _converted_settings(
     table: str, types: Mapping[str, type], values: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return the settings of one table of a model file, with numbers in the units of their names.
+    """Return the settings of one table of a model file, in the units that their names state.
 
     A number may be stated as a text with a unit, which is converted to the unit at the end of the
     setting's name: "3000 nm" for ``sd_um`` becomes 3. ``table`` is the name of the table for error

@@ -35,17 +35,17 @@ _DECAY = Scale("decay", "decay", "p", "decay of form with its order", "decay")
 # Prior variance of each coefficient of a ball's form at the orders 2 and 3 (waves in a turn),
 # divided by the square of the ball's deviation from sphericity (peak to valley).
 _VARIANCE_PER_SPHERICITY = 1.0 / 24.0
-# Highest order n of the harmonics cos nθ, sin nθ of a ball's form to which its stated deviation
-# from sphericity is attributed.
+# Highest order n of the harmonics cos nθ, sin nθ of a ball's form to which its deviation from
+# sphericity is attributed.
 _LAST_SPHERICITY_ORDER = 3
 
 
 class _TurnedBall(NamedTuple):
-    """Ball that contributes to a form error, and the angle by which it is turned in it [rad].
+    """Ball that contributes to a form error, and the angle of the ball's zero in this form error.
 
     The form error, of one ball or the sum of both, is a Fourier series in an angle. ``turned_rad``
-    is the value of this angle where the angle on the ball itself is zero. It is zero if the form
-    error is that of a single ball.
+    is the value of this angle [rad] where the angle on the ball itself is zero. It is zero if the
+    form error is that of a single ball.
     """
 
     ball: Ball

@@ -29,7 +29,7 @@ __all__ = [
 ]
 
 # Beginning of the names of the modules that define the package's own nuisance terms. The default
-# model has these terms, unless their class is marked as on demand.
+# model has these terms, except those that are only added on request (``on_demand``).
 _PACKAGE = "ldbb_bayes.model.terms."
 # Pattern of the positions in the class name of a term where a new word begins, as in BallForm:
 # before every capital letter except the first.
@@ -129,7 +129,7 @@ def uncertainties(campaign: Campaign, terms: Iterable[Term] | None = None) -> Un
 def assumption(
     campaign: Campaign, name: str, certificate: str, sd: float, value: float = 0.0
 ) -> Uncertainty:
-    """Return the record of what a term assumes about a coefficient of its effect.
+    """Return the record of what a term assumes about one of its coefficients.
 
     The unit follows from the name of the coefficient. The record also says whether a certificate of
     the campaign states the uncertainty. The uncertainty itself is the argument ``sd``; it is not
