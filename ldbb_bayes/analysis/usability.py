@@ -14,7 +14,7 @@ from ldbb_bayes.results import Result
 __all__ = ["Judgement", "Reason", "ReasonKind", "Use", "is_determined", "state_of"]
 
 
-# The readings hardly determine a parameter β with a contraction 1 − Var(β | y) / Var(β) below this:
+# Readings y hardly determine a parameter β whose contraction 1 − Var(β | y) / Var(β) is below this:
 # its standard uncertainty is then more than about a third of its prior standard deviation.
 _HARDLY_DETERMINED = 0.9
 

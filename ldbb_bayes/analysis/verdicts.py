@@ -98,13 +98,12 @@ class Verdict(StrEnum):
        than half of its standard uncertainty: knowing them would remove more than a quarter of its
        variance. This holds only if neither a certificate nor the user states their size. A size
        inferred from other Fourier orders of the circle does not count.
-    3. *confounded*, when two conditions hold. More than half of the parameter's variance lies along
-       combinations of coefficients for which the priors outweigh the readings. And more than half
-       of the variance would vanish if the nuisance terms, and the parameters that no reading
-       separates from it, were known. Also *confounded*, when the priors outweigh the readings
-       tenfold along such combinations, and knowing the parameter with which it is most correlated
-       would remove more than half of the variance. Rotations by a force, such as C_CXY, are
-       confounded with `Position` where the circle's centre shifts in proportion to force.
+    3. *confounded*, when more than half of the parameter's variance lies along combinations of
+       coefficients for which the priors outweigh the readings, and more than half of it would
+       vanish if the nuisances and the parameters that no reading separates from this parameter were
+       known. Also *confounded*, when more than half of the variance lies along combinations for
+       which the priors outweigh the readings tenfold, and more than half of it would vanish if the
+       most correlated parameter were known.
     4. *prior-limited*, when the contraction is below 0.75: the posterior sd is more than half of
        the prior sd.
     5. *identified* otherwise, except where an effect that the model leaves out looks exactly like
@@ -112,6 +111,9 @@ class Verdict(StrEnum):
        like lost motion in proportion to force. In tests that ran in the order of force, direct
        compliances such as C_XXX look like a drift of the bar's length. Where `Position` is
        modelled, C_CXY looks like a drift of the circle's centre.
+
+    If the circle's centre shifts in proportion to force, rotations caused by a force, such as
+    C_CXY, are *confounded* with `Position`, whatever these rules give.
     """
 
     IDENTIFIED = "identified"
@@ -524,10 +526,10 @@ def _information_gain(variance_ratio: float) -> float:
 def _squared_correlations(
     correlation: pd.DataFrame, names: Sequence[str], name: str
 ) -> dict[str, float]:
-    """Return the squared posterior correlation of one parameter with each other, by name.
+    """Return the squared posterior correlation of a parameter with every other one, by name.
 
-    ``correlation`` is the matrix of posterior correlations, ``names`` are those of all parameters,
-    and ``name`` is that of the one parameter.
+    ``correlation`` is the matrix of posterior correlations, ``name`` the name of the parameter, and
+    ``names`` are the names of all parameters.
     """
     row = correlation[name]
     return {partner: float(row[partner] ** 2) for partner in names if partner != name}
@@ -567,8 +569,8 @@ def _shifted_parameters(bound: BoundModel, mean: Array) -> tuple[str, ...]:
 def _judge(information: Information, facts: _ParameterFacts) -> _Judgement:
     """Return the verdict on one parameter by the rules of `Verdict`.
 
-    ``information`` is that of all coefficients; ``facts`` are those about the parameter. Effects
-    that are neither terms of the model nor of its preset are not considered.
+    ``facts`` are about this parameter, and ``information`` is about all coefficients. Effects that
+    are neither terms of the model nor of its preset are not considered.
     """
     removed = facts.removed_shares
     terms = information.shared_terms

@@ -60,7 +60,7 @@ class House:
         shutil.rmtree(session.folder, ignore_errors=True)
 
     async def look_after(self) -> None:
-        """End sessions whose browser tabs are closed, and delete their files.
+        """End sessions that are over, delete their files, and stop abandoned fits.
 
         This is repeated every second until the task is cancelled.
         """

@@ -103,7 +103,7 @@ def _test_sliders(settings: Mapping[str, Any], pilot: lb.Campaign) -> dict[str, 
 
 
 class _Report(NamedTuple):
-    """Identity of the report of a session (one browser tab): the key of cached computations."""
+    """Identity of a session's report, which is the key under which its computations are cached."""
 
     folder: Path  #: Folder of the session (one browser tab).
     #: Time at which the report was written [ns].
@@ -297,10 +297,10 @@ def _best_tests(
 
 
 def _pairs_in_turn(first: Sequence[Any], second: Sequence[Any], number: int) -> list[Any]:
-    """Return ``number`` pairs of elements of two sequences, in the order of a Latin square.
+    """Return ``number`` pairs of elements of two sequences, balanced as in a Latin square.
 
-    The elements of the first sequence are taken in turn, round after round. From round to round,
-    each of them is paired with the next element of the second sequence.
+    Each round takes all elements of the first sequence in turn. From one round to the next, each of
+    these elements gets the next element of the second sequence as its partner.
     """
     pairs = []
     for k in range(number):
@@ -342,9 +342,9 @@ def forecast(folder: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
     Returns
     -------
     dict
-        Expanded uncertainty U (k = 2) of every parameter, today and expected, the probabilities
-        that the evidence decides for constant or linear compliance, time and cost, and the tests in
-        the order in which to run them.
+        Expanded uncertainty U (k = 2) of every parameter except the slopes of compliances, today
+        and expected; the probabilities that the evidence decides for constant or linear compliance;
+        time and cost; and the tests in the order in which to run them.
 
     Raises
     ------
@@ -392,8 +392,9 @@ def _expected_uncertainties(report: _Report, settings_json: str, *, fine: bool) 
     """Return the uncertainties and decisions that the planned tests are expected to give.
 
     Entry ``rows`` of the result has the expanded uncertainty U (k = 2) of every parameter except
-    slopes, today and expected. Entry ``settle`` has the probabilities that the evidence will decide
-    for linear or for constant compliance; it is None if no such forecast is possible.
+    the slopes of compliances, today and expected. Entry ``settle`` has the probabilities that the
+    evidence will decide for linear or for constant compliance; it is None if no such forecast is
+    possible.
 
     Parameters
     ----------

@@ -49,7 +49,7 @@ _SAVED_FILES = {
     "parameters.csv": "tables/averaged.csv",
 }
 # Table that is downloaded as parameters.csv if constant and linear compliance could not be
-# averaged. The certificate's sheets then state the results of the fit itself.
+# averaged. It has the results of the fit itself, as has the report.
 _FIT_TABLE = "tables/results.csv"
 _ZIPPED_FOLDERS = {"tables.zip": "tables", "campaign.zip": "campaign", "report.zip": ""}
 

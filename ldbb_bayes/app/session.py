@@ -186,7 +186,8 @@ def kill_process(process: asyncio.subprocess.Process | None) -> None:
     Parameters
     ----------
     process
-        Process to end, with all processes of its group. None and ended processes are ignored.
+        Process to end, with all processes of its group; on Windows, only the process itself. None
+        and ended processes are ignored.
     """
     if process is None or process.returncode is not None:
         return

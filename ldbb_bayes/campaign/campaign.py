@@ -81,8 +81,8 @@ _DIGESTED_ALWAYS = (
     "centre_y_mm",
 )
 # Names of further fields of a test, each with its usual value. Such a field enters the SHA-256
-# digest of the campaign only if it has another value. Thereby digests from older versions of the
-# program, which lacked these fields, stay valid.
+# digest of the campaign only if it has another value. In this way, digests from older versions of
+# the program, which lacked these fields, stay valid.
 _DIGESTED_UNLESS_USUAL = {
     "centre_z_mm": 0.0,
     "setup": 1.0,

@@ -67,7 +67,7 @@ class TestFields(Shown):
 
     __test__ = False
 
-    #: name of the test, from characters that the name of a file may have
+    #: name of the test, made of characters that are permitted in the name of a file
     name: FileName | None = None
     force_N: Force | None = None  #: radial force of the bar during the test, above zero [N]
     pressure_bar: Pressure | None = None  #: pressure of the regulator that makes the force [bar]

@@ -112,10 +112,10 @@ def read_campaign(
 
 
 def _with_certificates(instrument: Instrument, certificates: Mapping[str, Any]) -> Instrument:
-    """Return the instrument with other values for the certified fields in ``certificates``.
+    """Return the instrument after replacing the fields that ``certificates`` names.
 
-    ``certificates`` holds the new values by the names of fields of `Instrument`. If one of them
-    belongs to the bar or the force device, the name of its old certificate is removed.
+    ``certificates`` holds new values by the names of fields of `Instrument`. If one of them belongs
+    to the bar or the force device, the name of its old certificate is removed.
     """
     changes: dict[str, Any] = {}
     for name in certificates:

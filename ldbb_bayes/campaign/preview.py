@@ -34,8 +34,8 @@ _FULL_DEG = 359.0
 # more, but not a full circle, the remark says that they have a gap. The limit is a full circle less
 # one period of the highest order of the fitted Fourier series.
 _LARGEST_ARC_DEG = 360.0 - 360.0 / _ORDER
-# A gap between neighbouring angles of a test is reported if it is wider than this number of usual
-# steps from one angle to the next.
+# A gap between neighbouring angles of a test is reported if it is wider than this many times the
+# usual step from one angle to the next.
 _GAP_STEPS = 10.0
 # A test is reported if its stated force and the force that the campaign's force law gives for its
 # pressure differ by more than this share of the largest force.
@@ -57,8 +57,8 @@ _FITTED_READINGS = range(2 * _ORDER + 11, 200_001)
 # number of standard deviations of the readings about the series.
 _SPIKE_SCATTERS = 8.0
 # A trace that goes once round the circle is reported as open if it jumps between last and first
-# reading by more than this number of standard deviations of the noise, or of resolutions if the
-# resolution is larger.
+# reading by more than this many times the noise or the resolution, whichever is larger. The noise
+# is a standard deviation.
 _OPEN_SCATTERS = 10.0
 # Number of rounds in the search for spikes: that many fits with new weights of the readings, and
 # then at most that many fits without the spikes found so far.
@@ -311,7 +311,7 @@ def _preview_test(test: CircularTest, campaign: Campaign) -> TestPreview:
 def _remark_on_angles(
     test: CircularTest, campaign: Campaign, angles: _Angles, remarks: _Remarks
 ) -> None:
-    """Add a remark if the angles contradict the stated direction, cover an arc only or have gaps."""
+    """Add remarks if the angles contradict the stated direction, cover an arc or have a gap."""
     contradicts = test.direction and angles.travel and test.direction != angles.travel
     if contradicts and not campaign.is_plan and not _order_shows_no_travel(campaign):
         remarks.add(RemarkKind.TRAVEL, stated=test.direction, travel=angles.travel)

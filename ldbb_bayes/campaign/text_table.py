@@ -52,8 +52,8 @@ BYTE_ORDER_MARKS = {
 # First bytes of a file that is a zip archive; workbooks in the formats XLSX and ODS are such
 # archives.
 ARCHIVE_SIGNATURE = b"PK\x03\x04"
-# First bytes of a file in Microsoft's compound file format, which XLS workbooks and workbooks with
-# a password have.
+# First bytes of a file in Microsoft's compound file format, the format of XLS workbooks and of
+# workbooks with a password.
 COMPOUND_SIGNATURE = b"\xd0\xcf\x11\xe0"
 # Character (Ctrl-Z) with which old text files end; it is removed when a text table is read.
 _CONTROL_Z = b"\x1a"
