@@ -10,7 +10,8 @@ There are three kinds of prediction:
   matrix H holds the effect of a unit of each parameter on each circle;
 - shared: the machine plus ball form, bar length, mount and force error. Root-mean-square residual
   and fitness (Eq. 34-35 of the paper) refer to this prediction;
-- new circle: the shared prediction plus set-up shift, discrepancy and white noise, drawn anew.
+- new circle: the shared prediction plus set-up shift (of zero and centre), discrepancy (unexplained
+  deviations of the orders 2 to 12) and white noise, all drawn anew.
 """
 
 from __future__ import annotations

@@ -1,14 +1,14 @@
-"""Log posterior density of parameters β and hyper-parameters φ, which every sampler uses.
+"""Log posterior density of parameters β and hyper-parameters φ, for samplers.
 
 β are the p parameters: compliances, their slopes and geometric errors. φ are the h
 hyper-parameters, the scales of the noise and of other effects. y are the readings. Nuisances,
 effects that are modelled but not of interest, are integrated out.
 
-The log density is ln p(y | β, φ) + ln p(β) + ln p(φ), without − ln p(y), where p(y) is the
-evidence. All three densities are normalised. β has the prior N(m, S), with mean m (p,) and
-covariance S (p, p), restricted by truncation to compliances that are not negative, A β ≥ 0 with A
-of shape (rows, p). φ has its own prior, independent of β. The integral of their product over x =
-(β, φ) is the evidence, whose logarithm `log_evidence` returns.
+The log density is ln p(y | β, φ) + ln p(β) + ln p(φ); the log evidence ln p(y) is not subtracted.
+These three densities are normalised. β has the prior N(m, S), with mean m (p,) and covariance S (p,
+p), restricted by truncation to compliances that are not negative, A β ≥ 0 with A of shape (rows,
+p). φ has its own prior, independent of β. The integral of the product of the three densities over x
+= (β, φ) is therefore the evidence, whose logarithm `log_evidence` returns.
 """
 
 from __future__ import annotations
@@ -410,7 +410,7 @@ def starting_points(redraw: LinearRedraw, n: int, random: np.random.RandomState)
     Raises
     ------
     InputError
-        If hardly any posterior draw has compliances that are not negative.
+        If hardly any of the draws is without a negative compliance.
     """
     candidates = redraw.draw(_DRAWS_PER_START * n, random, temperature=_START_TEMPERATURE)
     inside = candidates.points[np.isfinite(candidates.log_target)]

@@ -51,7 +51,7 @@ class Diagnostics(NamedTuple):
     #: effective sample size for the tails (quantiles at 5 % and 95 %) of each of d parameters,
     #: shape (d,)
     ess_tail: Array
-    #: rank-normalised split R-hat of each of d parameters, which is one if the chains agree, (d,)
+    #: rank-normalised split R-hat of each of d parameters, shape (d,); one if the chains agree
     rhat: Array
 
 

@@ -27,7 +27,7 @@ from ldbb_bayes.results import Array, Shown
 __all__ = ["Evidences", "leave_one_out"]
 
 # Error allowed in a log evidence [nat] that only serves to decide whether a model is rejected. If
-# the tolerance of the other evidences is larger, it is allowed instead.
+# the tolerance of the other evidences is larger, it is used instead.
 _ROUGH_TOLERANCE = 0.1
 
 

@@ -40,7 +40,7 @@ __all__ = ["Concern", "ConcernKind", "Fit", "State", "assess_fit"]
 # a power near one (Kallioinen et al. 2023).
 _SENSITIVE = 0.05
 # A failing posterior predictive check of a Fourier order of a test matters if leaving out this test
-# changes some parameter by more than this number of the parameter's standard uncertainties.
+# changes some parameter by more than this multiple of the parameter's standard uncertainty.
 _LARGEST_SHIFT = 0.5
 # A failing posterior predictive check of noise matters if the noise found in the readings widens
 # the interval of some parameter by more than this share of its width.
@@ -58,8 +58,8 @@ _EXPECTED_HYPER = 0.999
 # A fit warns of a parameter if its posterior mean is farther than this from the prior mean that the
 # user stated. The unit is the standard deviation that this distance has if the prior is right.
 _LARGEST_PRIOR_DISTANCE = 3.0
-# Least variance expected of the distance between the prior mean and the posterior mean of a
-# parameter, as a share of the prior variance. It avoids a division by zero.
+# Smallest variance assumed for the distance between prior mean and posterior mean of a parameter,
+# as a share of the prior variance. It avoids a division by zero.
 _SMALLEST_VARIANCE_SHARE = 0.05
 
 
@@ -338,8 +338,9 @@ def _log_densities(
     posterior is to the priors and to the readings. The entry ``prior`` is the log prior density of
     the parameters minus ``prior_level``; see `assess_fit`. The entry ``hyper_prior`` is the log
     prior density of the hyper-parameters (scales of the noise and of other effects). The entry
-    ``likelihood`` is the log density of the readings given both. ``groups`` holds the arrays of the
-    posterior, by group and by name. ``bound`` is the model, applied to its campaign.
+    ``likelihood`` is the log density of the readings given parameters and hyper-parameters.
+    ``groups`` holds the arrays of the posterior, by group and by name. ``bound`` is the model,
+    applied to its campaign.
     """
     phi = _stack(groups["posterior"], bound.hyper_prior.names)
     log_prior = groups["log_prior"]["parameters"]

@@ -6,7 +6,7 @@ times (scrambles). The proposal is a mixture of split Student-t distributions, w
 differ (Geweke, Econometrica 57, 1317-1339, 1989). In every round it is fitted to the weighted
 points of the rounds before.
 
-The points of a round are weighted by the proposal from which they were drawn. With a proposal
+The weights of a round use the proposal from which its points were drawn. If they used a proposal
 fitted to these same points, ln ∫ f would be too small, by 0.1 nat in 45 dimensions. ESS is the
 effective sample size of the weights.
 """
@@ -220,7 +220,7 @@ def _fit_along_axes(log_density: LogDensity, mode: Array, root: Array) -> SplitT
 
     A split Student-t has different scales and degrees of freedom on its two sides. ``log_density``
     is the logarithm of the density to fit. ``mode``, shape (h,), is one of its maxima; ``root``,
-    shape (h, h), is a square root of the inverse of minus its Hessian there.
+    shape (h, h), is a square root of the inverse of minus the Hessian of ``log_density`` there.
     """
     # Use the symmetric square root of the covariance. Of all square roots it rotates the
     # coordinates least, so that independent coordinates stay independent.
@@ -256,8 +256,8 @@ def _even_out(log_weight: Array, h: int) -> Array:
     """Return weights of n points in h dimensions, evened out if too few points dominate.
 
     The weights sum to one; ``log_weight``, shape (n,), holds the logarithms of the original
-    weights. Weights are evened out by raising them to a power below one, until their effective
-    sample size suffices to fit a density to the points.
+    weights. Weights are evened out by raising them to a power below one. The power is lowered until
+    their effective sample size suffices to fit a density to the points, or until it is very small.
     """
     sufficient = min(len(log_weight) / 3.0, _FITTED_PER_DIMENSION * (h + 1.0))
     power = 1.0

@@ -2,8 +2,8 @@
 
 For a smooth function that falls off in every direction, the error of the rule falls very fast as
 the step shortens (Trefethen and Weideman, SIAM Review 56, 385-458, 2014). The lattice consists of
-two grids, the second moved by half a step in every direction. Together they are body-centred, and
-errors along single directions cancel in the mean of the two grids. A step is the distance from a
+two grids, the second moved by half a step in every direction. Together they form a body-centred
+lattice, and most of their errors cancel in the mean of the two grids. A step is the distance from a
 point of a grid to the next one along a direction of the grid. The unit of a step is a standard
 deviation of the Gaussian that is fitted to the density at its highest mode. The edge of a lattice
 is its outermost points. f is the density integrated, h the number of dimensions, n the number of

@@ -127,7 +127,7 @@ class Assessment:
         return self.share(rule, walkers=walkers) >= 1.0 and self.rhat_max <= rule.rhat
 
     def share(self, rule: StoppingRule, *, walkers: int) -> float:
-        """Return the smallest ratio of an effective sample size reached to that asked for.
+        """Return the smallest ratio of an effective sample size to the one that is required.
 
         The ratio is one or more if the draws suffice. For walkers, the rule also asks for a number
         of autocorrelation times that the draws must span. ``walkers`` is the number of walkers of
@@ -145,7 +145,7 @@ class Progress:
 
     steps: int  #: number of steps that the sampler has run so far
     max_steps: int  #: largest number of steps that the sampler may run
-    target_ess: float  #: effective sample size asked for of every parameter
+    target_ess: float  #: effective sample size that every parameter must reach
     assessment: Assessment
     #: estimated time until the run of the sampler stops [s]; None if it cannot be estimated
     seconds_left: float | None = None

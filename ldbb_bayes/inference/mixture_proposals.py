@@ -72,8 +72,8 @@ class SplitT:
 
     #: point x at which the two sides of the distribution meet in every direction, shape (h,)
     centre: Array
-    #: matrix of x = centre + root z, whose columns are the directions of the h independent split t,
-    #: shape (h, h)
+    #: matrix of x = centre + root z, whose columns are the directions of the h split t
+    #: distributions, shape (h, h)
     root: Array
     #: scales (widths) of the distribution along each of h directions, in its coordinate z; first
     #: below the centre, then above it, shape (2, h)

@@ -36,7 +36,7 @@ __all__ = ["Evidence", "HyperPosterior", "Nodes"]
 # hyper-parameters. It is in their unbounded coordinates, mostly ln(value − lower bound).
 _DIFFERENCE_STEP = 0.05
 # A curvature (negative second derivative) of the log density in any direction counts as this value
-# if it is smaller. They are in unbounded coordinates of the hyper-parameters, such as their
+# if it is smaller. Curvatures are in unbounded coordinates of the hyper-parameters, such as their
 # logarithms.
 _LEAST_CURVATURE = 0.3
 # The search for modes (maxima) of the posterior of the hyper-parameters begins with ``_STARTS``
@@ -343,7 +343,7 @@ class HyperPosterior:
         """Return the points from which the search for modes climbs.
 
         They are points of high density among many starting points: at most three, not close to each
-        other. If the mode of a similar density was given, it is the only point. Each is in
+        other. If the mode of a similar density was given, it is the only point. Each point is in
         unbounded coordinates of the hyper-parameters, shape (h,).
         """
         if self._near is not None:
@@ -361,10 +361,10 @@ class HyperPosterior:
     def _corners(self) -> list[tuple[Array, Array]]:
         """Return the maxima of the density if one hyper-parameter at a time is held near zero.
 
-        The density may extend far towards zero of a hyper-parameter. A proposal that is also fitted
-        at these maxima covers this. Each maximum is a pair as in `modes`: its point in unbounded
-        coordinates, shape (h,), and a square root of the inverse of minus the Hessian there.
-        Negligible maxima are left out. The list is empty if there are more than five
+        The density may extend far towards the value zero of a hyper-parameter. A proposal that is
+        also fitted at these maxima covers that region. Each maximum is a pair as in `modes`: its
+        point in unbounded coordinates, shape (h,), and a square root of the inverse of minus the
+        Hessian there. Negligible maxima are left out. The list is empty if there are more than five
         hyper-parameters.
         """
         corners: list[tuple[Array, Array]] = []
@@ -414,8 +414,8 @@ def _is_separate(point: Array, points: list[Array]) -> bool:
 def _inverse_root(hessian: Array) -> Array:
     """Return a square root, shape (h, h), of the inverse of minus the Hessian of a log density.
 
-    Eigenvalues of minus the Hessian, shape (h, h), that are below 0.3 are first raised to that
-    value.
+    Eigenvalues of minus the Hessian that are below 0.3 are first raised to that value. ``hessian``
+    has the shape (h, h).
     """
     curvature, vectors = np.linalg.eigh(-hessian)
     return np.asarray(vectors / np.sqrt(np.maximum(curvature, _LEAST_CURVATURE)))
@@ -507,8 +507,8 @@ class Nodes:
 
         The error of the integral over the nodes must not exceed the tolerance minus the truncation
         error, which is the error of the log probability that no compliance is negative. If the
-        truncation error is half the tolerance or more, only the error of the integral must not
-        exceed the tolerance.
+        truncation error is half the tolerance or more, finer nodes would hardly help; the error of
+        the integral must then only be within the whole tolerance.
         """
         if self.truncation_error >= tolerance / 2.0:
             return self.integral.error <= tolerance

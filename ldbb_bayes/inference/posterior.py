@@ -278,10 +278,10 @@ def _path_of(node: xr.DataTree) -> str:
 
 
 def campaign_record(campaign: Campaign) -> dict[str, Any]:
-    """Return the entry ``campaign`` of a posterior's record: all fields of the campaign.
+    """Return the entry ``campaign`` of a posterior's record, from which the campaign is rebuilt.
 
-    With it the campaign can be rebuilt. Readings and angles are left out, because the group
-    ``constant_data`` of the posterior has them.
+    The entry holds the fields of the campaign and of its tests. Readings and angles are left out,
+    because the group ``constant_data`` of the posterior has them.
     """
     campaign_fields = _fields(campaign, "name", "tests", "foreseen")
     for name in ("mount", "force_law", "instrument"):
@@ -440,8 +440,8 @@ def curves_of(
 
     ``force_N``, shape (n,), holds the forces F [N]. C(F) follows from the compliance at the
     reference force and its slopes; see `compliance_curves`. At most ``size`` draws are used, all if
-    ``size`` is None. If the posterior is an average over models, the draws of each model follow one
-    another. ``seed`` is that of the random draws of effects that are not among the parameters.
+    ``size`` is None. If the posterior is an average over models, the draws are grouped by model.
+    ``seed`` is that of the random draws of effects that are not among the parameters.
     """
     rng = np.random.default_rng(seed)
     curves = [

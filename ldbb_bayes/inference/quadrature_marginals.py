@@ -57,7 +57,7 @@ def marginalize(
         Relative error of the integrals behind means and standard deviations, between 0 and 1.
     seed : int
         Seed of the random points from which quantiles are computed. The cumulative probability of a
-        quantile then has a standard error of at most 0.6 %.
+        quantile has a standard error of at most 0.6 % from these draws.
 
     Returns
     -------

@@ -293,8 +293,7 @@ def run_sampler(
         try:
             return _sample_independently(start, rule=rule, seed=seed, progress=progress)
         except TooRoughError:
-            # Sample jointly by emcee instead, as the weights of independent draws cannot be
-            # trusted.
+            # Independent draws are not possible; sample jointly by emcee instead.
             pass
     return _sample_jointly(start, rule=rule, seed=seed, progress=progress, **ensembles)
 

@@ -110,7 +110,9 @@ class Joint:
 
     axis: str  #: name of the linear axis: X, Y or Z
     branch: Branch  #: what the axis carries: ``tool`` or ``workpiece``
-    frame_mm: Sequence[float]  #: position of the joint's frame with all axes at zero
+    #: position of the joint's frame with all axes at zero, relative to the point where the two
+    #: balls coincide
+    frame_mm: Sequence[float]
 
     @property
     def index(self) -> int:

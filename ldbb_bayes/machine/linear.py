@@ -9,8 +9,8 @@ changes the reading by g_k · e if the joint carries the tool, and by −g_k · 
 workpiece (Eq. 16-23). If all lever arms lie in the plane, this is the paper's planar model.
 
 Circles cannot separate all compliances (Table 2 of the paper). Some never change a reading (null
-columns), and some change readings proportionally (proportional sets). One representative of each
-set is kept.
+columns), and some change readings in proportion to each other (proportional sets). One
+representative of each set is kept.
 """
 
 from __future__ import annotations
@@ -169,8 +169,9 @@ def _wrench(lever: Array, direction: Array) -> Array:
 class Kept:
     """Compliances that circles can separate (kept), and the others that each one represents.
 
-    A proportional set is a set of compliances that change the readings proportionally. The readings
-    determine only their weighted sum; one compliance, the representative, is kept for the set.
+    A proportional set is a set of compliances that change the readings in proportion to each other.
+    The readings determine only their weighted sum; one compliance, the representative, is kept for
+    the set.
     """
 
     #: kept compliances, one for each proportional set, in the order of Table 1 of the paper
@@ -195,7 +196,7 @@ class Kept:
     #: angles of full circles
     rank: int
     #: condition number of the matrix whose columns are the readings per unit of each kept
-    #: compliance, that is, of each one that represents a set with proportional effects
+    #: compliance
     condition_number: float
 
 
@@ -204,9 +205,9 @@ def kept_compliances(machine: Machine, *circles: Circle) -> Kept:
 
     The compliances and sets are found numerically from the readings per unit compliance. The planar
     compliances of every tested plane are examined, and those other compliances of the joints that
-    change a reading. Compliances that change readings proportionally form a set. The representative
-    of a set is the compliance that these rules prefer, applied in this order; for the paper's
-    machine they give the paper's choice:
+    change a reading. Compliances that change readings in proportion to each other form a set. The
+    representative of a set is chosen by these rules, applied in this order; for the paper's machine
+    they give the paper's choice:
 
     1. a rotation caused by a force before a translation caused by a moment;
     2. the fewest rotary components;
@@ -315,9 +316,9 @@ def _labels(names: Sequence[ComplianceName], index: Sequence[int]) -> tuple[str,
 def _weights(jacobian: Array, members: Sequence[int]) -> tuple[float, ...]:
     """Return the effect of each compliance of a set as a multiple of that of the first one.
 
-    The compliances of a set change the readings proportionally. ``jacobian`` (n, m) holds the
-    readings at n angles per unit of each of m compliances, and ``members`` the indices of the
-    compliances of the set.
+    The compliances of a set change the readings in proportion to each other. ``jacobian`` (n, m)
+    holds the readings at n angles per unit of each of m compliances, and ``members`` the indices of
+    the compliances of the set.
     """
     head = members[0]
     size = (jacobian**2).sum(axis=0)[head]
