@@ -26,10 +26,10 @@ from ldbb_bayes.reading.words import UNITS, WORDS
 
 __all__ = ["direction_of", "loads_of", "quantity_of", "unit_size"]
 
-# Largest relative difference of two values of a quantity that agree, if neither is from a name.
+# Two values of a quantity agree if their relative difference is at most this.
 _ROUNDED_IN_LINE = 1e-3
-# Largest relative difference of two values of a quantity that agree, if one is from the name of a
-# file, sheet or test. Values in names are often rounded.
+# If one of the values is from the name of a file, sheet or test, they agree up to this relative
+# difference, because values in names are often rounded.
 _ROUNDED_IN_NAME = 0.02
 # Relative tolerance within which the forces, or the pressures, in all rows of a test count as
 # equal.

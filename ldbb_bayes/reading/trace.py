@@ -27,8 +27,8 @@ _LARGEST_SPAN_RAD = 7.0
 # Readings are taken as distances of the balls if their median differs from the nominal radius by
 # less than this [mm]. A bar cannot measure larger deviations from the radius.
 _LARGEST_DEVIATION_MM = 1.5
-# Readings without a unit are taken as mm if their median, taken as mm, differs from the radius by
-# less than this share of the radius.
+# Readings without a unit are taken as mm if their median in mm would differ from the radius by less
+# than this share of the radius.
 _NEAR_RADIUS = 0.05
 # Readings without a unit are taken as mm if the absolute values of all are below this number.
 _LARGEST_IN_MM = 0.5

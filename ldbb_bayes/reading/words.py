@@ -73,7 +73,7 @@ def _unit_sizes() -> dict[str, dict[str, float]]:
 
 
 def _units_by_word() -> dict[str, str]:
-    """Return this package's name of a unit for every word that files may use for it."""
+    """Return a dictionary from units as files write them to this package's names of the units."""
     units_by_word: dict[str, str] = {}
     for units in WORDS["units"].values():
         for unit, (_, *synonyms) in units.items():

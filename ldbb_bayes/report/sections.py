@@ -300,7 +300,8 @@ def diagnostics(findings: Findings) -> Iterator[Part]:
 def method(findings: Findings) -> Iterator[Part]:
     """Yield the section that summarises the method and states the provenance of the fit.
 
-    The provenance is SHA-256 digests of readings and model, versions of programs, and the seed.
+    The provenance consists of SHA-256 digests of readings and model, versions of programs, and the
+    seed.
     """
     result = findings.result
     provenance = result["provenance"]

@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 
 __all__ = ["SheetNumbers", "StatedQuantity", "ValueAndU", "remark"]
 
-# If effects that a quantity is confounded with have at least this share of its variance, only these
-# effects are named on the certificate.
+# Of the effects that a quantity is confounded with, the certificate names only those with at least
+# this share of its variance, if there are any.
 _INSEPARABLE = 0.5
 _MOST_NAMES = 2  # largest number of effects that a remark names as confounded with a quantity
 # If the credible interval of a compliance begins below this share of its median, only a limit of

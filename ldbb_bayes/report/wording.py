@@ -311,7 +311,7 @@ def term_words(term: str) -> str:
 def source_words(term: str) -> str:
     """Return the name of a source of uncertainty in words, as an uncertainty budget shows it.
 
-    ``term`` is the class name of a model term, or the name of the parameters' own priors.
+    ``term`` is the class name of a model term, or "Parameters" for the parameters' own priors.
     """
     if term == OWN:
         return "prior of the parameters"
@@ -473,7 +473,7 @@ def expectation(fit: Fit) -> str:
 def check_notes(fit: Fit) -> tuple[str, ...]:
     """Return notes on features of the readings that the fitted model does not expect.
 
-    Features that make the fit a misfit are left out, so that those noted hardly affect any credible
+    Features that make the fit a misfit are left out. The features noted hardly affect any credible
     interval.
     """
     return _sentences("check_notes", fit)

@@ -80,7 +80,7 @@ class _Traces:
     def zero_radius(self) -> float:
         """Distance from the centre of a polar panel at which a zero reading is drawn [µm].
 
-        It is negative if all readings are far above zero.
+        It is negative if all readings are far above zero; no zero reading can then be drawn.
         """
         return 0.9 * self.span - self.low
 
