@@ -300,7 +300,7 @@ class _TextLayout:
         return (" " * _GAP).join(aligned).replace(_NO_BREAK, " ").rstrip()
 
     def _entries(self, row: Sequence[str], columns: Iterable[int]) -> str:
-        """Return cells of a row with their heads as text: noise 0.12 µm; verdict: identified."""
+        """Return cells of a row with their heads as text: "noise 0.12 µm; verdict: identified"."""
         entries = []
         for column in columns:
             if row[column] not in ("", "–"):
@@ -309,7 +309,7 @@ class _TextLayout:
 
 
 def _entry(head: str, value: str, numeric: bool) -> str:
-    """Return a cell with its head as text: noise 0.12 µm, or verdict: identified."""
+    """Return a cell with its head as text, such as "noise 0.12 µm" or "verdict: identified"."""
     if not numeric:
         return f"{head}: {value}"
     name, _, unit = head.removesuffix(")").partition(" (")

@@ -63,7 +63,7 @@ def _least_squares_cell(model: ComparedModel) -> str:
 
 
 def _evidence_cells(comparison: Comparison, name: str) -> tuple[str, str]:
-    """Return two cells: the log Bayes factor of a model over the first model, and its error.
+    """Return two cells: the log Bayes factor of a model over the first model and its error [nat].
 
     ``name`` is the name of the model.
     """
@@ -76,7 +76,7 @@ def _evidence_cells(comparison: Comparison, name: str) -> tuple[str, str]:
 
 
 def _elpd_cells(comparison: Comparison, name: str) -> tuple[str, str]:
-    """Return two cells on how well a model predicts tests, relative to the first model.
+    """Return two cells [nat] on how well a model predicts tests, relative to the first model.
 
     The cells are the difference in elpd, the expected log predictive density, and its standard
     error.

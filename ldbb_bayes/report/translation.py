@@ -50,7 +50,7 @@ class Words:
         return re.sub(r"(?<=\d)\.(?=\d)", str(self.table["decimal"]), text)
 
     def joined(self, items: Sequence[str]) -> str:
-        """Return items joined to one text with the language's word for "and": "a, b and c"."""
+        """Return items as one text with the language's word for "and", as in "a, b and c"."""
         return joined(items, str(self.table["and"]).strip())
 
     def unit(self, label: str) -> str:

@@ -267,7 +267,7 @@ def _first_names(names: Sequence[str]) -> str:
 
 
 def _joined_parameters(names: Sequence[str]) -> str:
-    """Return parameters in the notation of the paper, joined to one text: "C_XXX and C_YYY"."""
+    """Return parameters in the notation of the paper as one text, such as "C_XXX and C_YYY"."""
     return joined([display_name(name) for name in names])
 
 
@@ -624,7 +624,7 @@ def machine_sentences(machine: Any) -> tuple[str, ...]:
 
 
 def sum_in_words(parameter: VisibleParameter) -> str:
-    """Return, as text, the sum of parameters that one parameter represents: "C_XXX + C_XXY".
+    """Return, as text, the sum of parameters that one parameter represents, as in "C_XXX + C_XXY".
 
     Weights in the sum are written if they differ from one, in mm or mm².
     """
@@ -1076,7 +1076,7 @@ def interval_of(entry: Mapping[str, Any]) -> tuple[float, float]:
 
 
 def percent_of(result: Mapping[str, Any]) -> str:
-    """Return the probability of the credible intervals in the JSON record of a fit: "95 %"."""
+    """Return the probability of the intervals in the JSON record of a fit, such as "95 %"."""
     entry = next(iter(result["parameters"].values()))
     return f"{_interval_key(entry).removeprefix('ci')} %"
 
