@@ -1,6 +1,6 @@
 """Import of foreign files, such as spreadsheets and exports of instruments, as campaigns.
 
-Foreign files are tables in any format, which this package did not write.
+Foreign files are tables, in any format, that this package did not write.
 """
 
 import lazy_loader

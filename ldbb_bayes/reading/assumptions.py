@@ -1,4 +1,4 @@
-"""Log of the assumptions, such as an unstated unit, that are made when foreign files are read."""
+"""Log of the assumptions that are made when foreign files are read, such as a unit."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ __all__ = ["Assumption", "AssumptionLog"]
 
 @dataclass(frozen=True)
 class Assumption:
-    """Assumption that was made to import foreign files, such as an unstated unit."""
+    """Assumption that was made to import foreign files, such as the unit of the readings."""
 
-    #: file, sheet or test for which the assumption was made; their number, such as "3 places", if
-    #: there are several; empty if the assumption concerns all files
+    #: file, sheet or test for which the assumption was made, or "3 places" for three of them; empty
+    #: if the assumption concerns all files
     place: str
     what: str  #: subject of the assumption, such as "separator"
     value: str  #: value that was assumed
@@ -24,7 +24,7 @@ class Assumption:
 
 
 class _Entry(NamedTuple):
-    """Assumption without its place; equal assumptions of several files or tests are kept once."""
+    """Assumption without its place, which may be the same for several files or tests."""
 
     subject: str
     value: str
@@ -34,11 +34,10 @@ class _Entry(NamedTuple):
 
 @dataclass
 class AssumptionLog:
-    """Log of the assumptions that are made to import foreign files, in the order first made.
+    """Log of the assumptions that are made to import foreign files.
 
     An assumption that is made for several files, sheets or tests is kept once. The log also keeps
-    the values of fields of the layout, such as the separator of cells, that are found in each
-    sheet.
+    what each sheet shows about its layout, such as the separator of cells.
     """
 
     _places: dict[_Entry, list[str]] = field(default_factory=dict)
@@ -66,8 +65,8 @@ class AssumptionLog:
     def keep(self, **fields: Any) -> None:
         """Keep the values that were found in one sheet for fields of the layout.
 
-        An example is ``separator=";"``. The value of a field is None if the sheet itself states it,
-        as when a header contains the unit; the layout then need not state this field.
+        An example is ``separator=";"``. A value of None means that the sheet itself states the
+        field, as a header with a unit does; the layout then need not state it.
         """
         for key, value in fields.items():
             self._layout_values.setdefault(key, []).append(value)
@@ -83,10 +82,9 @@ class AssumptionLog:
         return tuple(assumptions)
 
     def layout(self, stated: Layout) -> Layout:
-        """Return the layout of the tables, from what the user states and what the sheets hold.
+        """Return the layout ``stated`` by the user, completed by what was found in the sheets.
 
-        It is the layout ``stated`` by the user, completed by the values that were found in the
-        sheets. A field for which sheets have different values stays as the user states it.
+        If the sheets have different values for a field, it stays as the user states it.
         """
         common = {}
         for key, values in self._layout_values.items():

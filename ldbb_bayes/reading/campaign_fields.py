@@ -34,8 +34,8 @@ _FIELDS_OF_EACH = ("plane", "date")
 _NAMES = ("operator", "place", "ball_bar", "force_device")
 # Fields of a campaign for which its files may state different values without an error.
 _MAY_DIFFER = (*_NAMES, "ball_bar_calibrated", "feed_mm_per_min")
-# Numbers that two lines state for one field count as equal if they agree when rounded to this
-# number of decimals.
+# Two numbers that are stated for one field count as equal if they agree when rounded to this number
+# of decimals.
 _COMPARED_PLACES = 9
 # Smallest step [µm] between readings that is accepted as the resolution of a readout.
 _SMALLEST_STEP_UM = 0.001
@@ -44,8 +44,8 @@ _LARGEST_STEP_UM = 5.0
 # Largest step between readings that is accepted as the resolution of a readout, as a share of the
 # range of the readings.
 _LARGEST_STEP_SHARE = 0.1
-# A force that is stated together with a pressure is noted as an assumption if the force differs by
-# more than this share from the one that follows from the pressure by the default `ForceLaw`.
+# If a test states both force and pressure, they are noted if the force differs by more than this
+# share from the force that the default `ForceLaw` gives for the pressure.
 _OFF_FORCE_LAW = 0.05
 # Values that are assumed for unstated fields of the campaign, each with the command-line option
 # that states the field.
@@ -56,7 +56,7 @@ _ASSUMED = {
     "resolution_um": ("0.24 µm", "--resolution-um"),
     "mount": ("readings compensated for its deflection", "--raw"),
 }
-# Largest number of characters of a list of forces that a note shows.
+# Longest list of forces in a note [characters].
 _LIST_SHOWN = 200
 
 
@@ -64,8 +64,8 @@ class _StatedValue(NamedTuple):
     """Value of a field, and the place in a file that states it."""
 
     value: Any
-    source: str  # line or name that states the value
-    place: str  # line or name that states the value, with its file
+    source: str  # line or name that states the value, such as "line 3"
+    place: str  # the same, with the file of the line
 
 
 def take_stated_fields(campaign: dict[str, Any], recordings: Sequence[Recording]) -> None:
@@ -98,10 +98,9 @@ def take_stated_fields(campaign: dict[str, Any], recordings: Sequence[Recording]
 def _places_by_value(recordings: Sequence[Recording], key: str) -> dict[Any, str]:
     """Return every value that files state for a field, with the line or name that states it.
 
-    The result is a dictionary from the value to the line and its file. The values are noted as
-    assumptions, and a plane is added to the fields of its test. If a user or a column states the
-    field for a test, other statements about this test do not count. Raise an `InputError` for
-    contradictory statements.
+    The values are the keys of the result. They are noted as assumptions, and a plane is added to
+    the fields of its test. If the user or a column states the field for a test, what the lines and
+    names say about this test does not count. Raise an `InputError` for contradictory statements.
 
     Parameters
     ----------
@@ -139,7 +138,7 @@ def _note_stated(recording: Recording, key: str, stated: _StatedValue) -> None:
 
 
 def _with_unit(key: str, value: Any) -> str:
-    """Return the value of the field ``key`` as text, a number with its unit."""
+    """Return the value of the field ``key`` as text; a number is followed by its unit."""
     if key in UNITS_SHOWN:
         return f"{value:g} {UNITS_SHOWN[key]}"
     return str(value)
@@ -148,9 +147,8 @@ def _with_unit(key: str, value: Any) -> str:
 def _stated_values(recording: Recording, field: str) -> dict[Any, _StatedValue]:
     """Return the values that lines above a table state for a field, each with its line.
 
-    The keys of the result are the stated values, and its entries hold the value and the line. If
-    ``field`` is the plane, the names of test, column, sheet and file may also state it.
-    ``recording`` is the test as its file holds it.
+    The stated values are the keys of the result. The plane may also be stated by the names of test,
+    column, sheet and file. ``recording`` is the test as its file holds it.
     """
     values: dict[Any, _StatedValue] = {}
     if field == "plane":
@@ -165,7 +163,7 @@ def _stated_values(recording: Recording, field: str) -> dict[Any, _StatedValue]:
             value = round(value, _COMPARED_PLACES)
         source = f"line {statement.line}"
         place = source
-        # A line of a sheet without a table already names its sheet ("3 of …").
+        # Lines of sheets without a table are numbered as "3 of …", with the name of the sheet.
         if " of " not in source:
             place = f"{source} of {recording.sheet.place}"
         values[value] = _StatedValue(value, source, place)
@@ -175,8 +173,8 @@ def _stated_values(recording: Recording, field: str) -> dict[Any, _StatedValue]:
 def _certain_value(recording: Recording, key: str) -> Any:
     """Return the value that the user or a column of the table states for a field of a test.
 
-    The field has the name ``key``. Return None if neither states it. A `MountCompensation` is
-    returned as the text "compensated" or "raw". ``recording`` is the test as its file holds it.
+    Return None if neither states it. A `MountCompensation` is returned as the text "compensated" or
+    "raw". ``key`` is the name of the field, and ``recording`` the test as its file holds it.
     """
     value = recording.stated.get(key)
     if not value:
@@ -193,10 +191,10 @@ def _certain_value(recording: Recording, key: str) -> Any:
 def _note_contradictions(
     recording: Recording, key: str, certain: Any, values: Mapping[Any, _StatedValue]
 ) -> None:
-    """Add to the log values in a file that contradict the one that a user or a column states.
+    """Note that a file contradicts the value of a field that the user or a column states.
 
-    Raise an `InputError` if a line calls readings raw that the user states to be compensated for
-    the deflection of the mount.
+    The note is added to the log. Raise an `InputError` if a line says that the readings are raw,
+    but the user that they are compensated for the deflection of the mount.
 
     Parameters
     ----------
@@ -226,8 +224,8 @@ def _note_contradictions(
 def _check_stated(recording: Recording, key: str, places: Mapping[Any, str]) -> None:
     """Raise an `InputError` for contradictory statements about a field, or an unknown plane.
 
-    ``key`` is the name of the field; ``places`` gives, for each stated value, the line or name that
-    states it. ``recording`` is the test as its file holds it.
+    ``key`` is the name of the field. The keys of ``places`` are the stated values, and its entries
+    the lines or names that state them. ``recording`` is the test as its file holds it.
     """
     listed = " and ".join(f"{value} in {place}" for value, place in places.items())
     remedy = f"Correct the lines, or give {_OPTIONS[key]}."
@@ -244,8 +242,8 @@ def _check_stated(recording: Recording, key: str, places: Mapping[Any, str]) -> 
 def _is_common_plane(recordings: Sequence[Recording], places: Mapping[Any, str]) -> bool:
     """Return whether files state a single plane and all tests are in this plane.
 
-    ``places`` gives, for each stated plane, the line or name that states it. ``recordings`` are the
-    tests as their files hold them.
+    The keys of ``places`` are the stated planes. ``recordings`` are the tests as their files hold
+    them.
     """
     planes = {recording.fields.get("plane") for recording in recordings}
     return len(places) == 1 and planes == set(places)
@@ -254,9 +252,9 @@ def _is_common_plane(recordings: Sequence[Recording], places: Mapping[Any, str])
 def _take_field(campaign: dict[str, Any], key: str, values: Sequence[Any]) -> None:
     """Set the field ``key`` of the campaign from the different values that its files state.
 
-    Of several people, places or instruments, all are listed. Of several dates of calibration the
-    latest is taken, and of other dates the earliest. If the files state different feeds, the field
-    for the feed is not set.
+    Several people, places or instruments are all listed. From several dates of calibration the
+    latest is taken, and from other dates the earliest. If the files state different feeds, the feed
+    of the campaign is not set.
     """
     if key == "mount":
         campaign[key] = MountCompensation(compensated=list(values) == ["compensated"])
@@ -329,10 +327,10 @@ def note_assumed_fields(
     log: AssumptionLog,
     unclear: Mapping[str, str],
 ) -> tuple[str, ...]:
-    """Add to the log the usual values that are assumed for unstated fields of the campaign.
+    """Add to the log the values that are assumed for unstated fields of the campaign.
 
-    Lines that could not be understood are noted too. If no force law is stated, it is noted how the
-    loads of the tests fit the default law.
+    Lines that could not be understood are noted too. If no force law is stated, forces that do not
+    fit the default law, or that follow from it, are noted.
 
     Parameters
     ----------
@@ -347,7 +345,7 @@ def note_assumed_fields(
 
     Returns
     -------
-    Names of the fields that have their usual values.
+    Names of the fields for which values are assumed.
     """
     reasons = dict(unclear)
     assumed = []
@@ -368,9 +366,9 @@ def note_assumed_fields(
 def _note_force_law(tests: Sequence[CircularTest], log: AssumptionLog) -> None:
     """Add to the log how the stated forces and pressures of the tests fit the default force law.
 
-    The law states the force of the ball bar as a linear function of the pressure. Stated forces
-    that differ by more than 5 % from those that follow from the pressures are noted. If tests state
-    a pressure alone, it is noted that their forces follow from the law.
+    The law gives the force of the ball bar as a linear function of the pressure. If a test states
+    both, its force is noted if it differs by more than 5 % from that of the law. If tests state a
+    pressure alone, it is noted that their forces follow from the law.
     """
     law = ForceLaw()
     options = "--force-slope, --force-offset"

@@ -46,10 +46,10 @@ BRACKET = re.compile(r"[\[({<]")
 _INSIDE_BRACKETS = re.compile(r"[\[({<]\s*([^\[\](){}<>]+?)\s*(?=[\[\](){}<>])")
 # Pattern of a range before a unit of angle in a header, such as 0-360°.
 _RANGE = re.compile(r"-?\d+\s*(?:-|–|to|\.\.\.?)\s*\d+\s*(?=°|deg)")
-# Pattern of a factor before a unit in a header, such as 10-3 mm, x 10 µm or 0.1 µm.
+# Pattern of a factor before a unit in a header, as in "10-3 mm" (10⁻³ mm), "x 10 µm" or "0.1 µm".
 _FACTOR = re.compile(r"[x×*]|\S*[\d⁰¹²³⁴⁵⁶⁷⁸⁹]\S*")
-# Pattern of the number of a column in its header: one or two digits. A text that begins with 10 is
-# a factor instead.
+# Pattern of a column's number in its header, as in "reading 2 µm": one or two digits. A text that
+# begins with 10 is a factor instead.
 _COLUMN_NUMBER = re.compile(r"(?!10)\d{1,2}")
 _UNIT_AFTER_IN = re.compile(r"(.*?)\s+in\s+(.+)")
 _UNIT_AT_END = re.compile(r"(.*?)(?:\s*/\s*|_|\s*,\s*|\s+)([^\s/_,\d]+)\s*")
@@ -61,15 +61,15 @@ class Header(NamedTuple):
     """Name and unit that the header of a column states."""
 
     name: str
-    #: unit under the name that this package uses; an unknown unit is unchanged, a missing one empty
+    #: unit by the name that this package uses; an unknown unit as written; empty without a unit
     unit: str
 
 
 def unit_of(header: str) -> Header:
     """Return name and unit that a header states: "Angle" and "deg" for ``Angle [°]``.
 
-    An unknown unit, in brackets or after "in", is returned unchanged. It is refused only if the
-    column is used.
+    An unknown unit, in brackets or after "in", is returned unchanged; it leads to an error only if
+    the column is used.
     """
     header = header.strip().lstrip("#").strip()
     if len(header) > LONGEST_NAME:
@@ -94,8 +94,8 @@ def _stated_unit(name: str, texts: Sequence[str], is_scaled: bool) -> str:
     """Return the unit that the header of a column states in brackets or after "in".
 
     ``name`` is the name of the column, and ``texts`` are the texts in brackets or after "in". If
-    they state no known unit, several units, or a unit with a factor (``is_scaled``), return the
-    texts themselves, which later code refuses as an unknown unit.
+    they state no known unit, several units, or a unit with a factor (``is_scaled``), return them
+    joined; later code raises an error for such an unknown unit.
     """
     is_german_angle = comparable(name).startswith("winkel")
     if is_german_angle and len(texts) == 1 and comparable(texts[0]) == "grad":
@@ -130,9 +130,8 @@ def _unit_at_end(header: str) -> Header:
 def has_role(name: str, role: str) -> bool:
     """Return whether the name of a column contains a word for ``role``, such as angle or time.
 
-    For the role of test, every word of the name must be such a word or one like "number". The roles
-    of force and pressure are not found in a name that also has a word for another quantity, such as
-    a maximum.
+    For the role of test, every word of the name must be such a word or one like "number". A name
+    with a word for another quantity, such as "maximum", has no role of force or pressure.
     """
     name_words = re.findall(r"[^\W\d_]+", comparable(name[:LONGEST_NAME]))
     role_words = ROLES[role]
@@ -189,7 +188,7 @@ class ColumnRoles:
 
     #: index of the column (from 0) that has each role
     columns: dict[str, int] = field(default_factory=dict)
-    #: indices of all columns of readings; if there are several, each is a separate test
+    #: indices of all columns of readings, from 0; if there are several, each is a separate test
     readings: list[int] = field(default_factory=list)
 
 
@@ -208,8 +207,8 @@ def find_columns(place: str, layout: Layout, headers: Sequence[str]) -> ColumnRo
     Raises
     ------
     InputError
-        For a stated column that does not exist, for several columns that may have one role, and for
-        a table without a header whose columns are neither stated nor just two.
+        If a stated column does not exist, if several columns could have the same role, or if a
+        table without a header does not have just two columns and the layout does not state them.
     """
     roles = _stated_columns(place, layout, headers)
     if not any(headers):
@@ -232,9 +231,9 @@ def find_columns(place: str, layout: Layout, headers: Sequence[str]) -> ColumnRo
 def _settle_time(roles: ColumnRoles, layout: Layout, headers: Sequence[str]) -> None:
     """Decide which column has the role of time, and record it in ``roles``.
 
-    If there is a column of angles, no column has this role, unless the layout states one. If no
-    column has the role of angle or of time, the column ``time_s`` gets the role of time. Otherwise
-    ``time_s`` is the start of each test.
+    If there is a column of angles, the role is removed, unless the layout states it. If no column
+    has the role of angle or of time, the column ``time_s`` gets the role of time. Otherwise the
+    column ``time_s`` holds the time at which each test started.
     """
     if "angle" in roles.columns:
         if "time" not in layout.columns:
@@ -244,10 +243,9 @@ def _settle_time(roles: ColumnRoles, layout: Layout, headers: Sequence[str]) -> 
 
 
 def _settle_readings(roles: ColumnRoles) -> None:
-    """Let each column of readings have no other role, and list the columns of readings.
+    """Remove other roles from the columns of readings, and complete the list of these columns.
 
-    Other roles of such a column are removed. If ``roles.readings`` is empty, the column with the
-    role of reading is put into it; otherwise the list does not change.
+    If ``roles.readings`` is empty, the column with the role of reading is put into it.
     """
     for role, column in list(roles.columns.items()):
         if role != "reading" and column in roles.readings:
@@ -277,10 +275,10 @@ def _stated_columns(place: str, layout: Layout, headers: Sequence[str]) -> Colum
 
 
 def _columns_without_header(place: str, roles: ColumnRoles, width: int) -> ColumnRoles:
-    """Complete ``roles``, which the layout states, for a table without a header, and return them.
+    """Return the roles of the columns of a table without a header.
 
-    ``width`` is the number of columns. If the layout states no role, there must be two columns:
-    angle and reading. ``place`` names the table in error messages.
+    ``roles`` are those that the layout states. If it states none, there must be two columns, angle
+    and reading. ``width`` is the number of columns. ``place`` names the table in error messages.
     """
     has_abscissa = "angle" in roles.columns or "time" in roles.columns
     if "reading" in roles.columns and has_abscissa:
@@ -333,8 +331,8 @@ def _find_role(place: str, role: str, roles: ColumnRoles, headers: Sequence[str]
 def _candidates(role: str, columns: Sequence[int], headers: Sequence[str]) -> list[int]:
     """Return the indices, among ``columns``, of columns whose headers name ``role``, such as time.
 
-    A column whose header is the name of a field that a test has once (`PER_TEST`), such as
-    ``radius_mm``, is returned only if no other column names the role.
+    A column whose header is the name of a field of a test (`PER_TEST`), such as ``radius_mm``, is
+    returned only if no other column names the role.
     """
     candidates = []
     for column in columns:

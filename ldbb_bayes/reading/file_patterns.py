@@ -11,7 +11,7 @@ from ldbb_bayes.errors import require
 
 __all__ = ["matching"]
 
-# Largest number of characters of a list of file names that an error message shows.
+# Longest list of file names in an error message [characters].
 _LONGEST_LIST = 200
 
 

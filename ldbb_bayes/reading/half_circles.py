@@ -20,8 +20,8 @@ __all__ = ["MeasuredArc", "join_half_circles"]
 _SHORTEST_HALF_DEG = 150.0
 # Longest arc that counts as a half circle [deg].
 _LONGEST_HALF_DEG = 240.0
-# Fields in which the two half circles of one test may differ, because each half is a file of its
-# own.
+# Fields in which the two half circles of one test may differ, because each half is in a separate
+# file.
 _FIELDS_OF_A_FILE = ("name", "time_s", "temperature_C")
 # Largest gap between two half circles of one test, as a multiple of the step from one angle to the
 # next.
@@ -66,7 +66,7 @@ class MeasuredArc:
 
 
 def join_half_circles(arcs: Sequence[MeasuredArc]) -> list[MeasuredArc]:
-    """Return the arcs of a campaign, in which two half circles of one test are joined to one arc.
+    """Return the arcs of a campaign, with the two half circles of a test joined to one arc.
 
     The joined circle takes the place of its first half in the list.
     """

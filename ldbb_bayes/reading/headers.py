@@ -30,11 +30,12 @@ from ldbb_bayes.reading.words import LONGEST_NAME, LONGEST_TEXT, comparable, uni
 
 __all__ = ["Heading", "NoTableError", "find_heading", "note_heading"]
 
-# A table of numbers begins with at least this many rows that have equally many cells.
+# A table of numbers begins with this many rows that have equally many cells, or with fewer if the
+# sheet ends before.
 _BLOCK_ROWS = 9
 # Pattern of a cell that is a text in brackets, such as a unit.
 _BRACKETED = re.compile(r"[\[({].*[\])}]")
-# In a row of units, a cell that is no known unit may have at most this many characters.
+# Largest number of characters of a cell in a row of units that is not a known unit.
 _LONGEST_UNIT = 4
 # Largest number of cells of a row that an error message shows.
 _CELLS_SHOWN = 6
@@ -98,8 +99,8 @@ class _HeaderRows(NamedTuple):
 def find_heading(sheet: Sheet, layout: Layout) -> Heading:
     """Return header, columns and first row of the table in a sheet.
 
-    ``layout`` is what the user states about the table, such as the line of its header. Whether all
-    rows of the table hold numbers is not checked here.
+    ``layout`` is what the user states about the table, such as the line of its header. This
+    function does not check whether all rows of the table hold numbers.
 
     Raises
     ------
@@ -204,10 +205,10 @@ def _units_from_below(headers: Sequence[str], units_below: Sequence[str]) -> lis
 def _find_block(sheet: Sheet, layout: Layout) -> int:
     """Return the index of the row of a sheet at which the numbers of its table begin.
 
-    The numbers are the first block of nine rows with equally many cells, of which at least two in
-    each row are numbers. A block at the end of the sheet may have fewer rows, but at least two. If
-    the user states the line of the header, only rows below it count. The search ends after 1000
-    rows; raise a `NoTableError` if it finds no block.
+    The table begins at the first block of nine rows with equally many cells, at least two of them
+    numbers in each row. A block at the end of the sheet may have fewer rows, but at least two. If
+    the user states the line of the header, only rows below it count. Raise a `NoTableError` if
+    there is no such block within 1000 rows.
     """
     rows = sheet.rows
     header_line = layout.header_line or 0
@@ -234,8 +235,8 @@ def _find_block(sheet: Sheet, layout: Layout) -> int:
 def _is_block(sheet: Sheet, start: int) -> bool:
     """Return whether a block of numbers begins at the row with the index ``start``.
 
-    The nine rows from this one on, or all rows up to the end of a shorter sheet, then have equally
-    many cells, of which at least two in each row are numbers.
+    A block is nine rows with equally many cells, at least two of them numbers in each row; it has
+    fewer rows if the sheet ends before.
     """
     width = len(sheet.rows[start].cells)
     for row in sheet.rows[start : start + _BLOCK_ROWS]:
@@ -256,9 +257,9 @@ def _middle_row(sheet: Sheet) -> str:
 def _first_row_without_header(sheet: Sheet, block: int) -> int:
     """Return the index of the first row of a table without a header.
 
-    ``block`` is the index of the first of nine rows with equally many cells and at least two
-    numbers each. Rows directly above them also belong to the table if they have as many cells, at
-    least one of them a number. Raise an `InputError` if other rows above hold numbers.
+    ``block`` is the index of the row at which the block of numbers begins (see `_is_block`). Rows
+    directly above it also belong to the table if they have as many cells, at least one of them a
+    number. Raise an `InputError` if other rows above hold numbers.
     """
     rows = sheet.rows
     width = len(rows[block].cells)
