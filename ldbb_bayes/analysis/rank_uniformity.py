@@ -84,7 +84,7 @@ def simultaneous_band(replicates: int, draws: int, prob: float) -> tuple[Array, 
 
 
 def _simultaneous_coverage(replicates: int, level: Array, lower: Array, upper: Array) -> float:
-    """Return the probability that the number of uniform ranks below every level is within limits.
+    """Return the probability that the numbers of uniform ranks below all levels lie within limits.
 
     There are ``replicates`` ranks, scaled to 0 … 1. For each of the increasing probabilities
     ``level``, the number of ranks below it must lie between the entries of ``lower`` and ``upper``.

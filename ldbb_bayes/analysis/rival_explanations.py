@@ -60,9 +60,9 @@ class Explanations:
     def instead(self) -> tuple[str, ...]:
         """Names of the rival explanations that make slopes unnecessary; empty if there are none.
 
-        Slopes are changes of compliance with force. The tuple is empty unless the readings support
-        slopes in models without rivals, but not on the average over rivals. It then holds the
-        rivals in the most probable combination without slopes.
+        Slopes are changes of compliance with force. Rivals make them unnecessary if the readings
+        support slopes in models without rivals, but not on the average over rivals. The names are
+        those of the rivals in the most probable combination without slopes.
         """
         if self.alone.log_bayes_factor > _ASKING > self.averaged.log_bayes_factor:
             return next(model.by for model in self.models if _SLOPES not in model.by)

@@ -89,7 +89,7 @@ class AveragedSlopes(NamedTuple):
 
     slopes: dict[str, VaryingSlope]  #: probability of a change with force, by compliance
     subsets: tuple[SlopeSubset, ...]  #: subsets of slopes, the most probable first
-    #: compliance against force averaged over the subsets of slopes, by compliance
+    #: curve of each compliance against force, averaged over the subsets of slopes
     curves: dict[str, Curve]
 
 

@@ -272,8 +272,7 @@ def _best_tests(
     """
     low = sliders["low"]
     high = sliders["high"]
-    # If ball angles, radius and direction are fixed, try forces in steps of about 1 N, as a report
-    # does.
+    # If ball angles, radius and direction are fixed, try forces in steps of about 1 N.
     most_levels = _MOST_CANDIDATES
     if len(kinds) > 1:
         most_levels = _MOST_CANDIDATES // 3 // len(kinds)

@@ -114,7 +114,7 @@ Tests = Annotated[Sequence[CircularTest], BeforeValidator(_as_tuple)]
 class CampaignFields(Shown):
     """Fields of a campaign that describe machine, instrument and conditions, but not the tests.
 
-    A program or the file ``campaign.toml`` states their values.
+    The user's script or the file ``campaign.toml`` states their values.
     """
 
     #: machine axes in order from workpiece to tool, such as wCAFYXZSt: w is the workpiece, F the

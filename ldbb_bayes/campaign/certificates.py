@@ -265,11 +265,11 @@ class CalibrationCertificate(Shown):
         return _largest([*shares, *newtons])
 
     def _full_scale(self, linearity: CertifiedQuantity) -> float:
-        """Return the number by which the linearity error of a force device must be divided.
+        """Return the divisor that makes a ratio of the linearity error of a force device.
 
-        The quotient is the error as a ratio. The number is 1 if the certificate states the error as
-        a ratio, and the largest certified force [N] if it states the error in newtons. Raise an
-        `InputError` for an error in newtons if no force is certified.
+        It is 1 if the certificate states the error as a ratio, and the largest certified force [N]
+        if it states the error in newtons. Raise an `InputError` for an error in newtons if no force
+        is certified.
         """
         if linearity.dimension == "":
             return 1.0

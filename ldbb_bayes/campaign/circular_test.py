@@ -45,7 +45,7 @@ _MINIMUM_ARC_DEG = 180.0
 # in another unit.
 _LARGEST_READING_MM = 100.0
 # A circle counts as full if the largest gap between neighbouring angles of its readings is at most
-# this number of usual gaps (see `usual_gap`).
+# this many times as wide as usual (see `usual_gap`).
 _ORDINARY_GAP = 3.0
 # Forces of several tests count as the same if they differ by no more than this fraction of the
 # largest force, because a pressure regulator does not repeat a force more closely.
@@ -61,8 +61,8 @@ CENTRE = ("centre_x_mm", "centre_y_mm", "centre_z_mm")
 class TestFields(Shown):
     """Conditions of a circular test: load, circle, set-up and direction, without the readings.
 
-    They are stated by a program, by the file ``campaign.toml``, or by the layout of a file that
-    another program wrote. A field that is not stated is None.
+    The user's script, the file ``campaign.toml`` or the layout of an imported file states them. A
+    field that is not stated is None.
     """
 
     __test__ = False

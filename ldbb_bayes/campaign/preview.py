@@ -30,9 +30,9 @@ _ORDER = 12
 # Smallest arc [deg] that counts as a full circle in the preview. A remark is made on a test whose
 # angles cover less.
 _FULL_DEG = 359.0
-# Largest arc [deg] for which the remark on a test says that its angles cover an arc. If they cover
-# more, but not a full circle, the remark says that they have a gap. The limit is a full circle less
-# one period of the highest order of the fitted Fourier series.
+# Largest arc [deg] that a remark calls an arc. If the angles of a test cover more, but not a full
+# circle, the remark is on a gap. The limit is a full circle less one period of the highest order of
+# the fitted Fourier series.
 _LARGEST_ARC_DEG = 360.0 - 360.0 / _ORDER
 # A gap between neighbouring angles of a test is reported if it is wider than this many times the
 # usual step from one angle to the next.
