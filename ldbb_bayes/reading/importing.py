@@ -1,6 +1,7 @@
 """Import of foreign files as a campaign; values that the files lack are assumed and noted.
 
-Foreign files are tables in any format, such as spreadsheets and exports of instruments.
+Foreign files are tables in any format that this package did not write, such as spreadsheets and
+exports of instruments.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ __all__ = ["Imported", "import_campaign"]
 
 # Largest number of tests in a campaign.
 LARGEST_TESTS = 1000
-# Largest number of characters of a list of tests or files that an error message shows.
+# Longest list of tests or files in an error message [characters].
 _LIST_SHOWN = 200
 
 
@@ -88,9 +89,9 @@ def import_campaign(
 ) -> Imported:
     """Return a campaign from tables in files of any kind.
 
-    Each file, or sheet of a workbook, is one test, or holds a column that names the test of each
-    row, or one column of readings for each test. What the layout does not state is determined
-    from the files and noted.
+    A file, or a sheet of a workbook, holds one test or several. Several tests have either a column
+    that names the test of each row, or one column of readings each. What the layout does not state
+    is determined from the files and noted.
 
     Parameters
     ----------
@@ -154,7 +155,7 @@ def import_campaign(
 def _select_tables(
     paths: Iterable[Path], matched: set[Path], layout: Layout, log: AssumptionLog
 ) -> SheetSelection:
-    """Return the sheets of all files with a table of readings, and the sheets without one.
+    """Return the sheets of all files, divided into those with and without a table of readings.
 
     ``matched`` are the files that were found by a pattern with ``*`` or ``?``; these files need not
     have a table.
@@ -186,11 +187,10 @@ def _split_into_tests(
 
 
 def _stated_loads(recordings: Sequence[Recording], layout: Layout) -> dict[str, list[float]]:
-    """Return the forces and pressures of all tests that the layout lists, by field of a test.
+    """Return the lists of forces and pressures in the layout, which hold one number for each test.
 
-    The fields are ``force_N`` and ``pressure_bar``; each list has one number for each test. A field
-    that the layout does not list is left out. ``recordings`` are the tests as their files hold
-    them.
+    The keys of the result are ``force_N`` and ``pressure_bar``, as far as the layout lists them.
+    ``recordings`` are the tests as their files hold them.
     """
     loads = {}
     for key, field_name in LOAD_LISTS.items():
@@ -211,8 +211,8 @@ def _stated_loads(recordings: Sequence[Recording], layout: Layout) -> dict[str, 
 def _measured_arc(recording: Recording, loads: Mapping[str, float]) -> MeasuredArc:
     """Return the angles and readings of one test with its stated fields, such as its force.
 
-    ``loads`` are the force and pressure that the layout lists for this test. They replace those
-    that an entry [[test]] of the layout states. ``recording`` is the test as its file holds it.
+    ``recording`` is the test as its file holds it. ``loads`` holds the force or pressure of this
+    test from the layout's lists. It replaces those that an entry [[test]] of the layout states.
     """
     if loads:
         for key in LOAD_ROLES:
@@ -268,10 +268,10 @@ def _check_names_differ(tests: Sequence[CircularTest], paths: Sequence[Path]) ->
 def _note_unused_entries(
     recordings: Iterable[Recording], layout: Layout, log: AssumptionLog
 ) -> None:
-    """Add to the log every entry [[test]] of the layout that names no test of the files.
+    """Add to the log every entry [[test]] of the layout whose ``file`` names no test.
 
-    Such an entry states fields, such as a force, of the test that its key ``file`` names.
-    ``recordings`` are the tests as their files hold them.
+    An entry [[test]] states fields of one test, such as its force. ``recordings`` are the tests as
+    their files hold them.
     """
     names: set[str] = set()
     for recording in recordings:
@@ -283,10 +283,10 @@ def _note_unused_entries(
 
 
 def _note_unused_loads(lines: Lines, log: AssumptionLog) -> None:
-    """Add to the log loads that sheets without a table state outside a list of tests.
+    """Add to the log the loads in sheets without a table that belong to no single test.
 
-    ``lines`` are the lines of these sheets. The loads are forces and pressures; they are not used
-    for any test.
+    ``lines`` are the lines of these sheets outside lists of tests. Loads are forces and pressures;
+    those in these lines are not used.
     """
     for key, statements in statements_in(lines).items():
         if key not in LOAD_ROLES:

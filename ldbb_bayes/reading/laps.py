@@ -1,6 +1,6 @@
-"""Angles of the readings of one test: from times, over several turns (laps), and their direction.
+"""Angles of the readings of one test: computed from times, in several laps, and their direction.
 
-A recording is the readings of one test as a file holds them; it may cover more than one turn.
+A lap is one turn of the bar. The readings of one test in a file may cover several laps.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from ldbb_bayes.results import Array
 __all__ = ["TURN_DEG", "angles_from_time", "average_laps", "direction_of_travel", "on_the_circle"]
 
 TURN_DEG = 360.0
-# Angle by which a test may run against its direction of travel [°]. Overshoot and scatter of the
-# angles stay well below it; a test that runs back over its circle or arc exceeds it.
+# Largest angle by which a test may run against its direction of travel [°]. Overshoot and scatter
+# of the angles are much smaller; a test that runs back over its circle exceeds it.
 _LARGEST_RETREAT_DEG = 120.0
 
 
@@ -30,10 +30,10 @@ def angles_from_time(
 ) -> Array:
     """Return the angle of every reading of a test whose table has times instead of angles.
 
-    The angles continue beyond 360°. The machine moves at constant feed F along the circle of radius
-    R. The angle at time t is therefore θ(t) = start + sense · (F (t − t0) / R − overshoot), with t0
-    the time of the first reading. The machine is assumed to accelerate only within the overshoot,
-    that is in the run-in before the circle and the run-out after it.
+    The machine is assumed to move along the circle of radius R at the constant feed F, and to
+    accelerate only in the run-in before the circle and the run-out after it. The angle at time t is
+    then θ(t) = start + sense · (F (t − t0) / R − overshoot), with t0 the time of the first reading.
+    The angles continue beyond 360°.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def angles_from_time(
     Raises
     ------
     InputError
-        For a log that covers less than the overshoot plus half a turn.
+        If the readings cover less than the overshoot plus half a turn.
     """
     degrees_per_second = np.rad2deg(feed_mm_per_min / 60.0 / radius_mm)
     travelled = degrees_per_second * (time_s - time_s[0])
@@ -75,8 +75,8 @@ def on_the_circle(angle_deg: Array, *, start_deg: float, sense: int) -> NDArray[
 
     The machine accelerates in the run-in before the circle, and decelerates in the run-out after
     it. The circle begins at its start angle and covers whole turns; the last reading of a turn may
-    be missing. If the readings end before one turn is complete, all readings after the start are
-    kept.
+    be missing. If the readings end before one turn is complete, all readings after the start count
+    as on the circle.
 
     Parameters
     ----------
@@ -119,8 +119,8 @@ def average_laps(angle_deg: Array, reading_um: Array) -> tuple[Array, Array]:
     Raises
     ------
     InputError
-        For angles that change direction from one reading to the next, if only a little, and for
-        fewer than two whole laps. Equal angles in succession are no change.
+        If the angles change direction anywhere, even by a little, and for fewer than two whole
+        laps. Successive equal angles are no change of direction.
     """
     is_new_angle = np.concatenate([[True], np.diff(angle_deg) != 0.0])
     angle_deg = angle_deg[is_new_angle]

@@ -24,8 +24,8 @@ __all__ = ["Layout", "TestLayout", "layout_to_toml", "read_layout"]
 
 # Characters that separate cells, by the names that options and layouts may use for them.
 _SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "bar": "|", "space": " "}
-# Fields of the layout that list forces or pressures of all tests, each with the field of a test for
-# which it gives the values.
+# Fields of the layout that list the forces or pressures of all tests, each with the name of this
+# field in a single test.
 _LOAD_LISTS = {"forces_N": "force_N", "pressures_bar": "pressure_bar"}
 
 
@@ -76,14 +76,13 @@ _Column = str | int | list[str | int]
 class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     """Layout of tables that are to be imported as a campaign.
 
-    A field that is None, or an empty list, is determined from each file, and noted. The roles of
-    columns are angle, reading, time, force, pressure, test (the name of the test) and direction.
+    A field that is None or empty is determined from each file, and the result is noted. The roles
+    of columns are angle, reading, time, force, pressure, test (the name of the test) and direction.
 
     Raises
     ------
     pydantic.ValidationError
-        For a field that a layout does not have, and for a value that it cannot have; it is a
-        ValueError.
+        For an unknown field, and for a value that a field cannot have. This error is a ValueError.
 
     Examples
     --------
@@ -119,7 +118,7 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     time_unit: str | None = None  #: unit of times, such as s or ms
     force_unit: str | None = None  #: unit of forces, such as N or kN
     pressure_unit: str | None = None  #: unit of pressures, such as bar
-    #: whether readings are deviations from the nominal radius, or distances of the two balls
+    #: whether readings are deviations from the nominal radius, or distances between the two balls
     zero: Literal["deviation", "distance"] | None = None
     sign: Literal[1, -1] = 1  #: sign of readings: −1 if a longer bar gives a smaller reading
     angle_sign: Literal[1, -1] = 1  #: sign of angles: −1 if the file counts angles clockwise
@@ -174,10 +173,10 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     def with_given(self, options: dict[str, Any]) -> Layout:
         """Return the layout with its fields replaced by the given command-line options.
 
-        ``options`` are values by name of the field; a value of None changes nothing. A field that
-        an option states for all tests, such as the direction, is removed from the entries [[test]],
-        each of which states fields of one test. If an option lists forces or pressures, it replaces
-        all forces and pressures of the layout and of its entries [[test]].
+        ``options`` holds values by the name of the field; a value of None changes nothing. Each
+        entry [[test]] of the layout states fields of one test. A field that an option states for
+        all tests, such as the direction, is removed from these entries. If an option lists forces
+        or pressures, it replaces all forces and pressures of the layout and of its entries.
         """
         stated = {key: value for key, value in options.items() if value is not None}
         keys_of_tests = stated.keys() & TestLayout.__dataclass_fields__.keys()
@@ -220,7 +219,7 @@ def read_layout(path: str | os.PathLike[str]) -> Layout:
     Raises
     ------
     InputError
-        For a file that is not TOML, and for an entry that a layout cannot have; the message names
+        For a file that is not TOML, and for an unknown field or impossible value; the message names
         its place.
 
     Examples

@@ -46,8 +46,8 @@ Lines = Sequence[tuple[int | str, str]]
 class LineStatement:
     """Value of a field of a test or campaign, as one line above a table states it."""
 
-    #: stated value, in the unit at the end of the field's name; NaN for a number that can be read
-    #: in two ways, such as 1,000
+    #: stated value, in the unit with which the name of the field ends; NaN for a number that can be
+    #: read in two ways, such as 1,000
     value: Any
     unit: str  #: unit of the value as the line writes it; empty if the line states none
     #: number of the line in its file; if the line is on another sheet than the test, a text with
@@ -65,10 +65,9 @@ class _Quantity(NamedTuple):
 
 
 def _expand_parts() -> dict[str, str]:
-    """Return the parts of regular expressions in ``words.toml``, by name.
+    """Return parts of regular expressions from ``words.toml``, by name.
 
-    Patterns of longer statements are built from these. A part that contains the name of an earlier
-    part is returned with that part filled in.
+    If a part refers to an earlier part by its name, the earlier part is inserted.
     """
     expanded: dict[str, str] = {}
     for name, pattern in WORDS["parts"].items():
@@ -90,8 +89,8 @@ def _quantities() -> dict[str, _Quantity]:
 
 _PARTS = _expand_parts()
 _QUANTITIES = _quantities()
-# Pattern of a number in a line above a table; the beginning of a time, date or longer number does
-# not match.
+# Pattern of a complete number in a line above a table. It does not match the beginning of a time, a
+# date or a longer number.
 _WHOLE_NUMBER = rf"(?P<number>{NUMBER_IN_TEXT})(?![\d:/]|[.,]\d|[\-−]\d|\s\d{{3}}(?!\d))(?!')"
 # Pattern of a unit that a line states before the number: "in" and a word, or a text in brackets.
 _UNIT_BEFORE = r"(?:in\s+(?P<inside>[^\s:=;,|]+)|[\[(](?P<brackets>[^\])]*)[\])])"
@@ -144,8 +143,8 @@ _SENSE = re.compile(
 )
 # Pattern of a word for "direction", with the text that follows it.
 _DIRECTION = re.compile(_DIRECTION_WORDS["after"], re.IGNORECASE)
-# Patterns of words which show that a line is about a field, even if its statement cannot be
-# understood; by field.
+# Patterns, by field, of words which show that a line is about this field, even if the line cannot
+# be understood.
 _SUBJECTS = {
     "force_N": re.compile(rf"\b{_QUANTITIES['force_N'].words}\b", re.IGNORECASE),
     "pressure_bar": re.compile(rf"\b{_QUANTITIES['pressure_bar'].words}\b", re.IGNORECASE),
@@ -178,8 +177,8 @@ def statements_in(lines: Lines) -> dict[str, list[LineStatement]]:
 def _pattern(words: str) -> re.Pattern[str]:
     """Return the compiled pattern of a statement such as ``Radius: 150 mm``.
 
-    ``words`` is the pattern of the words that name the quantity. A number follows them; the unit
-    may precede or follow the number.
+    ``words`` is the pattern of the words that name the quantity, such as ``Radius``. The unit may
+    be before or after the number.
     """
     between = rf"{_PARTS['between']}{{0,4}}"
     return re.compile(
@@ -193,7 +192,8 @@ def _stated_number(
 ) -> LineStatement | None:
     """Return the number that a line states for a quantity, in the unit of its field.
 
-    Return None if the number belongs to another quantity or has another unit.
+    The number is NaN if it can be read in two ways, such as 1,000. Return None if it belongs to
+    another quantity or has another unit.
 
     Parameters
     ----------
@@ -232,7 +232,7 @@ def _words_before_number(match: re.Match[str]) -> str:
 
 
 def _unit_among(name: str, units: Mapping[str, float]) -> str | None:
-    """Return the one of the permitted ``units`` that a text names; None if it names none."""
+    """Return which of the permitted ``units`` a text names; None if it names none of them."""
     wanted = {name.casefold(), unit_named(name).casefold()}
     for unit in units:
         if unit.casefold() in wanted:
@@ -275,10 +275,10 @@ def _value_in_words(key: str, value: str, matched: str) -> str:
 
 
 def _is_header_beside(key: str, value: str, matched: str) -> bool:
-    """Return whether the words after a label are another label or a header, and no value.
+    """Return whether the words after a label are another label or a header, and not its value.
 
-    ``key`` is the field of the label, ``value`` the words after the label, and ``matched`` the
-    label with these words. In ``Operator;Date`` both are labels.
+    In ``Operator;Date``, for example, both are labels. ``key`` is the field of the label, ``value``
+    the words after the label, and ``matched`` the label with these words.
     """
     if key == "ball_bar" and _PRODUCT.fullmatch(value):
         return False
@@ -290,8 +290,8 @@ def _is_header_beside(key: str, value: str, matched: str) -> bool:
 def _mount_states(passage: str, is_whole_line: bool) -> Iterator[str]:
     """Yield "raw" or "compensated" if a passage says that the readings are so.
 
-    Compensated readings are corrected for the deflection of the mount of the work ball. A passage
-    is a line, or one cell of it. Only a whole line may state this without naming the readings.
+    Compensated readings are corrected for the deflection of the work ball's mount. A passage is a
+    line, or one cell of it. A single cell counts only if it also names the readings.
     """
     remaining = " ".join(_FILLING.sub(" ", passage.casefold()).split())
     if not (_READINGS.search(passage) or (is_whole_line and "ompens" in remaining)):
@@ -343,10 +343,10 @@ def is_direction(text: str) -> bool:
 
 
 def directions_stated(lines: Lines, names: Sequence[str] = ()) -> set[str]:
-    """Return the directions of travel, CW and CCW, that lines above a table and names state.
+    """Return the directions of travel, CW and CCW, that names and lines above a table state.
 
     ``names`` are the names of test, column, sheet and file; only the first that contains a
-    direction counts. A line states a direction after a word such as "direction".
+    direction counts. In a line, only directions after a word such as "direction" count.
     """
     directions: set[str] = set()
     for name in names:
@@ -382,10 +382,10 @@ def _senses(text: str) -> set[str]:
 
 
 def not_understood(lines: Lines) -> dict[str, str]:
-    """Return a note, by field, for each field that a line mentions in a way that is not understood.
+    """Return notes on lines that mention a field but cannot be understood, by field.
 
-    Such a line contains a word for the field, such as "force", but its statement cannot be read.
-    The note names the first such line.
+    Such a line contains a word for the field, such as "force", but states no value that can be
+    read. The note names the first such line.
     """
     unclear: dict[str, str] = {}
     for line, text in lines:

@@ -1,4 +1,4 @@
-"""Removal of readings from circular tests, in given arcs or near the axes' reversal points."""
+"""Functions that remove readings from circular tests, in arcs or near reversal points of axes."""
 
 from __future__ import annotations
 
@@ -23,8 +23,9 @@ def mask_angles(test: CircularTest, arcs_deg: Sequence[Sequence[float]]) -> Circ
     test : CircularTest
         The circular test; it is not changed.
     arcs_deg : sequence of tuple of float
-        Start and end of each arc, counter-clockwise, modulo 360° [deg]. Readings at start and end
-        are removed too. A start and an end that differ by 360° or more cover the whole circle.
+        Start and end of each arc [deg]; the arc runs counter-clockwise from the start, modulo 360°.
+        Readings at start and end are removed too. If start and end differ by 360° or more, the arc
+        is the whole circle.
 
     Returns
     -------
@@ -34,8 +35,8 @@ def mask_angles(test: CircularTest, arcs_deg: Sequence[Sequence[float]]) -> Circ
     Raises
     ------
     InputError
-        For an angle that is not finite, and for arcs that leave no reading, fewer than nine, or an
-        arc of less than 180°.
+        For an angle that is not finite, and if the remaining readings are fewer than nine or cover
+        less than 180°.
 
     Examples
     --------

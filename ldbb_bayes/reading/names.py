@@ -27,9 +27,9 @@ LOAD_IN_NAME = re.compile(
     r"(kN|daN|N|newton|bar|mbar|MPa|kPa|psi)(?![a-zA-Z])",
     re.IGNORECASE,
 )
-# Pattern of a load (force or pressure) in a name that can be read in two ways. A sign may replace a
-# decimal point (3_5bar), or a blank may separate thousands (1 238 N). Forces above 5999 N do not
-# occur.
+# Pattern of a load (force or pressure) that can be read in two ways. An underscore, a hyphen or a p
+# may replace a decimal point (3_5bar), and a blank may separate thousands (1 238 N). Forces above
+# 5999 N are not expected.
 _AMBIGUOUS_LOAD = re.compile(
     r"\d[_p\-]\d+[ _]?(?:[a-z]*bar|kN|MPa|kPa|psi)"
     r"|(?<!\d)0[_p\-]\d+[ _]?N(?![a-z])"
@@ -63,7 +63,7 @@ class _WrittenLoad(NamedTuple):
 
     key: str  # kind of load: force_N or pressure_bar
     text: str  # number of the load as written
-    unit_size: float  # size of the load's unit, as written, in N or bar, such as 1000 for kN
+    unit_size: float  # size of the unit of the load in N or bar, such as 1000 for kN
 
 
 def load_in_name(names: Sequence[str], key: str = "") -> NamedLoad | None:
@@ -76,7 +76,8 @@ def load_in_name(names: Sequence[str], key: str = "") -> NamedLoad | None:
     names
         Names of test, column, sheet and file; the first that states a load counts.
     key
-        Kind of load, force_N or pressure_bar; empty if any kind is accepted.
+        Kind of load, force_N or pressure_bar; empty if any kind is accepted. A force without unit,
+        such as F238, is returned whatever the kind.
     """
     for name in names:
         text = name[:LONGEST_TEXT]

@@ -66,28 +66,27 @@ _MISSING = (
     "null",
     "none",
 )
-# Mark that may separate thousands, by decimal mark: the comma if the decimal mark is a point, and
-# the point if it is a comma.
+# Mark that may separate thousands, for each decimal mark.
 OTHER_MARK = {".": ",", ",": "."}
-# Largest value, by quantity, for which a mark before three digits may separate thousands: 1,000 N
-# may be 1000 N, but 150.000 mm is not 150 000 mm.
+# Largest value of each quantity in which a mark before three digits may separate thousands: 1,000 N
+# may be 1000 N, but 150.000 mm cannot be 150 000 mm.
 _LARGEST_THOUSANDS = {"force_N": 5000.0, "radius_mm": 2000.0, "feed_mm_per_min": 100_000.0}
 
 
 def looks_like_number(cell: str) -> bool:
     """Return whether a cell is a number, with decimal point or comma, or a time of day.
 
-    A number whose marks are in wrong places, such as 1,234.5,6, counts as a number: it belongs to
-    the table, and `numbers_in` refuses it with its line.
+    A number with misplaced marks, such as 1,234.5,6, counts too: its row belongs to the table, and
+    `numbers_in` raises an error that names the line.
     """
     return _NUMBER_CELL.fullmatch(cell) is not None or is_clock(cell)
 
 
 def is_missing(cell: str) -> bool:
-    """Return whether a cell states that its number is missing, such as NaN or a dash.
+    """Return whether a cell, such as NaN or a dash, states that its number is missing.
 
-    A row with a missing number belongs to the table. If the number is needed, an error names the
-    line.
+    A row with a missing number still belongs to the table. If the number is needed, an error names
+    the line.
     """
     return cell.casefold() in _MISSING
 
@@ -119,7 +118,7 @@ def may_be_thousands(key: str, text: str) -> bool:
 
 
 def _is_grouped(text: str, mark: str) -> bool:
-    """Return whether a whole number has a mark before each group of three digits, as 1,000,000.
+    """Return whether a whole number has a mark before each group of three digits: 1,000,000.
 
     ``mark`` is the regular expression of this mark.
     """
@@ -135,7 +134,7 @@ def number(cell: str, decimal: str = ".") -> float:
     Raises
     ------
     ValueError
-        For a text that is no number, such as nan, and for marks that separate no thousands.
+        For a text that is no number, such as nan, and for a misplaced mark, as in 1,23.4.
     """
     has_digit = re.search(r"\d", cell) is not None
     if "_" in cell or not has_digit:  # Python would read 1_000 and nan as numbers
@@ -204,8 +203,8 @@ def decimal_mark(place: str, cells: Iterable[tuple[int, str]]) -> str | None:
     """Return the decimal mark of a table; None if no cell has a comma or a point.
 
     If a cell has comma and point, the last one is the decimal mark, and the other separates
-    thousands. If no cell has two marks, but some have commas and others points, raise an
-    `InputError`.
+    thousands. Raise an `InputError` if cells contradict each other in this, and if no cell has both
+    marks but some have commas and others points.
 
     Parameters
     ----------
@@ -251,9 +250,9 @@ def _contradicting_marks(place: str, line: int, cell: str) -> InputError:
 def seconds_of(place: str, lines: Sequence[int], cells: Sequence[str]) -> Array:
     """Return the times of day in n cells as seconds, shape (n,) [s]; dates are ignored.
 
-    The seconds continue to increase past midnight, and for times in minutes and seconds past the
-    full hour. ``place`` names the table in error messages; ``lines`` are the line numbers of the
-    cells.
+    The seconds continue to increase after midnight, and after the full hour if the times have only
+    minutes and seconds. ``place`` names the table in error messages; ``lines`` are the line numbers
+    of the cells.
     """
     times = np.zeros(len(cells))
     period = _HOUR_S

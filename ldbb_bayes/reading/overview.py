@@ -25,21 +25,21 @@ LONGEST_OVERVIEW = 1000
 
 @dataclass
 class OverviewLines:
-    """Lines of sheets without a table of readings: place (line and sheet) and text of each."""
+    """Lines of sheets without a table of readings, divided by the tests that they concern."""
 
     #: place (line number and sheet) and text of each line that concerns all tests
     of_all_tests: list[tuple[str, str]] = field(default_factory=list)
-    #: place (line number and sheet) and text of each cell in the rows of one test in a list of
-    #: tests; the text is "header: cell"
+    #: place (line number and sheet) and text of each cell in those rows of a list of tests that
+    #: concern one test; the text is "header: cell"
     of_this_test: list[tuple[str, str]] = field(default_factory=list)
 
 
 def overview_lines(sheets: Iterable[Sheet], names: Collection[str]) -> OverviewLines:
     """Return the lines of sheets that concern all tests, and the cells that concern one test.
 
-    ``names`` are all the ways in which the name of this test may be written. Lines outside lists of
-    tests concern all tests. In a list of tests, a row concerns this test if one of its cells is one
-    of the names; each cell of such a row is returned as ``header: cell``.
+    Lines outside lists of tests concern all tests. In a list of tests, a row concerns the one test
+    if one of its cells is among ``names``, the ways in which the test's name may be written. Each
+    cell of such a row is returned as ``header: cell``.
     """
     lines = OverviewLines()
     wanted = {comparable(name) for name in names}
@@ -63,10 +63,9 @@ def overview_lines(sheets: Iterable[Sheet], names: Collection[str]) -> OverviewL
 def _is_row_of_test(filled: Sequence[str], wanted: set[str]) -> bool:
     """Return whether a row in a list of tests describes the wanted test.
 
-    The name of a test may be written in several ways, all of which are in ``wanted``. A row
-    describes the test if one of its cells is one of these names. ``filled`` are the cells of the
-    row that are not empty. A row does not count if it starts with a label such as ``Operator:``,
-    of which the name is the value.
+    It does if one of its cells is among ``wanted``, the ways in which the name of the test may be
+    written. But if the row starts with a label such as ``Operator:``, a name after it is the value
+    of this label, and does not count. ``filled`` are the cells of the row that are not empty.
     """
     named = wanted & {comparable(cell) for cell in filled}
     if not named:
@@ -92,7 +91,7 @@ def _labelled_cells(
 
 
 def _has_label(cell: str) -> bool:
-    """Return whether a cell contains the label of a value, such as ``Radius`` or ``Ort:``."""
+    """Return whether a cell contains the label of a value, such as ``Radius`` or ``Place:``."""
     name = unit_of(cell).name.rstrip(" :")
     return is_label(name) or re.search(r"\D:|:$", cell) is not None
 
@@ -100,8 +99,8 @@ def _has_label(cell: str) -> bool:
 def _heads_a_list(filled: Sequence[str]) -> bool:
     """Return whether a row is the header of a list of tests.
 
-    ``filled`` are the cells of the row that are not empty. A row with a label and its value, such
-    as ``Radius | 100 mm``, is no header.
+    A row with a label and its value, such as ``Radius | 100 mm``, is not. ``filled`` are the cells
+    of the row that are not empty.
     """
     if not names_columns(filled):
         return False

@@ -16,12 +16,12 @@ from ldbb_bayes.results import Array
 
 __all__ = ["LOAD_LISTS", "LOAD_ROLES", "UNITS_SHOWN", "Recording", "option_for"]
 
-# Role of the column that holds the force or pressure of a test, by the name of the test's field.
+# Roles of the columns that hold force or pressure, by the name of the field of a test.
 LOAD_ROLES = {"force_N": "force", "pressure_bar": "pressure"}
-# Field of the layout that lists the forces or pressures of all tests, by the name of the field of
-# one test.
+# Fields of the layout that list the forces or pressures of all tests, by the name of the field of a
+# single test.
 LOAD_LISTS = {"force_N": "forces_N", "pressure_bar": "pressures_bar"}
-# Units in which messages state the values of a test's fields, by field.
+# Unit in which messages state the value of each field.
 UNITS_SHOWN = {
     "force_N": "N",
     "pressure_bar": "bar",
@@ -50,15 +50,14 @@ class Recording:
 
     sheet: Sheet
     heading: Heading
-    #: name of the test, from the column of tests or the header of its column of readings; empty if
-    #: the whole sheet is one test
+    #: name of the test, from the column that names tests or the header of the test's readings;
+    #: empty if the whole sheet is one test
     label: str
     lines: list[int]  #: line numbers of the test's rows in the file
     #: numbers of the test's n rows in each column, by the role of the column (angle, reading, …),
     #: in the units of the file, shape (n,)
     numbers: dict[str, Array]
-    #: different words in the column of directions, each with the number of the first line that has
-    #: it
+    #: different words in the column of directions, each with the number of its first line
     direction_words: Mapping[str, int]
     #: values that lines above the table state, by field of the test or campaign
     statements: Mapping[str, Sequence[LineStatement]]
@@ -116,8 +115,8 @@ class Recording:
     def stated_value(self, key: str) -> Any:
         """Return the value that the user states for the field ``key``; None if there is none.
 
-        The entry [[test]] of the layout for this test counts first, then the layout, then an
-        option.
+        The entry [[test]] of the layout for this test counts first, then the layout, then an option
+        for the campaign.
         """
         value = self.stated.get(key)
         if value is None:
@@ -129,8 +128,9 @@ class Recording:
     def name_of_file(self, title: str) -> str:
         """Return a name for the test that can be the name of a file, made from ``title``.
 
-        Characters that file names cannot have are replaced by underscores, and only the first 100
-        characters are kept. If this changes the title, it is noted as an assumption.
+        Characters other than letters, digits, blanks and ``_+-.`` are replaced by underscores, and
+        only the first 100 characters are kept. If this changes the title, the name is noted as an
+        assumption.
         """
         name = re.sub(r"^[^\w+\-]|[^\w+\-. ]", "_", title)[:_LONGEST_TEST_NAME]
         if name != title:

@@ -52,7 +52,7 @@ def select_sheets(
     sheets
         All sheets, in the order of files.
     layout
-        Layout that the user states; sheets that it names must have a table.
+        Layout that the user states. If it names sheets, all of these must have a table.
     log
         Log to which the sheets left out are added.
     matched
@@ -103,10 +103,10 @@ def _workbooks_of_several_sheets(sheets: Sequence[Sheet]) -> set[Path]:
 
 
 def _has_no_readings(sheet: Sheet, error: InputError) -> bool:
-    """Return whether a sheet whose header raised an error holds no readings.
+    """Return whether a sheet holds no readings, given the error that occurred at its header.
 
-    The sheet holds none if it has no table of numbers, or no row that names a column of readings
-    and one of angles or times.
+    It holds none if it has no table of numbers, or no row that names a column of readings and one
+    of angles or times.
     """
     if isinstance(error, NoTableError):
         return True

@@ -1,4 +1,4 @@
-"""Splitting of foreign tables into the recordings of single tests, with cells as numbers."""
+"""Functions that split foreign tables into recordings of single tests, with cells as numbers."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from ldbb_bayes.results import Array
 
 __all__ = ["FIELDS_OF_ALL_TESTS", "layout_names", "split_sheet"]
 
-# Roles of columns that are not converted to numbers for all tests of a sheet together: columns of
+# Roles of the columns whose numbers are not shared by the tests of a sheet: the columns that name
 # tests and directions hold words, and each column of readings may be a separate test.
 _NOT_SHARED = ("test", "direction", "reading")
 # Fields of a test or campaign that lines in a sheet without a table may state for all tests.
@@ -110,8 +110,8 @@ def split_sheet(
 ) -> Iterator[Recording]:
     """Split the table of one sheet into tests, and yield the recording of each.
 
-    A table holds one test for every column of readings. If it has a column of tests, it holds one
-    for every label in that column. Tests are in the order of the columns of readings, and then of
+    A table holds one test for every column of readings. If a column names the tests, it holds one
+    for every name in that column. Tests are in the order of the columns of readings, and then of
     their first rows. Each recording has the numbers of the test, and everything that the file, its
     name and the user state about the test.
 
@@ -230,9 +230,9 @@ def _decimal_mark_of(
 ) -> str | None:
     """Return the decimal mark of a table, as the layout states it or as found in its cells.
 
-    ``cells`` are the line number and the text of every cell with a number. None means that no cell
-    has a mark. The assumption is added to the log if the mark is a comma, or if it might as well
-    separate thousands.
+    Return None if no cell has a mark. A mark that is found is added to the log as an assumption if
+    it is a comma, or if it might as well separate thousands. ``cells`` are the line number and the
+    text of every cell with a number.
     """
     if layout.decimal is not None:
         _note_stated_mark(sheet, cells, layout.decimal, log)
@@ -253,7 +253,7 @@ def _decimal_mark_of(
 def _note_stated_mark(
     sheet: Sheet, cells: Sequence[tuple[int, str]], decimal: str, log: AssumptionLog
 ) -> None:
-    """Note it in the log if no cell has the decimal mark that the user states, but some the other.
+    """Add a note to the log if no cell has the stated decimal mark, but some have the other mark.
 
     The other mark, comma or point, then separates thousands.
     """
@@ -351,8 +351,8 @@ def _field_columns(
 ) -> dict[str, int]:
     """Return the indices of columns that state a field of each test, such as setup, by field.
 
-    ``labels`` are the name of the test for each row. Columns of times and temperatures that change
-    within a test are left out, and this is added to the log.
+    ``labels`` holds the name of the test for each row. Columns of times and temperatures that
+    change within a test are left out, and this is added to the log.
     """
     heading = columns.heading
     field_columns = {

@@ -26,15 +26,15 @@ _PICTURE_SIGNATURES = (b"%PDF-", b"\x89PNG\r\n", b"\xff\xd8\xff", b"GIF8")
 # Number of bytes at the beginning of a text file that are searched for zeros, which indicate the
 # encoding UTF-16.
 _HEAD_BYTES = 4096
-# A text file is in UTF-16 if more than this share of its first bytes are zeros, always the first or
-# always the second byte of a pair.
+# A text file is in UTF-16 if more than this share of the bytes at its beginning are zeros that are
+# the first bytes of pairs, or the second bytes of pairs.
 _SHARE_OF_ZEROS = 0.2
 # Characters that may separate the cells of a text file, in order of preference.
 _SEPARATORS = (";", "\t", "|", ",", " ")
 # Number of lines by which possible separators of cells are compared.
 _SAMPLE_LINES = 200
-# A possible separator of cells is chosen instead of one earlier in the order of preference only if
-# its score is larger by more than this.
+# A separator of cells is preferred to one earlier in the order of preference only if its score is
+# larger by more than this.
 _SCORE_MARGIN = 0.02
 
 
@@ -88,9 +88,9 @@ def read_sheets(
 def _find_encoding(raw: bytes) -> str:
     """Return the encoding of a text file, from its byte-order mark or its zero bytes.
 
-    A text file without these is in UTF-8 if it can be decoded so, else in Windows-1252. No library
-    is used for this: libraries often take Windows-1252 with few non-ASCII characters for another
-    encoding.
+    A text file with neither is in UTF-8 if it can be decoded so, else in Windows-1252. No library
+    is used to find the encoding, because libraries often mistake Windows-1252 with few non-ASCII
+    characters for another encoding.
     """
     for encoding, mark in BYTE_ORDER_MARKS.items():
         if raw.startswith(mark):
@@ -127,7 +127,7 @@ def _find_separator(lines: Sequence[str]) -> str:
 
 
 def _separator_score(sample: Sequence[str], separator: str) -> float:
-    """Return a score between 0 and 2 that is large if a character is likely the separator of cells.
+    """Return a score from 0 to 2 that is large if ``separator`` probably separates the cells.
 
     The score is p (1 + q), where p is the share of the lines in ``sample`` that have the most
     frequent number of cells, and q the share of numbers among the filled cells. It is zero if the
