@@ -7,10 +7,10 @@ effects; truncation means that compliances must not be negative.
 
 Given φ, the estimation error of the parameters is a sum of independent parts, one for every source.
 A source is the deviation of a nuisance coefficient from its prior mean, a noise of the readings, or
-the deviation of the parameters from their own prior means. The shares of the sources in the
-posterior variance (`Information.shares`) sum to one. The variance is that of the posterior draws
-and includes the truncation and the uncertainty of φ. Without these two, the share of source s in
-the variance of a parameter y is u_s²(y) / u²(y), as in the GUM.
+the deviation of the parameters from their own prior means. As in the GUM, the share of source s in
+the variance of a parameter y is u_s²(y) / u²(y), where u_s(y) is the standard uncertainty of y due
+to s alone; the shares sum to one (`Information.shares`). Unlike in the GUM, u²(y) is the variance
+of the posterior draws, which includes the truncation and the uncertainty of φ.
 """
 
 from __future__ import annotations

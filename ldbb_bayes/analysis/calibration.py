@@ -31,8 +31,8 @@ from ldbb_bayes.results import Array, Numbers, Result, readable
 
 __all__ = ["LOG_LIKELIHOOD", "Validation", "calibrate"]
 
-# Name of the log likelihood among the quantities whose true values calibration compares with
-# posterior draws, beside the parameters and hyper-parameters.
+# Name of the log likelihood in `Validation.names`. Calibration ranks its true value too, besides
+# those of the parameters and hyper-parameters.
 LOG_LIKELIHOOD = "log_likelihood"
 # Probabilities of the credible intervals whose coverage (share of true values inside) is reported.
 _INTERVALS = (0.5, 0.8, 0.95)

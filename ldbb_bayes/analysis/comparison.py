@@ -292,8 +292,8 @@ class Comparison(Result):
     def within_tolerance(self) -> bool:
         """Return whether ``largest_error`` is within ``tolerance``.
 
-        Not counted are assumptions whose log evidences are at least 10 nat below that of the
-        models' own assumption.
+        Assumptions whose log evidences are at least 10 nat below that of the models' own assumption
+        are not counted.
         """
         return self.largest_error <= self.tolerance
 

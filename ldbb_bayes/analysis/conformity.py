@@ -69,7 +69,8 @@ class Conformity(Result):
     """
 
     unit: str  #: unit of the quantity, its limits, mean, sd and guard band
-    #: force at which the quantity is stated [N]; None for geometric errors and slopes
+    #: force at which the quantity is stated [N]; None where no force applies, as for geometric
+    #: errors and slopes
     force_N: float | None
     lower: float | None  #: lower limit of the tolerance; None if it has no lower limit
     upper: float | None  #: upper limit of the tolerance; None if it has no upper limit

@@ -66,8 +66,9 @@ def cures(bound: BoundModel, aliases: Sequence[Degeneracy]) -> tuple[tuple[Cure,
 
     A degeneracy is a combination of parameters and nuisance coefficients (effects that are modelled
     but not of interest) that no reading resolves. To find out whether further tests help, they are
-    added to the plan, and the degeneracies of the longer plan are found. For a degeneracy with a
-    ``term``, a calibration is always among the remedies.
+    added to the plan, and the degeneracies of the longer plan are found. Turning both balls is
+    named only if turning one ball does not help. For a degeneracy with a ``term``, a calibration is
+    always among the remedies.
 
     Parameters
     ----------

@@ -39,8 +39,8 @@ _COMPLIANCE_DEGREE = 2
 _GEOMETRIC_DEGREE = 1
 # Superscripts of the powers 0 … 4 of a symbol in a formula; those of 0 and 1 are empty.
 _EXPONENTS = ("", "", "²", "³", "⁴")
-# A factor in the formula of a parameter's pattern is a rounding error if it is below this share of
-# the pattern's largest value. If that value is less than 1, the limit is this number.
+# A factor in the formula of a parameter's pattern is a rounding error if it is below this number
+# times the largest value of the pattern, or below this number itself if that value is less than 1.
 _ROUNDING = 1e-9
 # Decimals to which a factor of a formula is rounded before it is printed.
 _FACTOR_DECIMALS = 9
@@ -110,7 +110,8 @@ def describe_machine(machine: Machine, circles: Sequence[Circle] = ()) -> Descri
     Raises
     ------
     InputError
-        For a circle in another plane, or with a centre out of reach.
+        For a circle in a plane that the machine does not have, or for a centre with a coordinate
+        above 100 m.
 
     Examples
     --------

@@ -48,6 +48,11 @@ def measure_circularity(posterior: xr.DataTree | Campaign) -> tuple[pd.DataFrame
         force_N and plane; the bidirectional deviation G_b about the least-squares centre,
         G_b_minimum_zone about the centre of the minimum zone, and the mean radial deviation D [µm].
 
+    Raises
+    ------
+    InputError
+        For a plan (a campaign without readings), or a posterior from `to_units`.
+
     Examples
     --------
     >>> tests, pairs = lb.analysis.measure_circularity(campaign)

@@ -144,10 +144,12 @@ class NullSpace:
 
 
 def _choose_pivots(basis: Array, preferred: NDArray[np.bool_]) -> list[int]:
-    """Return the indices of k rows of a matrix that are as independent as possible.
+    """Return the indices of k linearly independent rows of a matrix.
 
-    The matrix is ``basis``, shape (c, k): k vectors with one row for each of c coefficients.
-    ``preferred``, shape (c,), is true for rows that are chosen before other rows.
+    The matrix is ``basis``, shape (c, k): k vectors with one row for each of c coefficients. The
+    next row chosen is the one with the longest part that is orthogonal to all rows chosen before.
+    ``preferred``, shape (c,), is true for rows that are chosen before other rows, unless this part
+    is very short.
     """
     pivots: list[int] = []
     remainder = basis.copy()

@@ -137,9 +137,9 @@ def _stack_blocks(blocks: Sequence[Array]) -> Array:
 def _connected_columns(blocks: Array, interest: Sequence[int]) -> NDArray[np.int_]:
     """Return the indices of coefficients that act on the same readings as those of interest.
 
-    Coefficients that do so only through other coefficients are included. ``blocks``, shape (tests,
-    rows, m), is the information of each test about m coefficients. ``interest`` are the indices of
-    the coefficients of interest, which come last in the result.
+    A coefficient that shares readings with one of these is included too, and so on. ``blocks``,
+    shape (tests, rows, m), is the information of each test about m coefficients. ``interest`` are
+    the indices of the coefficients of interest, which come last in the result.
     """
     size = np.abs(blocks)
     shares_readings = np.einsum("rij,rik->jk", size, size) > 0.0

@@ -95,7 +95,7 @@ def add_foreseen_tests(
     Returns
     -------
     Campaign
-        The pilot itself if its tests, run or foreseen, have all kinds already.
+        The pilot with the foreseen tests added; the pilot itself if it has all kinds already.
     """
     both_ways = _planes_run_both_ways(candidates)
     # The parameters of the model depend on the radius only if a frame or the centre of a circle

@@ -69,9 +69,10 @@ class Determinant:
 class Variance:
     """Criteria A, c and I: Φ = −tr(W S⁻¹), the negative of a weighted sum of variances.
 
-    S is the precision of the s parameters of interest and W, shape (s, s), their weights. W is the
-    identity for criterion A. It is c cᵀ for criterion c, which is about one combination cᵀ β of the
-    parameters β. For criterion I it is the mean of x xᵀ over the predictions xᵀ β of interest.
+    S is the precision of the s parameters of interest and W, shape (s, s), their weights. For
+    criterion A, W is a multiple of the identity. For criterion c it is c cᵀ, where cᵀ β is the
+    combination of the parameters β that is of interest. For criterion I it is the mean of x xᵀ over
+    the predictions xᵀ β of interest.
     """
 
     concave: ClassVar[bool] = True

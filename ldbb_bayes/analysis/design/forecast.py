@@ -3,8 +3,7 @@
 The forecast is computed for the linear Gaussian model, given the hyper-parameters φ (the scales of
 the noise and of other effects), and averaged over φ. The expected standard deviations (sds) account
 for the truncation (compliances must not be negative). β are the parameters (compliances, their
-slopes and geometric errors). A state is one possible machine: values of φ and β. The computation
-uses `ldbb_bayes.model.information.Information`, independently of the search for designs.
+slopes and geometric errors). A state is one possible machine: values of φ and β.
 """
 
 from __future__ import annotations

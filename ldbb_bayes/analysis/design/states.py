@@ -47,8 +47,8 @@ def hyper_nodes(model: HybridModel, pilot: Campaign, size: int, seed: int) -> Ar
 
     The values represent the posterior given the readings of the pilot (the campaign that a design
     starts from). If the pilot is a plan, they represent the prior, and ``size`` is rounded up to a
-    power of two. With flat priors of the parameters one value is returned, the root mean square. It
-    is enough, because all variances are then proportional to that of the noise.
+    power of two. If the priors of the parameters are flat, only the root mean square of the values
+    is returned, shape (1, h), because all variances are then proportional to that of the noise.
     """
     if pilot.is_plan:
         prior = model.bind(pilot).hyper_prior
