@@ -51,7 +51,7 @@ _CAMPAIGN_COLUMNS = {
 
 @parts_of.register
 def _passages_of_campaign(campaign: Campaign) -> tuple[Passage, ...]:
-    """Return a table of a campaign's tests, one row per test, without empty columns."""
+    """Return a table of a campaign's tests, with one row per test."""
     rows = []
     for test in campaign.tests:
         cells = [getattr(test, field) for field in _CAMPAIGN_COLUMNS.values()]

@@ -130,8 +130,8 @@ def left_out_tests_table(comparison: Comparison) -> Table:
 
     It has one row per test. The columns are the force, the p-value of the test's readings, the
     p-value adjusted for the number of tests, and a flag for tests that do not agree with the
-    others. The last column is the log density of the test under the second model minus that under
-    the first [nat].
+    others. The last column is the log predictive density of the test under the second model minus
+    that under the first [nat].
 
     Parameters
     ----------

@@ -283,8 +283,8 @@ def write_report(
         Whether the annex, the sections that follow the sheets, is printed too when the page is
         printed.
     force_N : float, optional
-        Force at which the sheets state stiffness and circular deviation [N]. Default: the reference
-        force.
+        Force at which the sheets state stiffness and circular deviation [N], from a tenth of the
+        smallest force tested to 1.5 times the largest. Default: the model's reference force.
     progress : callable, optional
         Function called with the numbers of finished and of all steps. One step is a section, or
         both sheets.
@@ -298,8 +298,8 @@ def write_report(
     ------
     InputError
         The comparison or design was made from other readings, the campaigns are of different
-        machines, ``language`` is unknown, ``force_N`` is outside the forces tested, or the folder
-        cannot be written or its subfolder ``tables`` holds files that no report has written.
+        machines, ``language`` is unknown, ``force_N`` is outside its range, or the folder cannot be
+        written or its subfolder ``tables`` holds files that no report has written.
 
     Examples
     --------

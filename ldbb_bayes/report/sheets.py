@@ -44,8 +44,8 @@ def sheets(
     language
         Code of the language, such as en; the package must have a catalogue of words for it.
     force_N
-        Force at which stiffness and circular deviation are stated [N]. Default: the reference
-        force.
+        Force at which stiffness and circular deviation are stated [N]. Default: the model's
+        reference force.
 
     Returns
     -------
@@ -334,8 +334,8 @@ def _banner(numbers: SheetNumbers) -> Banner:
     forces_N = campaign_of(findings.numbers).forces_N
     if not forces_N.min() <= numbers.force_N <= forces_N.max():
         outside = words("state.outside", force=words.number(f"{numbers.force_N:.4g}"))
-        # A stated force outside the tested range is the first reason for caution. If the numbers
-        # cannot be used for another reason, it is the second.
+        # A force outside the tested range is the first reason for caution, or the second one if the
+        # numbers cannot be used for another reason.
         reasons.insert(1 if is_unusable else 0, outside)
 
     kind = "usable"
