@@ -739,7 +739,7 @@ class BoundModel(Shown):
         return self._of_interest.geometric_errors
 
     def keeping(self, names: Sequence[str]) -> BoundModel:
-        """Return the model of the tests with these names alone.
+        """Return the model with the named tests alone.
 
         Reference force, force range and other properties of the whole campaign do not change.
         """

@@ -174,7 +174,7 @@ class HyperPrior:
         return phi
 
     def log_density_of_free(self, free: Array) -> Array:
-        """Return the log of the prior density per unit of the unbounded coordinates, shape (...).
+        """Return the log of the prior density of the unbounded coordinates, shape (...).
 
         ``free``, shape (..., h), holds the coordinates of the h hyper-parameters that the method
         `free` defines. The density includes the Jacobian of the transformation from coordinates to

@@ -2,8 +2,8 @@
 
 β (p,) are the parameters: compliances, their slopes and geometric errors. Nuisance coefficients
 belong to effects that are modelled but not of interest. φ are the hyper-parameters: the scales of
-the noise and of the nuisances. The readings of test r, projected on 25 Fourier basis functions
-(`reduction`), are z_r with the triangular factor R_r:
+the noise and of the nuisances. The readings of test r are reduced to z_r by projection on 25
+Fourier basis functions, whose triangular factor is R_r (`reduction`):
 
     z_r = R_r (H_r β + U_r u + V_r v_r + e_r) + ε.
 
@@ -45,8 +45,9 @@ __all__ = ["StructuredGaussian"]
 # the GNU C library (malloc) afterwards keeps freed memory of up to this size for reuse, which is
 # faster.
 _MALLOC_BYTES = 31 << 20
-# Variances of noise and priors with a smaller absolute value are replaced by this number, because
-# the likelihood divides by them. A coefficient with this prior variance is numerically zero.
+# Variances of noise and priors with a smaller absolute value are replaced by this number [mm², or
+# no unit], because the likelihood divides by them. A coefficient with this prior variance is
+# numerically zero.
 _LEAST_VARIANCE = 1e-60
 
 
@@ -184,11 +185,11 @@ class StructuredGaussian:
     def conditional(
         self, phi: Array, beta: Array | None = None, *, last: int | None = None
     ) -> tuple[Array, Gaussian]:
-        """Return the log density ln p(z | β, φ), shape (w,), and the Gaussian of coefficients.
+        """Return the log density ln p(z | β, φ), shape (w,), and the density of the coefficients.
 
-        The Gaussian is the density of the coefficients that are the same in all tests, given the
-        readings z, the parameters β and the hyper-parameters φ; there is one for each of w values
-        of φ. Its ``log_integral`` is ln p(z | β, φ).
+        The density is that of the coefficients that are the same in all tests, given the readings
+        z, the parameters β and the hyper-parameters φ. It is Gaussian, one for each of w values of
+        φ, and its ``log_integral`` is ln p(z | β, φ).
 
         Parameters
         ----------
@@ -198,9 +199,8 @@ class StructuredGaussian:
             Values of the p parameters of interest, shape (w, p), or (p,) for all w alike. None if
             the object was made without parameters.
         last
-            Number of coefficients of the Gaussian. They are the last of the coefficients that are
-            the same in all tests. By default the Gaussian has all coefficients that are the same in
-            all tests.
+            Number of coefficients in the density: the last ones of those that are the same in all
+            tests. By default it contains all of these.
         """
         first = 0 if last is None else self._shared - last
         elimination = self._conditional_elimination(last)

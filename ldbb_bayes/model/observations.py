@@ -395,14 +395,13 @@ def _rotate(
     *,
     uniform: bool,
 ) -> _Rotated:
-    """Return the matrix Q that makes the noise of one test diagonal, and the test's rotated matrices.
+    """Return the matrix Q that makes the noise of one test diagonal, and the rotated matrices.
 
-    The m reduced readings of the test are multiplied by Q. R (m, 25) is the triangular factor of
-    these readings (``test.factor``). If all tests are circles with nearly uniform angles
-    (``uniform``), Q is S R⁻¹, where the diagonal matrix S holds the norms of the 25 Fourier
-    functions; Q then makes any number of noise terms diagonal. Otherwise ``noise`` has at most one
-    term, and Q is the transpose of the left singular vectors of R · diag(sd of this noise). If
-    there is no term, the sd counts as one.
+    R is ``test.factor``, the triangular factor of the 25 Fourier functions. If all tests are
+    circles with nearly uniform angles (``uniform``), Q = S R⁻¹ makes any number of noise terms
+    diagonal; the diagonal matrix S holds the norms of the Fourier functions. Otherwise ``noise``
+    has at most one term, and Q follows from the singular value decomposition of R times the sd of
+    this noise.
     """
     if uniform and test.near_uniform is not None:
         column_norms = test.near_uniform.column_norms

@@ -171,10 +171,10 @@ class Prior(Shown):
     Give other priors by `HybridModel.with_prior` or in TOML; every value may be text with its unit.
 
     The prior mean is zero for every parameter that ``means`` does not name. The prior mean of a
-    slope with force is always zero, because constant compliance is the linear model with its slopes
-    at zero. If ``means`` names a compliance, the prior sd of this compliance in ``overrides`` is
-    how well it is known, not how large it may be; its slopes therefore keep the prior sd that
-    follows from the default for its kind.
+    slope with force is always zero, because the model of constant compliance is the linear model
+    with all slopes at zero. If ``means`` names a compliance, the prior sd of this compliance in
+    ``overrides`` is how well it is known, not how large it may be; its slopes therefore keep the
+    prior sd that follows from the default for its kind.
 
     Raises
     ------

@@ -34,12 +34,12 @@ _ROUNDING = 1e-12
 
 
 class NearUniform(NamedTuple):
-    """Full circle of readings at nearly uniform angles: RᵀR = S (1 + V λ Vᵀ) S.
+    """Full circle of readings at nearly uniform angles, and how far these are from uniform ones.
 
     R is the triangular factor in the QR decomposition of the 25 Fourier functions at the test's
-    angles. The diagonal matrix S holds the norms of these functions, the diagonal matrix λ the
-    departures from uniform angles, and V is orthogonal; each has shape (25, 25). At exactly uniform
-    angles λ is zero.
+    angles, and RᵀR = S (1 + V λ Vᵀ) S. The diagonal matrix S holds the norms of these functions,
+    the diagonal matrix λ the departures from uniform angles, and V is orthogonal; each has the
+    shape (25, 25). At exactly uniform angles λ is zero.
     """
 
     #: Norms of the 25 Fourier functions at uniform angles, the diagonal of S in

@@ -254,8 +254,8 @@ class Truths:
 def is_truths(path: Path) -> bool:
     """Return whether a file is a TOML file of true values for a simulation.
 
-    Such a file has the suffix ``.toml`` and, unlike a campaign, lists no tests. Return False if the
-    file does not exist or is not valid TOML.
+    Every valid TOML file (suffix ``.toml``) that lists no tests counts as such a file; a campaign
+    lists tests.
     """
     if path.suffix.lower() != ".toml" or not path.is_file():
         return False
