@@ -38,7 +38,7 @@ _SUFFIX_OF_UNIT = {"µm": "_um", "µm/m": "_um_per_m"}
 
 
 def tables(findings: Findings, others: Sequence[Beside] = ()) -> dict[str, pd.DataFrame]:
-    """Return all numbers of a report as tables.
+    """Return all numbers of a report as tables, except the decisions on conformity.
 
     The key of each table is the name of its CSV file without the ending ``.csv``.
 

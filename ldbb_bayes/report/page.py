@@ -298,8 +298,8 @@ def write_report(
     ------
     InputError
         The comparison or design was made from other readings, the campaigns are of different
-        machines, ``language`` is unknown, ``force_N`` is outside its range, or the folder cannot be
-        written or its subfolder ``tables`` holds files that no report has written.
+        machines, ``language`` is unknown, ``force_N`` is outside its range, the folder cannot be
+        written, or its subfolder ``tables`` holds files that no report has written.
 
     Examples
     --------
