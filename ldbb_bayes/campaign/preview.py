@@ -117,7 +117,7 @@ class Remark:
 
 
 class _Remarks:
-    """List of remarks of a preview, to which functions add while they examine a campaign."""
+    """Remarks of a preview, collected while a campaign is examined."""
 
     def __init__(self) -> None:
         self._remarks: list[Remark] = []
@@ -311,7 +311,7 @@ def _preview_test(test: CircularTest, campaign: Campaign) -> TestPreview:
 def _remark_on_angles(
     test: CircularTest, campaign: Campaign, angles: _Angles, remarks: _Remarks
 ) -> None:
-    """Add remarks if the angles contradict the stated direction, cover an arc or have a gap."""
+    """Add remarks on angles that contradict the direction, miss part of the circle or have gaps."""
     contradicts = test.direction and angles.travel and test.direction != angles.travel
     if contradicts and not campaign.is_plan and not _order_shows_no_travel(campaign):
         remarks.add(RemarkKind.TRAVEL, stated=test.direction, travel=angles.travel)
@@ -422,7 +422,7 @@ def _path(
 
 
 class _Fit(NamedTuple):
-    """Result of a least-squares fit to all readings of a test that are no spikes.
+    """Result of a least-squares fit to the readings of a test without its spikes.
 
     Spikes are readings far from the fitted curve; ``coefficients`` are those of the curve.
     """
