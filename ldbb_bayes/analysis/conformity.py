@@ -33,7 +33,14 @@ from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array, ByName, Result
 from ldbb_bayes.units import is_direct
 
-__all__ = ["Conformity", "Decision", "assess_conformity", "draws_at", "normal_conformity"]
+__all__ = [
+    "Conformity",
+    "Decision",
+    "assess_conformity",
+    "draws_at",
+    "normal_conformity",
+    "stiffness_conformity",
+]
 
 # The probability that a quantity lies beyond a tolerance limit is the share of posterior draws
 # beyond it, if at least this many draws lie on each side of the limit. Otherwise it is the tail of
@@ -277,9 +284,48 @@ def normal_conformity(
     ``mean``, ``sd`` and the limits of ``tolerance`` are in ``unit``. ``confidence`` is the
     probability that a decision requires.
     """
-    low, high = tolerance.ends
-    probability = float(ndtr((high - mean) / sd) - ndtr((low - mean) / sd))
+    probability = _normal_probability(mean, sd, tolerance.ends)
     return _decide(unit, mean, sd, tolerance, probability, confidence, None)
+
+
+def stiffness_conformity(
+    unit: str,
+    compliance_mean: float,
+    compliance_sd: float,
+    tolerance: Tolerance,
+    *,
+    confidence: float = 0.95,
+) -> Conformity:
+    """Return the decision on the conformity of a stiffness whose compliance has a normal posterior.
+
+    The stiffness 1/C lies between its limits where the compliance C lies between their inverses,
+    so that the probability is exact. A negative C, which no machine has, counts as a compliance
+    below every limit, that is, as infinitely stiff. The mean 1/m and the standard deviation s/m² of
+    the stiffness, from mean m and standard deviation s of C, are approximations and decide nothing.
+
+    ``unit`` is that of the stiffness and of the limits of ``tolerance``. Mean and standard
+    deviation of the compliance are in the inverse unit. ``confidence`` is the probability that a
+    decision requires.
+    """
+    lowest_stiffness, highest_stiffness = tolerance.ends
+    lowest_compliance = -np.inf
+    if highest_stiffness < np.inf:
+        lowest_compliance = 1.0 / highest_stiffness
+    highest_compliance = np.inf
+    if lowest_stiffness > 0.0:
+        highest_compliance = 1.0 / lowest_stiffness
+    probability = _normal_probability(
+        compliance_mean, compliance_sd, (lowest_compliance, highest_compliance)
+    )
+    mean = 1.0 / compliance_mean
+    sd = compliance_sd / compliance_mean**2
+    return _decide(unit, mean, sd, tolerance, probability, confidence, None)
+
+
+def _normal_probability(mean: float, sd: float, limits: tuple[float, float]) -> float:
+    """Return the probability that a normally distributed quantity lies between two limits."""
+    low, high = limits
+    return float(ndtr((high - mean) / sd) - ndtr((low - mean) / sd))
 
 
 def _decide(

@@ -44,7 +44,9 @@ _LARGEST_FORCE_SHARE = 1.5
 _SIDES_BY_SIGN = {"±": _BOTH, "≤": _UPPER, "<=": _UPPER, "≥": _LOWER, ">=": _LOWER}
 _SIGN = re.compile(r"\s*(±|≤|<=|≥|>=)?")
 _NUMBER = re.compile(r"^\s*[+−-]?[\d.]+(e[+-]?\d+)?", re.IGNORECASE)
-_EXPONENT = re.compile(r"\de[+-]?\d")
+_EXPONENT = re.compile(r"\de[+-]?\d", re.IGNORECASE)
+# Dots between the lower and the upper limit of a range such as −20..40 µrad.
+_RANGE_DOTS = re.compile(r"\s*(?:\.{2,}|…)\s*")
 _UNIT_CHARACTER = re.compile(r"[^\W\d]|[%°]")
 
 
@@ -149,7 +151,7 @@ def tolerances_in(
     A single number such as ``60 nm/N`` is the upper limit of a direct compliance, of G or of F_max,
     the lower limit of a stiffness or of F_min, and both limits (±) of any other quantity. A sign
     before the number takes precedence: ``≤`` gives an upper limit, ``≥`` a lower limit and ``±``
-    both. A text such as ``−20..40 µrad`` also gives both limits.
+    both. A text such as ``−20..40 µrad`` or ``−20…40 µrad`` also gives both limits.
     """
     require(
         isinstance(given, Mapping),
@@ -205,9 +207,9 @@ def check_force(campaign: Campaign, force_N: float | None) -> None:
 def _read_tolerance(name: str, text: str, quantity: Quantity) -> Tolerance:
     """Return the tolerance of a quantity from a text with a unit, such as ``≥ 18 N/µm``."""
     subject = f"tolerance of {name}"
-    lower, dots, upper = text.partition("..")
-    if dots:
-        return _read_range(subject, text, lower, upper, quantity.unit)
+    lower, *uppers = _RANGE_DOTS.split(text, maxsplit=1)
+    if uppers:
+        return _read_range(subject, text, lower, uppers[0], quantity.unit)
     sides = quantity.sides
     number = text
     sign = _SIGN.match(text)

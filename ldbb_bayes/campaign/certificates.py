@@ -230,8 +230,7 @@ class CalibrationCertificate(Shown):
             sources.append(scale)
         linearity = self._linearity()
         if linearity is not None:
-            full_scale = self._full_scale(linearity)
-            percent = 100.0 * linearity.magnitude() / full_scale
+            percent = 100.0 * self._linearity_ratio(linearity)
             stated["linearity_percent"] = _without_rounding(percent)
             sources.append(linearity)
         if not stated:
@@ -258,28 +257,31 @@ class CalibrationCertificate(Shown):
         """Return the largest linearity error of a force device that the certificate states.
 
         The linearity error is the deviation from a straight line, as a ratio or as a force in
-        newtons. Return None if none is stated.
+        newtons. Errors are compared as ratios. Of several equally large ones, return the last one;
+        return None if none is stated.
         """
         shares = self._quantities_by_role("").get("linearity", [])
         newtons = self._quantities_by_role("N").get("linearity", [])
-        return _largest([*shares, *newtons])
+        if not (shares or newtons):
+            return None
+        return sorted([*shares, *newtons], key=self._linearity_ratio)[-1]
 
-    def _full_scale(self, linearity: CertifiedQuantity) -> float:
-        """Return the divisor that makes a ratio of the linearity error of a force device.
+    def _linearity_ratio(self, linearity: CertifiedQuantity) -> float:
+        """Return the absolute linearity error of a force device as a ratio.
 
-        It is 1 if the certificate states the error as a ratio, and the largest certified force [N]
-        if it states the error in newtons. Raise an `InputError` for an error in newtons if no force
-        is certified.
+        An error in newtons is divided by the largest certified force. Raise an `InputError` for an
+        error in newtons if no force is certified.
         """
+        size = linearity.magnitude()
         if linearity.dimension == "":
-            return 1.0
+            return size
         largest_force = _largest(self._forces())
         if largest_force is None or not largest_force.magnitude():
             raise InputError(
                 f"{linearity.title!r} in newtons must come with forces, got none. Give"
                 " linearity_percent by hand."
             )
-        return largest_force.magnitude()
+        return size / largest_force.magnitude()
 
     def ball(self) -> dict[str, Any]:
         """Return a ball's deviation from sphericity [µm] and the name of its certificate.

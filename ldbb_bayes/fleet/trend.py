@@ -26,7 +26,11 @@ import pandas as pd
 from pydantic import Field, PlainSerializer
 from scipy.special import ndtri
 
-from ldbb_bayes.analysis.conformity import Conformity, normal_conformity
+from ldbb_bayes.analysis.conformity import (
+    Conformity,
+    normal_conformity,
+    stiffness_conformity,
+)
 from ldbb_bayes.analysis.tolerances import Tolerance, quantities, tolerances_in
 from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.errors import InputError, check_known, check_probability
@@ -656,12 +660,10 @@ def _conformities(
         j = _parameter_of(name, statistics.parameters)
         mean = chart.estimate[:, j] * statistics.prior_sd[j]
         sd = np.hypot(chart.sd[:, j], chart.common_sd[j]) * statistics.prior_sd[j]
-        if is_stiffness:
-            sd = sd / mean**2
-            mean = 1.0 / mean
+        decide = stiffness_conformity if is_stiffness else normal_conformity
         decisions = {}
         for i, campaign in enumerate(campaigns):
-            decisions[campaign] = normal_conformity(
+            decisions[campaign] = decide(
                 followed[name].unit, float(mean[i]), float(sd[i]), tolerance
             )
         conformities[name] = decisions

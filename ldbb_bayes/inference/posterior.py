@@ -128,7 +128,7 @@ def save(posterior: xr.DataTree, path: str | os.PathLike[str]) -> Path:
     Raises
     ------
     InputError
-        For a file that cannot be written.
+        For a file that cannot be written, or a posterior from `to_units`.
 
     Examples
     --------
@@ -139,7 +139,7 @@ def save(posterior: xr.DataTree, path: str | os.PathLike[str]) -> Path:
     True
     """
     target = Path(path)
-    _require_tree(posterior)
+    record_of(posterior)  # refuses a posterior without a record
     tree = posterior.copy()
     tree["provenance"].attrs["sha256"] = _digest(tree)
     with _no_lock_of_dask():

@@ -14,8 +14,8 @@ from campaigns import cases, plan, refuses, simulated
 from scipy import stats
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.conformity import Decision, normal_conformity
-from ldbb_bayes.analysis.tolerances import quantities_of, tolerances_in
+from ldbb_bayes.analysis.conformity import Decision, normal_conformity, stiffness_conformity
+from ldbb_bayes.analysis.tolerances import Quantity, quantities_of, tolerances_in
 from ldbb_bayes.analysis.usability import Reason, ReasonKind, Use, state_of
 from ldbb_bayes.analysis.verdicts import Verdict
 from ldbb_bayes.errors import InputError
@@ -94,6 +94,30 @@ def test_decisions_by_the_guard_band() -> None:
     assert both.decision == Decision.NOT_DECIDED
 
 
+@pytest.mark.parametrize(
+    ("compliance", "lower", "upper", "probability", "decision"),
+    [
+        ((50.0, 5.0), 1.0 / 42.5, None, 0.0668, Decision.NOT_DECIDED),
+        ((50.0, 10.0), 1.0 / 70.0, None, 0.9772, Decision.CONFORMS),
+        ((-1.0, 10.0), 1.0 / 70.0, None, 1.0, Decision.CONFORMS),
+        ((50.0, 10.0), None, 1.0 / 70.0, 0.0228, Decision.DOES_NOT_CONFORM),
+        ((50.0, 10.0), 1.0 / 70.0, 1.0 / 40.0, 0.8186, Decision.NOT_DECIDED),
+        ((50.0, 10.0), -1.0, 1.0 / 40.0, 0.8413, Decision.NOT_DECIDED),
+    ],
+)
+def test_a_stiffness_conforms_where_its_compliance_does(
+    compliance: tuple[float, float],
+    lower: float | None,
+    upper: float | None,
+    probability: float,
+    decision: Decision,
+) -> None:
+    tolerance = lb.analysis.Tolerance(lower, upper)
+    conformity = stiffness_conformity("N/mm", *compliance, tolerance)
+    assert conformity.probability == pytest.approx(probability, abs=1e-4)
+    assert conformity.decision == decision
+
+
 def test_texts_are_limits_with_their_units() -> None:
     limits = TABLES["tolerances"]["limits"]
     tolerances = tolerances_in(
@@ -101,6 +125,15 @@ def test_texts_are_limits_with_their_units() -> None:
     )
     for (name, tolerance), (_, _, parameter, *ends) in zip(tolerances.items(), limits, strict=True):
         assert (name, tolerance.ends) == (parameter, pytest.approx(tuple(ends)))
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["−20..40 µrad", "-20...40 µrad", "−20 … 40 µrad", "-2E-5..4E-5 rad", "-2e-5...4e-5 rad"],
+)
+def test_ranges_are_written_with_two_dots_three_or_an_ellipsis(text: str) -> None:
+    tolerance = tolerances_in({"E_C0Y": Quantity("rad", ("upper",))}, {"E_C0Y": text})["E_C0Y"]
+    assert tolerance.ends == pytest.approx((-2e-5, 4e-5))
 
 
 @pytest.mark.parametrize(("limits", "message"), TABLES["conformity"])

@@ -58,6 +58,18 @@ def test_a_german_certificate(tmp_path: Path) -> None:
     )
 
 
+def test_of_two_linearities_the_larger_share_of_the_force_counts(tmp_path: Path) -> None:
+    """A ratio of 1 % is more than 4.8 N of 800 N."""
+    end = "</si:unit></si:real></dcc:quantity>"
+    newtons = rf"<si:value>-4.8</si:value><si:unit>\newton{end}"
+    percent = (
+        r"<dcc:quantity><dcc:name><dcc:content>Linearity</dcc:content></dcc:name>"
+        rf"<si:real><si:value>1.0</si:value><si:unit>\percent{end}"
+    )
+    certificate = lb.campaign.read_dcc(changed(tmp_path, (newtons, newtons + percent)))
+    assert certificate.fields("force")["linearity_percent"] == 1.0
+
+
 def instrument_shown(*arguments: str) -> str:
     """What `check` prints of the instrument."""
     text = CliRunner().invoke(app, ["check", *arguments]).stdout
