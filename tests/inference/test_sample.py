@@ -148,9 +148,7 @@ def test_no_mean_or_sd_is_rounded_to_zero(recovered: lb.Campaign, degree: int) -
     assert all("units" in draws.attrs for draws in in_units["posterior"].data_vars.values())
 
 
-def test_draws_in_units_for_reading_are_not_saved(
-    posterior: xr.DataTree, tmp_path: Path
-) -> None:
+def test_draws_in_units_for_reading_are_not_saved(posterior: xr.DataTree, tmp_path: Path) -> None:
     in_units = lb.to_units(posterior)
     refuses("got one in units for reading", lb.save, in_units, tmp_path / "posterior.nc")
 
