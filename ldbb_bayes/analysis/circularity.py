@@ -249,9 +249,8 @@ def _draw_hysteresis(
 ) -> dict[str, _Hysteresis]:
     """Return random draws of hysteresis for each plane run in both directions of travel.
 
-    Hysteresis is half the difference of the radial deviations in clockwise and counterclockwise
-    travel. If the posterior is an average over models, the draws of one model follow those of
-    another. Planes whose hysteresis is zero are left out.
+    If the posterior is an average over models, the draws of one model follow those of another.
+    Planes whose hysteresis is zero are left out.
     """
     if not bound.setting.both_ways:
         return {}

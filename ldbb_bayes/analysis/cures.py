@@ -100,15 +100,12 @@ def cures(bound: BoundModel, aliases: Sequence[Degeneracy]) -> tuple[tuple[Cure,
 
 
 def _is_among(degeneracy: Degeneracy, remaining: Sequence[Degeneracy]) -> bool:
-    """Return whether a degeneracy of a plan is among those that remain in a longer plan.
-
-    A degeneracy is a combination of parameters and other effects that no reading resolves.
-    """
+    """Return whether a degeneracy of a plan is among those that remain in a longer plan."""
     return any(_is_same(degeneracy, candidate) for candidate in remaining)
 
 
 def _is_same(degeneracy: Degeneracy, candidate: Degeneracy) -> bool:
-    """Return whether two degeneracies, combinations that no reading resolves, count as the same.
+    """Return whether two degeneracies count as the same.
 
     The pivot of a degeneracy is the coefficient whose effect on the readings the others cancel. Two
     degeneracies are the same if their pivots are nuisance coefficients of the same kind. Two with

@@ -38,20 +38,20 @@ __all__ = ["FALSE_ALARMS", "JudgedTest", "find_outlying_tests", "judge_circle", 
 
 # Family-wise error: probability that any test of a campaign is flagged although all tests agree.
 FALSE_ALARMS = 0.02
-# Least number of replicates (simulated circles) that each test is compared with.
+# Least number of replicates that each test is compared with.
 _REPLICATES = 20_000
-# In a campaign of n tests, each test is compared with at least n times this number of replicates
-# (simulated circles). With more tests, Holm's method flags only smaller p-values, and smaller
-# p-values need more replicates.
+# In a campaign of n tests, each test is compared with at least n times this number of replicates.
+# With more tests, Holm's method flags only smaller p-values, and smaller p-values need more
+# replicates.
 _REPLICATES_PER_TEST = 400
-# Number of replicates (simulated circles) from each posterior draw when a test is first judged.
+# Number of replicates from each posterior draw when a test is first judged.
 _CIRCLES_PER_DRAW = 5
-# A test whose p-value is at most this is judged again with more replicates (simulated circles).
+# A test whose p-value is at most this is judged again with more replicates.
 _SMALL_P_VALUE = 0.05
-# Factor by which the number of replicates (simulated circles) grows when a test is judged again.
+# Factor by which the number of replicates grows when a test is judged again.
 _MORE_REPLICATES = 2
-# Number of replicates (simulated circles) from each posterior draw when a test is judged again. It
-# is small because circles from one draw deviate together, so that small p-values need many draws.
+# Number of replicates from each posterior draw when a test is judged again. It is small because
+# circles from one draw deviate together, so that small p-values need many draws.
 _CIRCLES_PER_DRAW_AGAIN = 2
 
 
@@ -331,9 +331,8 @@ def judge_circle(observed: Array, replicates: Array) -> JudgedTest:
         nearer_counts.append(int(np.sum(distances < distance)))
         replicate_distances.append(distances)
         tails.append(_minus_log_tail(float(distance), components))
-    # In its worst Fourier order, the circle deviates more than ``most_nearer`` replicates
-    # (simulated circles) do. Count the replicates that, in any order, deviate more than
-    # ``most_nearer`` other replicates do.
+    # In its worst Fourier order, the circle deviates more than ``most_nearer`` replicates do. Count
+    # the replicates that, in any order, deviate more than ``most_nearer`` other replicates do.
     most_nearer = max(nearer_counts)
     edge = np.full((MAX_ORDER + 1, 1), -np.inf)
     if most_nearer:

@@ -40,10 +40,10 @@ from ldbb_bayes.results import Records, Result, read_result, readable
 
 __all__ = ["Certificate", "Design", "Judged", "Limits", "design", "read_design"]
 
-# A division of tests among candidates (tests that could be run) counts as proven optimal if the
-# largest sensitivity exceeds the mean of the sensitivities, weighted by the fractions of tests, by
-# no more than this relative amount. A sensitivity is the rate at which the criterion grows with the
-# fraction of the tests at one candidate.
+# A division of tests among candidates counts as proven optimal if the largest sensitivity exceeds
+# the mean of the sensitivities, weighted by the fractions of tests, by no more than this relative
+# amount. A sensitivity is the rate at which the criterion grows with the fraction of the tests at
+# one candidate.
 _CERTIFICATE_TOLERANCE = 1e-4
 # Candidate tests whose share (fraction) of the tests is below this are left out of the table of the
 # best shares.
@@ -85,8 +85,7 @@ class Judged(Forecast):
     #: names
     tests: Records
     #: efficiency of these tests by the criterion of the design, relative to the best division of as
-    #: many tests among the candidates (tests that could be run); zero if they leave a parameter
-    #: undetermined
+    #: many tests among the candidates; zero if they leave a parameter undetermined
     efficiency: float
 
 
@@ -161,8 +160,8 @@ class Design(Forecast):
     degree: int  #: degree of the model's compliances as polynomials of force
     #: reference force F0 of the campaign or plan that the design starts from [N]
     reference_force_N: float
-    #: efficiency of the design by its criterion, relative to the best division of the same number
-    #: of tests among the candidates (tests that could be run), ``shares``
+    #: efficiency of the design by its criterion, relative to ``shares``, the best division of the
+    #: same number of tests among the candidates
     efficiency: float
     #: certificate that no other shares of the tests are better than ``shares``, if it ``holds``
     certificate: Certificate
@@ -531,8 +530,8 @@ def _judge_tests(space: Space, name: str, tests: tuple[CircularTest, ...]) -> Ju
     """Return the forecast and the efficiency of a design that is compared with the best one.
 
     ``name`` is the name of the design in the comparison. The efficiency is relative to the best
-    division of as many tests among the candidates (tests that could be run). It is zero for tests
-    that leave a parameter undetermined.
+    division of as many tests among the candidates. It is zero for tests that leave a parameter
+    undetermined.
     """
     forecast = space.forecast(tests)
     efficiency = space.efficiency(tests) if forecast.determined else 0.0

@@ -37,10 +37,10 @@ class Objective(Shown):
     candidate, ``counts``, shape (candidates,).
     """
 
-    #: derivatives G of the readings of each candidate (test that could be run) with respect to the
-    #: p parameters, at K values of the hyper-parameters, shape (K, candidates, m, p), in units of
-    #: the standard deviation of the noise; the readings are reduced to m values that hold their
-    #: information, so that one test of a candidate adds GᵀG to the precision of the parameters
+    #: derivatives G of the readings of each candidate with respect to the p parameters, at K values
+    #: of the hyper-parameters, shape (K, candidates, m, p), in units of the standard deviation of
+    #: the noise; the readings are reduced to m values that hold their information, so that one test
+    #: of a candidate adds GᵀG to the precision of the parameters
     rows: Array
     #: precision (inverse covariance) of the p parameters before the tests of the design, at K
     #: values of the hyper-parameters, shape (K, p, p), from the prior and from tests already run;
@@ -75,17 +75,15 @@ class Objective(Shown):
     def value(self, counts: Array) -> float:
         """Return the criterion Φ of a design; −inf if the design leaves a parameter undetermined.
 
-        ``counts`` is the number of tests of each candidate (test that could be run), shape
-        (candidates,).
+        ``counts`` is the number of tests of each candidate, shape (candidates,).
         """
         return float(self._values(self._precision(counts)).mean())
 
     def after_adding(self, counts: Array, chosen: Array) -> Array:
         """Return the criterion Φ of a design with one more test, for each chosen candidate.
 
-        A candidate is a test that could be run. ``counts`` holds the number of tests of each
-        candidate in the design. ``chosen`` holds the indices of the candidates, each of which is
-        added alone. The result has the shape (chosen,).
+        ``counts`` holds the number of tests of each candidate in the design. ``chosen`` holds the
+        indices of the candidates, each of which is added alone. The result has the shape (chosen,).
         """
         total = np.zeros(len(chosen))
         base = self._precision(counts)
@@ -100,11 +98,11 @@ class Objective(Shown):
     def sensitivity(self, counts: Array) -> tuple[float, Array]:
         """Return the criterion Φ of a design, and its derivatives with respect to the counts n_i.
 
-        ``counts`` holds the number n_i of tests of each candidate i (test that could be run), shape
-        (candidates,); the derivatives ∂Φ/∂n_i have the same shape. Let ∂Φ/∂M = D_k D_kᵀ be the
-        derivative with respect to the precision matrix M of the parameters at the k-th value of the
-        hyper-parameters, and G_ki the derivatives of candidate i's readings with respect to the
-        parameters. Then ∂Φ/∂n_i is the mean of ‖G_ki D_k‖² over k.
+        ``counts`` holds the number n_i of tests of each candidate i, shape (candidates,); the
+        derivatives ∂Φ/∂n_i have the same shape. Let ∂Φ/∂M = D_k D_kᵀ be the derivative with respect
+        to the precision matrix M of the parameters at the k-th value of the hyper-parameters, and
+        G_ki the derivatives of candidate i's readings with respect to the parameters. Then ∂Φ/∂n_i
+        is the mean of ‖G_ki D_k‖² over k.
         """
         s = self.interest
         precision = self._precision(counts)
@@ -127,7 +125,7 @@ class Objective(Shown):
         """Return the precision matrices of all p parameters after the tests of a design.
 
         The matrices have the shape (K, p, p), for K values of the hyper-parameters. ``counts`` is
-        the number of tests of each candidate (test that could be run), shape (candidates,).
+        the number of tests of each candidate, shape (candidates,).
         """
         support = np.flatnonzero(counts)
         scaled = self.rows[:, support] * np.sqrt(counts[support])[:, None, None]

@@ -40,18 +40,16 @@ _FEW_CANDIDATES = 64
 # and this many random ones are tried as a replacement of each test of a design. The sensitivity is
 # the rate at which the criterion (figure of merit) grows with the number of tests at the candidate.
 _TRIED_CANDIDATES = 12
-# At the end of a thorough search, this many candidate tests with the largest sensitivity (rate at
-# which the criterion grows with the number of tests at the candidate), and this many random ones,
-# are tried as a replacement of each test of a design.
+# At the end of a thorough search, this many candidates with the largest sensitivity and this many
+# random ones are tried as a replacement of each test of a design.
 _TRIED_AT_THE_END = 128
-# Candidate tests are selected by their sensitivity, the rate at which the criterion grows with the
-# number of tests at the candidate. To save time, sensitivities are averaged over only one in this
-# many values of the hyper-parameters.
+# To save time, the sensitivities by which candidates are selected are averaged over only one in
+# this many values of the hyper-parameters.
 _HYPER_STEP = 4
 # Number of designs that the search starts from. The first has the best fractions of tests, rounded
 # to whole numbers; the others are random. In every third design, tests are drawn from all
-# candidates (tests that could be run) with equal probability. In the other random designs, the best
-# fractions of tests are the probabilities.
+# candidates with equal probability. In the other random designs, the best fractions of tests are
+# the probabilities.
 _STARTS = 6
 # Shares (fractions of the tests that are run at each candidate test) count as the best if the
 # largest sensitivity exceeds the bound by at most this, relative to the bound. A sensitivity is the
@@ -171,9 +169,8 @@ def exchange(
 def _with_tests(counts: Array, candidate: int, number: int = 1) -> Array:
     """Return the counts of a design to which ``number`` tests of one candidate are added.
 
-    ``candidate`` is the index of this candidate, a test that could be run. ``counts`` are the
-    numbers of tests of each candidate before the addition; like the result, they have the shape
-    (candidates,).
+    ``candidate`` is the index of this candidate. ``counts`` are the numbers of tests of each
+    candidate before the addition, shape (candidates,).
     """
     changed = counts.copy()
     changed[candidate] += number
@@ -185,10 +182,10 @@ def _likely_candidates(
 ) -> Array:
     """Return the indices of candidates that are likely to improve a design if a test is added.
 
-    A candidate is a test that could be run. The indices are those of the ``size`` candidates with
-    the largest sensitivity (rate at which the criterion grows with the number of their tests), and
-    of ``size`` random ones. If there are at most ``size`` candidates, all are returned. ``base``
-    holds the number of tests of each candidate in the design, shape (candidates,).
+    The indices are those of the ``size`` candidates with the largest sensitivity (rate at which the
+    criterion grows with the number of their tests), and of ``size`` random ones. If there are at
+    most ``size`` candidates, all are returned. ``base`` holds the number of tests of each candidate
+    in the design, shape (candidates,).
     """
     n = objective.candidates
     if size >= n:
@@ -208,11 +205,10 @@ def _likely_candidates(
 class ExactDesign:
     """A design in whole numbers of tests, and the best fractions of the same number of tests."""
 
-    #: whole number of tests of each candidate (test that could be run), shape (candidates,)
+    #: whole number of tests of each candidate, shape (candidates,)
     counts: Array
     value: float  #: value Φ of the design criterion (figure of merit) for this design
-    #: best division of as many tests among the candidates (tests that could be run), not
-    #: necessarily in whole numbers
+    #: best division of as many tests among the candidates, not necessarily in whole numbers
     optimum: Optimum
     #: efficiency of the design by its criterion, relative to the division in ``optimum``
     efficiency: float
@@ -282,9 +278,8 @@ class Search:
     def _starting_designs(self, share: Array, tests: int, rng: np.random.Generator) -> list[Array]:
         """Return the designs that the search starts from, as counts of tests by candidate.
 
-        A candidate is a test that could be run; each design has the shape (candidates,). The first
-        design is rounded from the best fractions of tests, ``share``, shape (candidates,). The
-        others are random.
+        Each design has the shape (candidates,). The first is rounded from the best fractions of
+        tests, ``share``, shape (candidates,). The others are random.
         """
         n = self.objective.candidates
         starts = [efficient_rounding(share, tests)]
@@ -301,8 +296,8 @@ class Search:
         """Return the design with close forces merged, and the value of its criterion.
 
         All tests at one of two close forces move to the other force, if that costs at most 0.01 %
-        of the efficiency. ``counts`` is the number of tests of each candidate (test that could be
-        run) before merging, and ``value`` the value of the criterion for it.
+        of the efficiency. ``counts`` is the number of tests of each candidate before merging, and
+        ``value`` the value of the criterion for it.
         """
         unmerged_value = value
         close_N = _CLOSE_FORCES * np.ptp(self.forces_N)
@@ -320,11 +315,11 @@ class Search:
         return counts, value
 
     def _at_enough_forces(self, counts: Array, rng: np.random.Generator) -> Array:
-        """Return a design with at least as many different forces as slopes need.
+        """Return a design with tests at enough different forces.
 
-        ``counts`` holds the number of tests of each candidate (test that could be run). If all
-        tests are at one force but two forces are needed, ``counts`` is changed: one test is
-        replaced by a random candidate at another force.
+        ``counts`` holds the number of tests of each candidate. If all tests are at one force but
+        two forces are needed, ``counts`` is changed: one test is replaced by a random candidate at
+        another force.
         """
         if self._is_feasible(counts):
             return counts
@@ -353,8 +348,8 @@ class Search:
 def _merge_tests(counts: Array, source: int, target: int) -> Array:
     """Return the counts of a design after all tests of one candidate are replaced by another.
 
-    ``source`` and ``target`` are the indices of the two candidates, which are tests that could be
-    run. ``counts`` are the numbers of tests of each candidate before, shape (candidates,).
+    ``source`` and ``target`` are the indices of the two candidates. ``counts`` are the numbers of
+    tests of each candidate before the replacement, shape (candidates,).
     """
     number = int(counts[source])
     return _with_tests(_with_tests(counts, source, -number), target, number)
@@ -363,8 +358,8 @@ def _merge_tests(counts: Array, source: int, target: int) -> Array:
 def _perturbed(counts: Array, rng: np.random.Generator) -> Array:
     """Return the counts of a design with a third of its tests replaced by random ones.
 
-    ``counts`` is the number of tests of each candidate (test that could be run) in the design,
-    shape (candidates,). A replacement is one of the candidates. At least one test is replaced.
+    ``counts`` is the number of tests of each candidate in the design, shape (candidates,). A
+    replacement is one of the candidates. At least one test is replaced.
     """
     n = len(counts)
     number = max(1, int(counts.sum()) // 3)

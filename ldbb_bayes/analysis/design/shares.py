@@ -82,12 +82,11 @@ class Optimum(Shown):
     the shares.
     """
 
-    #: fraction of the tests that are run at each candidate (test that could be run), shape
-    #: (candidates,); the sum is 1
+    #: fraction of the tests that are run at each candidate, shape (candidates,); the sum is 1
     share: Array
     value: float  #: value Φ of the design criterion (figure of merit) for these shares
-    #: derivative of the design criterion with respect to the number of tests of each candidate
-    #: (test that could be run), times the number of all tests, shape (candidates,)
+    #: derivative of the design criterion with respect to the number of tests of each candidate,
+    #: times the number of all tests, shape (candidates,)
     sensitivity: Array
     #: mean of ``sensitivity`` weighted by ``share``; if the shares are the best, no sensitivity
     #: exceeds this mean
@@ -198,9 +197,9 @@ def optimal_shares(objective: Objective, tests: float, *, tolerance: float = 1e-
 def _candidates_above_bound(optimum: Optimum) -> NDArray[np.intp]:
     """Return the indices of the candidates with the largest sensitivities above the bound.
 
-    A candidate is a test that could be run. Sensitivities and bound are those of ``optimum``. At
-    most ``_JOINING_CANDIDATES`` indices are returned. If no sensitivity is above the bound, return
-    the index of the candidate with the largest sensitivity.
+    Sensitivities and bound are those of ``optimum``. At most ``_JOINING_CANDIDATES`` indices are
+    returned. If no sensitivity is above the bound, return the index of the candidate with the
+    largest sensitivity.
     """
     highest = largest_positions(optimum.sensitivity, _JOINING_CANDIDATES)
     above = highest[optimum.sensitivity[highest] > optimum.bound]
@@ -212,11 +211,9 @@ def _candidates_above_bound(optimum: Optimum) -> NDArray[np.intp]:
 def _solve_shares(objective: Objective, tests: float, start: Array, tolerance: float) -> Array:
     """Return the shares of a few candidates that maximise the objective, shape (candidates,).
 
-    A candidate is a test that could be run; its share is the fraction of ``tests``, the number of
-    tests, that are run at it. Shares are not negative and sum to one. They are computed with the
-    solver SLSQP from the shares ``start``, shape (candidates,). ``tolerance`` is that of the
-    objective, relative to the mean of the sensitivities weighted by the shares; a sensitivity is
-    ``tests`` times the derivative of the objective with respect to a candidate's number of tests.
+    ``tests`` is the number of all tests. Shares are not negative and sum to one. They are computed
+    with the solver SLSQP from the shares ``start``, shape (candidates,). ``tolerance`` is that of
+    the objective, relative to the mean of the sensitivities weighted by the shares.
     """
     n = objective.candidates
     if n == 1:
