@@ -111,7 +111,7 @@ def machine_coefficients(bound: BoundModel, beta: Array) -> Array:
 def shared_terms(
     columns: Iterable[Columns | BasisNoise], *, private: bool = False
 ) -> list[Columns]:
-    """Return the columns of the shared nuisances; if ``private``, those of the private ones.
+    """Return the columns of shared nuisances, or those of private nuisances if ``private``.
 
     Nuisances are effects that are modelled but not of interest. Shared ones are common to several
     tests; private ones belong to a single test. A column holds the effect of one nuisance
@@ -219,7 +219,7 @@ def shared_coefficients(bound: BoundModel, phi: Array, beta: Array) -> Array:
 def new_circle_coefficients(
     bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator
 ) -> Array:
-    """Return random draws of a new circle under the conditions of every test [mm].
+    """Return random draws of one new circle for each test, under the test's conditions [mm].
 
     The result holds Fourier coefficients of the orders 0 to 12, shape (draws, tests, 25), without
     white noise. Nuisances (effects that are modelled but not of interest) that tests share are

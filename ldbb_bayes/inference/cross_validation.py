@@ -42,8 +42,8 @@ _LARGE_K = 0.4
 # The power to which the densities of a test's readings are raised (tempering) is this value divided
 # by the Pareto shape k̂ of the inverse densities.
 _TEMPERED_K = 0.2
-# Pareto shapes k̂ above this count as this value where the power of a tempered density is computed
-# from k̂.
+# Where the power of a tempered density is computed from the Pareto shape k̂, a larger k̂ counts as
+# this value.
 _LARGEST_K = 2.0
 
 

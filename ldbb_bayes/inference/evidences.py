@@ -94,7 +94,7 @@ class Evidences(Shown):
         return self
 
     def of(self, *models: HybridModel) -> list[Nodes]:
-        """Return the quadrature nodes of each model, in the order given; equal models count once.
+        """Return the quadrature nodes of each model in the order given, only once for equal models.
 
         The evidence of a model follows from its nodes, which are weighted values of its
         hyper-parameters (scales of the noise and of other effects). Models share one calculation

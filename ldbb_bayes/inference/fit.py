@@ -322,7 +322,7 @@ def _average_checks(
 
 
 def _stack(group: Mapping[str, Array], names: Sequence[str]) -> Array:
-    """Return posterior draws of the named variables in one array, (chains, draws, variables).
+    """Return draws of the named variables in one array, shape (chains, draws, variables).
 
     ``group`` holds the draws of each variable by its name, shape (chains, draws).
     """

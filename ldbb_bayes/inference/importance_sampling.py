@@ -209,8 +209,8 @@ def _extend_sample(
 def _draw_uniform(engine: qmc.Sobol, count: int) -> Array:
     """Return the next ``count`` points of a Sobol sequence in h dimensions, shape (count, h)."""
     with warnings.catch_warnings():
-        # SciPy warns if the number of points drawn at once is no power of two. The numbers of
-        # points of the components of a mixture rarely are.
+        # SciPy warns if the number of points drawn at once is no power of two. For the components
+        # of a mixture it rarely is one.
         warnings.filterwarnings("ignore", message="The balance properties", category=UserWarning)
         return np.asarray(engine.random(count))
 
@@ -218,9 +218,9 @@ def _draw_uniform(engine: qmc.Sobol, count: int) -> Array:
 def _fit_along_axes(log_density: LogDensity, mode: Array, root: Array) -> SplitT:
     """Return a split Student-t distribution fitted to a density along h directions through a mode.
 
-    A split Student-t has different scales and degrees of freedom on its two sides. ``log_density``
-    is the logarithm of the density to fit. ``mode``, shape (h,), is one of its maxima; ``root``,
-    shape (h, h), is a square root of the inverse of minus the Hessian of ``log_density`` there.
+    ``log_density`` is the logarithm of the density to fit. ``mode``, shape (h,), is one of its
+    maxima; ``root``, shape (h, h), is a square root of the inverse of minus the Hessian of
+    ``log_density`` there.
     """
     # Use the symmetric square root of the covariance. Of all square roots it rotates the
     # coordinates least, so that independent coordinates stay independent.

@@ -31,9 +31,8 @@ _SHARE_TRIES = 64
 # negative compliances would lose too many draws. The parameters are then drawn from a density that
 # is shifted (tilted) towards compliances that are not negative.
 _SMALLEST_SHARE_INSIDE = 0.02
-# For each value of the hyper-parameters (scales of the noise and of other effects), as many random
-# draws of the parameters are made as are expected to give this number of draws without a negative
-# compliance.
+# The number of random draws of the parameters for each value of the hyper-parameters is chosen so
+# that this many of them are expected to have no negative compliance.
 _EXPECTED_INSIDE = 4.0
 # Rejection sampling compares the posterior density with an envelope. The envelope is the proposal
 # (the density drawn from), scaled to the integral of the posterior density and multiplied by this.

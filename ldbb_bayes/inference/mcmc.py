@@ -1,4 +1,4 @@
-"""Sampling of a log density by ensembles of walkers until there are enough random draws.
+"""Sampling from a density by ensembles of walkers until there are enough random draws.
 
 A walker is a point that moves at random through the d coordinates; the points that it visits are
 the draws. The sampler is emcee. Steps are run in blocks. After each block the effective sample size
@@ -47,8 +47,8 @@ _JUMP_SHARE = 0.1
 # Share of the moves of walkers that propose independent points, drawn from a density near the
 # posterior, if there is a source of such points.
 _REDRAW_SHARE = 0.9
-# Largest number of draws kept of each ensemble of walkers, unless the effective sample size asked
-# for needs more.
+# Largest number of draws kept of each ensemble of walkers, unless the required effective sample
+# size needs more.
 _MOST_DRAWS = 25_000
 # Moves that propose independent points to walkers take the points from a stock. This number of
 # points is drawn each time that the stock is too small.

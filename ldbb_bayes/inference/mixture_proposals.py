@@ -35,7 +35,7 @@ _HEAVY_TAILS = 2
 # Degrees of freedom from which the fit of a Student-t distribution starts.
 _FIRST_FREEDOM = 9.0
 # Values of the coordinate z (see `SplitT`) at which the two sides of a split Student-t distribution
-# may meet. Such a distribution has different scales and degrees of freedom on its two sides.
+# may meet.
 _OFFSETS = np.linspace(-0.4, 0.4, 9)
 # A split Student-t distribution is fitted by alternately fitting its scales and its degrees of
 # freedom. ``_ALTERNATIONS`` is the number of alternations; in each, the scales are fitted by
@@ -134,10 +134,7 @@ def _log_tail(square: Array, scale: Array, freedom: Array | float) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Mixture:
-    """Mixture of k components, each a product of split Student-t distributions (`SplitT`).
-
-    A split Student-t has different scales and degrees of freedom on its two sides.
-    """
+    """Mixture of k components, each a product of split Student-t distributions (`SplitT`)."""
 
     components: tuple[SplitT, ...]  #: the k components of the mixture
     share: Array  #: probabilities of the k components of the mixture, shape (k,)
@@ -223,10 +220,7 @@ def _refit_component(component: SplitT, points: Array, weight: Array) -> SplitT:
 
 
 class _AxisFit(NamedTuple):
-    """Split Student-t distributions fitted to points along each of h directions.
-
-    A split Student-t has different scales and degrees of freedom on its two sides.
-    """
+    """Split Student-t distributions fitted to points along each of h directions."""
 
     #: coordinate along each of h directions at which the two sides of the distribution meet, shape
     #: (h,)
@@ -303,11 +297,11 @@ def _fit_about(offset: float, z: Array, weight: Array, freedoms: Array) -> _Axis
 def _fit_scale(square: Array, side_weights: Array, scale: Array, freedom: Array) -> Array:
     """Return better scales of split Student-t distributions, shape (2, h), after a few steps.
 
-    A split Student-t has different scales and degrees of freedom on its two sides. The steps are
-    those of expectation-maximisation, from the present ``scale`` and degrees of ``freedom``, each
-    of shape (2, h). ``square``, shape (n, h), holds the squared distances of n points from the
-    coordinate at which the two sides meet. ``side_weights``, shape (2, n, h), holds the weights of
-    the points on the lower and on the upper side, zero for points on the other side.
+    The steps are those of expectation-maximisation. They start from ``scale``, with fixed degrees
+    of ``freedom``; both have the shape (2, h). ``square``, shape (n, h), holds the squared
+    distances of n points from the coordinate at which the two sides meet. ``side_weights``, shape
+    (2, n, h), holds the weights of the points on the lower and on the upper side, zero for points
+    on the other side.
     """
     for _ in range(_EM_STEPS):
         pull = (freedom[:, None] + 1.0) / (freedom[:, None] + square / scale[:, None] ** 2)
@@ -323,12 +317,10 @@ def _best_freedom(
 ) -> Array:
     """Return the likeliest degrees of freedom of one side along each direction, shape (h,).
 
-    The side is that of a split Student-t distribution, which has different scales and degrees of
-    freedom below (``side`` 0) and above (``side`` 1) a coordinate at which the sides meet.
+    ``side`` is 0 for the lower and 1 for the upper side of split Student-t distributions.
     ``freedoms`` holds the degrees of freedom that are tried. ``scale`` and ``freedom`` are the
-    present scales and degrees of freedom, each of shape (2, h). ``square``, shape (n, h), holds the
-    squared distances of n points from that coordinate, ``side_weights``, shape (2, n, h), the
-    weights of the points on each side.
+    present scales and degrees of freedom, each of shape (2, h). ``square`` and ``side_weights`` are
+    those of `_fit_scale`.
     """
     other_mass = _side_masses(scale, freedom)[1 - side]
     costs = []

@@ -82,8 +82,8 @@ _NODES_SHARE = 0.7
 # hyper-parameters. The nodes of smallest weight are left out; together they hold at most this share
 # of the weight.
 _SPARE = 1e-7
-# Quantiles of parameters are those of a mixture of this number of Gaussians, one for each of as
-# many values of the hyper-parameters.
+# Quantiles of parameters are computed from a mixture of this number of Gaussians. Each Gaussian
+# belongs to one value of the hyper-parameters.
 _COMPONENTS = 8192
 # Quantiles of parameters are those of a mixture of Gaussians. The standard deviation of each counts
 # as at least this share of the standard deviation of the means of all the Gaussians.

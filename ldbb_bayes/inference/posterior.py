@@ -177,8 +177,8 @@ def load(path: str | os.PathLike[str]) -> xr.DataTree:
     Raises
     ------
     InputError
-        For a file that is missing, that is damaged (its digest then differs), that this package did
-        not write, or that another edition of this package wrote.
+        For a file that is missing, damaged (its digest then differs), not written by this package,
+        or written by another version of it.
 
     Examples
     --------
@@ -331,7 +331,7 @@ def fit_of(posterior: xr.DataTree) -> Fit:
     """Return how well the model of a posterior fits the readings, with warnings.
 
     The result is read from the posterior's record. Raise an `InputError` for a fit by another
-    edition of this package.
+    version of this package.
     """
     try:
         return Fit.from_dict(record_of(posterior)["fit"])
@@ -441,7 +441,7 @@ def curves_of(
     ``force_N``, shape (n,), holds the forces F [N]. C(F) follows from the compliance at the
     reference force and its slopes; see `compliance_curves`. At most ``size`` draws are used, all if
     ``size`` is None. If the posterior is an average over models, the draws are grouped by model.
-    ``seed`` is that of the random draws of effects that are not among the parameters.
+    ``seed`` determines the random draws of effects that are not among the parameters.
     """
     rng = np.random.default_rng(seed)
     curves = [

@@ -47,9 +47,7 @@ class _Conditionals(NamedTuple):
 class _ChangedModel(NamedTuple):
     """Changes of evidence and posterior if the coefficients have the prior of another model.
 
-    The changes are given at n nodes, which are values of the hyper-parameters. The coefficients are
-    the parameters of interest, and those of effects that look like a change of compliance with
-    force (rival explanations of slopes).
+    The changes are given at n nodes, which are values of the hyper-parameters.
     """
 
     #: ln p(y | φ) under the prior of the other model minus that under the prior of the given model,
@@ -61,11 +59,7 @@ class _ChangedModel(NamedTuple):
 
 
 class _ChangedPrior(NamedTuple):
-    """Coefficient that has a different prior standard deviation in another model.
-
-    The coefficient is a parameter of interest, or belongs to a rival explanation of slopes (an
-    effect that looks like a change of compliance with force).
-    """
+    """Coefficient that has a different prior standard deviation in another model."""
 
     #: index of the coefficient among the coefficients of the model whose nodes (weighted values of
     #: the hyper-parameters) are known
@@ -172,8 +166,7 @@ class RelatedModels:
         """Return the coefficients whose prior sd in another model differs from the given model's.
 
         ``bound`` is the other model applied to the campaign. A coefficient that the other model
-        lacks has the sd zero there. The coefficients are the parameters of interest, and those of
-        effects that look like a change of compliance with force (rival explanations of slopes).
+        lacks has the sd zero there.
         """
         other_priors = bound.coefficients
         changed = []

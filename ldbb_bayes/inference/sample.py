@@ -46,11 +46,11 @@ _CHAINS = 4
 # Number of walkers of an ensemble of emcee, unless four times the number of parameters and
 # hyper-parameters is larger.
 _WALKERS = 128
-# Number of independent draws as a multiple of the effective sample size asked for. More draws than
-# that are needed, because the computed effective sample size of every parameter must reach it.
+# Number of independent draws as a multiple of the required effective sample size. It is above one
+# because the computed effective sample size of every parameter must reach the required one.
 _SURPLUS = 1.3
-# Number of independent draws that are added to each chain, so that the computed effective sample
-# size of every parameter reaches the one asked for.
+# Number of further independent draws of each chain, so that the computed effective sample size of
+# every parameter reaches the required one.
 _SURPLUS_DRAWS = 50
 # Draws that are as good as independent may be picked from a run of emcee. The effective sample size
 # of the run must then be this multiple of their number.
@@ -308,7 +308,7 @@ def _sample_independently(
     """Return independent posterior draws, whose number is doubled until the stopping rule is met.
 
     Parameters and hyper-parameters are drawn from the posterior density ``start``, in four chains.
-    A chain never has more draws than the largest number of steps of the rule.
+    Sampling stops in any case before a chain has more draws than ``max_steps`` of the rule.
     """
     rng = np.random.default_rng(seed)
     block = int(np.ceil(_SURPLUS * rule.ess / _CHAINS + _SURPLUS_DRAWS))

@@ -226,10 +226,9 @@ def summarize_nuisances(posterior: xr.DataTree) -> pd.DataFrame:
 def _prior_of_nuisances(bound: BoundModel, phi: Array) -> pd.DataFrame:
     """Return a table with term, unit and prior standard deviation of shared nuisance coefficients.
 
-    Shared nuisances are effects that are modelled but not of interest and that several tests have
-    in common. The prior standard deviation depends on the hyper-parameters (scales of the noise and
-    of other effects); ``phi``, shape (h,), holds the values of the hyper-parameters for which it is
-    given. ``bound`` is the model, applied to its campaign.
+    The prior standard deviation depends on the hyper-parameters; ``phi``, shape (h,), holds the
+    values of the hyper-parameters for which it is given. ``bound`` is the model, applied to its
+    campaign.
     """
     value = dict(zip(bound.hyper_prior.names, phi, strict=True))
     rows = {}
@@ -244,10 +243,9 @@ def _prior_of_nuisances(bound: BoundModel, phi: Array) -> pd.DataFrame:
 def _moments(draws: ModelDraws, names: list[Any]) -> tuple[Array, Array]:
     """Return means and variances of nuisance coefficients for each posterior draw of a model.
 
-    Nuisances are effects that are modelled but not of interest. Their means and variances are
-    conditional on the readings and on the parameters and hyper-parameters of the draw. Both arrays
-    have the shape (draws, coefficients), and are zero for a coefficient that the model lacks.
-    ``names`` are the names of the coefficients.
+    Means and variances are conditional on the readings and on the parameters and hyper-parameters
+    of the draw. Both arrays have the shape (draws, coefficients), and are zero for a coefficient
+    that the model lacks. ``names`` are the names of the coefficients.
     """
     bound = draws.bound
     shifted = draws.beta - bound.centre

@@ -51,7 +51,7 @@ class Axes(NamedTuple):
     rotation: str  #: rotation about the normal of the plane, such as C
 
 
-# Motions of every plane in which circles can be tested.
+# The three motions in every plane in which circles can be tested.
 PLANES: Mapping[str, Axes] = {
     "XY": Axes("X", "Y", "C"),
     "YZ": Axes("Y", "Z", "A"),
@@ -291,9 +291,9 @@ class Machine(Shown):
     def end_mm(self, branch: Branch, circle: Circle, angle_rad: Array) -> Array:
         """Return the position (X, Y, Z) of a ball with all axes at zero, shape (n, 3) [mm].
 
-        The work ball is at the circle's centre. The tool ball is at the origin, except for
-        coordinates for which the machine has no linear axis: these are the nominal coordinates of
-        the tool ball on the circle.
+        The work ball is at the circle's centre. The tool ball is at the origin. If the machine
+        lacks the linear axis X, Y or Z, this coordinate of the tool ball is instead its nominal one
+        on the circle.
 
         Parameters
         ----------

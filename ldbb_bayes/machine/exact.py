@@ -47,8 +47,8 @@ def exact_reading_mm(
         rad/(N mm)]; the others are zero.
     geometric_errors : mapping of str to float, optional
         Values of any geometric errors of the machine, such as ``E_XX1``, by name; the others are
-        zero. Gains have no unit; straightness deviations are in 1/mm, squareness errors in rad and
-        tool offsets in mm.
+        zero. Gains have no unit. Straightness deviations are quadratic in the coordinate, with
+        coefficients in 1/mm. Squareness errors are in rad and tool offsets in mm.
 
     Returns
     -------
@@ -97,9 +97,10 @@ def geometric_reading_mm(
     angle_rad
         Angles of the bar from the first axis of the plane, shape (n,) [rad].
     geometric_errors
-        Values of geometric errors by name, such as E_XX1; all others are zero. Gains have no unit;
-        straightness deviations are in 1/mm, squareness errors in rad and tool offsets in mm.
-        Complex values are allowed, for derivatives by the complex-step method.
+        Values of geometric errors by name, such as E_XX1; all others are zero. Gains have no unit.
+        Straightness deviations are quadratic in the coordinate, with coefficients in 1/mm.
+        Squareness errors are in rad and tool offsets in mm. Complex values are allowed, for
+        derivatives by the complex-step method.
     """
     check_known("parameter", geometric_errors, [name.label for name in geometric_names(machine)])
     tool = _branch_transform(machine, "tool", circle, angle_rad, geometric_errors)

@@ -249,8 +249,8 @@ def _candidates(machine: Machine, circles: tuple[Circle, ...]) -> _Candidates:
     jacobian = np.concatenate(
         [compliance_jacobian(machine, circle, angle, names) for circle in circles]
     )
-    # Divide each column by the radius for every rotary component of its compliance. All columns are
-    # then of comparable size.
+    # Divide each column by the radius, once for every rotary component of its compliance. All
+    # columns are then of comparable size.
     unit = jacobian / [circles[0].radius_mm ** name.rotations for name in names]
     norms = np.linalg.norm(unit, axis=0)
     planar = set(wrench_names(machine))
