@@ -110,8 +110,8 @@ class GeometricName:
     #: kind of the error: gain (scale error), straightness, squareness, or offset (of the tool)
     kind: GeometricKind
     reference: str = ""  #: reference axis of a squareness error; empty for other errors
-    #: number of the set-up to which a tool offset belongs, from 1; 0 for other errors, and for tool
-    #: offsets if there is only one set-up
+    #: number of the set-up to which a tool offset belongs, from 2; 0 for the tool offsets of set-up
+    #: 1 and for all other errors
     setup: int = 0
 
     @property

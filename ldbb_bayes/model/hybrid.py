@@ -1111,7 +1111,10 @@ def _check_levels(model: HybridModel, campaign: Campaign) -> None:
 
 
 def _reduced_readings(campaign: Campaign) -> tuple[Reduced, ...]:
-    """Return the readings of every test, reduced to at most 25 numbers; cached by campaign."""
+    """Return the readings of every test, reduced to at most 25 numbers.
+
+    The result is kept in a cache for every campaign.
+    """
     if campaign not in _REDUCED_READINGS:
         reduce = _reduce_plan if campaign.is_plan else _reduce_campaign
         _REDUCED_READINGS[campaign] = reduce(campaign)

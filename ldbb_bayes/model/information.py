@@ -51,9 +51,9 @@ class Information:
     #: Effect of one unit of each of the m coefficients on the k reduced readings of each test, one
     #: array (k, m) for each test.
     design: tuple[Array, ...]
-    #: Covariances (k, k) [mm²] of the k reduced readings of each test: one for every independent
-    #: source of noise, by the class name of the term that causes it. The noise of the readings
-    #: themselves has the key ``NOISE``.
+    #: Covariances (k, k) [mm²] of the k reduced readings of each test, one for every independent
+    #: source of noise. The key is the class name of the term that causes the noise; the noise of
+    #: the readings themselves has the key ``NOISE``.
     noise: tuple[dict[str, Array], ...]
 
     def __post_init__(self) -> None:
@@ -91,9 +91,10 @@ class Information:
     def rows(self, fixed: Collection[str] = ()) -> Array:
         """Return the design matrix of all m coefficients for readings with unit noise, (k, m).
 
-        The rows are the k reduced readings of all tests, multiplied by the inverse Cholesky factor
-        of their noise covariance. The coefficients are divided by their prior sd. Noise of the
-        terms whose class names are in ``fixed`` is left out, as if it were known.
+        Each row belongs to one of the k reduced readings of all tests. The matrix is multiplied
+        from the left by the inverse Cholesky factor of their noise covariance. The coefficients are
+        divided by their prior sd. Noise of the terms whose class names are in ``fixed`` is left
+        out, as if it were known.
         """
         return np.concatenate(self.blocks(fixed))
 

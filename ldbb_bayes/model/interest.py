@@ -222,12 +222,13 @@ def physical_rows(
 def _check_slope_has_compliance(
     label: str, parameters: Sequence[Parameter], rows: Sequence[Array], reference_force_N: float
 ) -> None:
-    """Raise an `InputError` if a compliance is fixed at zero but changes sign with force.
+    """Raise an `InputError` if a compliance that is fixed at zero is negative at some force.
 
-    Such a compliance changes sign if its linear slope is free, it has no free quadratic slope, and
-    tested forces lie on both sides of the reference force. ``label`` is the name of the compliance,
-    and ``parameters`` are the p parameters that are not fixed. ``rows`` holds one array (p,) for
-    each tested force; its product with the parameters is the compliance at this force.
+    The compliance is zero at the reference force only. It is negative on one side of this force if
+    its linear slope is free, it has no free quadratic slope, and tested forces lie on both sides.
+    ``label`` is the name of the compliance, and ``parameters`` are the p parameters that are not
+    fixed. ``rows`` holds one array (p,) for each tested force; its product with the parameters is
+    the compliance at this force.
     """
     belongs = [p.group != "geometric" and p.compliance == label for p in parameters]
     degrees = [p.degree for p, belonging in zip(parameters, belongs, strict=True) if belonging]

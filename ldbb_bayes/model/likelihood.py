@@ -7,11 +7,12 @@ Fourier basis functions, whose triangular factor is R_r (`reduction`):
 
     z_r = R_r (H_r β + U_r u + V_r v_r + e_r) + ε.
 
-H_r, U_r and V_r have 25 rows and one column per coefficient. The coefficients u ~ N(m, s²) are
-the same in all tests; the coefficients v_r ~ N(0, s²) and the noise e_r ~ N(0, s²) of the Fourier
-coefficients belong to test r only; the reading noise is ε ~ N(0, σ²). Each mean m is known, each
-scale s is a known number times hyper-parameters. The module `observations` writes this as z − H β =
-A x + N(0, D(φ)), where x holds the coefficients and D is diagonal. Then
+The columns of H_r, U_r and V_r are the readings per unit of each parameter or coefficient, as 25
+Fourier coefficients. The coefficients u ~ N(m, s²) are the same in all tests; the coefficients v_r
+~ N(0, s²) and the noise e_r ~ N(0, s²) of the Fourier coefficients belong to test r only; the
+reading noise is ε ~ N(0, σ²). Each mean m is known, each scale s is a known number times
+hyper-parameters. The module `observations` writes this as z − H β = A x + N(0, D(φ)), where x holds
+the coefficients and D is diagonal. Then
 
     P = Aᵀ D⁻¹ A = L Lᵀ,   r = z − H β,
     ln p(z | β, φ) = −½ Σ ln D − ½ rᵀ D⁻¹ r + ½ |L⁻¹ Aᵀ D⁻¹ r|² − Σ ln L_jj + constant.
@@ -58,7 +59,8 @@ class _Batch(NamedTuple):
     matrix products (BLAS) rounds such multiples identically.
     """
 
-    #: Index of each of the w values of the hyper-parameters among all values asked for, shape (w,).
+    #: Index of each of the w values of the hyper-parameters in the array given by the caller, shape
+    #: (w,).
     phi_index: NDArray[np.intp]
     #: Reciprocal noise variance of every kind of row (rows with the same variance) for w values of
     #: the hyper-parameters, shape (kinds, w).

@@ -71,8 +71,8 @@ class Observations(NamedTuple):
     """
 
     rows: Rows
-    #: Sources of variance, by which the noise variances of the rows are stated: hyper-parameters
-    #: (standard deviations of effects) and products of hyper-parameters.
+    #: Sources of variance, one for each column of ``rows.variance``: hyper-parameters (standard
+    #: deviations of effects) and products of hyper-parameters.
     sources: list[Source]
     #: Unit in which every nuisance coefficient is expressed, shape (coefficients,). It is the prior
     #: sd divided by the hyper-parameter that scales it, or the whole prior sd if no hyper-parameter

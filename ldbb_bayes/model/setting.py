@@ -84,10 +84,11 @@ class Setting:
     #: direction of travel along each test's circle: +1 for clockwise or not stated, −1 for
     #: counterclockwise, shape (tests,)
     travel: Array
-    #: time of each test minus the campaign's mean time [h], shape (tests,); NaN where not recorded
+    #: time of each test minus the mean time of the campaign, or of its pilot campaign [h], shape
+    #: (tests,); NaN if unknown
     time_h: Array
-    #: temperature of each test minus the campaign's mean temperature [K], shape (tests,); NaN where
-    #: not recorded
+    #: temperature of each test minus the mean temperature of the campaign, or of its pilot campaign
+    #: [K], shape (tests,); NaN if unknown
     temperature_K: Array
     #: Fourier coefficients of the components X, Y, Z of the unit vector along the bar, as functions
     #: of the angle on the circle, shape (tests, 25, 3)
