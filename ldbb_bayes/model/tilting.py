@@ -13,7 +13,7 @@ averages of weights are efficient, however small the probability of the constrai
 Statist. Soc. B 79, 125-148, 2017). The e_j are called edges: they are the lower limits of the
 shifted variables x_j − μ_j. Further constraints may be linear combinations of those above. Each of
 them bounds the last x_j on which it depends, from below or from above, and so only reduces the
-weights.
+weights. Functions of this module treat w problems at once, that is, w sets of constraints.
 """
 
 from __future__ import annotations

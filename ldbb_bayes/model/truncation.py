@@ -91,7 +91,7 @@ class Truncation:
         mean: Array,
         sd: Array,
     ) -> Array:
-        """Return n vectors β ~ N(mean, diag sd²) with A β ≥ 0 from numbers uniform in [0, 1].
+        """Return n vectors β ~ N(mean, diag sd²) with A β ≥ 0, computed from uniform numbers.
 
         A β ≥ 0 is the region of the p parameters β in which no compliance is negative. Each
         parameter is a quantile of its distribution given the parameters before it; ``level`` holds
@@ -130,7 +130,7 @@ def _quantile_inside(
     rows: Array,
     edge: Array,
 ) -> Array:
-    """Return n standard normal vectors z with rows · z ≥ edge from numbers uniform in [0, 1].
+    """Return n standard normal vectors z with rows · z ≥ edge, computed from uniform numbers.
 
     Each element of z is a quantile of its distribution given the elements before it; ``level``
     holds the probabilities of these quantiles. ``level`` and the result have shape (n, k). The m

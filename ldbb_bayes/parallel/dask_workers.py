@@ -47,7 +47,7 @@ _WORKER_ENVIRONMENT: dict[str, Any] = {
     # take more than twice as long.
     "MALLOC_TRIM_THRESHOLD_": 1 << 26,
     "MALLOC_MMAP_THRESHOLD_": 1 << 25,
-    # Messages of workers about closed connections are of no use to the user.
+    # This silences messages about closed connections, which are of no use to the user.
     "DASK_LOGGING__DISTRIBUTED": "critical",
     **ONE_THREAD,
 }
@@ -172,7 +172,8 @@ def _local_cluster(workers: int) -> Iterator[Any]:
     """Yield a Dask cluster of worker processes on this computer; it ends with the ``with`` block.
 
     ``workers`` is the number of processes; 0: one per processor core. If a worker died, the cluster
-    may take a long time to close. The wait ends after ten seconds; all results have arrived before.
+    may take a long time to close; waiting for it ends after ten seconds. All results have arrived
+    before.
     """
     from distributed import LocalCluster  # imported here, because Dask need not be installed
 

@@ -48,7 +48,7 @@ def executor_named(
 
     Returns
     -------
-    The executor. It is None if ``kind`` is "process" and there would be one worker process only:
+    The executor. It is None if ``kind`` is "process" and there would be only one worker process;
     jobs then run in this process.
 
     Raises

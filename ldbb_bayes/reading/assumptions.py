@@ -1,4 +1,4 @@
-"""Log of the assumptions that are made when foreign files are read, such as a unit."""
+"""Log of assumptions made when foreign files are read, such as the unit of the readings."""
 
 from __future__ import annotations
 

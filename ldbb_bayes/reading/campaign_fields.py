@@ -18,8 +18,7 @@ from ldbb_bayes.reading.recording import UNITS_SHOWN, Recording, option_for
 
 __all__ = ["find_resolution", "note_assumed_fields", "take_stated_fields"]
 
-# Fields of the campaign that lines above a table may state, each with the command-line option that
-# states it too.
+# Fields of the campaign that lines above a table may state, each with its command-line option.
 _OPTIONS = {
     "plane": "--plane",
     "resolution_um": "--resolution-um",
@@ -44,8 +43,8 @@ _LARGEST_STEP_UM = 5.0
 # Largest step between readings that is accepted as the resolution of a readout, as a share of the
 # range of the readings.
 _LARGEST_STEP_SHARE = 0.1
-# If a test states both force and pressure, they are noted if the force differs by more than this
-# share from the force that the default `ForceLaw` gives for the pressure.
+# A force that a test states beside a pressure is noted if it differs by more than this share from
+# the force that the default `ForceLaw` gives for the pressure.
 _OFF_FORCE_LAW = 0.05
 # Values that are assumed for unstated fields of the campaign, each with the command-line option
 # that states the field.
@@ -194,7 +193,7 @@ def _note_contradictions(
     """Note that a file contradicts the value of a field that the user or a column states.
 
     The note is added to the log. Raise an `InputError` if a line says that the readings are raw,
-    but the user that they are compensated for the deflection of the mount.
+    but the user states that they are compensated for the deflection of the mount.
 
     Parameters
     ----------
@@ -292,8 +291,8 @@ def find_resolution(
 ) -> None:
     """Set the resolution of the readings, if nothing states it, to their smallest step.
 
-    The resolution is set only if the readings of every test have a step (smallest difference) that
-    a readout can have.
+    The resolution is set only if, in every test, the smallest step between readings can be the
+    resolution of a readout: 0.001 µm to 5 µm, and at most a tenth of the range of the readings.
 
     Parameters
     ----------
@@ -366,9 +365,9 @@ def note_assumed_fields(
 def _note_force_law(tests: Sequence[CircularTest], log: AssumptionLog) -> None:
     """Add to the log how the stated forces and pressures of the tests fit the default force law.
 
-    The law gives the force of the ball bar as a linear function of the pressure. If a test states
-    both, its force is noted if it differs by more than 5 % from that of the law. If tests state a
-    pressure alone, it is noted that their forces follow from the law.
+    The law gives the force of the ball bar as a linear function of the pressure. A force that a
+    test states beside a pressure is noted if it differs by more than 5 % from that of the law. If
+    tests state a pressure alone, it is noted that their forces follow from the law.
     """
     law = ForceLaw()
     options = "--force-slope, --force-offset"

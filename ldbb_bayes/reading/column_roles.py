@@ -207,8 +207,9 @@ def find_columns(place: str, layout: Layout, headers: Sequence[str]) -> ColumnRo
     Raises
     ------
     InputError
-        If a stated column does not exist, if several columns could have the same role, or if a
-        table without a header does not have just two columns and the layout does not state them.
+        If a stated column does not exist, if several columns could have the same role, if there are
+        several columns of readings beside a column that names tests, or if the layout states no
+        roles for a table without a header that does not have exactly two columns.
     """
     roles = _stated_columns(place, layout, headers)
     if not any(headers):
@@ -231,9 +232,9 @@ def find_columns(place: str, layout: Layout, headers: Sequence[str]) -> ColumnRo
 def _settle_time(roles: ColumnRoles, layout: Layout, headers: Sequence[str]) -> None:
     """Decide which column has the role of time, and record it in ``roles``.
 
-    If there is a column of angles, the role is removed, unless the layout states it. If no column
-    has the role of angle or of time, the column ``time_s`` gets the role of time. Otherwise the
-    column ``time_s`` holds the time at which each test started.
+    If there is a column of angles, no column keeps this role, unless the layout states it. If no
+    column has the role of angle or of time, the column ``time_s`` gets the role of time. Otherwise
+    the column ``time_s`` holds the time at which each test started.
     """
     if "angle" in roles.columns:
         if "time" not in layout.columns:

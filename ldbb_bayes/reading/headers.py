@@ -35,7 +35,7 @@ __all__ = ["Heading", "NoTableError", "find_heading", "note_heading"]
 _BLOCK_ROWS = 9
 # Pattern of a cell that is a text in brackets, such as a unit.
 _BRACKETED = re.compile(r"[\[({].*[\])}]")
-# Largest number of characters of a cell in a row of units that is not a known unit.
+# In a row of units, the largest number of characters of a cell that is not a known unit.
 _LONGEST_UNIT = 4
 # Largest number of cells of a row that an error message shows.
 _CELLS_SHOWN = 6
@@ -424,7 +424,7 @@ def note_heading(sheet: Sheet, heading: Heading, layout: Layout, log: Assumption
 
 
 def _note_columns(sheet: Sheet, heading: Heading, layout: Layout, log: AssumptionLog) -> None:
-    """Add to the log which columns were assumed to have the roles that the layout leaves open."""
+    """Add to the log which column was assumed for each role that the layout does not state."""
     columns: dict[str, Any] = {}
     for role, column in heading.roles.items():
         if role not in layout.columns:
@@ -456,7 +456,10 @@ def _unused_headers(heading: Heading) -> list[str]:
 
 
 def _note_format(sheet: Sheet, heading: Heading, layout: Layout, log: AssumptionLog) -> None:
-    """Add to the log the encoding, separator and header line that the layout does not state."""
+    """Add encoding, separator and header line to the log, unless the layout states them.
+
+    Usual values (utf-8, comma, line 1 or no header) are not noted as assumptions.
+    """
     if sheet.encoding and layout.encoding is None:
         log.keep(encoding=sheet.encoding)
         if sheet.encoding != "utf-8":

@@ -77,7 +77,7 @@ class Imported(Result):
     layout: Annotated[Layout, PlainSerializer(_layout_in_json)]
     #: assumptions that were made, each with the command-line option that changes it
     assumptions: tuple[Assumption, ...]
-    #: names of the campaign's fields that nothing states, so that they have their usual values
+    #: names of the campaign's fields that nothing states; they have their usual values
     unsaid: tuple[str, ...]
 
 
@@ -89,9 +89,9 @@ def import_campaign(
 ) -> Imported:
     """Return a campaign from tables in files of any kind.
 
-    A file, or a sheet of a workbook, holds one test or several. Several tests have either a column
-    that names the test of each row, or one column of readings each. What the layout does not state
-    is determined from the files and noted.
+    A file, or a sheet of a workbook, holds one test or several. If there are several, a column
+    names the test of each row, or each test has its own column of readings. What the layout does
+    not state is determined from the files and noted.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Angles of the readings of one test: computed from times, in several laps, and their direction.
+"""Angles of a test's readings: computation from times, averages over laps, direction of travel.
 
 A lap is one turn of the bar. The readings of one test in a file may cover several laps.
 """
@@ -75,8 +75,8 @@ def on_the_circle(angle_deg: Array, *, start_deg: float, sense: int) -> NDArray[
 
     The machine accelerates in the run-in before the circle, and decelerates in the run-out after
     it. The circle begins at its start angle and covers whole turns; the last reading of a turn may
-    be missing. If the readings end before one turn is complete, all readings after the start count
-    as on the circle.
+    be missing. If the readings end before one turn is complete, all readings after the start are on
+    the circle.
 
     Parameters
     ----------

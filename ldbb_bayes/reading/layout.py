@@ -209,7 +209,7 @@ def read_layout(path: str | os.PathLike[str]) -> Layout:
     Parameters
     ----------
     path : str or os.PathLike
-        Path of the file, in the format of ``import.toml``.
+        Path of the file, which states fields of `Layout`.
 
     Returns
     -------

@@ -103,7 +103,7 @@ def _workbooks_of_several_sheets(sheets: Sequence[Sheet]) -> set[Path]:
 
 
 def _has_no_readings(sheet: Sheet, error: InputError) -> bool:
-    """Return whether a sheet holds no readings, given the error that occurred at its header.
+    """Return whether a sheet holds no readings, given the error that its header caused.
 
     It holds none if it has no table of numbers, or no row that names a column of readings and one
     of angles or times.

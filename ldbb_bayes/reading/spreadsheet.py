@@ -26,8 +26,8 @@ _PICTURE_SIGNATURES = (b"%PDF-", b"\x89PNG\r\n", b"\xff\xd8\xff", b"GIF8")
 # Number of bytes at the beginning of a text file that are searched for zeros, which indicate the
 # encoding UTF-16.
 _HEAD_BYTES = 4096
-# A text file is in UTF-16 if more than this share of the bytes at its beginning are zeros that are
-# the first bytes of pairs, or the second bytes of pairs.
+# A text file is taken for UTF-16 if, of the bytes at its beginning, more than this share are zeros
+# in the first place of a pair of bytes, or more than this share are zeros in the second place.
 _SHARE_OF_ZEROS = 0.2
 # Characters that may separate the cells of a text file, in order of preference.
 _SEPARATORS = (";", "\t", "|", ",", " ")
@@ -50,8 +50,8 @@ def read_sheets(
     Parameters
     ----------
     path
-        Path of a workbook (XLSX, XLS, ODS) or a text file. PDF and pictures give one sheet without
-        rows.
+        Path of a workbook (XLSX, XLS, ODS) or a text file. A PDF file or a picture gives one sheet
+        without rows.
     encoding, separator
         Encoding and separator of a text file; None to determine them from its content.
     sheets

@@ -286,11 +286,11 @@ class Drift(Term):
     """Drift of the bar's length and of the circle's centre with time or temperature.
 
     Let u be the time of each test in hours or its temperature in kelvins, as ``over`` states, minus
-    the mean of the campaign. Per unit coefficient, the reading changes by u for the bar's length,
-    and by u B̂ for the coordinates of the centre, where B̂ is the unit vector along the bar.
-    ``length_um`` and ``centre_um`` are the prior sds of the coefficients, per hour or kelvin; a
-    steel bar of 150 mm grows by 1.7 µm/K. Models have the term only on request, because
-    `SetupShift` covers random changes between circles.
+    the mean of the campaign. A drift of the bar's length changes the reading by u per unit of its
+    coefficient. A drift of the centre's coordinates changes it by u B̂ per unit of theirs, where B̂
+    is the unit vector along the bar. ``length_um`` and ``centre_um`` are the prior sds of the
+    coefficients, per hour or kelvin; a steel bar of 150 mm grows by 1.7 µm/K. Models have the term
+    only on request, because `SetupShift` covers random changes between circles.
 
     Examples
     --------

@@ -240,7 +240,7 @@ class Columns(Shown):
 
 @dataclass(frozen=True, eq=False)
 class BasisNoise(Shown):
-    """Noise of the readings that is stated by the sds of its Fourier coefficients.
+    """Noise of the readings, described by the sds of its Fourier coefficients.
 
     The noise is a function of the angle θ on the circle, with the Fourier coefficients of 1, cos θ,
     sin θ, cos 2θ, sin 2θ, … to the order 12. These coefficients are independent of each other and

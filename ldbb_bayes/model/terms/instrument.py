@@ -72,7 +72,7 @@ class BarLength(Term):
         return _standard_uncertainty(instrument.bar_U_um, self.sd_um)
 
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
-        """Yield the error of the bar's length and its standard uncertainty that the term assumes.
+        """Yield the error of the bar's length that the term assumes, with its standard uncertainty.
 
         Both come from the bar's certificate in ``campaign``, if there is one.
         """
@@ -113,8 +113,8 @@ class Mount(Term):
     #: prior sd of the error of the mount's deflection, as a share of the nominal deflection; used
     #: if no certificate states an uncertainty
     relative_sd: float = 0.10
-    #: prior sd of the curvature of the mount's deflection at half the largest force [µm]; 0 if the
-    #: deflection has no curvature
+    #: prior sd of the curvature, the deviation of the mount's deflection from a straight line at
+    #: half the largest force [µm]; 0 if there is no curvature
     curvature_um: float = 0.5
     unit = Unit("mm/bar", 1e-3, "µm/bar")
     calibration = "a measurement of the mount's deflection"
@@ -192,8 +192,9 @@ class ForceError(Term):
     #: prior sd of the gain error of the force, as a share of the force; used if no certificate
     #: states an uncertainty
     gain_sd: float = 0.01
-    #: prior sd of the curvature of the force error, as a share of the largest force, used if no
-    #: certificate states the linearity; 0 if there is no curvature
+    #: prior sd of the curvature, the deviation of the force error from a straight line at half the
+    #: largest force, as a share of the largest force; used if no certificate states the linearity;
+    #: 0 if there is no curvature
     curvature_sd: float = 0.01
     #: prior sd of the random force error of every test [N]; used if no certificate states it
     random_sd_N: float = 4.0
@@ -271,7 +272,7 @@ class ForceError(Term):
 
 @dataclass(frozen=True)
 class Angle(Term):
-    """Error of the angle's reference, and lag of the trace behind the angle.
+    """Error of the angle's reference, and lag of the trace (recorded readings) behind the angle.
 
     Both effects shift the readings by a small angle along the circle. A reading then changes by
     this angle times dρ/dθ, where θ is the angle on the circle and ρ = F j_C·Ĉ + j_G·Ê the reading

@@ -88,7 +88,7 @@ class JointLoad(Term):
         u_cubed: Array | float,
         u_contact: Array | float,
     ) -> Array:
-        """Return the deflections by rolling and by bolted contact per unit of compliance.
+        """Return the deflections of rolling contact and of bolted contact per unit of compliance.
 
         The formulas are those of `JointLoad`, and the result has the shape (..., 2) [N]. u is the
         component along an axis of the unit vector along the bar. ``u_squared`` is u², ``u_cubed``
@@ -115,9 +115,10 @@ class JointLoad(Term):
 class Position(Term):
     """Change of the compliance of each machine axis a along its travel.
 
-    Screw and guideway are stiffer near their bearings. The term has two columns (readings per unit
-    coefficient) for each axis: F u_a³ for a linear change, and F (u_a⁴ − u_a²/2) for a quadratic
-    change. F is the force and u the unit vector along the bar. The prior sds of the coefficients
+    Screw and guideway are stiffer near their bearings. On a circle, the position of axis a is
+    proportional to u_a, where u is the unit vector along the bar. The term has two columns
+    (readings per unit coefficient) for each axis: F u_a³ for a linear change, and
+    F (u_a⁴ − u_a²/2) for a quadratic change, with the force F. The prior sds of the coefficients
     are ``linear_sd`` and ``quadratic_sd``, times the estimate of the axis' direct compliance C_aa.
 
     Examples
