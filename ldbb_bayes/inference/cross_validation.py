@@ -57,7 +57,7 @@ def with_predictive(posterior: xr.DataTree, *, draws: int = 1000, seed: int = 1)
         Posterior from `sample` or `load`.
     draws : int
         Largest number of draws used, all chains together. They are evenly spaced in each chain. The
-        groups posterior, sample_stats and log_prior of the result keep the same draws.
+        groups posterior, sample_stats and log_prior of the result hold only these draws.
     seed : int
         Seed of the random draws of new circles.
 

@@ -294,7 +294,7 @@ def _average_quality(
     """Return root-mean-square residual and fitness of the mean prediction of several models.
 
     The predicted readings are averaged over the posterior draws of each model, then over the
-    models. ``shares`` are the shares of the models in all draws, and ``bound`` is the model with
+    models. ``shares`` holds the share of each model in the draws, and ``bound`` is the model with
     the parameters of all models.
     """
     predictions = []

@@ -207,15 +207,16 @@ class Integral:
         """Return independent random draws from the proposal of a sample, shape (size, h).
 
         The proposal is the density from which the nodes of the sample were drawn. Its scales
-        (standard deviations) are multiplied by the square root of ``temperature``. A lattice has no
-        proposal.
+        (widths) are multiplied by the square root of ``temperature``. Raise a `TypeError` for a
+        lattice, which has no proposal.
         """
         return self._sample_proposal().draw(size, rng, temperature=temperature)
 
     def log_proposal(self, free: Array) -> Array:
         """Return the log density of a sample's proposal, shape (n,), at points of shape (n, h).
 
-        The proposal is the density from which the nodes of the sample were drawn.
+        The proposal is the density from which the nodes of the sample were drawn. Raise a
+        `TypeError` for a lattice, which has no proposal.
         """
         return self._sample_proposal().log_density(free)
 

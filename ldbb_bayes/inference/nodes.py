@@ -85,8 +85,8 @@ _SPARE = 1e-7
 # Quantiles of parameters are computed from a mixture of this number of Gaussians. Each Gaussian
 # belongs to one value of the hyper-parameters.
 _COMPONENTS = 8192
-# Quantiles of parameters are those of a mixture of Gaussians. The standard deviation of each counts
-# as at least this share of the standard deviation of the means of all the Gaussians.
+# Quantiles of parameters are those of a mixture of Gaussians. The standard deviation of each
+# Gaussian counts as at least this share of the standard deviation of the means of all Gaussians.
 _LEAST_SD_SHARE = 1e-6
 
 
@@ -122,10 +122,11 @@ class HyperPosterior:
 
     @cached_property
     def modes(self) -> list[tuple[Array, Array]]:
-        """All modes (maxima) of the density that are not negligible, the highest first.
+        """Modes (maxima) of the density, the highest first: at most three, found by a search.
 
-        Each is a pair: the mode in unbounded coordinates of the h hyper-parameters, shape (h,), and
-        a square root, shape (h, h), of the inverse of minus the Hessian of the log density there.
+        Negligible modes are left out. Each mode is a pair: the point in unbounded coordinates of
+        the h hyper-parameters, shape (h,), and a square root, shape (h, h), of the inverse of minus
+        the Hessian of the log density there.
         """
         summits = []
         for start in self._starts():

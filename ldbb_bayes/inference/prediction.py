@@ -46,7 +46,7 @@ _DRAWS = 4000
 def predict(
     posterior: xr.DataTree, plan: Campaign, *, prob: float = 0.95, seed: int = 1
 ) -> pd.DataFrame:
-    """Return predicted readings of new circles on the machine of a posterior.
+    """Return predicted readings of new circles on the machine that a posterior describes.
 
     Bar, balls, mount and force device are those of the posterior. The effects of the machine and of
     shared nuisances (effects that are modelled but not of interest, such as ball form) are drawn

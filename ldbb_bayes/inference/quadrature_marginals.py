@@ -42,8 +42,9 @@ def marginalize(
     """Return posterior means, sd and quantiles of every parameter by quadrature.
 
     The integral over the hyper-parameters (the scales of the noise and of other effects) is a sum
-    over weighted nodes. This needs no sampling: given the hyper-parameters, the parameters are
-    Gaussian, apart from the condition that compliances must not be negative (truncation).
+    over weighted nodes. This needs no Markov chain: given the hyper-parameters, the parameters are
+    Gaussian, apart from the condition that compliances must not be negative (truncation). Quantiles
+    are computed by means of random draws.
 
     Parameters
     ----------

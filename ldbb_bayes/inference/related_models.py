@@ -99,7 +99,7 @@ class RelatedModels:
         self._tolerance = tolerance
 
     def nodes(self, posterior: HyperPosterior) -> Nodes:
-        """Return the nodes, that is, weighted values of the hyper-parameters, of another model.
+        """Return the nodes of another model, which are weighted values of its hyper-parameters.
 
         ``posterior`` is the posterior of the hyper-parameters under that model. The nodes are those
         of the given model with other weights. They are computed anew if the other model has further
