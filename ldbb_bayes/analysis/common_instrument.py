@@ -27,7 +27,8 @@ from ldbb_bayes.units import ranked
 __all__ = ["Conflict", "JointDifference", "joint_difference", "worst_conflict"]
 
 # The readings of a campaign count as informative about a nuisance coefficient of the instrument if
-# they lower its variance by at least this share of the variance that remains.
+# the prior variance of the coefficient exceeds the posterior variance by at least this share of the
+# latter.
 _LEAST_INFORMATION = 0.05
 # Names of the hyper-parameters of the instrument: the scale of the balls' form errors, and the
 # decay of this scale with the number of waves per turn.

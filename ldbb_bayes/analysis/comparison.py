@@ -73,9 +73,9 @@ SLOPE_SCALES = (0.03, 0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 2.0, 3.0)
 # The readings reject an assumption about how circles differ if its log evidence is lower than that
 # of the models' own assumption by this or more [nat].
 _REJECTED = 5.0
-# Under an assumption about how circles differ, the evidences of the two models are computed only
-# roughly if both log evidences are at least this much [nat] below the better log evidence under the
-# models' own assumption.
+# Evidences under an assumption about how circles differ are computed only roughly if the log
+# evidences of both models are at least this much [nat] below the better one under the models' own
+# assumption.
 _FAR_REJECTED = 10.0
 # Number of posterior draws over which each model's prediction of the readings is averaged.
 _QUALITY_DRAWS = 1000
@@ -218,8 +218,8 @@ class Comparison(Result):
     log_bayes_factor: dict[str, float]
     #: error of each log Bayes factor ln B [nat], with the keys of ``log_bayes_factor``
     log_bayes_factor_error: dict[str, Finite]
-    #: expected log predictive density of tests left out: that of each later model minus that of the
-    #: first [nat], with the keys of ``log_bayes_factor``; empty if no test was left out
+    #: difference of the expected log predictive density of tests left out, each later model minus
+    #: the first [nat], with the keys of ``log_bayes_factor``; empty if no test was left out
     elpd_difference: dict[str, Difference]
     #: names of the first two models as "second/first"; the results under other priors and
     #: assumptions state the log Bayes factor of the second model over the first

@@ -261,7 +261,7 @@ def _tail_probability(outside: Array, score: float) -> float:
 
     The probability is the share of posterior draws beyond the limit. ``outside``, shape (draws,),
     is true for these draws. If fewer than ``_FEWEST_DRAWS`` draws lie on one side of the limit, the
-    probability is instead the tail of a normal distribution, and that side is given at most the
+    probability is instead the tail of a normal distribution. That side is given at most the
     probability ``_FEWEST_DRAWS`` / draws. ``score`` is the distance from the limit to the mean in
     standard deviations, negative if the mean lies inside the limit.
     """
@@ -298,10 +298,11 @@ def stiffness_conformity(
 ) -> Conformity:
     """Return the decision on the conformity of a stiffness whose compliance has a normal posterior.
 
-    The stiffness 1/C lies between its limits where the compliance C lies between their inverses,
-    so that the probability is exact. A negative C, which no machine has, counts as a compliance
-    below every limit, that is, as infinitely stiff. The mean 1/m and the standard deviation s/m² of
-    the stiffness, from mean m and standard deviation s of C, are approximations and decide nothing.
+    The stiffness 1/C lies between its limits exactly where the compliance C lies between the
+    inverse limits, so that the probability follows from the normal distribution of C. A negative C,
+    which no machine has, counts as infinite stiffness. For a compliance with mean m and standard
+    deviation s, the result states 1/m and s/m² as mean and standard deviation of the stiffness.
+    These are approximations, and the decision does not depend on them.
 
     ``unit`` is that of the stiffness and of the limits of ``tolerance``. Mean and standard
     deviation of the compliance are in the inverse unit. ``confidence`` is the probability that a

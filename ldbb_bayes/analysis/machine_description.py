@@ -40,7 +40,7 @@ _GEOMETRIC_DEGREE = 1
 # Superscripts of the powers 0 … 4 of a symbol in a formula; those of 0 and 1 are empty.
 _EXPONENTS = ("", "", "²", "³", "⁴")
 # A factor in the formula of a parameter's pattern is a rounding error if it is below this number
-# times the largest value of the pattern, or below this number itself if that value is less than 1.
+# times max(v, 1), where v is the largest value of the pattern.
 _ROUNDING = 1e-9
 # Decimals to which a factor of a formula is rounded before it is printed.
 _FACTOR_DECIMALS = 9
@@ -60,8 +60,8 @@ class VisibleParameter:
     #: whether the parameter cannot be negative, whatever the compliances of the joints are; the
     #: prior excludes negative values of such parameters only
     not_negative: bool
-    #: weights, by name, of the parameters of which this parameter represents the weighted sum;
-    #: empty if it represents itself only
+    #: parameters whose weighted sum this parameter represents: their weights, by name; empty if it
+    #: represents only itself
     members: Mapping[str, float]
 
 

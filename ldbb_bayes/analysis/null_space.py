@@ -21,7 +21,7 @@ EXACT_SHARE = 0.05
 # share of the largest effect of any of its coefficients. These shares are tried in turn.
 _SPARSITY_CUTS = (0.02, 1e-3, 1e-5, 1e-8)
 # A combination from which coefficients of small effect are dropped may change a reading by at most
-# this share of the change that is too small to be seen.
+# this share of the limit below which a change cannot be seen.
 _SPARSE_LIMIT_SHARE = 0.5
 # A preferred coefficient becomes a pivot only if its row of an orthonormal basis of the null space
 # is longer than this. The directions of pivots chosen before are first projected out of the row.

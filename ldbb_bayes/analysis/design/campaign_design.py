@@ -48,8 +48,8 @@ _CERTIFICATE_TOLERANCE = 1e-4
 # Candidate tests whose share (fraction) of the tests is below this are left out of the table of the
 # best shares.
 _LISTED_SHARE = 1e-4
-# More circles of the same kind count as useless for a parameter if, after very many of them, more
-# than this share of the parameter's expected standard uncertainty would remain.
+# More circles of the same kind count as useless for a parameter if more than this share of its
+# expected standard uncertainty would remain even after very many of them.
 _STUCK_SHARE = 0.8
 # Default step between the force levels that a design chooses from [N].
 _FORCE_STEP_N = 1.0
@@ -259,9 +259,9 @@ class Design(Forecast):
         -------
         pandas.DataFrame
             One row per parameter, in internal units (mm, N, rad). ``sd`` is the expected standard
-            deviation, ``sd_error`` its error, ``prior_sd`` that of the prior, ``floor_sd`` the one
-            that remains after very many circles, and ``baseline_sd`` the one expected of a design
-            in equal steps of force.
+            deviation, and ``sd_error`` its error. Three columns are for comparison: ``prior_sd`` is
+            the standard deviation of the prior, ``floor_sd`` remains after very many circles, and
+            ``baseline_sd`` is expected of a design in equal steps of force.
         """
         columns = ["unit", "prior_sd", "sd", "sd_error", "floor_sd"]
         frame = pd.DataFrame([vars(entry) for entry in self.expected.values()], columns=columns)

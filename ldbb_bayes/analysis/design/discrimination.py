@@ -159,8 +159,8 @@ class _LogBayesFactorDistribution:
     def expected(self, mean: Array, variance: Array) -> float:
         """Return the mean of the log Bayes factor [nat].
 
-        The mean is computed from the means, shape (K, 1, s), and variances, shape (K, s), of the s
-        normal components of the slopes' posterior mean, for K values of the hyper-parameters.
+        ``mean``, shape (K, 1, s), and ``variance``, shape (K, s), are those of the s normal
+        components of the slopes' posterior mean, for K values of the hyper-parameters.
         """
         squares = (mean[:, 0] ** 2 + variance).sum(axis=1)
         return float(0.5 * (self.log_volume + squares).mean())
@@ -168,10 +168,9 @@ class _LogBayesFactorDistribution:
     def probability_above(self, level: float, mean: Array, variance: Array) -> float:
         """Return the probability that the log Bayes factor exceeds a level [nat].
 
-        The probability is computed from the means, shape (K, 1 or 2, s), and variances, shape (K,
-        s), of the s normal components of the slopes' posterior mean, for K values of the
-        hyper-parameters. If there are two means, half of the quasi-random points take the first and
-        half the second.
+        ``mean``, shape (K, 1 or 2, s), and ``variance``, shape (K, s), are those of the s normal
+        components of the slopes' posterior mean, for K values of the hyper-parameters. If there are
+        two means, half of the quasi-random points take the first and half the second.
         """
         order = np.argsort(-variance, axis=1)[:, None]
         sorted_variance = np.take_along_axis(variance[:, None], order, axis=2)

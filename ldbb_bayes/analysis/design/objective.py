@@ -20,9 +20,8 @@ from ldbb_bayes.results import Array, Shown
 
 __all__ = ["Objective"]
 
-# A parameter counts as undetermined by a design if its diagonal element in the Cholesky factor of
-# the precision matrix (inverse covariance) is below this share of the square root of its diagonal
-# element in the precision matrix itself.
+# Let L be the Cholesky factor of the precision matrix M (inverse covariance) of a design. Parameter
+# i counts as undetermined by the design if L_ii is below this share of √M_ii.
 _SINGULAR_SHARE = 1e-6
 # Largest number of elements of the precision matrices that `Objective.after_adding` computes at a
 # time, to limit memory.

@@ -43,9 +43,9 @@ _ZERO_SHARE = 1e-10
 _STARTING_SHARE = 0.02
 # Value of the solver's loss function where the fractions of tests leave a parameter undetermined.
 _UNDETERMINED_LOSS = 1e6
-# Tolerances of the solver SLSQP for the best shares of tests. The first is that of the first round,
-# the second the smallest of all. In later rounds, the tolerance is at most the third number times
-# `Optimum.excess`, which measures how far the shares are from the best.
+# Tolerances of the solver SLSQP for the best shares of tests. The first is used in the first round,
+# and none is smaller than the second. In later rounds, the tolerance is at most the third number
+# times `Optimum.excess`, which measures how far the shares are from the best.
 _LOOSE_TOLERANCE = 1e-5
 _TIGHT_TOLERANCE = 1e-15
 _TOLERANCE_PER_EXCESS = 1e-3
