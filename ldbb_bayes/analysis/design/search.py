@@ -3,7 +3,7 @@
 A candidate is a test that could be run; a design has a count of tests for each candidate. The
 criterion Φ is the figure of merit to be made large. The search starts from the rounded best shares
 (fractions of the tests), and from random designs. It replaces one test at a time by a better
-candidate until no replacement improves the design (coordinate exchange).
+candidate until no replacement that it tries improves the design (coordinate exchange).
 """
 
 from __future__ import annotations

@@ -49,8 +49,9 @@ _UNDETERMINED_LOSS = 1e6
 _LOOSE_TOLERANCE = 1e-5
 _TIGHT_TOLERANCE = 1e-15
 _TOLERANCE_PER_EXCESS = 1e-3
-# The optimization of shares also ends if a round with the smallest tolerance raises the criterion
-# by at most this share of `Optimum.bound`, and no other candidates are left to add.
+# The optimization of shares ends without reaching its tolerance if no candidates are left to add,
+# and a round with the smallest solver tolerance raises the criterion by at most this share of
+# `Optimum.bound`.
 _NO_GAIN = 1e-13
 
 
