@@ -11,11 +11,11 @@ from ldbb_bayes.results import Array
 
 __all__ = ["mixture_moments", "mixture_quantiles", "weighted_quantiles"]
 
-# Maximum number of steps of Newton's method when a quantile of a Gaussian mixture is computed.
-# Bisection alone would need about fifty steps.
+# Maximum number of steps in the search for a quantile of a Gaussian mixture. Bisection alone would
+# need about fifty steps.
 _ITERATIONS = 100
-# The search for a quantile of a Gaussian mixture ends when a step of Newton's method is no longer
-# than this, in standard deviations of the mixture.
+# The search for a quantile of a Gaussian mixture ends when a step is no longer than this, in
+# standard deviations of the mixture.
 _STEP_TOLERANCE = 1e-12
 # Largest number of values (Gaussian components times mixtures) that are processed at once, so that
 # they fit into the processor's cache.
