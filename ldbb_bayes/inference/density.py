@@ -5,10 +5,10 @@ hyper-parameters, the scales of the noise and of other effects. y are the readin
 effects that are modelled but not of interest, are integrated out.
 
 The log density is ln p(y | β, φ) + ln p(β) + ln p(φ); the log evidence ln p(y) is not subtracted.
-These three densities are normalised. β has the prior N(m, S), with mean m (p,) and covariance S (p,
-p), restricted by truncation to compliances that are not negative, A β ≥ 0 with A of shape (rows,
-p). φ has its own prior, independent of β. The integral of the product of the three densities over x
-= (β, φ) is therefore the evidence, whose logarithm `log_evidence` returns.
+These three densities are normalised. β has the prior N(m, S), with mean m of shape (p,) and
+covariance S of shape (p, p). Truncation restricts β to compliances that are not negative: A β ≥ 0,
+with A of shape (rows, p). φ has its own prior, independent of β. The integral of the product of the
+three densities over x = (β, φ) is therefore the evidence, whose logarithm `log_evidence` returns.
 """
 
 from __future__ import annotations

@@ -37,7 +37,7 @@ _TAILS = (0.05, 0.95)
 _FEWEST_WEIGHTS = 25
 # Importance weights count as equal if the range of their logarithms is smaller than this.
 _EQUAL_LOG_RATIOS = float(np.sqrt(np.finfo(float).eps))
-# Importance weights cannot be judged if their effective sample size is not above this.
+# The tail of importance weights can be judged only if their effective sample size is above this.
 _FEWEST_EFFECTIVE = 10.0
 # Largest Pareto shape k̂ of reliable importance weights, however many draws there are (Vehtari et
 # al. 2024).

@@ -187,7 +187,7 @@ class Evidences(Shown):
 def _largest_first(model: HybridModel) -> list[int]:
     """Return a key by which models sort from the largest to the smallest.
 
-    A model is larger if its compliances are polynomials in the force of a higher degree. Among
+    A model is larger if its compliances are polynomials of a higher degree in the force. Among
     models of equal degree, the one with fewer parameters fixed at zero is larger. If these numbers
     are equal too, the one with more rival explanations of slopes is larger; these are effects that
     look like a change of compliance with force.

@@ -132,9 +132,9 @@ class Fit(Result):
     linearisation_error_um: float
     concerns: tuple[Concern, ...]  #: warnings of the fit, each with a value and a limit
     predictive_checks: dict[str, TestChecks]  #: posterior predictive checks, by name of the test
-    #: sensitivity of the posterior of each parameter and hyper-parameter to power-scaling: how much
-    #: it moves if a prior density or the likelihood is raised to a power near one. Keys are the
-    #: name of the parameter, then ``prior``, ``hyper_prior`` or ``likelihood``.
+    #: sensitivity of the posterior of each parameter and hyper-parameter: how much this posterior
+    #: moves if a prior density or the likelihood is raised to a power near one (power-scaling).
+    #: Keys are the name of the parameter, then ``prior``, ``hyper_prior`` or ``likelihood``.
     sensitivity: dict[str, dict[str, float]]
     #: largest change of any parameter when a test is left out, in units of the parameter's standard
     #: uncertainty. Keys are the names of the tests whose readings fail the posterior predictive

@@ -508,8 +508,8 @@ class Nodes:
 
         The error of the integral over the nodes must not exceed the tolerance minus the truncation
         error, which is the error of the log probability that no compliance is negative. If the
-        truncation error is half the tolerance or more, finer nodes would hardly help; the error of
-        the integral must then only be within the whole tolerance.
+        truncation error is half the tolerance or more, finer nodes would hardly help. It is then
+        enough that the error of the integral does not exceed the tolerance itself.
         """
         if self.truncation_error >= tolerance / 2.0:
             return self.integral.error <= tolerance

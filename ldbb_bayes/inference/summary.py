@@ -108,9 +108,9 @@ def result_json(posterior: xr.DataTree, *, prob: float = 0.95) -> dict[str, Any]
     """Return the result of a fit in the form that the command ``fit --json`` writes.
 
     The result holds the numbers of every parameter and hyper-parameter, and most entries of the
-    posterior's record. Hyper-parameters that are lengths are in µm, all other numbers in mm, N and
-    rad. ``prob`` is the probability of the credible intervals, which is also part of their key:
-    ``ci95`` for 95 %.
+    posterior's record. Parameters are in mm, N and rad, hyper-parameters that are lengths in µm.
+    ``prob`` is the probability of the credible intervals, which is also part of their key: ``ci95``
+    for 95 %.
     """
     check_probability(prob)
     record = record_of(posterior)
@@ -193,9 +193,9 @@ def summarize_nuisances(posterior: xr.DataTree) -> pd.DataFrame:
     -------
     DataFrame
         Table with the columns term, unit, mean, sd and prior_sd, and one row per coefficient. Units
-        are made of mm, N, rad, bar, h and K; the unit of a pure number is 1. The prior sd is that
-        at the posterior mean of the hyper-parameters (the scales of the noise and of other
-        effects). Coefficients of the mount are deviations from its nominal deflection.
+        are made of mm, N, rad, bar, h and K; the unit of a pure number is 1. The prior sd is the
+        one for hyper-parameters (the scales of the noise and of other effects) at their posterior
+        mean. Coefficients of the mount are deviations from its nominal deflection.
 
     Raises
     ------
