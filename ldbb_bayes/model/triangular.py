@@ -31,9 +31,9 @@ def eliminate(
     Parameters
     ----------
     front
-        First s columns of groups × w matrices P, shape (groups, s, n, w) with n ≥ s. Column j of a
-        matrix, of which only the part from the diagonal on is used, is ``front[group, j, j:]``.
-        The columns are overwritten by those of L.
+        First s columns of groups × w matrices P, shape (groups, s, n, w) with n ≥ s. Of column j,
+        only the part from the diagonal on is used, which is ``front[group, j, j:]``. The columns of
+        L overwrite those of P.
     links
         Further k columns l of L, computed earlier and common to all groups, shape (k, n, w); None
         if there are none. Σ ±l lᵀ is subtracted from P before P is factorised, with the sign of
@@ -124,7 +124,7 @@ def _move_stack_last(
     right: Array,
     right_axes: int,
 ) -> tuple[Array, Array]:
-    """Return triangular matrices and a copy of right-hand sides with the matrix dimensions first.
+    """Return matrices and a copy of right-hand sides, with their matrix dimensions moved first.
 
     ``lower`` holds the matrices, shape (..., q, q), and is returned with shape (q, q, ...).
     ``right`` holds the right-hand sides. With ``right_axes`` = 1 they are vectors of shape (...,

@@ -275,9 +275,10 @@ def _eliminate_last(
 
 
 def _opposite_pairs(last: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return every pair of a positive and a negative element of ``last``.
+    """Return the indices of all pairs of a positive and a negative element of ``last``.
 
-    The first array holds the indices of the positive, the second those of the negative elements.
+    The first array holds the indices of the positive elements, the second those of the negative
+    ones.
     """
     positive = np.flatnonzero(last > 0.0)
     negative = np.flatnonzero(last < 0.0)

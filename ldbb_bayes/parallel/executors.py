@@ -1,6 +1,6 @@
-"""Executors that run jobs in other processes, chosen by the options of a command.
+"""Choice of the executor that runs jobs in other processes, by the options of a command.
 
-They are executors of the standard library ``concurrent.futures``.
+Executors have the interface of ``concurrent.futures`` of the standard library.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from ldbb_bayes.parallel.process_pool import process_executor, usable_cores
 
 __all__ = ["EXECUTORS", "executor_named", "second_process"]
 
-# Possible values of the command-line option --executor: worker processes on this computer, or the
-# library Dask, which distributes jobs over several computers.
+# Possible values of the command-line option --executor. With "process", jobs run in processes on
+# this computer; "dask" is the library Dask, which distributes jobs over several computers.
 EXECUTORS = ("process", "dask")
 
 

@@ -68,7 +68,7 @@ class _StatedValue(NamedTuple):
 
 
 def take_stated_fields(campaign: dict[str, Any], recordings: Sequence[Recording]) -> None:
-    """Fill in the fields that no option states, as far as the files state them.
+    """Fill in the fields that the files state and no option states.
 
     Files state fields in the lines above their tables; the names of files and sheets may state the
     plane. Planes and temperatures are filled in as fields of each test. All other fields are fields

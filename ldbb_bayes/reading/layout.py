@@ -24,8 +24,8 @@ __all__ = ["Layout", "TestLayout", "layout_to_toml", "read_layout"]
 
 # Characters that separate cells, by the names that options and layouts may use for them.
 _SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "bar": "|", "space": " "}
-# Fields of the layout that list the forces or pressures of all tests, each with the name of this
-# field in a single test.
+# Fields of the layout that list the forces or pressures of all tests, each with the corresponding
+# field of a single test.
 _LOAD_LISTS = {"forces_N": "force_N", "pressures_bar": "pressure_bar"}
 
 

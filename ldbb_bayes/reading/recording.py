@@ -16,10 +16,10 @@ from ldbb_bayes.results import Array
 
 __all__ = ["LOAD_LISTS", "LOAD_ROLES", "UNITS_SHOWN", "Recording", "option_for"]
 
-# Roles of the columns that hold force or pressure, by the name of the field of a test.
+# For each field of a test that states its force or pressure: role of the column that may hold it.
 LOAD_ROLES = {"force_N": "force", "pressure_bar": "pressure"}
-# Fields of the layout that list the forces or pressures of all tests, by the name of the field of a
-# single test.
+# For each field of a test that states its force or pressure: field of the layout that lists the
+# values of all tests.
 LOAD_LISTS = {"force_N": "forces_N", "pressure_bar": "pressures_bar"}
 # Unit in which messages state the value of each field.
 UNITS_SHOWN = {

@@ -107,10 +107,11 @@ def _find_encoding(raw: bytes) -> str:
 
 
 def _find_separator(lines: Sequence[str]) -> str:
-    """Return the character that splits most lines of a text file into equally many cells.
+    """Return the character that most probably separates the cells of a text file.
 
-    The first third of the lines, which may precede the table, is not considered. If no character
-    splits the lines, the comma is returned.
+    It splits most lines into equally many cells, and many of these are numbers. The first third of
+    the lines, which may precede the table, is not considered. If no character splits the lines,
+    the comma is returned.
     """
     sample = [line for line in lines if line.strip()]
     sample = sample[len(sample) // 3 :][:_SAMPLE_LINES]

@@ -19,8 +19,8 @@ from ldbb_bayes.model.terms.columns import BasisNoise, Columns, Hyper, Scale
 
 __all__ = ["CircleScale", "Covariate", "Discrepancy", "Drift", "Hysteresis", "Moves", "SetupShift"]
 
-# What shifts at random between circles: the readings' zero and the circle's centre, with one common
-# sd (together) or separate sds (apart), or only one of the two (zero, centre).
+# What shifts at random between circles: both the readings' zero and the circle's centre, with one
+# common sd (together) or with separate sds (apart), or only one of the two (zero, centre).
 Moves = Literal["together", "apart", "zero", "centre"]
 # Quantities to which a drift of the bar's length and the circle's centre can be proportional.
 Covariate = Literal["time", "temperature"]
@@ -47,8 +47,8 @@ class SetupShift(Term):
     ['delta_0', 'delta_1']
     """
 
-    #: what moves between circles: the readings' zero and the circle's centre with one common sd
-    #: (together) or separate sds (apart), or only one of them (zero, centre)
+    #: what shifts between circles: both the readings' zero and the circle's centre, with one common
+    #: sd (together) or with separate sds (apart), or only one of the two (zero, centre)
     moves: Moves = "together"
     words = "set-up shift"
     remedy = "Run more circles: zero and centre move from one to the next."

@@ -34,9 +34,9 @@ def _standard_uncertainty(
 class BarLength(Term):
     """Error of the bar's length (ball radii, zero setting, bar temperature).
 
-    The error is constant over the angle on the circle. Every nominal radius has a length error of
-    its own. The prior mean and sd of the error are those of the bar's certificate, if there is one.
-    Otherwise the mean is zero and the sd ``sd_um``.
+    The error is constant over the angle on the circle, and separate for every nominal radius. Its
+    prior mean and sd follow from the bar's certificate, if there is one. Otherwise the mean is zero
+    and the sd is ``sd_um``.
 
     Examples
     --------
