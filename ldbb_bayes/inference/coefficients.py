@@ -252,8 +252,8 @@ def draw_of_circle(bound: BoundModel, phi: Array, r: int, rng: np.random.Generat
     """Return random draws of the effects that act on one test only, shape (draws, 25) [mm].
 
     The effects are the random force error, the set-up shift (of zero and centre) and the
-    discrepancy (unexplained deviations of the orders 2 to 12) of the test with the index r, as
-    Fourier coefficients of the orders 0 to 12. ``phi``, shape (draws, h), holds draws of the
+    discrepancy (unexplained deviations of the orders 2 to 12). They are Fourier coefficients of the
+    orders 0 to 12, for the test with the index r. ``phi``, shape (draws, h), holds draws of the
     hyper-parameters, which are the scales of these and other effects. ``bound`` is the model,
     applied to its campaign.
     """

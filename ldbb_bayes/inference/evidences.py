@@ -198,10 +198,9 @@ def _largest_first(model: HybridModel) -> list[int]:
 def _family(model: HybridModel) -> str:
     """Return the text, as TOML, of what related models have in common.
 
-    The text describes the model without slopes (changes of compliance with force), without their
-    rival explanations (effects that look like a change of compliance with force), and without the
-    condition that compliances are not negative. Models for which this text is equal can share the
-    calculation of their quadrature nodes.
+    The text describes the model without slopes (changes of compliance with force), without rival
+    explanations of slopes, and without the condition that compliances are not negative. Models for
+    which this text is equal can share the calculation of their quadrature nodes.
     """
     constant = model.without("truncation").with_slope_scale(1.0).with_degree(0)
     return model_to_toml(constant.with_rivals())

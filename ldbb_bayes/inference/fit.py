@@ -39,8 +39,8 @@ __all__ = ["Concern", "ConcernKind", "Fit", "State", "assess_fit"]
 # above this. The sensitivity states how much the posterior moves if the prior density is raised to
 # a power near one (Kallioinen et al. 2023).
 _SENSITIVE = 0.05
-# A failing posterior predictive check of a Fourier order of a test matters if leaving out this test
-# changes some parameter by more than this multiple of the parameter's standard uncertainty.
+# A failing posterior predictive check of a Fourier order matters if leaving out its test changes
+# some parameter by more than this multiple of the parameter's standard uncertainty.
 _LARGEST_SHIFT = 0.5
 # A failing posterior predictive check of noise matters if the noise found in the readings widens
 # the interval of some parameter by more than this share of its width.
@@ -360,11 +360,7 @@ def _check_posterior(
 ) -> Iterator[Concern]:
     """Check a posterior against the assumptions of its model; yield a warning for each misfit.
 
-    There is a warning if the readings contradict non-negative compliances, and one if there are too
-    few different forces for the degree of the compliances as polynomials in the force. There is a
-    warning for each hyper-parameter that is larger than its prior leads to expect, and for each
-    parameter that is too far from the prior mean that the user stated. Finally there is a warning
-    for each machine axis along which the circles' centre shifts in proportion to force.
+    The warnings are of the kinds TRUNCATION, FORCES, HYPER, PRIOR and CENTRE; see `Concern`.
 
     Parameters
     ----------

@@ -239,8 +239,8 @@ def _fit_to_rounds(rounds: Sequence[Integral]) -> Mixture:
     """Return the proposal of the last round, refitted to the weighted points of all rounds.
 
     A proposal is the density from which the points of a round are drawn. The weight of a point is
-    the density to integrate, divided by the mean of the proposals of all rounds, in which each
-    round counts by its number of points.
+    the density to integrate divided by the mean of the proposals of all rounds. In this mean, each
+    round counts in proportion to its number of points.
     """
     points = np.concatenate([sample.free for sample in rounds])
     log_density = np.concatenate([sample.log_density for sample in rounds])

@@ -51,9 +51,8 @@ _MEAN_OF_TWO = 0.25
 # the log integral from the lattice is ``_MEAN_OF_TWO`` times d, where d counts as at most this
 # value; it is d² if d² is larger.
 _LARGEST_LINEAR = 0.02
-# When the step of a lattice (the distance between its points) has been shortened, the difference
-# between the log integrals from its two grids counts as at least this share of the difference
-# before.
+# After the step of a lattice (the distance between its points) is shortened, the difference between
+# the log integrals from its two grids counts as at least this share of what it was before.
 _DECLINE = 0.35
 # The share of an integral that falls on one of a lattice's two grids counts as at least this, so
 # that its logarithm is finite.

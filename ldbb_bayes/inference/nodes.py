@@ -52,8 +52,8 @@ _SEPARATION = 1.5
 # A maximum of the log posterior density of the hyper-parameters is negligible if it is lower than
 # the highest maximum by at least this [nat].
 _NEGLIGIBLE_DEPTH = 12.0
-# Maxima of the posterior density with one hyper-parameter (scale of the noise or of another effect)
-# held near zero are sought only if the model has at most this number of hyper-parameters.
+# Maxima of the posterior density are also sought with one hyper-parameter held near zero, but only
+# if the model has at most this number of hyper-parameters.
 _LARGEST_CORNER_DIMENSION = 5
 # When maxima of the posterior density with one hyper-parameter held near zero are sought, its
 # logarithm (unbounded coordinate) is held at this distance below its value at the mode.

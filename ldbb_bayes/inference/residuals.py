@@ -52,11 +52,11 @@ class FitQuality:
 def fit_quality(bound: BoundModel, phi: Array, beta: Array) -> FitQuality:
     """Return root-mean-square residual and fitness of the readings that a posterior predicts.
 
-    The prediction is the mean over posterior draws of the effects of the machine and of shared
-    nuisances, that is, effects that are modelled but not of interest and that tests have in common,
-    such as ball form. ``phi``, shape (draws, h), holds draws of the hyper-parameters (scales of the
-    noise and of other effects), ``beta``, shape (draws, p), those of the parameters. ``bound`` is
-    the model, applied to its campaign.
+    The prediction is the mean over posterior draws of the effects of the machine and of nuisances
+    (effects that are modelled but not of interest, such as ball form), without scatter. ``phi``,
+    shape (draws, h), holds draws of the hyper-parameters (scales of the noise and of other
+    effects), ``beta``, shape (draws, p), those of the parameters. ``bound`` is the model, applied
+    to its campaign.
     """
     return quality_of(bound, shared_coefficients(bound, phi, beta).mean(axis=0))
 

@@ -51,9 +51,10 @@ __all__ = [
 # Number of angles of a full circle at which the effects of compliances are compared.
 _ANGLES = 64
 # The effects of two compliances on the readings are proportional if the cosine of the angle between
-# their columns, the readings per unit of each compliance, differs from ±1 by at most this.
+# their columns differs from ±1 by at most this. A column holds the readings per unit of a
+# compliance.
 _PARALLEL = 1e-10
-# A compliance has no effect if the norm of its column, the readings per unit of the compliance, is
+# A compliance has no effect if the norm of its column (the readings per unit of the compliance) is
 # smaller than this share of the largest norm.
 _NULL_SHARE = 1e-10
 # The part of a compliance's effect that is due to a kept compliance is a rounding error if it is
