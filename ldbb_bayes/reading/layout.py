@@ -209,7 +209,7 @@ def read_layout(path: str | os.PathLike[str]) -> Layout:
     Parameters
     ----------
     path : str or os.PathLike
-        Path of the file, which states fields of `Layout`.
+        Path of the file, such as the ``import.toml`` that the command ``import`` writes.
 
     Returns
     -------
