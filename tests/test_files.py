@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import re
+import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -16,7 +18,7 @@ from pydantic.dataclasses import dataclass
 
 import ldbb_bayes as lb
 from ldbb_bayes.campaign.folder import write_campaign_into
-from ldbb_bayes.files import check_target, staged_folder, write_whole
+from ldbb_bayes.files import check_target, parse_toml, staged_folder, write_whole
 from ldbb_bayes.files.validation import raises_input_error, validated
 
 
@@ -199,3 +201,51 @@ def test_an_error_of_the_whole_content_names_the_file() -> None:
 
 def test_an_error_of_all_arguments_names_the_object() -> None:
     refuses("pair: arguments must be valid, got .*: a and b differ", PairOfArguments, a=1, b=2)
+
+
+DEEP = "a.b.c.d.e.f.g.h.i"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        'note = "serial 1.2.3.4.5.6.7.8.9"',
+        f"note = '{DEEP}'",
+        f"# {DEEP}\nnote = 1",
+        f'note = 1 # "{DEEP}',
+        f'note = """\n{DEEP} = 1\n"""',
+        f'note = """\n\\"""{DEEP} = 1\n"""',
+        f'note = """a""""" # {DEEP}',
+        f"note = '''\n{DEEP} = 1\n'''",
+    ],
+)
+def test_toml_strings_and_comments_may_hold_many_dots(text: str) -> None:
+    assert list(parse_toml(text, "notes")) == ["note"]
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        f"{DEEP} = 1",
+        f"[{DEEP}]",
+        f"note = {{ {DEEP} = 1 }}",
+        '"a".\'b\'.c."".e . f.g.h.i = 1',
+    ],
+)
+def test_a_toml_key_of_many_parts_is_refused(line: str) -> None:
+    shown = re.escape(f"notes, line 3: lines must be short and keys plain, got {line!r}. Correct")
+    refuses(shown, parse_toml, f'first = """\n"""\n{line}\n', "notes")
+
+
+def test_only_a_line_that_is_cut_off_ends_with_an_ellipsis() -> None:
+    line = f"{DEEP} = {'1' * 40}"
+    refuses(f"got {line[:40]!r}…. Correct", parse_toml, line, "notes")
+
+
+@pytest.mark.parametrize("unit", ['"""', '\\"""', '"', "'", "'''", '"\\"', '""\\'])
+def test_strings_without_end_are_refused_at_once(unit: str) -> None:
+    start = time.perf_counter()
+    line = f"note = {unit * (19_000 // len(unit))}"
+    text = "\n".join([line] * 26)
+    refuses("notes must be valid TOML", parse_toml, text, "notes")
+    assert time.perf_counter() - start < 2.0

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from functools import partial
 from itertools import count
-from multiprocessing import get_context
+from multiprocessing import Pipe, get_context
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -36,6 +36,7 @@ from ldbb_bayes.parallel import (
     start_early,
 )
 from ldbb_bayes.parallel.dask_workers import _local_cluster
+from ldbb_bayes.parallel.process_pool import _Answer, _send
 
 
 class Late(Executor):
@@ -218,6 +219,28 @@ def test_processes(tmp_path: Path) -> None:
             os.kill(process, 0)
     with executor_named("process", 1) as executor:
         assert executor is None
+
+
+class Unpicklable:
+    """A result that refuses to be pickled and to be written as text."""
+
+    def __init__(self, error: Exception) -> None:
+        self.error = error
+
+    def __reduce__(self) -> str:
+        raise self.error
+
+    def __str__(self) -> str:
+        raise AssertionError("an unpicklable result is not written as text")
+
+
+@pytest.mark.parametrize("error", [OSError("no file"), ValueError("no file")])
+def test_a_result_that_cannot_be_pickled_is_told(error: Exception) -> None:
+    connection, worker_connection = Pipe()
+    _send(worker_connection, _Answer(True, Unpicklable(error)))
+    answer = connection.recv()
+    assert not answer.succeeded
+    assert str(answer.content).startswith("Unpicklable must be picklable, got: no file.")
 
 
 @pytest.mark.slow

@@ -18,9 +18,22 @@ LARGEST_TOML_BYTES = 512 * 2**10
 _LONGEST_LINE = 20_000
 # Pattern of a key with eight dots or more (such as a.b.c.d.e.f.g.h.i), which is refused. The time
 # to read a key grows with the square of its number of parts; valid files need at most three parts.
-_DEEP_KEY = re.compile(
-    r"(?:(?:[\w-]{1,200}|\"[^\"\n]{0,200}\"|'[^'\n]{0,200}')[ \t]{0,9}\.[ \t]{0,9}){8}"
+_DEEP_KEY = re.compile(r"(?:[\w-]{1,200}[ \t]{0,9}\.[ \t]{0,9}){8}")
+# Pattern of strings and comments. A string between triple quotes may end with two more quotes. A
+# string without an end, at which TOML is refused, reaches to the end of its line or of the text, so
+# that no part of the text is searched twice.
+_STRING_OR_COMMENT = re.compile(
+    r'''
+    """(?:[^\\]|\\(?:.|\Z))*?(?:"{3,5}|\Z)  # string between triple quotation marks
+    | \'\'\'.*?(?:'{3,5}|\Z)  # string between triple apostrophes
+    | "(?:[^"\\\n]|\\[^\n])*"?  # string between quotation marks
+    | '[^'\n]*'?  # string between apostrophes
+    | \#[^\n]*  # comment
+    ''',
+    re.DOTALL | re.VERBOSE,
 )
+# Largest number of characters of a line that an error message shows.
+_LINE_SHOWN = 40
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -48,13 +61,28 @@ def parse_toml(text: str, place: str) -> dict[str, Any]:
         len(text) <= LARGEST_TOML_BYTES,
         f"{place} must hold at most {LARGEST_TOML_BYTES // 2**10} kB, got more. Split it.",
     )
-    for number, line in enumerate(text.split("\n"), start=1):
-        if len(line) > _LONGEST_LINE or _DEEP_KEY.search(line):
+    lines = text.split("\n")
+    lines_of_keys = _STRING_OR_COMMENT.sub(_placeholder, text).split("\n")
+    for number, (line, keys) in enumerate(zip(lines, lines_of_keys, strict=True), start=1):
+        if len(line) > _LONGEST_LINE or _DEEP_KEY.search(keys):
+            ellipsis = "…" if len(line) > _LINE_SHOWN else ""
             raise InputError(
-                f"{place}, line {number}: lines must be short and keys plain, got {line[:40]!r}…."
-                " Correct that line."
+                f"{place}, line {number}: lines must be short and keys plain, got"
+                f" {line[:_LINE_SHOWN]!r}{ellipsis}. Correct that line."
             )
     try:
         return tomllib.loads(text)
     except (RecursionError, ValueError, OverflowError) as error:
         raise InputError(f"{place} must be valid TOML, got: {error}. Correct that place.") from None
+
+
+def _placeholder(string_or_comment: re.Match[str]) -> str:
+    """Return what stands for a string or comment where only keys are searched.
+
+    It is an underscore for a string, which may be a part of a key, and as many line breaks as the
+    string has.
+    """
+    text = string_or_comment[0]
+    if text.startswith("#"):
+        return ""
+    return "_" + "\n" * text.count("\n")

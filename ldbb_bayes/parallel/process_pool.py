@@ -20,6 +20,7 @@ from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import partial
 from multiprocessing.connection import Connection
+from multiprocessing.reduction import ForkingPickler
 from typing import Any, NamedTuple
 
 from ldbb_bayes.errors import InputError
@@ -211,12 +212,25 @@ def _run_next_job(connection: Connection) -> _Answer | None:
 
 
 def _send(connection: Connection, answer: _Answer) -> None:
+    """Send the answer, or a `TypeError` in its place if it cannot be pickled."""
     try:
-        connection.send(answer)
-    except OSError:
-        raise
+        message = ForkingPickler.dumps(answer)
     except Exception as error:  # noqa: BLE001 - a class that cannot be pickled may raise any error
-        reason = (
-            f"{type(answer.content).__name__} must be picklable, got: {error}. {answer.content}"
-        )
-        connection.send(_Answer(False, TypeError(reason)))
+        message = ForkingPickler.dumps(_Answer(False, _not_picklable(answer, error)))
+    connection.send_bytes(message)
+
+
+def _not_picklable(answer: _Answer, error: Exception) -> TypeError:
+    """Return the error for an answer that cannot be pickled.
+
+    If the answer is itself an exception, its notes, which state where it was raised, are copied.
+    ``error`` is what pickling raised.
+    """
+    reason = TypeError(
+        f"{type(answer.content).__name__} must be picklable, got: {error}. Return arrays, numbers"
+        " and texts."
+    )
+    if not answer.succeeded:
+        for note in answer.content.__notes__:
+            reason.add_note(note)
+    return reason
