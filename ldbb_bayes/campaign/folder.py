@@ -186,10 +186,10 @@ def files_of(folder: Path) -> set[str]:
 def labels_of(path: str | os.PathLike[str]) -> dict[str, str]:
     """Return the name, the machine_id and the date that a campaign.toml states, by these keys.
 
-    If no machine_id is stated, the serial number of the machine takes its place. A date is a text
-    in ISO 8601. Keys that are not stated, or have a text of more than 200 characters, are left out.
-    The dictionary is empty for a file that cannot be read, and for a CSV file. ``path`` is the path
-    of a campaign folder or of a file.
+    If no machine_id is stated, or an empty one, the serial number of the machine takes its place.
+    A date is a text in ISO 8601. Keys that are not stated, or have a text of more than 200
+    characters, are left out. The dictionary is empty for a file that cannot be read, and for a CSV
+    file. ``path`` is the path of a campaign folder or of a file.
     """
     file = Path(path)
     if os.path.isdir(path):
@@ -198,7 +198,7 @@ def labels_of(path: str | os.PathLike[str]) -> dict[str, str]:
     if file.suffix.lower() == ".toml":
         with suppress(InputError):
             content = read_toml(file)
-    content = {"machine_id": content.get("serial_number"), **content}
+    content["machine_id"] = content.get("machine_id") or content.get("serial_number")
     labels = {}
     for label in ("name", "machine_id", "date"):
         text = content.get(label)

@@ -210,7 +210,7 @@ def kept_compliances(machine: Machine, *circles: Circle) -> Kept:
     representative of a set is chosen by these rules, applied in this order; for the paper's machine
     they give the paper's choice:
 
-    1. a rotation caused by a force before a translation caused by a moment;
+    1. any other compliance before a translation caused by a moment;
     2. the fewest rotary components;
     3. the joint whose axis is the direction of the deflection;
     4. for a rotation, a joint that drives the plane in which it turns;

@@ -252,7 +252,7 @@ def _stated_in_words(text: str) -> Iterator[tuple[str, str]]:
             value = _value_in_words(key, groups[0].strip(), match[0])
             if value.isprintable() and not is_missing(value or "-"):
                 yield key, value
-    for passage in (text, *re.split(r"[;|\t]|,(?!\s)", text)):
+    for passage in dict.fromkeys((text, *re.split(r"[;|\t]|,(?!\s)", text))):
         for state in _mount_states(passage, is_whole_line=passage == text):
             yield "mount", state
 

@@ -246,7 +246,10 @@ def _decimal_mark_of(
         reason = "thousands are as likely: three digits behind each"
         log.add(sheet.place, "decimal mark", decimal, reason, "--decimal")
     elif decimal == ",":
-        log.add(sheet.place, "decimal mark", decimal, "no cell has a point", "--decimal")
+        reason = "no cell has a point"
+        if any("." in cell for _, cell in cells):
+            reason = "points stand between thousands"
+        log.add(sheet.place, "decimal mark", decimal, reason, "--decimal")
     return decimal
 
 

@@ -476,10 +476,10 @@ def _instrument(findings: Findings) -> list[_InstrumentPiece]:
 
 
 def _ball_size(findings: Findings, key: str) -> str:
-    """Return the stated grade or sphericity of a ball as text, such as G10 or 0.2 µm.
+    """Return the stated grade of a ball as text, such as G10, or else its sphericity, as 0.2 µm.
 
-    ``key`` names a part of the instrument. The text is empty if neither is stated, or if the part
-    is not a ball.
+    ``key`` names a part of the instrument. The text is empty if neither grade nor sphericity is
+    stated, or if the part is not a ball.
     """
     if key not in ("work", "tool"):
         return ""

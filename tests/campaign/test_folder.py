@@ -218,6 +218,9 @@ def test_a_campaign_names_its_machine_and_date(tmp_path: Path) -> None:
     (tmp_path / "bare").mkdir()
     write(tmp_path / "bare", TOML.replace("[[test]]", 'serial_number = "S 12"\n[[test]]', 1))
     assert labels_of(tmp_path / "bare") == {"machine_id": "S 12"}
+    empty_id = 'machine_id = ""\nserial_number = "S 12"\n[[test]]'
+    write(tmp_path / "bare", TOML.replace("[[test]]", empty_id, 1))
+    assert labels_of(tmp_path / "bare") == {"machine_id": "S 12"}
     toml = tmp_path / "c" / "campaign.toml"
     toml.write_text(toml.read_text().replace('"2026-11-20T14:30"', "2026-11-21"))
     assert lb.read_campaign(toml).date == "2026-11-21"

@@ -34,6 +34,11 @@ def test_two_values_in_one_line() -> None:
     assert said("Feed 2000 mm/min, force 36 N") == {"feed_mm_per_min": 2000.0, "force_N": 36.0}
 
 
+def test_a_state_of_the_mount_is_read_once() -> None:
+    statements = statements_in([(1, "Readings are raw")])
+    assert [statement.value for statement in statements["mount"]] == ["raw"]
+
+
 @pytest.mark.parametrize(("one", "other"), CASES["left_alone"])
 def test_left_alone(one: str, other: str) -> None:
     assert said(one) == said(other) == {}

@@ -83,6 +83,23 @@ def loads_of(path: Path | list[Path], **layout: Any) -> list[tuple[str, float | 
 # ---- numbers, times, encodings
 
 
+@pytest.mark.parametrize(
+    ("form", "reason"),
+    [
+        ("{a};{r},25", "no cell has a point"),
+        ("{a};1.23{r},5", "points stand between thousands"),
+    ],
+)
+def test_why_a_comma_is_the_decimal_mark(form: str, reason: str, tmp_path: Path) -> None:
+    path = table(tmp_path / NAME, "angle_deg;reading_um", lines(form))
+    reasons = {
+        assumption.because
+        for assumption in imported(path).assumptions
+        if assumption.what == "decimal mark"
+    }
+    assert reasons == {reason}
+
+
 @pytest.mark.parametrize("separator", list(",;\t|"))
 @pytest.mark.parametrize("mark", [b"", b"\xef\xbb\xbf", b"\xfe\xff"])
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-16-le", "utf-16-be", "cp1252"])
