@@ -33,7 +33,7 @@ _UPPER_POWER = 1.01
 # at these probabilities (Vehtari et al. 2021).
 _TAILS = (0.05, 0.95)
 # Smallest number of importance weights whose tail can be judged: ArviZ fits a Pareto distribution
-# to a fifth of the weights and needs five.
+# to a fifth of the weights and needs at least five of them.
 _FEWEST_WEIGHTS = 25
 # Importance weights count as equal if the range of their logarithms is smaller than this.
 _EQUAL_LOG_RATIOS = float(np.sqrt(np.finfo(float).eps))

@@ -186,10 +186,10 @@ def _draw_standard(
     """Return random draws of the parameters in standard coordinates, and counts of usable draws.
 
     In standard coordinates the Gaussian density of the p parameters given the hyper-parameters is
-    N(0, I). For each of w values of the hyper-parameters there are ``tries`` draws, as if
-    compliances might be negative, shape (w, tries, p). If ``truncated``, only draws without a
-    negative compliance are usable; they come first. The counts have the shape (w,). ``conditional``
-    holds these Gaussian densities.
+    N(0, I). For each of w values of the hyper-parameters, ``tries`` draws are made from this
+    density, shape (w, tries, p). If ``truncated``, only draws without a negative compliance are
+    usable; they come first. The counts have the shape (w,). ``conditional`` holds these Gaussian
+    densities.
     """
     z = rng.standard_normal((len(conditional.mean), tries, conditional.mean.shape[1]))
     rows = conditional.physical.rows

@@ -132,9 +132,9 @@ def fit_least_squares(
 def _uncertainty(bound: BoundModel, quality: FitQuality) -> Array:
     """Return the standard uncertainty of each of the p parameters, shape (p,).
 
-    The uncertainties are in internal units (mm, N, rad): the square roots of the diagonal of s²
-    (JᵀJ)⁻¹. The Jacobian J, shape (readings, p), holds the derivatives of the readings with respect
-    to the parameters; s² is the sum of squares of the residuals divided by the number of readings
+    The uncertainties are the square roots of the diagonal of s² (JᵀJ)⁻¹, in internal units (mm, N,
+    rad). The Jacobian J, shape (readings, p), holds the derivatives of the readings with respect to
+    the parameters; s² is the sum of squares of the residuals divided by the number of readings
     minus p. The uncertainty is NaN if J is singular or if there are no more readings than
     parameters. ``bound`` is the model, applied to its campaign; ``quality`` holds the residuals of
     the fit.

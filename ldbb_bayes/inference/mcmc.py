@@ -90,7 +90,7 @@ class StoppingRule(Shown):
     #: number of steps of the sampler before its draws are first assessed; later assessments are
     #: further apart, and not every step of a long run is stored
     block: int = 20
-    #: share of the stored draws that is discarded as burn-in, counted from the first draw
+    #: share of the stored draws that is discarded as burn-in, from the start of the run
     discard: float = 0.25
     #: number of autocorrelation times that the draws kept must span, because an ensemble that has
     #: hardly moved can look well mixed
@@ -111,9 +111,9 @@ class StoppingRule(Shown):
 class Assessment:
     """Smallest effective sample sizes and largest R-hat of all parameters and hyper-parameters."""
 
-    #: smallest effective sample size for the mean, of all parameters and hyper-parameters
+    #: smallest effective sample size for the mean of a parameter or hyper-parameter
     ess_bulk_min: float
-    #: smallest effective sample size for the tails, of all parameters and hyper-parameters
+    #: smallest effective sample size for the tails of a parameter or hyper-parameter
     ess_tail_min: float
     rhat_max: float  #: largest R-hat of all parameters and hyper-parameters
     #: index, from 0, of the parameter or hyper-parameter with the smallest effective sample size
@@ -360,9 +360,9 @@ def _draws_after_burn_in(blocks: list[_StoredBlock], rule: StoppingRule) -> Arra
     """Return the draws of a run after burn-in, evenly thinned, shape (ensembles, draws, d).
 
     ``blocks`` hold the stored draws of d coordinates, in order of time; later blocks store fewer of
-    their steps. The first quarter, or the share ``discard`` of ``rule``, is discarded as burn-in.
-    In the result, the draws of one walker follow each other. The number of steps from one draw to
-    the next is that of the last block, or larger if there are very many draws.
+    their steps. The share ``discard`` of ``rule`` is discarded from the start of the run as
+    burn-in. In the result, the draws of one walker follow each other. The number of steps from one
+    draw to the next is that of the last block, or larger if there are very many draws.
     """
     steps_between_draws = blocks[-1].thin
     evenly_spaced = []

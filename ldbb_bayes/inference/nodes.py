@@ -33,7 +33,7 @@ from ldbb_bayes.units import value_and_uncertainty
 __all__ = ["Evidence", "HyperPosterior", "Nodes"]
 
 # Step of the central differences by which the log density is differentiated with respect to the
-# hyper-parameters. It is in their unbounded coordinates, mostly ln(value − lower bound).
+# unbounded coordinates of the hyper-parameters, which are mostly ln(value − lower bound).
 _DIFFERENCE_STEP = 0.05
 # A curvature (negative second derivative) of the log density in any direction counts as this value
 # if it is smaller. Curvatures are in unbounded coordinates of the hyper-parameters, such as their

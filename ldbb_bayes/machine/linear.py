@@ -175,7 +175,8 @@ class Kept:
     the set.
     """
 
-    #: kept compliances, one for each proportional set, in the order of Table 1 of the paper
+    #: kept compliances, each the representative of a proportional set, in the order of Table 1 of
+    #: the paper
     names: tuple[ComplianceName, ...]
     #: for each kept compliance, the names in its proportional set, its own name first (Table 2)
     sets: tuple[tuple[str, ...], ...]
@@ -185,8 +186,8 @@ class Kept:
     #: for each kept compliance, the weights of further compliances that it represents in part: the
     #: effects of these are combinations of several kept ones
     absorbed: tuple[Mapping[ComplianceName, float], ...]
-    #: whether each kept compliance cannot be negative, because it is a deflection in the direction
-    #: of the load itself
+    #: for each kept compliance, whether it is a deflection in the direction of the load itself,
+    #: which cannot be negative
     not_negative: tuple[bool, ...]
     null: tuple[str, ...]  #: names of the compliances that never change a reading
     #: names of compliances whose effect on the reading is a combination of the effects of several
