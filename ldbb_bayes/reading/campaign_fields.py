@@ -129,7 +129,7 @@ def _places_by_value(recordings: Sequence[Recording], key: str) -> dict[Any, str
 def _note_stated(recording: Recording, key: str, stated: _StatedValue) -> None:
     """Add a value that a file states for the field ``key`` of a test to the log of assumptions.
 
-    A plane is also added to the fields of the test. ``recording`` is the test as its file holds it.
+    A plane is also added to the fields of the test.
     """
     recording.note(key, _with_unit(key, stated.value), stated.source, _OPTIONS[key])
     if key == "plane":
@@ -147,7 +147,7 @@ def _stated_values(recording: Recording, field: str) -> dict[Any, _StatedValue]:
     """Return the values that lines above a table state for a field, each with its line.
 
     The stated values are the keys of the result. The plane may also be stated by the names of test,
-    column, sheet and file. ``recording`` is the test as its file holds it.
+    column, sheet and file.
     """
     values: dict[Any, _StatedValue] = {}
     if field == "plane":
@@ -173,7 +173,7 @@ def _certain_value(recording: Recording, key: str) -> Any:
     """Return the value that the user or a column of the table states for a field of a test.
 
     Return None if neither states it. A `MountCompensation` is returned as the text "compensated" or
-    "raw". ``key`` is the name of the field, and ``recording`` the test as its file holds it.
+    "raw". ``key`` is the name of the field.
     """
     value = recording.stated.get(key)
     if not value:
@@ -198,7 +198,7 @@ def _note_contradictions(
     Parameters
     ----------
     recording
-        The test as its file holds it.
+        Recording of the test.
     key
         Name of the field.
     certain
@@ -224,7 +224,7 @@ def _check_stated(recording: Recording, key: str, places: Mapping[Any, str]) -> 
     """Raise an `InputError` for contradictory statements about a field, or an unknown plane.
 
     ``key`` is the name of the field. The keys of ``places`` are the stated values, and its entries
-    the lines or names that state them. ``recording`` is the test as its file holds it.
+    the lines or names that state them.
     """
     listed = " and ".join(f"{value} in {place}" for value, place in places.items())
     remedy = f"Correct the lines, or give {_OPTIONS[key]}."
@@ -241,8 +241,7 @@ def _check_stated(recording: Recording, key: str, places: Mapping[Any, str]) -> 
 def _is_common_plane(recordings: Sequence[Recording], places: Mapping[Any, str]) -> bool:
     """Return whether files state a single plane and all tests are in this plane.
 
-    The keys of ``places`` are the stated planes. ``recordings`` are the tests as their files hold
-    them.
+    The keys of ``places`` are the stated planes.
     """
     planes = {recording.fields.get("plane") for recording in recordings}
     return len(places) == 1 and planes == set(places)
@@ -268,8 +267,7 @@ def _take_field(campaign: dict[str, Any], key: str, values: Sequence[Any]) -> No
 def _take_temperature(recording: Recording) -> None:
     """Set the temperature of a test from the first line above its table that states one.
 
-    A temperature that the user or a column states does not change. ``recording`` is the test as its
-    file holds it.
+    A temperature that the user or a column states does not change.
     """
     statements = recording.statements.get("temperature_C", ())
     if not statements or "temperature_C" in recording.stated:

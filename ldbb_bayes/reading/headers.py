@@ -287,7 +287,7 @@ def _find_header_row(sheet: Sheet, layout: Layout, block: int) -> int | None:
 
     ``block`` is the index of the row at which the numbers of the table begin. If the user does not
     state the line of the header, the header is the last row of words above the numbers that is not
-    a row of units.
+    a row of units. Raise an `InputError` if the table has rows of numbers above the header.
     """
     if layout.header_line == 0:
         return None

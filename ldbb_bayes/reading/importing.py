@@ -190,7 +190,6 @@ def _stated_loads(recordings: Sequence[Recording], layout: Layout) -> dict[str, 
     """Return the lists of forces and pressures in the layout, which hold one number for each test.
 
     The keys of the result are ``force_N`` and ``pressure_bar``, as far as the layout lists them.
-    ``recordings`` are the tests as their files hold them.
     """
     loads = {}
     for key, field_name in LOAD_LISTS.items():
@@ -211,8 +210,8 @@ def _stated_loads(recordings: Sequence[Recording], layout: Layout) -> dict[str, 
 def _measured_arc(recording: Recording, loads: Mapping[str, float]) -> MeasuredArc:
     """Return the angles and readings of one test with its stated fields, such as its force.
 
-    ``recording`` is the test as its file holds it. ``loads`` holds the force or pressure of this
-    test from the layout's lists. It replaces those that an entry [[test]] of the layout states.
+    ``loads`` holds the force or pressure of this test from the layout's lists. It replaces those
+    that an entry [[test]] of the layout states.
     """
     if loads:
         for key in LOAD_ROLES:
@@ -270,8 +269,7 @@ def _note_unused_entries(
 ) -> None:
     """Add to the log every entry [[test]] of the layout whose ``file`` names no test.
 
-    An entry [[test]] states fields of one test, such as its force. ``recordings`` are the tests as
-    their files hold them.
+    An entry [[test]] states fields of one test, such as its force.
     """
     names: set[str] = set()
     for recording in recordings:

@@ -291,7 +291,8 @@ def _shared_numbers(columns: _SheetColumns, layout: Layout) -> dict[str, Array]:
 def _labels_of(columns: _SheetColumns) -> list[str]:
     """Return the name of the test to which each row of a table belongs.
 
-    The names are empty if the table has no column that names tests.
+    The names are empty if the table has no column that names tests. Raise an `InputError` if this
+    column has an empty cell.
     """
     if "test" not in columns.heading.roles:
         return [""] * len(columns.lines)
