@@ -27,8 +27,9 @@ OWN = "Parameters"
 # Some lists state the class name of the nuisance term of each source of noise. The white noise of
 # the readings belongs to no term; this name is stated for it instead.
 NOISE = "ReadingNoise"
-# Order n of the harmonics cos nθ, sin nθ at which the scales τ of ball form and ω of the machine's
-# pattern are stated. The prior sds at other orders are these scales times (n/6)^(−decay).
+# The scale τ of ball form and the scale ω of the machine's pattern (see `MachinePattern`) are prior
+# sds of the harmonics cos nθ, sin nθ of this order n. At other orders, the prior sds are these
+# scales times (n/6)^(−decay).
 FORM_ORDER = 6.0
 # Kinds of prior distribution of a hyper-parameter: half-normal for scales, decay for the power by
 # which the amplitude of form falls with its order, circle for the noise factor λ of one circle.

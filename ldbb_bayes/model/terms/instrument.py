@@ -225,7 +225,7 @@ class ForceError(Term):
         return (*columns, Columns(("force_random",), deflection, random_sd, private=True))
 
     def _sd_by_name(self, instrument: Instrument) -> dict[str, float]:
-        """Return the prior sd of every force error by the name of its coefficient.
+        """Return the prior sds of the force errors; their keys are the names of the coefficients.
 
         The sd comes from the certificate in ``instrument``, or else from the fields of the term.
         The linearity in a certificate is taken as the half-width of a uniform distribution.
