@@ -54,7 +54,7 @@ __all__ = [
 ]
 
 # A shift of the circles' centre in proportion to force is reported if its p-value times the number
-# of axes tested (Bonferroni) is below this.
+# of axes tested in all planes (Bonferroni) is below this.
 SHIFTED = 0.01
 # Largest number of random draws from the posterior from which posterior predictive checks are
 # computed.
@@ -267,23 +267,27 @@ def centre_shift(bound: BoundModel, beta: Array) -> dict[str, float]:
     """Return the machine axes along which the circles' centre shifts in proportion to force.
 
     The shift that one value ``beta`` of the parameters, shape (p,), explains is subtracted first.
-    The result maps each such axis to a p-value, which is that of Student's t-test of the slope of
-    the centre (Fourier coefficients of order 1) over force. An axis is in the result if its p-value
-    times the number of axes tested (Bonferroni) is below 1 %. Only planes with at least four tests
-    and at least three different forces are checked. If an axis belongs to several of these planes,
-    its p-value is that of the last one. ``bound`` is the model, applied to its campaign.
+    The p-value is that of Student's t-test of the slope of the centre (Fourier coefficients of
+    order 1) over force, for each plane and each of its two axes. Only planes with at least four
+    tests and at least three different forces are checked. An axis is in the result if a p-value of
+    it, times the number of all these p-values (Bonferroni), is below 1 %. The result maps the axis
+    to its smallest p-value of all planes. ``bound`` is the model, applied to its campaign.
     """
     residuals = reduced_residuals(bound, machine_coefficients(bound, beta[None])[0])
     harmonics = [matrix_to_harmonics(bound, r) @ residual for r, residual in enumerate(residuals)]
-    p_values: dict[str, float] = {}
+    p_values: dict[tuple[str, str], float] = {}  # by plane and axis
     for plane, _, in_plane in bound.setting.groups_by("plane"):
         force = bound.setting.force_N[in_plane]
         if len(force) < _FEWEST_TESTS or len(np.unique(force)) < _FEWEST_FORCES:
             continue
         for axis, k in zip(PLANES[plane], harmonic_index(1), strict=False):
             centre = np.array([harmonics[r][k] for r in np.flatnonzero(in_plane)])
-            p_values[axis] = _p_value_of_no_slope(force, centre)
-    return {axis: p for axis, p in p_values.items() if p * len(p_values) < SHIFTED}
+            p_values[plane, axis] = _p_value_of_no_slope(force, centre)
+    shifted: dict[str, float] = {}
+    for (_, axis), p in p_values.items():
+        if p * len(p_values) < SHIFTED:
+            shifted[axis] = min(p, shifted.get(axis, 1.0))
+    return shifted
 
 
 def in_order_of_force(bound: BoundModel) -> bool:

@@ -98,8 +98,8 @@ class Concern(Result):
       compliances as polynomials in the force.
     - HYPER: posterior median of the hyper-parameter ``name`` [mm]; quantile of its prior at 99.9 %.
     - CENTRE: p-value of the hypothesis that the circles' centre does not shift along the machine
-      axis ``name`` in proportion to force; limit of this p-value times the number of axes, below
-      which the shift is reported.
+      axis ``name`` in proportion to force; limit of this p-value times the number of axes in all
+      planes, below which the shift is reported.
     - PRIOR: distance of the posterior mean of the parameter ``name`` from the prior mean that the
       user stated; the largest distance expected. Both are in units of the standard deviation of
       this distance if the prior is right.

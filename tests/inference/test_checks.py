@@ -6,11 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from campaigns import oracle_of, plan, simulated
+from campaigns import FORCES_N, HYPER_UM, oracle_of, plan, simulated
 from scipy import stats
 
 import ldbb_bayes as lb
-from ldbb_bayes.inference.checks import TestChecks, autocorrelation, effects_of_failures
+from ldbb_bayes.inference.checks import (
+    TestChecks,
+    autocorrelation,
+    centre_shift,
+    effects_of_failures,
+)
 from ldbb_bayes.inference.fit import Fit, State
 from ldbb_bayes.inference.posterior import fit_of
 from ldbb_bayes.report.wording import check_words
@@ -106,3 +111,30 @@ def test_autocorrelation_of_smoothed_noise_is_seen() -> None:
 def test_a_dead_circle_has_no_autocorrelation() -> None:
     dead = lb.CircularTest(100.0, np.arange(400) * 0.9, np.zeros(400))
     assert autocorrelation(dead) == (0.0, 1.0)
+
+
+def with_moving_centre(campaign: lb.Campaign, plane: str) -> lb.Campaign:
+    """The centre of the circles of one plane moves along X by 0.1 µm per newton."""
+    tests = []
+    for test in campaign.tests:
+        reading = np.asarray(test.reading_um)
+        if test.plane == plane:
+            wave = np.cos(test.angles_rad()) if plane == "XY" else np.sin(test.angles_rad())
+            reading = reading + 0.1 * test.force_N * wave
+        tests.append(test.with_reading_um(reading))
+    return replace(campaign, tests=tuple(tests))
+
+
+@pytest.mark.parametrize("plane", ["XY", "ZX"])
+def test_a_centre_that_moves_in_one_plane_is_seen_beside_others(plane: str) -> None:
+    """X belongs to two planes; a quiet one does not hide the other."""
+    tests = []
+    for name in ("XY", "YZ", "ZX"):
+        for force in FORCES_N:
+            tests.append(lb.CircularTest(force, np.arange(0.0, 360.0, 5.0), plane=name))
+    simulation = MODEL.simulate(lb.Campaign(tests), seed=1, hyper_um=HYPER_UM)
+    bound = MODEL.bind(simulation.campaign)
+    beta = np.array([simulation.parameters[name] for name in bound.names])
+    assert centre_shift(bound, beta) == {}
+    moving = MODEL.bind(with_moving_centre(simulation.campaign, plane))
+    assert list(centre_shift(moving, beta)) == ["X"]
