@@ -186,6 +186,22 @@ def test_neighbouring_forces_are_one_where_that_costs_nothing(half_distance: flo
     assert np.exp((design.value - best) / 3.0) >= 1.0 - 1e-4
 
 
+@pytest.mark.parametrize(
+    ("forces", "counts"),
+    [((1000.0, 1000.5, 2000.0), (3, 0, 0)), ((1000.0, 1000.8, 1001.6), (0, 3, 0))],
+)
+def test_a_start_has_tests_at_forces_that_count_as_different(
+    forces: tuple[float, ...], counts: tuple[int, ...]
+) -> None:
+    """Forces within 0.1 % are one force."""
+    forces_N = np.array(forces)
+    search = Search(objective(polynomial(1, forces_N), Determinant(2)), forces_N, 2, 1)
+    for seed in range(20):
+        start = search._at_enough_forces(np.array(counts), np.random.default_rng(seed))
+        assert start.sum() == 3
+        assert search._is_feasible(start)
+
+
 def test_a_wrong_design_has_no_certificate() -> None:
     x = np.linspace(-1.0, 1.0, 21)
     wanted = objective(polynomial(2, x), Determinant(3))

@@ -318,15 +318,27 @@ class Search:
         """Return a design with tests at enough different forces.
 
         ``counts`` holds the number of tests of each candidate. If all tests are at one force but
-        two forces are needed, ``counts`` is changed: one test is replaced by a random candidate at
-        another force.
+        two forces are needed, one test is replaced by a random candidate at another force. If no
+        candidate differs enough from the force of the other tests, these are moved to the lowest
+        force first.
         """
         if self._is_feasible(counts):
             return counts
-        counts[np.argmax(counts)] -= 1
-        other_forces = np.flatnonzero(self.forces_N != self.forces_N[np.argmax(counts)])
-        counts[rng.choice(other_forces)] += 1
-        return counts
+        others = _with_tests(counts, int(np.argmax(counts)), -1)
+        candidates = self._completing_candidates(others)
+        if not candidates:
+            tests = int(others.sum())
+            others = _with_tests(np.zeros_like(counts), int(np.argmin(self.forces_N)), tests)
+            candidates = self._completing_candidates(others)
+        return _with_tests(others, rng.choice(candidates))
+
+    def _completing_candidates(self, counts: Array) -> list[int]:
+        """Return the candidates of which one more test gives a design enough different forces.
+
+        ``counts`` holds the number of tests of each candidate.
+        """
+        n = self.objective.candidates
+        return [j for j in range(n) if self._is_feasible(_with_tests(counts, j))]
 
     def _number_of_restarts(self, tests: int) -> int:
         """Return how often the search restarts from perturbed designs.
