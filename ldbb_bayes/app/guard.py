@@ -18,6 +18,8 @@ _PAGE_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src"
     " 'self'; frame-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
+# Largest number of digits of the HTTP header Content-Length, which states a length in bytes.
+_MOST_DIGITS = 20
 _HEADERS = {
     b"x-content-type-options": b"nosniff",
     b"referrer-policy": b"same-origin",
@@ -98,7 +100,9 @@ class Guard:
                 "The address must hold its token. Open the one that ldbb-bayes app printed, whole.",
             )
         length = request.headers.get("content-length", "0")
-        if length.isdecimal() and int(length) > LARGEST_FILE:
+        if not length.isdecimal() or len(length) > _MOST_DIGITS:
+            return _Refusal(400, "The length of what is sent must be a number.")
+        if int(length) > LARGEST_FILE:
             return _Refusal(413, f"A file must have at most {LARGEST_FILE // 2**20} MB.")
         return None
 

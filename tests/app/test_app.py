@@ -364,6 +364,21 @@ def test_only_the_page_may_ask(
     assert tab.state()["running"] is False
 
 
+@pytest.mark.parametrize("length", ["many", "-5", "1e3", "1_0", "9" * 5000])
+def test_a_length_that_is_no_number_is_refused(length: str) -> None:
+    """Whatever the server lets through."""
+    answers = []
+
+    async def send(message: dict[str, Any]) -> None:
+        answers.append(message)
+
+    headers = [(b"host", b"127.0.0.1:80"), (b"content-length", length.encode())]
+    path = f"/{TOKEN}/s/key/files/a.csv"
+    scope = {"type": "http", "method": "GET", "path": path, "headers": headers}
+    asyncio.run(server.application(TOKEN, 80)(scope, None, send))  # type: ignore[arg-type]
+    assert answers[0]["status"] == 400
+
+
 @pytest.mark.parametrize(
     ("sent", "stored"),
     [
