@@ -113,8 +113,9 @@ def renamed_keyword(
         @wraps(function)
         def call(*arguments: _Arguments.args, **keywords: _Arguments.kwargs) -> _Result:
             if old in keywords:
+                name = function.__qualname__.removesuffix(".__init__")
                 warnings.warn(
-                    f"The argument {old} of {function.__name__} is now {new}. Use the new name:"
+                    f"The argument {old} of {name} is now {new}. Use the new name:"
                     " version 0.4 will not have the old one.",
                     FutureWarning,
                     stacklevel=2,

@@ -24,6 +24,12 @@ def test_an_old_keyword_is_taken_for_the_new_one_and_warns(recovered: lb.Campaig
     assert table.equals(lb.summarize(posterior, prob=0.5))
 
 
+def test_an_old_keyword_of_a_class_is_taken_for_the_new_one(recovered: lb.Campaign) -> None:
+    with pytest.warns(FutureWarning, match="The argument keep of Evidences is now keep_tests"):
+        evidences = lb.inference.Evidences(recovered, keep=["f036"])  # type: ignore[call-arg]
+    assert evidences.apart()._keep_tests == ["f036"]
+
+
 def test_there_are_at_most_45_public_names() -> None:
     assert len(lb.__all__) <= 45
     assert not set(lb.__all__) & set(NEW_NAMES)

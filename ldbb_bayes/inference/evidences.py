@@ -15,6 +15,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 
 from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.errors import require
 from ldbb_bayes.inference.evidence import check_comparable
 from ldbb_bayes.inference.nodes import Evidence, HyperPosterior, Nodes
@@ -50,7 +51,7 @@ class Evidences(Shown):
         Error allowed in every log evidence [nat].
     progress : callable, optional
         Function called without arguments after each model.
-    keep : sequence of str, optional
+    keep_tests : sequence of str, optional
         Names of the tests to keep. Default: all.
 
     Examples
@@ -65,18 +66,19 @@ class Evidences(Shown):
 
     shown = ("campaign", "tolerance", "every")
 
+    @renamed_keyword("keep", "keep_tests")
     def __init__(
         self,
         campaign: Campaign,
         *,
         tolerance: float = 1e-2,
         progress: Callable[[], object] = _silent,
-        keep: Sequence[str] | None = None,
+        keep_tests: Sequence[str] | None = None,
     ) -> None:
         self.campaign = campaign
         self.tolerance = tolerance
         self.progress = progress
-        self._keep = keep
+        self._keep_tests = keep_tests
         self._nodes: dict[str, Nodes] = {}
         self._related_models: dict[str, RelatedModels] = {}
         self._modes: dict[tuple[Hyper, ...], Array] = {}
@@ -134,7 +136,7 @@ class Evidences(Shown):
         object has found for a model with the same hyper-parameters, if there is one. ``tolerance``
         is the error allowed in every log evidence [nat]; if None, it is that of this object.
         """
-        return self._with_modes(tolerance or self.tolerance, self._keep, self._modes)
+        return self._with_modes(tolerance or self.tolerance, self._keep_tests, self._modes)
 
     def without_test(
         self, test: str, tests: Sequence[str], modes: Mapping[tuple[Hyper, ...], Array]
@@ -152,11 +154,13 @@ class Evidences(Shown):
     def _with_modes(
         self,
         tolerance: float,
-        keep: Sequence[str] | None,
+        keep_tests: Sequence[str] | None,
         modes: Mapping[tuple[Hyper, ...], Array],
         progress: Callable[[], object] = _silent,
     ) -> Evidences:
-        evidences = Evidences(self.campaign, tolerance=tolerance, progress=progress, keep=keep)
+        evidences = Evidences(
+            self.campaign, tolerance=tolerance, progress=progress, keep_tests=keep_tests
+        )
         evidences._modes = dict(modes)
         return evidences
 
@@ -166,7 +170,7 @@ class Evidences(Shown):
 
     def _compute_nodes(self, model: HybridModel) -> Nodes:
         check_comparable(model, self.campaign)
-        bound = BoundModel(model, self.campaign, keep=self._keep)
+        bound = BoundModel(model, self.campaign, keep_tests=self._keep_tests)
         names = bound.hyper_prior.names
         posterior = HyperPosterior(
             bound, truncated=bound.truncation.active, near=self._modes.get(names)

@@ -585,9 +585,10 @@ class BoundModel(Shown):
     ----------
     model : model for any campaign.
     campaign : campaign or plan.
-    keep : names of the tests to use; by default all. The reference force F0, the force range, the
-        region of physical compliances and the estimate Ĉ of the compliances stay those of the whole
-        campaign. So does the choice between one form error for both balls and one for each ball.
+    keep_tests : names of the tests to use; by default all. The reference force F0, the force range,
+        the region of physical compliances and the estimate Ĉ of the compliances stay those of the
+        whole campaign. So does the choice between one form error for both balls and one for each
+        ball.
     pilot : for a plan, the campaign whose F0, force range and Ĉ are used instead of the plan's own.
 
     Attributes
@@ -614,7 +615,7 @@ class BoundModel(Shown):
         model: HybridModel,
         campaign: Campaign,
         *,
-        keep: Sequence[str] | None = None,
+        keep_tests: Sequence[str] | None = None,
         pilot: Campaign | None = None,
     ) -> None:
         _check_levels(model, campaign if pilot is None else pilot)
@@ -644,7 +645,7 @@ class BoundModel(Shown):
         self.truncation = self.physical
         if not model.prior.truncated:
             self.truncation = Truncation(np.zeros((0, len(self.names))))
-        rows = _rows_of_tests(campaign, keep)
+        rows = _rows_of_tests(campaign, keep_tests)
         self.setting: Setting = campaign_setting.select(rows)
         self.reduced = tuple(reduced[r] for r in rows)
         self.test_names = tuple(campaign.tests[r].name for r in rows)
@@ -743,7 +744,7 @@ class BoundModel(Shown):
 
         Reference force, force range and other properties of the whole campaign do not change.
         """
-        return BoundModel(self.model, self.campaign, keep=names, pilot=self.pilot)
+        return BoundModel(self.model, self.campaign, keep_tests=names, pilot=self.pilot)
 
     def with_two_balls(self) -> BoundModel:
         """Return the same model with a separate form error for each ball, not one for their sum.
