@@ -46,7 +46,8 @@ def measure_circularity(posterior: xr.DataTree | Campaign) -> tuple[pd.DataFrame
     pairs : DataFrame
         One row per pair of a clockwise and a counterclockwise test of the same circle. Columns are
         force_N and plane; the bidirectional deviation G_b about the least-squares centre,
-        G_b_minimum_zone about the centre of the minimum zone, and the mean radial deviation D [µm].
+        G_b_minimum_zone about the centre of the minimum zone, and the mean radial deviation D from
+        the nominal radius [µm].
 
     Raises
     ------
@@ -101,7 +102,7 @@ def _measure_pair(pair: _Pair) -> dict[str, Any]:
     The bidirectional deviation G_b is the width of the zone between concentric circles that holds
     the traces of both tests. It is computed about the least-squares centre (``G_b``) and as the
     narrowest such zone (``G_b_minimum_zone``). The mean deviation D is the mean radial deviation of
-    the two tests. All three are in µm.
+    the two tests from the nominal radius. All three are in µm.
     """
     clockwise_angle, clockwise_reading = _trace(pair.clockwise)
     counter_angle, counter_reading = _trace(pair.counterclockwise)

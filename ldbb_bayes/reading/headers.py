@@ -206,9 +206,10 @@ def _find_block(sheet: Sheet, layout: Layout) -> int:
     """Return the index of the row of a sheet at which the numbers of its table begin.
 
     The table begins at the first block of nine rows with equally many cells, at least two of them
-    numbers in each row. A block at the end of the sheet may have fewer rows, but at least two. If
-    the user states the line of the header, only rows below it count. Raise a `NoTableError` if
-    there is no such block within 1000 rows.
+    numbers in each row. A block at the end of the sheet may have fewer rows, but at least two: it
+    is no valid table, but it must not be passed over as a sheet without a table, and is refused
+    later with the number of its readings. If the user states the line of the header, only rows
+    below it count. Raise a `NoTableError` if there is no such block within 1000 rows.
     """
     rows = sheet.rows
     header_line = layout.header_line or 0

@@ -976,7 +976,10 @@ def limit_words(lower: float | None, upper: float | None, factor: float = 1.0) -
     Returns
     -------
     str
+        Limits; empty if there is none.
     """
+    if lower is None and upper is None:
+        return ""
     low = "" if lower is None else _limit_digits(lower * factor)
     high = "" if upper is None else _limit_digits(upper * factor)
     if low == f"−{high}":
@@ -1060,11 +1063,13 @@ def instrument_words(force_N: float, same_instrument: bool) -> str:
 def difference_doubts(
     first: str, other: str, converged: bool, conflict: tuple[str, float] | None
 ) -> tuple[str, ...]:
-    """Return sentences on reasons not to use the differences between two campaigns, if any.
+    """Return English sentences on reasons not to use the differences between two campaigns, if any.
 
     ``first`` and ``other`` are the names of the campaigns. ``converged`` states whether the fit of
-    the other one converged. ``conflict`` is the error of a common instrument about which the
-    campaigns disagree most, and the p-value; None if there is no such error.
+    the other one converged. ``conflict`` is the coefficient of a common instrument about which the
+    campaigns disagree most, and the p-value of their disagreement, multiplied by the number of
+    coefficients compared (Bonferroni); None if no coefficient can be compared. A sentence names the
+    coefficient only if this p-value is below 1 %.
     """
     return _sentences("difference_doubts", first, other, converged, conflict)
 

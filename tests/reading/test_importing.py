@@ -100,6 +100,11 @@ def test_why_a_comma_is_the_decimal_mark(form: str, reason: str, tmp_path: Path)
     assert reasons == {reason}
 
 
+def test_a_short_table_is_refused_with_its_readings_and_not_left_out(tmp_path: Path) -> None:
+    paths = [table(tmp_path / "a 36N.csv", rows=lines(count=5)), table(tmp_path / "b 742N.csv")]
+    refuses("a 36N.csv: test 'a 36N' must have at least 9 readings, got 5", imported, paths)
+
+
 @pytest.mark.parametrize("separator", list(",;\t|"))
 @pytest.mark.parametrize("mark", [b"", b"\xef\xbb\xbf", b"\xfe\xff"])
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-16-le", "utf-16-be", "cp1252"])

@@ -356,6 +356,7 @@ def test_no_probability_reads_0_or_1(probability: float, words: str) -> None:
         (None, 12_000.0, "≤ 12000"),
         (-1e6, 9999.7, "−1000000 to 10000"),
         (0.12345, None, "≥ 0.1235"),
+        (None, None, ""),
     ],
 )
 def test_limits_in_words(lower: float | None, upper: float | None, words: str) -> None:

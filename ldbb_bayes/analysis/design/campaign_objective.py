@@ -81,7 +81,9 @@ def objective_of(
     Returns
     -------
     Objective
-        Objective with the information of every candidate test for each of the K values of φ.
+        Objective with the information of every candidate test for each of the K values of φ. Its
+        ``rows`` have the shape (K, candidates, m, p) and its ``prior`` the shape (K, p, p), with p
+        coefficients, of which the chosen parameters are the last columns, in the given order.
     """
     rows = []
     prior = []
