@@ -42,7 +42,8 @@ def measure_circularity(posterior: xr.DataTree | Campaign) -> tuple[pd.DataFrame
         One row per test. Columns are force_N, direction, plane, radius_mm and arc_deg; G, F_max and
         F_min about the least-squares centre and radius, and G_minimum_zone about the centre of the
         minimum zone [µm]; squareness and scale_mismatch [µm/m], which are not a number for an arc
-        of less than 350°, and for a test of at most 25 readings.
+        of less than 350°, for a test of at most 25 readings, and for readings at too few different
+        angles to tell the Fourier orders apart.
     pairs : DataFrame
         One row per pair of a clockwise and a counterclockwise test of the same circle. Columns are
         force_N and plane; the bidirectional deviation G_b about the least-squares centre,
@@ -124,18 +125,20 @@ def _measure_pair(pair: _Pair) -> dict[str, Any]:
 def _measure_test(bound: BoundModel, test: CircularTest) -> dict[str, Any]:
     """Return the table row of one test, by name of the column.
 
-    The row has the test's conditions and, from its readings, G, F_max, F_min, squareness and scale
-    mismatch.
+    The row has the test's conditions and, from its readings, G, F_max, F_min and G of the minimum
+    zone [µm], squareness and scale mismatch [µm/m]. The last two are not a number for an arc, and
+    for a circle with too few different angles to tell the Fourier orders apart.
     """
     angle, reading = _trace(test)
     zone = least_squares_zone(angle, reading)
     squareness = np.nan
     scale_mismatch = np.nan
     if test.arc_deg >= _FULL_CIRCLE_DEG and len(angle) > SIZE:
-        coefficients = np.linalg.lstsq(basis(angle), reading, rcond=None)[0]
-        factors = second_order_factors(bound, bound.test_names.index(test.name))
-        squareness = coefficients[SIN2] * factors.squareness
-        scale_mismatch = coefficients[COS2] * factors.scale_mismatch
+        coefficients, _, rank, _ = np.linalg.lstsq(basis(angle), reading, rcond=None)
+        if rank == SIZE:
+            factors = second_order_factors(bound, bound.test_names.index(test.name))
+            squareness = coefficients[SIN2] * factors.squareness
+            scale_mismatch = coefficients[COS2] * factors.scale_mismatch
     return {
         "force_N": test.force_N,
         "direction": test.direction,

@@ -214,10 +214,10 @@ class Campaign(CampaignFields):
     def _complete(self, test: CircularTest) -> CircularTest:
         """Return a test with radius, plane, centre, set-up, force and pressure filled in.
 
-        Radius, plane and centre that the test does not state are those of the campaign; the set-up
-        is then number 1. A force or pressure that it does not state follows from the campaign's
-        force law, which is linear in the pressure. Raise an `InputError` if this force is not
-        positive.
+        A radius, plane or centre that the test does not state is that of the campaign, and a
+        set-up that it does not state is number 1. A force or pressure that it does not state is
+        computed from the other one by the campaign's force law, which is linear in the pressure.
+        Raise an `InputError` if the computed force is not positive.
         """
         completed: dict[str, Any] = {
             "radius_mm": self.radius_mm,

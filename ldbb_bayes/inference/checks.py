@@ -233,7 +233,7 @@ def _power_beyond(bound: BoundModel) -> Array:
 
     The orders are Fourier orders. The variances are in mm², shape (tests,). The mean of the Fourier
     coefficients over tests of the same plane, radius and direction of travel is subtracted first: a
-    pattern that the machine repeats is no noise. ``bound`` is the model, applied to its campaign.
+    pattern that the machine repeats is not noise. ``bound`` is the model, applied to its campaign.
     """
     setting = bound.setting
     waves = np.array([_waves_beyond(test) for test in tests_in_order(bound)])

@@ -2,7 +2,8 @@
 
 Parameters of interest are the compliances, their slopes with force and the geometric errors.
 Hyper-parameters are the scales (standard deviations) of the noise and of the other effects, such
-as the form of the balls, and the power by which form falls with its order.
+as the form errors of the balls, and an exponent, the decay. The decay is the power of the order
+(waves per turn) with which the standard deviation of the balls' form errors decreases.
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ class Assumption:
 
 
 class _Entry(NamedTuple):
-    """Assumption without its place, which may be the same for several files or tests."""
+    """Content of an assumption, without its place: several files or tests may share it."""
 
     subject: str
     value: str

@@ -230,9 +230,9 @@ def _decimal_mark_of(
 ) -> str | None:
     """Return the decimal mark of a table, as the layout states it or as found in its cells.
 
-    Return None if no cell has a mark. A mark that is found is added to the log as an assumption if
-    it is a comma, or if it might as well separate thousands. ``cells`` are the line number and the
-    text of every cell with a number.
+    Return None if the layout states no mark and no cell has one. A mark that is found is added to
+    the log as an assumption if it is a comma, or if it might as well separate thousands. ``cells``
+    are the line number and the text of every cell with a number.
     """
     if layout.decimal is not None:
         _note_stated_mark(sheet, cells, layout.decimal, log)

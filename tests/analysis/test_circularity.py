@@ -83,6 +83,15 @@ def test_the_machines_path(topology: str) -> None:
     assert pairs.empty
 
 
+def test_few_angles_read_several_times_have_no_squareness() -> None:
+    """In twelve directions, orders 2 and 10 are one: three laps of them show neither."""
+    angle_deg = np.arange(0.0, 1080.0, 30.0)
+    reading_um = 10.0 * np.sin(2.0 * np.deg2rad(angle_deg))
+    test = lb.CircularTest(100.0, angle_deg=angle_deg, reading_um=reading_um)
+    measured, _ = measure_circularity(lb.Campaign([test]))
+    assert measured[["squareness", "scale_mismatch"]].isna().all(axis=None)
+
+
 @pytest.fixture(scope="module")
 def fitted() -> tuple[lb.Campaign, Any]:
     model = lb.HybridModel.first(2)

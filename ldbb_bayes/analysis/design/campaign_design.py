@@ -253,15 +253,16 @@ class Design(Forecast):
         return self.planned
 
     def expected_table(self) -> pd.DataFrame:
-        """Return a table of the standard deviations that the forecast expects.
+        """Return a table of the expected posterior standard deviations of the parameters.
 
         Returns
         -------
         pandas.DataFrame
             One row per parameter, in internal units (mm, N, rad). ``sd`` is the expected standard
-            deviation, and ``sd_error`` its error. Three columns are for comparison: ``prior_sd`` is
-            the standard deviation of the prior, ``floor_sd`` remains after very many circles, and
-            ``baseline_sd`` is expected of a design in equal steps of force.
+            deviation, and ``sd_error`` its standard error, from the scatter over possible states of
+            the machine. Three columns are for comparison: ``prior_sd`` is the prior standard
+            deviation, ``floor_sd`` is the one that would remain if every test were run very many
+            times, and ``baseline_sd`` is the one expected of a design in equal steps of force.
         """
         columns = ["unit", "prior_sd", "sd", "sd_error", "floor_sd"]
         frame = pd.DataFrame([vars(entry) for entry in self.expected.values()], columns=columns)

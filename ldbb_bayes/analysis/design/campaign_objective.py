@@ -25,8 +25,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["objective_of", "prediction_weight"]
 
-# Elements of the tests' information matrices below this share of the largest element in their
-# column are rounding errors.
+# Elements of a test's matrix G, whose product GᵀG is the information matrix of the test, are
+# rounding errors if they are below this share of the largest element in their column.
 _ROUNDING_ERROR = 1e-12
 # Number of forces over which criterion I averages the variance of predicted compliances. They span
 # the range of force of the pilot (the campaign that a design starts from).
@@ -100,7 +100,7 @@ def objective_of(
 
 
 class _Layout(NamedTuple):
-    """Columns and rows of the tests' information matrices that an objective needs."""
+    """Columns and rows that an objective needs of the tests' matrices G; GᵀG is information."""
 
     columns: NDArray[np.int_]  # indices of the coefficients needed, those of interest last
     rows: NDArray[np.int_]  # indices of rows that are not zero in all tests

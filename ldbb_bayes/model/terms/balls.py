@@ -79,9 +79,10 @@ class BallForm(Term):
     socket. The prior variance of each coefficient is τ² (n/6)^(−2p); at the orders 2 and 3 it is
     larger by (S_work² + S_tool²)/24. S is a ball's deviation from sphericity, peak to valley, which
     its certificate or grade states, or else ``sphericity_um``. The hyper-parameters are τ, the
-    scale at order 6, and p, the power by which form falls with its order. Harmonics that a
-    certificate states have their mean and variance from the certificate. If the field ``law`` is
-    ``1/n``, as in the model's first edition (preset ``first``), the prior sd is τ/n instead.
+    scale at order 6, and p, the power with which form error decreases as its order grows. Harmonics
+    that a certificate states have their mean and variance from the certificate. If the field
+    ``law`` is ``1/n``, as in the model's first edition (preset ``first``), the prior sd is τ/n
+    instead.
 
     As long as the clocking of no ball differs between tests, the forms of the two balls are
     modelled as one sum. Otherwise each ball has its own form: the work ball at θ − ψ_work, and the
@@ -113,8 +114,8 @@ class BallForm(Term):
     def scales(self) -> tuple[Scale, ...]:
         """Hyper-parameters of the balls' form: its scale τ at Fourier order 6, and its decay.
 
-        The decay is the power by which form falls with its order n (waves in a turn). If the field
-        ``law`` is ``1/n``, there is only τ.
+        The decay is the power with which form error decreases as its order n (waves in a turn)
+        grows. If the field ``law`` is ``1/n``, there is only τ.
         """
         tau = Scale("tau", "tau_um", "τ", "ball form")
         return (tau, _DECAY) if self.law == "decay" else (tau,)
