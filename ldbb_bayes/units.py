@@ -183,6 +183,10 @@ def to_inside(text: str, unit: str, subject: str = "value") -> float:
             f"{subject} must be a number with its unit, got {text!r}. Write it in {label}, like 0.5"
             f" {label}."
         )
+    require(
+        math.isfinite(float(match[1])),
+        f"{subject} must be a finite number, got {text!r}. Correct it.",
+    )
     # Round to fifteen digits, so that 60 nm/N is 6e-5 mm/N and not 6.000000000000001e-05.
     return float(f"{float(match[1]) * (written.factor / wanted.factor):.15g}")
 
@@ -344,7 +348,7 @@ def two_digits(value: float | None, factor: float = 1.0) -> str:
 
 def three_digits(value: float) -> str:
     """Return a number with three significant digits as text; from 1000 on, as a whole number."""
-    return f"{value:.3g}" if value < 1000.0 else f"{value:.0f}"
+    return f"{value:.3g}" if value < 999.5 else f"{value:.0f}"
 
 
 def round_like(value: float, decimals: int) -> str:

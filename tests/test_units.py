@@ -152,3 +152,12 @@ def test_stiffness() -> None:
 @pytest.mark.parametrize(("text", "expected"), CASES["typeset"])
 def test_typeset(text: str, expected: str) -> None:
     assert units.typeset(text) == expected
+
+
+@pytest.mark.parametrize(("value", "text"), [(999.4, "999"), (999.7, "1000"), (1234.5, "1234")])
+def test_three_digits_need_no_power_of_ten(value: float, text: str) -> None:
+    assert units.three_digits(value) == text
+
+
+def test_a_quantity_is_finite() -> None:
+    refuses("must be a finite number", units.to_inside, "1e999 mm", "mm")

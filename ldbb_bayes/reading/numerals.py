@@ -120,9 +120,10 @@ def may_be_thousands(key: str, text: str) -> bool:
 def _is_grouped(text: str, mark: str) -> bool:
     """Return whether a whole number has a mark before each group of three digits: 1,000,000.
 
-    ``mark`` is the regular expression of this mark.
+    ``mark`` is the regular expression of this mark. The first group does not begin with a zero:
+    0.310 is no number of thousands.
     """
-    return re.fullmatch(rf"[+\-]?\d{{1,3}}(?:{mark}\d{{3}})+", text) is not None
+    return re.fullmatch(rf"[+\-]?[1-9]\d{{0,2}}(?:{mark}\d{{3}})+", text) is not None
 
 
 def number(cell: str, decimal: str = ".") -> float:

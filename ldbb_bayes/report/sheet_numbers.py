@@ -22,7 +22,14 @@ from ldbb_bayes.model.setting import geometric_errors_of
 from ldbb_bayes.model.terms import BarLength
 from ldbb_bayes.report.findings import Findings
 from ldbb_bayes.report.translation import Words
-from ldbb_bayes.units import display_name, display_unit, is_skewed, state, value_and_uncertainty
+from ldbb_bayes.units import (
+    display_name,
+    display_unit,
+    is_skewed,
+    state,
+    three_digits,
+    value_and_uncertainty,
+)
 
 if TYPE_CHECKING:
     from ldbb_bayes.analysis.verdicts import ParameterIdentifiability
@@ -248,7 +255,7 @@ class SheetNumbers:
             draws = np.maximum(self._draws[compliance.label], 0.5 * smallest)
             sd = float(np.std(1.0 / draws))
         elif high > 0.0:
-            limit = self.words("quantities.at_least", value=f"{1e-3 / high:.3g}")
+            limit = self.words("quantities.at_least", value=three_digits(1e-3 / high))
         else:
             limit = "–"
         return StatedQuantity(

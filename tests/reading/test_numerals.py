@@ -23,6 +23,13 @@ def test_numbers(cells: list[str], decimal: str, values: list[float]) -> None:
     )
 
 
+@pytest.mark.parametrize(("cell", "decimal"), [("0.310", ","), ("0,310", "."), ("007.310", ",")])
+def test_no_thousands_begin_with_a_zero(cell: str, decimal: str) -> None:
+    """With the wrong decimal mark, 0.310 would be read as 310."""
+    with pytest.raises(ValueError):
+        number(cell, decimal)
+
+
 def test_what_is_no_number() -> None:
     for cell in (
         "1,23,4.5",

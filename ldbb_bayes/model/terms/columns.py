@@ -76,7 +76,8 @@ class Source(NamedTuple):
     The factor is hyper · circle · (order/6)^(−decay), with the values of three hyper-parameters.
     Their names are in the fields ``hyper`` (the scale of an effect), ``circle`` (the noise factor λ
     of a circle) and ``decay`` (the power with which form error decreases as its order grows). Where
-    a name is None, that part of the product is 1. ``order`` is the order of the coefficient's harmonic.
+    a name is None, that part of the product is 1. ``order`` is the order of the coefficient's
+    harmonic.
     """
 
     hyper: Hyper | None = None
