@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -70,6 +71,25 @@ def test_a_release_that_fails_changes_nothing(
     assert words in ended.stderr
     assert run(tree, "git", "tag").stdout == ""
     assert run(tree, "git", "status", "--porcelain").stdout == ""
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: lb.sample(None, None, sampler="quadrature"),  # type: ignore[arg-type]
+        lambda: lb.calibrate(None, None, sampler="quadrature"),  # type: ignore[arg-type]
+        lambda: lb.fleet.run_batch([], "fitted", sampler="quadrature", ess=-1.0),
+    ],
+    ids=["sample", "calibrate", "run_batch"],
+)
+def test_the_warning_of_an_earlier_name_shows_the_line_of_the_user(call: Any) -> None:
+    with (
+        pytest.warns(FutureWarning, match="'quadrature' is called") as warned,
+        pytest.raises(lb.InputError),
+    ):
+        call()
+    code = call.__code__
+    assert (warned[0].filename, warned[0].lineno) == (code.co_filename, code.co_firstlineno)
 
 
 def test_an_earlier_name_is_answered_with_a_warning() -> None:

@@ -263,7 +263,7 @@ def calibrate(
     >>> validation.calibrated, validation.outside
     (True, ())
     """
-    sampler = sampler_named(sampler)
+    sampler = sampler_named(sampler, stacklevel=4)
     require_model(model)
     if generator is None:
         generator = model

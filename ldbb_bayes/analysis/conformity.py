@@ -44,7 +44,7 @@ __all__ = [
 
 # The probability that a quantity lies beyond a tolerance limit is the share of posterior draws
 # beyond it, if at least this many draws lie on each side of the limit. Otherwise it is the tail of
-# a normal distribution.
+# a normal distribution, or the share of draws if that is larger.
 _FEWEST_DRAWS = 10
 # Number of posterior draws for which the machine's circular path is computed.
 _PATH_DRAWS = 2000
@@ -111,6 +111,12 @@ def assess_conformity(
     with tolerance limits ``lower`` and ``upper``, given the readings y. By ISO 14253-1 the quantity
     conforms if p is at least ``confidence``. It does not conform if 1 − p is at least
     ``confidence``. Otherwise nothing is decided.
+
+    The probability beyond a limit is the share of the posterior draws beyond it. Where fewer than
+    10 draws lie on one side of the limit, that side has the probability of a normal distribution,
+    but at least the share of the draws and at most 10 / draws. A ``confidence`` above
+    1 − 10 / draws, which is 0.995 for 2000 draws, may therefore rest on a normal distribution, and
+    its tail may be too thin for a skewed posterior. Take more draws for such a confidence.
 
     Parameters
     ----------
@@ -243,7 +249,7 @@ def _decide_by_draws(
     """Return the decision on conformity from the share of posterior draws between the limits.
 
     ``stated`` holds the draws of the quantity, in ``unit``. Where too few draws lie on one side of
-    a limit, the probability beyond the limit is that of a normal distribution; see
+    a limit, the probability of that side follows from a normal distribution; see
     `_tail_probability`.
     """
     draws = stated.values
@@ -260,20 +266,29 @@ def _tail_probability(outside: Array, score: float) -> float:
     """Return the probability that a quantity lies beyond a limit.
 
     The probability is the share of posterior draws beyond the limit. ``outside``, shape (draws,),
-    is true for these draws. If fewer than ``_FEWEST_DRAWS`` draws lie on one side of the limit, the
-    probability is instead the tail of a normal distribution. That side is given at most the
-    probability ``_FEWEST_DRAWS`` / draws. ``score`` is the distance from the limit to the mean in
-    standard deviations, negative if the mean lies inside the limit.
+    is true for these draws. ``score`` is the distance from the limit to the mean in standard
+    deviations, negative if the mean lies inside the limit. If fewer than ``_FEWEST_DRAWS`` draws
+    lie on one side of the limit, the probability of that side follows from a normal distribution;
+    see `_probability_of_few_draws`.
     """
     n = len(outside)
     count = int(outside.sum())
-    if min(count, n - count) >= _FEWEST_DRAWS:
-        return count / n
-    tail = float(ndtr(score))
-    smallest_share = _FEWEST_DRAWS / n
     if count < _FEWEST_DRAWS:
-        return min(tail, smallest_share)
-    return max(tail, 1.0 - smallest_share)
+        return _probability_of_few_draws(count, n, float(ndtr(score)))
+    if n - count < _FEWEST_DRAWS:
+        return 1.0 - _probability_of_few_draws(n - count, n, float(ndtr(-score)))
+    return count / n
+
+
+def _probability_of_few_draws(count: int, n: int, normal_tail: float) -> float:
+    """Return the probability of the side of a limit on which too few of the n draws lie.
+
+    It is the tail of a normal distribution, ``normal_tail``, but at least the share ``count`` / n
+    of the draws on this side, and at most ``_FEWEST_DRAWS`` / n. Without a draw on this side,
+    nothing but the normal distribution speaks for the probability.
+    """
+    largest_share = _FEWEST_DRAWS / n
+    return max(count / n, min(normal_tail, largest_share))
 
 
 def normal_conformity(

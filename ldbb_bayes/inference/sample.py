@@ -174,17 +174,24 @@ def sample(
     )
 
 
-def sampler_named(name: str) -> str:
+def sampler_named(name: str, *, stacklevel: int = 5) -> str:
     """Return the present name of a sampler, "joint" or "independent".
 
-    ``name`` is the present name itself or a former one. Raise an `InputError` for an unknown name.
+    ``name`` is the present name itself or a former one, which gives a FutureWarning. ``stacklevel``
+    is the number of calls from `renamed` to the line that the warning names: 5 if the public
+    function that calls this one has a decorator, 4 if it has none. Raise an `InputError` for an
+    unknown name.
     """
     require(
         name != "emcee",
         "sampler must be joint or independent, got 'emcee'. emcee draws in sampler='joint'.",
     )
     sampler = renamed(
-        "sampler", name, {"quadrature": "independent"}, refused_from="0.3.0", stacklevel=5
+        "sampler",
+        name,
+        {"quadrature": "independent"},
+        refused_from="0.3.0",
+        stacklevel=stacklevel,
     )
     check_known("sampler", [sampler], ("joint", "independent"))
     return sampler

@@ -14,7 +14,13 @@ from campaigns import cases, plan, refuses, simulated
 from scipy import stats
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.conformity import Decision, normal_conformity, stiffness_conformity
+from ldbb_bayes.analysis.conformity import (
+    Decision,
+    _decide_by_draws,
+    _StatedDraws,
+    normal_conformity,
+    stiffness_conformity,
+)
 from ldbb_bayes.analysis.tolerances import Quantity, quantities_of, tolerances_in
 from ldbb_bayes.analysis.usability import Reason, ReasonKind, Use, state_of
 from ldbb_bayes.analysis.verdicts import Verdict
@@ -66,6 +72,38 @@ def test_normal_tail_beyond_the_draws(posterior: Any) -> None:
     ]
     np.testing.assert_allclose([1.0 - far[0], far[1]], stats.norm.sf(6.0), rtol=1e-5)
     assert 1.0 - far[0] > 0.0
+
+
+def _gamma_draws(shape: float) -> Any:
+    """Return 2000 draws that stand at even steps of the probability of a gamma distribution."""
+    return stats.gamma(shape).ppf((np.arange(2000) + 0.5) / 2000)
+
+
+@pytest.mark.parametrize("shape", [5, 10, 30])
+@pytest.mark.parametrize("count", [1, 4, 9, 12])
+def test_a_skewed_tail_has_at_least_the_share_of_its_draws(shape: float, count: int) -> None:
+    limit = float(stats.gamma(shape).isf(count / 2000))
+    stated = _StatedDraws(_gamma_draws(shape), None)
+    above = _decide_by_draws("mm", stated, lb.analysis.Tolerance(upper=limit), 0.999)
+    assert 1.0 - above.probability == pytest.approx(count / 2000, abs=1e-12)
+    below = _decide_by_draws("mm", stated, lb.analysis.Tolerance(lower=limit), 0.999)
+    assert below.probability == pytest.approx(count / 2000, abs=1e-12)
+
+
+def test_a_confidence_beyond_the_draws_is_not_met_by_a_normal_tail() -> None:
+    stated = _StatedDraws(_gamma_draws(10.0), None)
+    limit = float(stats.gamma(10.0).isf(4.5e-3))
+    conformity = _decide_by_draws("mm", stated, lb.analysis.Tolerance(upper=limit), 0.999)
+    assert conformity.decision is Decision.NOT_DECIDED
+
+
+def test_a_side_with_few_draws_has_at_most_the_share_of_ten() -> None:
+    draws = -_gamma_draws(1.0)
+    limit = float(draws.max())  # no draw lies above, and the normal tail there is 16 %
+    conformity = _decide_by_draws(
+        "mm", _StatedDraws(draws, None), lb.analysis.Tolerance(upper=limit), 0.95
+    )
+    assert 1.0 - conformity.probability == pytest.approx(10 / 2000, abs=1e-12)
 
 
 def test_decisions_by_the_guard_band() -> None:
