@@ -15,6 +15,7 @@ from typing import TypeVar
 from xml.etree import ElementTree
 
 from ldbb_bayes.campaign.certificates import CalibrationCertificate, CertifiedQuantity
+from ldbb_bayes.campaign.dsi_units import parse_unit
 from ldbb_bayes.errors import InputError, placed, require
 from ldbb_bayes.files import bytes_of, xml_of
 
@@ -36,7 +37,7 @@ _NO_RESULTS = (
 )
 # Names of the XML elements of a digital calibration certificate that hold one number or a list of
 # numbers, with unit and uncertainty.
-_NUMBER_ELEMENTS = ("real", "realListXMLList", "hybrid/*")
+_NUMBER_ELEMENTS = ("real", "realListXMLList")
 # Names of the XML elements for an expanded uncertainty in version 2 and in version 1 of the D-SI
 # (Digital SI). Each is followed by the name of the element inside it that holds the number.
 _EXPANDED_UNCERTAINTIES = {"expandedMU": "valueExpandedMU", "expandedUnc": "uncertainty"}
@@ -113,12 +114,30 @@ def _quantities_in(
         name = _name_of(element)
         ref_type = element.get("refType", "")
         if element.tag == f"{_DCC}quantity":
-            for path in _NUMBER_ELEMENTS:
-                for number_element in element.iterfind(_SI + path):
-                    yield from _quantities_of(number_element, name, ref_type, holders)
+            for number_element in _number_elements(element):
+                yield from _quantities_of(number_element, name, ref_type, holders)
         elif element.tag.removeprefix(_DCC) not in _NO_RESULTS:
             names = [text for text in (name, ref_type) if text]
             yield from _quantities_in(element, (*holders, *names))
+
+
+def _number_elements(quantity: ElementTree.Element) -> Iterator[ElementTree.Element]:
+    """Yield the XML elements that hold the numbers of a quantity of a certificate.
+
+    An element ``hybrid`` states one quantity in several units; only one of these is yielded.
+    """
+    for tag in _NUMBER_ELEMENTS:
+        yield from quantity.iterfind(_SI + tag)
+    for hybrid in quantity.iterfind(f"{_SI}hybrid"):
+        alternatives = [element for element in hybrid if _words(element, "value")]
+        known = [element for element in alternatives if _has_known_unit(element)]
+        yield from (known or alternatives)[:1]
+
+
+def _has_known_unit(element: ElementTree.Element) -> bool:
+    """Return whether an XML element states a unit for its numbers, and only known units."""
+    units = _words(element, "unit")
+    return bool(units) and all(parse_unit(unit) is not None for unit in units)
 
 
 def _name_of(element: ElementTree.Element) -> str:
@@ -185,20 +204,24 @@ def _quantities_of(
 def _uncertainty_of(element: ElementTree.Element, name: str) -> _Uncertainty:
     """Return the last uncertainty that an XML element states for its numbers.
 
-    A standard uncertainty is returned as an expanded one with k = 1. ``name`` is the name of the
-    quantity for error messages. The lists of the result are empty if no uncertainty is stated.
+    A standard uncertainty is returned as an expanded one with k = 1. An uncertainty without a
+    number is ignored. ``name`` is the name of the quantity for error messages. The lists of the
+    result are empty if no uncertainty is stated.
     """
     uncertainty = _Uncertainty()
     for inner in element.iter():
         tag = inner.tag.removeprefix(_SI).removesuffix("XMLList")
+        stated = _Uncertainty()
         if tag in _EXPANDED_UNCERTAINTIES:
-            uncertainty = _Uncertainty(
+            stated = _Uncertainty(
                 _numbers(inner, _EXPANDED_UNCERTAINTIES[tag], name),
                 _numbers(inner, "coverageFactor", name),
                 _numbers(inner, "coverageProbability", name),
             )
         elif tag in _STANDARD_UNCERTAINTIES:
-            uncertainty = _Uncertainty(_numbers(inner, _STANDARD_UNCERTAINTIES[tag], name), [1.0])
+            stated = _Uncertainty(_numbers(inner, _STANDARD_UNCERTAINTIES[tag], name), [1.0])
+        if stated.U:
+            uncertainty = stated
     return uncertainty
 
 

@@ -70,6 +70,60 @@ def test_of_two_linearities_the_larger_share_of_the_force_counts(tmp_path: Path)
     assert certificate.fields("force")["linearity_percent"] == 1.0
 
 
+BAR_NUMBER = (
+    r"<si:real><si:value>{value}</si:value><si:unit>{unit}</si:unit>"
+    r"<si:measurementUncertaintyUnivariate><si:expandedMU><si:valueExpandedMU>{U}"
+    r"</si:valueExpandedMU><si:coverageFactor>3</si:coverageFactor><si:coverageProbability>0.997"
+    r"</si:coverageProbability></si:expandedMU>{more}</si:measurementUncertaintyUnivariate>"
+    r"</si:real>"
+)
+
+
+def certificate_of_bar(folder: Path, numbers: str) -> lb.campaign.CalibrationCertificate:
+    """Return the German certificate with other XML for the number of the bar's deviation."""
+    text = SCHEIN.read_text("utf-8")
+    start = text.index("<si:real>", text.index("Messwert"))
+    end = text.index("</si:real>", start) + len("</si:real>")
+    path = folder / "schein.xml"
+    path.write_text(text[:start] + numbers + text[end:], "utf-8")
+    return lb.campaign.read_dcc(path)
+
+
+@pytest.mark.parametrize(
+    "units",
+    [
+        (r"\micro\metre", r"\milli\metre"),
+        (r"\milli\metre", r"\micro\metre"),
+        ("µ", r"\micro\metre"),
+    ],
+)
+def test_a_hybrid_is_one_quantity_in_several_units(tmp_path: Path, units: tuple[str, str]) -> None:
+    alternatives = ""
+    for unit in units:
+        micrometres = 1000.0 if unit == r"\milli\metre" else 1.0
+        alternatives += BAR_NUMBER.format(
+            value=0.8 / micrometres, unit=unit, U=0.9 / micrometres, more=""
+        )
+    certificate = certificate_of_bar(tmp_path, f"<si:hybrid>{alternatives}</si:hybrid>")
+    assert len(certificate.quantities) == 8
+    fields = certificate.fields("bar")
+    assert (fields["length_error_um"], fields["U_um"]) == (-0.8, 0.6)
+
+
+def test_a_hybrid_of_unknown_units_is_refused_with_its_first_unit(tmp_path: Path) -> None:
+    alternatives = ""
+    for unit in ("µ", "mu"):
+        alternatives += BAR_NUMBER.format(value=0.8, unit=unit, U=0.9, more="")
+    certificate = certificate_of_bar(tmp_path, f"<si:hybrid>{alternatives}</si:hybrid>")
+    refuses("must be of D-SI .*, got 'µ'", certificate.fields, "bar")
+
+
+def test_an_uncertainty_without_a_number_leaves_the_earlier_one(tmp_path: Path) -> None:
+    empty = "<si:standardMU><si:valueStandardMU/></si:standardMU>"
+    numbers = BAR_NUMBER.format(value=0.8, unit=r"\micro\metre", U=0.9, more=empty)
+    assert certificate_of_bar(tmp_path, numbers).fields("bar")["U_um"] == 0.6
+
+
 def instrument_shown(*arguments: str) -> str:
     """What `check` prints of the instrument."""
     text = CliRunner().invoke(app, ["check", *arguments]).stdout
