@@ -7,7 +7,7 @@ import operator
 import os
 import sqlite3
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager, closing, contextmanager
 from dataclasses import dataclass
@@ -339,16 +339,18 @@ def _count_by_state(journal: sqlite3.Connection) -> dict[str, int]:
 
 
 def _named_campaigns(
-    journal: sqlite3.Connection, column: str, states: tuple[str, ...]
+    journal: sqlite3.Connection, column: str, states: Sequence[str]
 ) -> tuple[dict[str, str], ...]:
     """Return the file path and one more ``column`` of each campaign of a batch in some states.
 
-    ``journal`` is the database with the rows of the batch; ``states`` are one or two states of the
-    fit, such as doubtful, or "failed". At most 10 000 campaigns are returned.
+    ``journal`` is the database with the rows of the batch; ``states`` are states of the fit, such
+    as doubtful, or "failed". At most 10 000 campaigns are returned.
     """
+    marks = ", ".join("?" * len(states))
     query = (
-        "SELECT row FROM campaigns WHERE coalesce(state, status) IN (?, ?) ORDER BY number LIMIT ?"
+        f"SELECT row FROM campaigns WHERE coalesce(state, status) IN ({marks})"
+        " ORDER BY number LIMIT ?"
     )
-    saved = journal.execute(query, (states[0], states[-1], _LONGEST_NAMED))
+    saved = journal.execute(query, (*states, _LONGEST_NAMED))
     rows = [json.loads(row) for (row,) in saved]
     return tuple({"campaign": row["campaign"], column: row[column]} for row in rows)

@@ -173,14 +173,18 @@ def _vertical_range(data: _PanelData) -> tuple[float, float]:
     """Return the lower and upper end of the vertical axis of a panel of a control chart.
 
     All credible intervals of the panel's estimates are within these ends. Control limits beyond the
-    intervals widen the range, by up to half of the range of the intervals on each side.
+    intervals widen the range, by up to half of the range of the intervals on each side. If all
+    intervals are one value, their range counts as large as this value, or as 1 if it is zero.
     """
     low = float(data.interval[0].min())
     high = float(data.interval[1].max())
+    interval_range = high - low
+    if interval_range == 0.0:
+        interval_range = abs(high) or 1.0
     lowest_limit = float(np.nanmin(data.limits[0]))
     highest_limit = float(np.nanmax(data.limits[1]))
-    half_range = 0.5 * (high - low)
-    margin = 0.05 * (high - low)
+    half_range = 0.5 * interval_range
+    margin = 0.05 * interval_range
     bottom = max(min(lowest_limit, low), low - half_range) - margin
     top = min(max(highest_limit, high), high + half_range) + margin
     return bottom, top

@@ -53,6 +53,7 @@ from ldbb_bayes.model.reduction import Reduced, reduce_readings
 from ldbb_bayes.model.rivals import RIVALS, is_rival_of_slopes
 from ldbb_bayes.model.setting import Setting, geometric_errors_of, setting_of
 from ldbb_bayes.model.terms import BasisNoise, CircleScale, Columns, Scale, Term
+from ldbb_bayes.model.terms.columns import Law
 from ldbb_bayes.model.terms.editions import first_edition
 from ldbb_bayes.model.truncation import Truncation
 from ldbb_bayes.results import Array, Result, Shown
@@ -470,8 +471,9 @@ class HybridModel(Result):
         Raises
         ------
         InputError
-            For unknown names, for negative hyper-parameters, and if the prior is flat and no
-            ``parameters`` are given.
+            For unknown names and for hyper-parameters outside their range. If no ``parameters`` are
+            given, also for a flat prior, and for a prior under which hardly any machine is without
+            a negative compliance.
 
         Examples
         --------
@@ -540,21 +542,44 @@ def _draw_hyper_parameters(
     """Return the value of every hyper-parameter by its name; lengths are in mm.
 
     Values given in ``hyper_um`` [µm for lengths] are used. All other hyper-parameters are drawn at
-    random from their priors. Raise an `InputError` for an unknown name or a negative value.
+    random from their priors. Raise an `InputError` for an unknown name or a value out of range.
     """
     prior = bound.hyper_prior
     check_known("hyper-parameter", hyper_um, prior.names)
-    for name, value in hyper_um.items():
-        require(
-            bool(np.isfinite(value) and value >= 0),
-            f"hyper-parameter {name} must be a number ≥ 0 in µm, got {value}. Correct it.",
-        )
+    for name, law, bounds in zip(prior.names, prior.laws, prior.bounds.tolist(), strict=True):
+        if name in hyper_um:
+            _check_hyper_parameter(name, hyper_um[name], law, bounds)
     draw = prior.draw(1, rng)[0]
     units = (1.0 / prior.shown).tolist()
     phi = {}
     for name, value, unit in zip(prior.names, draw, units, strict=True):
         phi[name] = hyper_um.get(name, float(value / unit)) * unit
     return phi
+
+
+def _check_hyper_parameter(name: str, value: float, law: Law, bounds: Sequence[float]) -> None:
+    """Raise an `InputError` if a true hyper-parameter is out of range.
+
+    ``law`` is the kind of its prior. ``value`` is in µm for a length; a decay, which must be within
+    its ``bounds``, and the noise factor of a circle have no unit.
+    """
+    if law == "decay":
+        low, high = bounds
+        require(
+            low <= value <= high,
+            f"hyper-parameter {name} must be a number from {low:g} to {high:g}, got {value}."
+            " Correct it.",
+        )
+    elif law == "circle":
+        require(
+            0.0 < value < np.inf,
+            f"hyper-parameter {name} must be a number > 0, got {value}. Correct it.",
+        )
+    else:
+        require(
+            0.0 <= value < np.inf,
+            f"hyper-parameter {name} must be a number ≥ 0 in µm, got {value}. Correct it.",
+        )
 
 
 @dataclass(frozen=True)

@@ -876,7 +876,10 @@ def design_screen(design: Design) -> tuple[str, ...]:
 
 def design_notes(design: Design) -> tuple[str, ...]:
     """Return notes on a design: what its tests cannot show, remedies, and assumptions."""
-    relative_errors = [expected.sd_error / expected.sd for expected in design.expected.values()]
+    relative_errors = [0.0]
+    for expected in design.expected.values():
+        if expected.sd > 0.0:
+            relative_errors.append(expected.sd_error / expected.sd)
     alike = degeneracy_items(design.limits.degeneracies, design.limits.cures)
     sizes = joined_sizes(design.hyper_um, " ")
     return _sentences("design_notes", design, sizes, max(relative_errors), alike)

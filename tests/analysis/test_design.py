@@ -24,12 +24,13 @@ from ldbb_bayes.analysis.design.candidates import (
     templates,
 )
 from ldbb_bayes.analysis.design.discrimination import discrimination_of
-from ldbb_bayes.analysis.design.forecast import truncated_variances
+from ldbb_bayes.analysis.design.forecast import expected_uncertainties, truncated_variances
 from ldbb_bayes.analysis.design.space import Space
 from ldbb_bayes.analysis.design.states import States, hyper_nodes
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.model.bound_information import information_of
 from ldbb_bayes.model.gaussian import Gaussian
+from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.report.wording import design_notes, design_sentences, with_words
 from ldbb_bayes.results import json_text
 
@@ -650,6 +651,39 @@ def test_intervals_inside_the_truncation_against_simulation() -> None:
     np.testing.assert_allclose(np.sqrt(expected), np.sqrt(np.mean(variances, axis=0)), rtol=0.05)
     untruncated = np.sqrt(np.diag(covariance))[bound.names.index("C_CCY")]
     assert np.sqrt(expected)[bound.names.index("C_CCY")] < 0.85 * untruncated
+
+
+def states_of(bound: BoundModel, states: int) -> States:
+    """Return a number of equal states of the machine, with the prior before the tests."""
+    beta = np.tile([TRUTH.get(name, 0.0) for name in bound.names], (states, 1))
+    prior = Gaussian.of(np.zeros_like(beta), np.tile(bound.prior_sd**2, (states, 1)))
+    return States(np.tile(PHI, (states, 1)), beta, prior)
+
+
+def test_impossible_states_do_not_count_in_expected_variances() -> None:
+    bound = LINEAR.without("force-error").bind(plan((30,) * 4))
+    possible = states_of(bound, 4)
+    covariance = np.tile(np.diag(0.01 * bound.prior_sd**2), (8, 1, 1))
+    covariance[4:] *= 100.0
+    both = states_of(bound, 8)
+    both.beta[4:, bound.names.index("C_XXX")] = -1e-4
+    np.testing.assert_array_equal(
+        truncated_variances(bound, both, covariance, 1),
+        truncated_variances(bound, possible, covariance[:4], 1),
+    )
+
+
+def test_an_expected_variance_of_zero_has_a_finite_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    bound = LINEAR.without("force-error").bind(plan((30,) * 4))
+    p = len(bound.names)
+
+    def vanishing(*_: object) -> tuple[np.ndarray, np.ndarray]:
+        return np.zeros(p), np.full(p, 4e-16)
+
+    monkeypatch.setattr("ldbb_bayes.analysis.design.forecast.truncated_variances", vanishing)
+    covariance = np.tile(np.eye(p), (2, 1, 1))
+    expected = expected_uncertainties(bound, states_of(bound, 2), covariance, np.zeros(p), 1)
+    assert {(entry.sd, entry.sd_error) for entry in expected.values()} == {(0.0, 2e-8)}
 
 
 @pytest.mark.parametrize(

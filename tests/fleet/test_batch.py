@@ -7,11 +7,12 @@ import json
 import os
 import shutil
 import signal
+import sqlite3
 import subprocess
 import sys
 from collections.abc import Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,7 @@ from campaigns import cases, full_disk, plan, refuses, simulated, tidy
 
 import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.fleet.batch import Batch
+from ldbb_bayes.fleet.batch import Batch, _named_campaigns
 from ldbb_bayes.fleet.campaign_row import Job, Settings, fit_row
 from ldbb_bayes.fleet.campaign_statistics import sufficient_statistics
 from ldbb_bayes.fleet.fleet_statistics import fleet_statistics
@@ -163,6 +164,17 @@ def test_what_goes_wrong_stays_in_its_row(folders: list[str], tmp_path: Path) ->
         rows["campaign"][:4].tolist(),
     )
     assert Batch.from_dict(json.loads(json.dumps(record))) == finished
+
+
+@pytest.mark.parametrize("states", [("a",), ("a", "c"), ("a", "b", "c")])
+def test_campaigns_are_named_by_any_number_of_states(states: tuple[str, ...]) -> None:
+    with closing(sqlite3.connect(":memory:")) as journal:
+        journal.execute("CREATE TABLE campaigns (number, status, state, row)")
+        for number, state in enumerate("abcd"):
+            row = json.dumps({"campaign": state, "reason": "none"})
+            journal.execute("INSERT INTO campaigns VALUES (?, 'ok', ?, ?)", (number, state, row))
+        named = _named_campaigns(journal, "reason", states)
+    assert tuple(campaign["campaign"] for campaign in named) == states
 
 
 @pytest.mark.parametrize(

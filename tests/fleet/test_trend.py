@@ -23,6 +23,7 @@ from ldbb_bayes.fleet.change_point import (
     instrument_moments,
     scatter_rule,
 )
+from ldbb_bayes.fleet.control_chart import _PanelData, _vertical_range
 from ldbb_bayes.fleet.control_limits import chart_points
 from ldbb_bayes.fleet.deviations import deviating
 from ldbb_bayes.fleet.trend import Trend
@@ -567,6 +568,15 @@ def test_the_figure(case: str) -> None:
         places = [float(line.get_xdata()[0]) for line in lines]  # type: ignore[index]
         assert places == sorted(places)
     assert "(nm/N)" in visible[0].get_ylabel()
+
+
+@pytest.mark.parametrize("estimate", [50.0, -50.0, 0.0])
+def test_a_panel_of_one_value_has_a_vertical_range(estimate: float) -> None:
+    ends = np.full((2, 3), estimate)
+    zeros = np.zeros(3)
+    data = _PanelData(np.arange(1.0, 4.0), ends[0], ends, ends, zeros > 0.0, zeros)
+    bottom, top = _vertical_range(data)
+    assert bottom < estimate < top
 
 
 def test_scatter_rule_is_a_half_normal() -> None:

@@ -68,6 +68,29 @@ def test_refused(arguments: dict, message: str) -> None:
     refuses(message, lb.HybridModel.first(0).simulate, plan(), seed=1, **arguments)
 
 
+@pytest.mark.parametrize(
+    ("hyper_um", "message"),
+    [
+        ({"sigma": np.nan}, "hyper-parameter sigma must be a number ≥ 0 in µm, got nan. Correct"),
+        (
+            {"decay": 4.0},
+            "hyper-parameter decay must be a number from 0.5 to 3.5, got 4.0. Correct",
+        ),
+        (
+            {"decay": 0.0},
+            "hyper-parameter decay must be a number from 0.5 to 3.5, got 0.0. Correct",
+        ),
+        (
+            {"lambda_f742": 0.0},
+            "hyper-parameter lambda_f742 must be a number > 0, got 0.0. Correct",
+        ),
+    ],
+)
+def test_hyper_parameters_must_be_in_their_range(hyper_um: dict, message: str) -> None:
+    model = lb.HybridModel.default()
+    refuses(message, model.simulate, plan(), seed=1, hyper_um=hyper_um)
+
+
 def test_machines_of_a_flat_prior_must_be_given() -> None:
     message = "parameters must be given when the prior is flat, got none. Pass true values."
     refuses(message, lb.HybridModel.paper(1).simulate, plan(), seed=1)

@@ -121,7 +121,11 @@ def expected_uncertainties(
         bound, states, covariance * np.outer(scale, scale), seed
     )
     sd = np.sqrt(variance)
-    sd_error = 0.5 * variance_error / sd
+    # The error of the sd follows from that of the variance to first order. Where the variance is
+    # zero within its error, it is the sd of a variance that is larger by one standard error.
+    sd_error = np.sqrt(variance_error)
+    is_positive = sd > 0.0
+    sd_error[is_positive] = 0.5 * variance_error[is_positive] / sd[is_positive]
     floor_sd = scale * floor * np.minimum(1.0, sd / untruncated_sd)
     expected = {}
     for k, parameter in enumerate(bound.parameters):
@@ -161,21 +165,18 @@ def truncated_variances(
     Returns
     -------
     variance : Array
-        Mean variance over the states, shape (p,), in internal units.
+        Mean variance over the states that are not left out, shape (p,), in internal units.
     error : Array
         Standard error of the mean variance, shape (p,).
     """
     variance_by_state = np.einsum("kii->ki", covariance)
-    untruncated = variance_by_state.mean(axis=0)
-    change = np.zeros_like(variance_by_state)
     if bound.truncation.active:
         is_possible = bound.truncation.holds(states.beta)
         is_possible |= not is_possible.any()
-        variance_by_state = variance_by_state[is_possible]
         change = _variance_change_by_truncation(bound, states, is_possible, covariance, seed)
-    spread = (variance_by_state + change).std(axis=0)
-    error = spread / np.sqrt(max(len(variance_by_state) - 1, 1))
-    return np.maximum(untruncated + change.mean(axis=0), 0.0), error
+        variance_by_state = variance_by_state[is_possible] + change
+    error = variance_by_state.std(axis=0) / np.sqrt(max(len(variance_by_state) - 1, 1))
+    return np.maximum(variance_by_state.mean(axis=0), 0.0), error
 
 
 def _variance_change_by_truncation(
@@ -194,7 +195,8 @@ def _variance_change_by_truncation(
     states
         K states of the machine before the tests.
     is_possible
-        Mask of the states that are used, shape (K,): those in which no compliance is negative.
+        Mask of the states that are used, shape (K,): those in which no compliance is negative, or
+        all states if there is no such state.
     covariance
         Posterior covariances of the p parameters without truncation, shape (K, p, p), in internal
         units (mm, N, rad).
@@ -230,9 +232,9 @@ def _draw_posterior_means(
     Let m₁ be the mean and P₁ the precision of the p parameters β before the tests, C their
     covariance after the tests, and W = 1 − C P₁. Given β of a state, the posterior mean is normally
     distributed with the mean m₁ + W (β − m₁) and the covariance W C. ``is_possible``, shape (K,),
-    is true for those of the K states in which no compliance is negative; ``covariance`` holds C for
-    each of these. C and the result, shape (draws, possible states, p), are in units of ``scale``,
-    the prior standard deviations.
+    is true for those of the K states in which no compliance is negative, or for all states if there
+    is no such state; ``covariance`` holds C for each of these. C and the result, shape (draws,
+    possible states, p), are in units of ``scale``, the prior standard deviations.
     """
     prior_mean = states.before.mean[is_possible]
     prior_precision = states.before.precision[is_possible] * np.outer(scale, scale)
