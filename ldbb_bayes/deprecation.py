@@ -106,7 +106,7 @@ def renamed_keyword(
     """Return a decorator that lets a function still accept the old name of a renamed argument.
 
     ``old`` and ``new`` are the names of the argument. A call with the old name gives a
-    FutureWarning that states the new one.
+    FutureWarning that states the new one; a call with both names raises a TypeError.
     """
 
     def decorate(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
@@ -120,6 +120,11 @@ def renamed_keyword(
                     FutureWarning,
                     stacklevel=2,
                 )
+                if new in keywords:
+                    raise TypeError(
+                        f"argument {new} of {name} must be given once, got {new} and its old name"
+                        f" {old}. Leave {old} out."
+                    )
                 keywords[new] = keywords.pop(old)
             return function(*arguments, **keywords)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 import ldbb_bayes as lb
-from ldbb_bayes.deprecation import NEW_NAMES
+from ldbb_bayes.deprecation import NEW_NAMES, renamed_keyword
 
 
 @pytest.mark.parametrize(("old", "new"), sorted(NEW_NAMES.items()))
@@ -22,6 +22,18 @@ def test_an_old_keyword_is_taken_for_the_new_one_and_warns(recovered: lb.Campaig
     with pytest.warns(FutureWarning, match="The argument ci_prob of summarize is now prob"):
         table = lb.summarize(posterior, ci_prob=0.5)  # type: ignore[call-arg]
     assert table.equals(lb.summarize(posterior, prob=0.5))
+
+
+def test_an_old_keyword_beside_the_new_one_is_refused() -> None:
+    @renamed_keyword("ci_prob", "prob")
+    def summarize(prob: float) -> float:
+        return prob
+
+    with (
+        pytest.warns(FutureWarning, match="is now prob"),
+        pytest.raises(TypeError, match=r"prob of .*summarize must be given once, .* name ci_prob"),
+    ):
+        summarize(prob=0.5, ci_prob=0.9)  # type: ignore[call-arg]
 
 
 def test_an_old_keyword_of_a_class_is_taken_for_the_new_one(recovered: lb.Campaign) -> None:

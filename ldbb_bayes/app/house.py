@@ -24,7 +24,8 @@ __all__ = ["House"]
 
 MOST_SESSIONS = 32  # largest number of sessions (browser tabs) at the same time
 LOOK_S = 1.0  # time between checks whether sessions (browser tabs) have ended [s]
-# Time without a request from the browser page after which a fit is stopped if another waits [s].
+# Time without a request from the browser page after which a fit is stopped, if the fit of a page
+# that sent requests within this time waits [s].
 ABANDONED_S = 150.0
 _FIT = "from ldbb_bayes.app.worker import main; main()"
 
@@ -76,15 +77,21 @@ class House:
                     shutil.rmtree(folder, ignore_errors=True)
 
     def _stop_abandoned_fits(self) -> None:
-        """Stop fits whose browser page no longer sends requests, if another fit waits."""
-        sessions = self.sessions.values()
-        if not any(session.running and session.process is None for session in sessions):
-            return
-        for session in sessions:
+        """Stop fits whose page no longer sends requests, if the fit of a page that does waits."""
+        abandoned = []
+        is_awaited = False
+        for session in self.sessions.values():
             silence_s = time.monotonic() - session.last_request_s
-            if session.process is not None and silence_s > ABANDONED_S:
-                session.stop()
-                session.outcome = {"refused": session.word("gave_way")}
+            is_silent = silence_s > ABANDONED_S
+            if session.process is not None and is_silent:
+                abandoned.append(session)
+            if session.process is None and session.running and not is_silent:
+                is_awaited = True
+        if not is_awaited:
+            return
+        for session in abandoned:
+            session.stop()
+            session.outcome = {"refused": session.word("gave_way")}
 
     async def fit(self, session: Session) -> None:
         """Write the report of a session (one browser tab) in a separate process.

@@ -145,7 +145,7 @@ def compare(
 
 # ---- options of the command design
 
-# Largest number of steps in a range LO:HI:STEP; more are probably due to a mistyped step.
+# Largest number of values in a range LO:HI:STEP; more are probably due to a mistyped step.
 _MOST_VALUES = 5000
 # Largest rounding error of the number of steps in a range LO:HI:STEP. It is allowed so that the
 # range 0:0.3:0.1 has three steps and ends at 0.3.
@@ -167,12 +167,17 @@ def _read_range(entry: str, flag: str) -> tuple[float, ...]:
             " example 36:742:1 or 36,364,742."
         )
     low, high, step = limits
-    number = (high - low) / step
-    if number > _MOST_VALUES:
+    steps = (high - low) / step
+    if steps > _MOST_VALUES:
         raise InputError(
-            f"{flag} must give at most {_MOST_VALUES} values, got {number:.3g}. Take a longer step."
+            f"{flag} must give at most {_MOST_VALUES} values, got {steps:.3g}. Take a longer step."
         )
-    values_below = math.ceil(number - _ROUNDING)
+    values_below = math.ceil(steps - _ROUNDING)
+    if values_below >= _MOST_VALUES:
+        raise InputError(
+            f"{flag} must give at most {_MOST_VALUES} values, got {values_below + 1}. Take a longer"
+            " step."
+        )
     return (*(low + step * k for k in range(values_below)), high)
 
 

@@ -193,7 +193,7 @@ def _stated_number(
     """Return the number that a line states for a quantity, in the unit of its field.
 
     The number is NaN if it can be read in two ways, such as 1,000. Return None if it belongs to
-    another quantity or has another unit.
+    another quantity, has another unit or is too large to be computed with.
 
     Parameters
     ----------
@@ -221,7 +221,10 @@ def _stated_number(
         return None
     if may_be_thousands(key, match["number"]):
         return LineStatement(math.nan, named, line)
-    return LineStatement(number_in_text(match["number"]) * quantity.units[unit], named, line)
+    value = number_in_text(match["number"])
+    if value is None:
+        return None
+    return LineStatement(value * quantity.units[unit], named, line)
 
 
 def _words_before_number(match: re.Match[str]) -> str:

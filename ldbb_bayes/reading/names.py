@@ -76,21 +76,22 @@ def load_in_name(names: Sequence[str], key: str = "") -> NamedLoad | None:
     names
         Names of test, column, sheet and file; the first that states a load counts.
     key
-        Kind of load, force_N or pressure_bar; empty if any kind is accepted. A force without unit,
-        such as F238, is returned whatever the kind.
+        Kind of load, force_N or pressure_bar; empty if any kind is accepted.
     """
     for name in names:
         text = name[:LONGEST_TEXT]
         written = [load for load in _written_loads(text) if key in ("", load.key)]
         after_f = _FORCE_AFTER_F.findall(text)
-        if not written and len(after_f) == 1:
+        if not written and len(after_f) == 1 and key in ("", "force_N"):
             return NamedLoad("force_N", float(after_f[0]), name)
         if len(written) != 1 or _AMBIGUOUS_LOAD.search(name):
             continue
         load = written[0]
         if load.key == "force_N" and may_be_thousands(load.key, load.text):
             continue
-        return NamedLoad(load.key, abs(number_in_text(load.text)) * load.unit_size, name)
+        value = number_in_text(load.text)
+        if value is not None:
+            return NamedLoad(load.key, abs(value) * load.unit_size, name)
     return None
 
 

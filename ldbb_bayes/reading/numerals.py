@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
@@ -135,14 +136,15 @@ def number(cell: str, decimal: str = ".") -> float:
     Raises
     ------
     ValueError
-        For a text that is no number, such as nan, and for a misplaced mark, as in 1,23.4.
+        For a text that is no number, such as nan, for a number too large to be computed with, such
+        as 1e999, and for a misplaced mark, as in 1,23.4.
     """
     has_digit = re.search(r"\d", cell) is not None
     if "_" in cell or not has_digit:  # Python would read 1_000 and nan as numbers
         raise ValueError(cell)
     if decimal == ".":
         with suppress(ValueError):
-            return float(cell)
+            return _finite_number(cell)
     text = cell.strip().translate(_MINUS_SIGNS)
     whole, decimal_if_present, fraction = text.partition(decimal)
     for mark in (_GAP, re.escape(OTHER_MARK[decimal])):
@@ -153,14 +155,27 @@ def number(cell: str, decimal: str = ".") -> float:
                 raise ValueError(cell)
             whole = re.sub(mark, "", whole)
     point = decimal_if_present.replace(decimal, ".")
-    return float(f"{whole}{point}{fraction}".replace("D", "E").replace("d", "e"))
+    return _finite_number(f"{whole}{point}{fraction}".replace("D", "E").replace("d", "e"))
 
 
-def number_in_text(text: str) -> float:
-    """Return the number that a text consists of; a comma or a point is its decimal mark."""
-    if "," in text:
-        return number(text, ",")
-    return number(text)
+def _finite_number(text: str) -> float:
+    """Return the number that a text states; raise a ValueError if Python reads it as infinite."""
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(text)
+    return value
+
+
+def number_in_text(text: str) -> float | None:
+    """Return the number that a text consists of; a comma or a point is its decimal mark.
+
+    Return None for a number too large to be computed with, such as 1e999.
+    """
+    decimal = "," if "," in text else "."
+    try:
+        return number(text, decimal)
+    except ValueError:
+        return None
 
 
 def numbers_in(

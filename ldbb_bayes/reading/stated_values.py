@@ -151,7 +151,7 @@ def _uncertain_evidence(recording: Recording, key: str) -> list[_Evidence]:
         evidence.append(_Evidence(statement.value, source, _ROUNDED_IN_LINE))
     if key in LOAD_ROLES:
         load = load_in_name(recording.names(), key)
-        if load is not None and load.key == key:
+        if load is not None:
             evidence.append(_Evidence(load.value, f"the name {load.name!r}", _ROUNDED_IN_NAME))
     if key == "radius_mm":
         radius = radius_in_name(recording.names())

@@ -72,10 +72,13 @@ class StatedQuantity:
         Name of the quantity in words.
     symbol
         Symbol of the quantity.
-    mean, sd, interval
-        Estimate, standard uncertainty and credible interval, in the internal unit (mm, N, rad).
+    estimate, sd, interval
+        Estimate, standard uncertainty and credible interval, in ``unit``. The estimate is the mean
+        of a parameter, the inverse of a compliance's median for a stiffness, and the median of a
+        circular deviation.
     unit
-        The internal unit.
+        Unit of these numbers: that of a parameter or stiffness in mm, N and rad, and um for a
+        circular deviation.
     entry
         Verdict on how far the readings determine the quantity. For a stiffness it is the verdict on
         the compliance. None for a quantity that is computed from several parameters.
@@ -88,7 +91,7 @@ class StatedQuantity:
 
     words: str
     symbol: str
-    mean: float
+    estimate: float
     sd: float
     interval: tuple[float, float]
     unit: str
@@ -100,11 +103,11 @@ class StatedQuantity:
         """Return value and expanded uncertainty (k = 2), in the unit shown on the sheets."""
         if self.limit:
             return ValueAndU(self.limit, "–")
-        if is_skewed(self.mean, self.interval):
-            statement = state(self.mean, self.sd, self.interval, self.unit)
+        if is_skewed(self.estimate, self.interval):
+            statement = state(self.estimate, self.sd, self.interval, self.unit)
             return ValueAndU(statement.value, statement.expanded)
         factor, _ = display_unit(self.unit)
-        value, expanded = value_and_uncertainty(self.mean * factor, 2.0 * self.sd * factor)
+        value, expanded = value_and_uncertainty(self.estimate * factor, 2.0 * self.sd * factor)
         return ValueAndU(value.replace("-", "−"), expanded)
 
     @property
@@ -177,7 +180,7 @@ class SheetNumbers:
             stated[parameter.name] = StatedQuantity(
                 words=self._quantity_words(name, parameter.degree),
                 symbol=display_name(parameter.name),
-                mean=summary["mean"],
+                estimate=summary["mean"],
                 sd=summary["sd"],
                 interval=(summary["ci_low"], summary["ci_high"]),
                 unit=parameter.unit,
@@ -261,7 +264,7 @@ class SheetNumbers:
         return StatedQuantity(
             words=self.words("quantities.stiffness", axis=compliance.joint),
             symbol=f"1 / {compliance.label}",
-            mean=1.0 / median,
+            estimate=1.0 / median,
             sd=sd,
             interval=(1.0 / high, 1.0 / low),
             unit="N/mm",
@@ -304,7 +307,7 @@ class SheetNumbers:
             stated[symbol] = StatedQuantity(
                 words=self.words(f"quantities.{row['quantity']}", plane=where),
                 symbol=row["quantity"],
-                mean=row["median"],
+                estimate=row["median"],
                 sd=row["sd"],
                 interval=(row["ci_low"], row["ci_high"]),
                 unit="um",

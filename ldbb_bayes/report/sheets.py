@@ -230,7 +230,7 @@ def _table_with_intervals(numbers: SheetNumbers, quantities: Sequence[StatedQuan
     words = numbers.words
     rows = []
     for quantity in quantities:
-        statement = state(quantity.mean, quantity.sd, quantity.interval, quantity.unit)
+        statement = state(quantity.estimate, quantity.sd, quantity.interval, quantity.unit)
         interval = words("interval", low=statement.ends[0], high=statement.ends[1])
         rows.append(
             (

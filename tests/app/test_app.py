@@ -22,7 +22,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 import uvicorn
@@ -32,6 +33,7 @@ import ldbb_bayes as lb
 from ldbb_bayes.analysis.design.discrimination import DECISIVE
 from ldbb_bayes.app import fields, planning, server, templates, understanding, worker
 from ldbb_bayes.app.desk import Desk
+from ldbb_bayes.app.house import House
 from ldbb_bayes.app.session import Session
 from ldbb_bayes.app.worth import effects_of_certificates
 
@@ -620,6 +622,26 @@ def test_a_fit_of_a_silent_page_gives_way(
     assert processes("ldbb_bayes.app.worker") != [first]
     assert "another fit was waiting" in tab.state()["outcome"]["refused"]
     assert other.ask("POST", "cancel")[0] == 200
+
+
+def test_a_fit_gives_way_only_to_a_page_that_is_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("ldbb_bayes.app.house.ABANDONED_S", 1.0)
+    pages = House(tmp_path, cast(Desk, None))
+    fitting = pages.begin("en")
+    waiting = pages.begin("en")
+    assert fitting is not None
+    assert waiting is not None
+    fitting.process = cast(Any, SimpleNamespace(returncode=0))
+    waiting.task = cast(Any, SimpleNamespace(done=lambda: False))
+    fitting.last_request_s -= 10.0
+    waiting.last_request_s -= 10.0
+    pages._stop_abandoned_fits()
+    assert fitting.outcome == {}
+    waiting.last_request_s = time.monotonic()
+    pages._stop_abandoned_fits()
+    assert "another fit was waiting" in fitting.outcome["refused"]
 
 
 def processes(word: str) -> list[int]:

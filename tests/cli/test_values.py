@@ -26,6 +26,13 @@ def test_a_range_has_each_end_once(entry: str, values: tuple[float, ...]) -> Non
     assert _read_range(entry, "--forces-N") == pytest.approx(values, rel=1e-12)
 
 
+def test_a_range_has_at_most_5000_values() -> None:
+    assert len(_read_range("1:5000:1", "--forces-N")) == 5000
+    message = "--forces-N must give at most 5000 values, got 5001. Take a longer step."
+    refuses(message, _read_range, "0:5000:1", "--forces-N")
+    refuses("got 5001", _read_range, "0:4999.5:1", "--forces-N")
+
+
 def test_a_range_ends_exactly() -> None:
     assert _read_range("0:0.3:0.1", "--forces-N")[-1] == 0.3
 

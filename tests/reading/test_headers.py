@@ -64,6 +64,18 @@ def test_a_load_in_a_name(name: str, bar: str, newton: str) -> None:
     assert load_in_name(["3.5bar 238N"], "pressure_bar") == ("pressure_bar", 3.5, "3.5bar 238N")
 
 
+def test_a_load_is_of_the_kind_that_is_asked_for() -> None:
+    names = ["F238", "2.5 bar"]
+    assert load_in_name(names, "pressure_bar") == ("pressure_bar", 2.5, "2.5 bar")
+    assert load_in_name(names, "force_N") == ("force_N", 238.0, "F238")
+    assert load_in_name(["F238"], "pressure_bar") is None
+
+
+def test_a_load_too_large_to_be_computed_with_is_none() -> None:
+    assert load_in_name(["1e999 N", "238 N"]) == ("force_N", 238.0, "238 N")
+    assert "force_N" not in statements_in([(1, "Force: 1e999 N")])
+
+
 @pytest.mark.parametrize(("name", "radius", "plane", "number"), CASES["places"])
 def test_radius_and_plane_in_a_name(name: str, radius: str, plane: str, number: str) -> None:
     radius_mm = radius_in_name(["36 N", name])

@@ -62,6 +62,8 @@ def test_what_is_no_number() -> None:
         ("nan", "."),
         ("inf", "."),
         ("NaN", ","),
+        ("1e999", "."),
+        ("1e999", ","),
     ],
 )
 def test_marks_after_the_decimal_mark_and_words_are_no_number(cell: str, decimal: str) -> None:
