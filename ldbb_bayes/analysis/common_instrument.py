@@ -143,7 +143,7 @@ def _share_hypers(bounds: Sequence[BoundModel], phi: Sequence[Array]) -> list[Ar
     """Return the hyper-parameters of both campaigns, with common values for the instrument.
 
     The hyper-parameters of the instrument, the scale of the balls' form errors and its decay, are
-    replaced by their means over both campaigns.
+    replaced by their means over both campaigns, if both campaigns have them.
     """
     shared = [values.copy() for values in phi]
     for name in _INSTRUMENT_HYPERS:

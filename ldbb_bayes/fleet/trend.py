@@ -460,9 +460,9 @@ def _visits(
     """Return the campaigns of a trend, each with the probability of a change just before it.
 
     The probability is zero for the first campaign. ``names`` and ``dates`` are those of the n
-    campaigns. ``step_probabilities``, shape (r, n − 1, p), are the posterior probabilities of a
-    step of each of p parameters just before each campaign but the first, for each of r values of
-    the machine's scatter from campaign to campaign.
+    campaigns. ``step_probabilities``, shape (r, n − 1, p), are the joint posterior probabilities of
+    a step of each of p parameters just before each campaign but the first, and of each of r values
+    of the machine's scatter from campaign to campaign.
     """
     change_before = [0.0, *step_probabilities.sum(axis=(0, 2)).tolist()]
     return tuple(map(Visit, names, dates, change_before))
@@ -504,8 +504,9 @@ def _parameter_change(
     posteriors
         Gaussians of levels, instrument errors and step under every hypothesis, see `hypotheses`.
     step_probabilities
-        Posterior probabilities of a step of this parameter just before each campaign but the first,
-        for each of r values of the machine's scatter from campaign to campaign, shape (r, n − 1).
+        Joint posterior probabilities of a step of this parameter just before each campaign but the
+        first, and of each of r values of the machine's scatter from campaign to campaign, shape
+        (r, n − 1).
     levels
         Values of all parameters at the last campaign.
     chart
@@ -594,9 +595,9 @@ def _estimates(
     chart
         Points and limits of the control chart, in units of the parameters' prior sds.
     step_probabilities
-        Posterior probability of a step of each parameter just before every campaign but the first,
-        for each of r values of the machine's scatter from campaign to campaign, shape (r, n − 1,
-        p).
+        Joint posterior probabilities of a step of each parameter just before each campaign but the
+        first, and of each of r values of the machine's scatter from campaign to campaign, shape
+        (r, n − 1, p).
     prob
         Probability of the credible intervals.
     """

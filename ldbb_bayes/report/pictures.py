@@ -21,7 +21,7 @@ __all__ = ["PICTURES", "DrawnPicture", "Picture", "picture"]
 _REFERENCE = re.compile(r'(\bid="|xlink:href="#|url\(#)')
 _PROLOGUE = re.compile(r"^.*?(?=<svg)|<metadata>.*?</metadata>\s*", re.DOTALL)
 _COORDINATES = re.compile(r' (?:d|x|y|points)="[^"]*"')
-_DIGITS = re.compile(r"(\.\d\d)\d+")
+_LONG_NUMBER = re.compile(r"-?\d+\.\d{3,}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,8 +65,12 @@ def _draw_svg(figure: Figure) -> str:
 
 
 def _round_coordinates(match: re.Match[str]) -> str:
-    """Return the matched coordinates of an SVG figure, cut to two decimals."""
-    return _DIGITS.sub(r"\1", match[0])
+    """Return the matched coordinates of an SVG figure, rounded to two decimals."""
+    return _LONG_NUMBER.sub(_round_number, match[0])
+
+
+def _round_number(match: re.Match[str]) -> str:
+    return f"{float(match[0]):.2f}"
 
 
 class DrawnPicture(NamedTuple):

@@ -24,6 +24,7 @@ from ldbb_bayes.inference.posterior import campaign_of
 from ldbb_bayes.report import figures
 from ldbb_bayes.report.figures import FIGURES, corner, save_figures
 from ldbb_bayes.report.figures.parameter_figures import WORDS
+from ldbb_bayes.report.pictures import Picture
 from ldbb_bayes.report.text import parts_of
 from ldbb_bayes.units import display_name, display_unit, plus_minus, round_uncertainty
 
@@ -189,6 +190,31 @@ def test_saved_in_both_formats_in_the_unit_of_the_tables(
         assert text.startswith("<?xml")
         assert "nm/N" in text
         assert "µm/N" not in text
+
+
+@pytest.mark.parametrize("extension", ["png", "svg", "pdf"])
+def test_a_figure_always_gives_the_same_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, extension: str
+) -> None:
+    contents = []
+    for day in (1, 2):
+        monkeypatch.setenv("SOURCE_DATE_EPOCH", str(86_400 * day))
+        figure = Figure()
+        figure.subplots().plot([1.0, 2.0], label="°")
+        (path,) = lb.figures.save_figure(figure, tmp_path, "line", formats=[extension])
+        contents.append(path.read_bytes())
+    assert contents[0] == contents[1]
+    assert b"CreationDate" not in contents[0]
+
+
+def test_coordinates_of_pictures_are_rounded() -> None:
+    figure = Figure(figsize=(1.0, 1.0), dpi=72)
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.set_axis_off()
+    axes.set(xlim=(0.0, 72.0), ylim=(72.0, 0.0))
+    axes.plot([10.0, 11.4567, 50.5], [20.0, 22.2389, 33.0])
+    svg = Picture("line", "A line", figure).svg
+    assert re.search(r"M 10 20 \s*L 11\.46 22\.24 \s*L 50\.5 33", svg)
 
 
 def test_choice_of_parameters(posterior: xr.DataTree) -> None:

@@ -50,6 +50,8 @@ _TERM_COLOURS = {
     "Parameters": LIGHT,
 }
 _SPARE = ("#882255", "#44AA99", "#999933", "#332288")
+# Metadata of Matplotlib that leave the date out of a file, by its format; PNG files have no date.
+_NO_DATE: dict[str, dict[str, Any]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
 _STYLE = mpl.rc_params_from_file(
     Path(__file__).with_name("figures.mplstyle"), use_default_template=False
 )
@@ -236,7 +238,7 @@ def save_figure(
 ) -> list[Path]:
     """Write one figure into a folder, in one file for each format.
 
-    The same figure always gives PNG and SVG files with the same bytes.
+    The same figure always gives files with the same bytes.
 
     Parameters
     ----------
@@ -265,7 +267,7 @@ def save_figure(
     files = []
     for extension in formats:
         path = folder / f"{name}.{extension}"
-        metadata = {"Date": None} if extension == "svg" else None
+        metadata = _NO_DATE.get(extension)
         with mpl.rc_context({"svg.hashsalt": "ldbb"}):
             figure.savefig(path, format=extension, dpi=160, metadata=metadata)
         files.append(path)
