@@ -259,7 +259,7 @@ class Comparison(Result):
     #: number of evidences whose quadrature weights cannot be trusted, so that their errors are
     #: infinite; the field has the name of an older version, for programs that read the JSON file
     by_emcee: int = 0
-    #: probabilities of slopes (compliances that change with force) and of rival explanations of the
+    #: probabilities of slopes (changes of compliance with force) and of rival explanations of the
     #: same change of the readings, such as a nonlinear mount. It is None unless two conditions
     #: hold: the second model is the first with slopes added, and it has rival explanations.
     explanations: Explanations | None = None

@@ -1,7 +1,7 @@
-"""Slopes compared with rival explanations of a change of the readings with force.
+"""Slopes compared with rival explanations of why compliance seems to change with force.
 
 Slopes of the compliances, load on the joints, a nonlinear mount and a nonlinear force device may
-each explain why readings change with force. Every combination of them is a model. All models have
+each explain why the readings do not grow in proportion to force. Every combination of them is a model. All models have
 the same prior probability, and their evidences give the posterior probabilities.
 """
 
@@ -22,17 +22,17 @@ from ldbb_bayes.units import ranked
 
 __all__ = ["Explained", "Explanations", "compare_explanations", "subsets"]
 
-# Name of the slopes (compliances that change with force) among the explanations of a change of the
-# readings with force.
+# Name of the slopes (changes of compliance with force) among the explanations of why the compliance
+# seems to change with force.
 _SLOPES = "slopes"
-# The readings support slopes (compliances that change with force) if the log Bayes factor of slopes
+# The readings support slopes (changes of compliance with force) if the log Bayes factor of slopes
 # over no slopes is above this [nat].
 _ASKING = 1.0
 
 
 @dataclass(frozen=True)
 class Explained:
-    """One combination of explanations of a change of the readings with force."""
+    """One combination of explanations of why compliance seems to change with force."""
 
     by: tuple[str, ...]  #: names of the explanations that are combined, such as "slopes"
     log_evidence: float  #: log evidence of the model with this combination [nat]
@@ -42,17 +42,17 @@ class Explained:
 
 @dataclass(frozen=True)
 class Explanations:
-    """All combinations of explanations of a change of the readings with force.
+    """All combinations of explanations of why compliance seems to change with force.
 
     Every combination has the same prior probability.
     """
 
     inclusion_probability: dict[str, float]  #: posterior probability of each explanation
     models: tuple[Explained, ...]  #: all combinations of explanations, the most probable first
-    #: log Bayes factor of slopes (compliances that change with force) over no slopes, averaged over
+    #: log Bayes factor of slopes (changes of compliance with force) over no slopes, averaged over
     #: all combinations of the rival explanations
     averaged: Assumed
-    #: log Bayes factor of slopes (compliances that change with force) over no slopes in models
+    #: log Bayes factor of slopes (changes of compliance with force) over no slopes in models
     #: without rival explanations
     alone: Assumed
 

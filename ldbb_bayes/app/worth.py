@@ -48,8 +48,8 @@ def effects_of_certificates(folder: Path, choices: Mapping[str, str]) -> dict[st
         ``today``: a row for every parameter with its U, given the certificates that are stated now.
         ``effects``: the name of each new certificate and rows for the largest reductions of U, by
         the part of the instrument that the certificate would cover; the key ``all`` is for all
-        certificates together. At most four reductions are listed, each of more than 5 %. Rows are
-        those of `uncertainty_change`.
+        certificates together. At most four reductions are listed for each certificate, each of more
+        than 5 %. Rows are those of `uncertainty_change`.
 
     Raises
     ------

@@ -27,7 +27,7 @@ from ldbb_bayes.results import Passage, parts_of
 
 __all__ = ["compare", "design", "identify", "validate"]
 
-# Names of the models whose compliance is a polynomial in force of the degree 0, 1 and 2.
+# Names of the models whose compliance is a polynomial in force of degree 0, 1 or 2.
 _DEGREES = ("constant", "linear", "quadratic")
 # Columns of the file parameters.csv that the command identify writes, besides the parameter's name.
 _PARAMETER_COLUMNS = ["unit", "prior_sd", "sd", "contraction", "information_gain", "verdict"]

@@ -341,10 +341,11 @@ def _count_by_state(journal: sqlite3.Connection) -> dict[str, int]:
 def _named_campaigns(
     journal: sqlite3.Connection, column: str, states: Sequence[str]
 ) -> tuple[dict[str, str], ...]:
-    """Return the file path and one more ``column`` of each campaign of a batch in some states.
+    """Return the file path, and the value in ``column``, of the campaigns in the given states.
 
-    ``journal`` is the database with the rows of the batch; ``states`` are states of the fit, such
-    as doubtful, or "failed". At most 10 000 campaigns are returned.
+    ``states`` are states of the fit, such as doubtful; "failed" stands for campaigns that could not
+    be fitted. ``column`` is a column of the batch's table, such as ``verdict``. ``journal`` is the
+    database with the rows of the batch. At most 10 000 campaigns are returned.
     """
     marks = ", ".join("?" * len(states))
     query = (

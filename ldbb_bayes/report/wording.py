@@ -490,7 +490,11 @@ def quality_words(quality: Mapping[str, Any]) -> str:
 
 
 def sampler_words(sampler: Mapping[str, Any]) -> str:
-    """Return a sentence on whether the sampler reached its target, from the sampler's record."""
+    """Return a sentence on whether the sampler converged, with the number of its draws.
+
+    It converged if the draws reached the effective number that was asked for. The sentence also
+    states this number, and R-hat. ``sampler`` is the JSON record of the sampler.
+    """
     return _sentence("sampler_words", sampler)
 
 
