@@ -154,6 +154,7 @@ def test_the_package_itself_loads_no_library() -> None:
     assert output.strip() == "False"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "command",
     [["--help"], ["check", str(CAMPAIGN)], ["machine", "wCAFYXZSt"]],

@@ -120,6 +120,7 @@ def test_arguments_and_fields_are_documented(name: str) -> None:
     assert missing == set()
 
 
+@pytest.mark.slow
 def test_json_has_the_keys_of_the_reference(root: Path, recovered: lb.Campaign) -> None:
     fit = (
         (root / "docs/reference/json.md")

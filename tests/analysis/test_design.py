@@ -357,6 +357,7 @@ def test_a_certificate_may_fail(pilot: lb.Campaign, monkeypatch: pytest.MonkeyPa
     assert not lb.design(LINEAR, pilot, tests=4, forces_N=THREE).certificate.holds
 
 
+@pytest.mark.slow
 def test_a_plan_for_a_model_with_drift(pilot: lb.Campaign) -> None:
     """At the pilot's pace, or at its mean temperature; the plan is one that the model can be asked
     about."""

@@ -517,6 +517,7 @@ def pause(seconds: float, folder: Path) -> dict[str, Any]:
     return {"slept": seconds}
 
 
+@pytest.mark.slow
 def test_a_bomb_is_refused(tab: Tab) -> None:
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:

@@ -98,6 +98,7 @@ def refuse(name: str) -> None:
     raise AssertionError(name)
 
 
+@pytest.mark.slow
 def test_fit_and_summarize(folder: Path, tmp_path: Path, invoke: Invoke) -> None:
     out = tmp_path / "r"
     limits = ("--tolerance", "C_XXX=60 nm/N", "--tolerance", "E_C(0Y)X=20µrad")

@@ -52,6 +52,7 @@ def comparison(tmp_path_factory: pytest.TempPathFactory, compared: Comparison) -
     return folder
 
 
+@pytest.mark.slow
 def test_everything_written(result: Path, comparison: Path, tmp_path: Path, invoke: Invoke) -> None:
     out = tmp_path / "out"
     limits = ("--tolerance", "C_XXX=60 nm/N", "--tolerance", "stiffness_Y=18N/um")

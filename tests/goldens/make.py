@@ -516,7 +516,7 @@ def _words(page: str) -> str:
     return html.unescape(re.sub(r"<[^>]*>", "", page))
 
 
-@golden()
+@golden(slow=True)
 def _batch(work: Work) -> Any:
     out, printed = work.batch
     rows = lb.fleet.read_batch(out)
@@ -535,7 +535,7 @@ def _batch(work: Work) -> Any:
     return {"said": printed, "columns": condensed(columns), "first": first, "rows": by_campaign}
 
 
-@golden()
+@golden(slow=True)
 def _trend(work: Work) -> Any:
     options = (
         work.batch[0],
@@ -549,7 +549,7 @@ def _trend(work: Work) -> Any:
     return work.run("trend", *options, "--json") | {"text": work.run("trend", *options)}
 
 
-@golden()
+@golden(slow=True)
 def _population(work: Work) -> Any:
     options = (work.batch[0], "--parameters", "C_XXX,C_YYY,C_XYX", "--include-misfits", "--quiet")
     return work.run("population", *options, "--json") | {"text": work.run("population", *options)}

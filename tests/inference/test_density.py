@@ -58,6 +58,7 @@ def test_densities_are_the_oracles(edition: str, rng: np.random.Generator) -> No
     assert dict(zip(density.names, density.units, strict=True))["C_CCY"] == "rad/(N mm)"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MODELS)
 def test_prior_transform_gives_draws_of_the_prior(name: str, rng: np.random.Generator) -> None:
     """Those that rejection leaves of normal draws; of the scales by their laws."""

@@ -76,6 +76,7 @@ def check_moments(draws: np.ndarray, mean: np.ndarray, sd: np.ndarray) -> None:
     np.testing.assert_allclose(draws.std(axis=0) / sd, 1.0, atol=6.0 * standard_error)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("truncated", "few_inside", "size"), [(False, 0.0, 6000), (True, 0.0, 6000), (True, 1.0, 1500)]
 )

@@ -50,6 +50,7 @@ def posterior(campaign: lb.Campaign) -> xr.DataTree:
     return lb.sample(MODEL, campaign, sampler="independent", seed=3, rule=ROUGH)
 
 
+@pytest.mark.slow
 def test_layout(either: xr.DataTree, campaign: lb.Campaign) -> None:
     sampled = {"posterior", "prior", "sample_stats", "log_prior"}
     assert set(either.children) == sampled | {"observed_data", "constant_data", "provenance"}
@@ -94,6 +95,7 @@ def test_draws_and_prior_are_inside_the_truncation(either: xr.DataTree) -> None:
     assert either["prior"]["C_XYX"].to_numpy().std() == pytest.approx(1e-5, rel=0.05)
 
 
+@pytest.mark.slow
 def test_same_seed_same_draws(campaign: lb.Campaign, either: xr.DataTree) -> None:
     again = lb.sample(
         MODEL, campaign, sampler=record_of(either)["sampler"]["kind"], seed=3, rule=QUICK

@@ -41,6 +41,7 @@ def test_exact_readings_come_from_the_forward_model() -> None:
         np.testing.assert_allclose(test.readings_mm(), exact, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_covariance_of_the_readings_is_the_oracles() -> None:
     """400 simulations of one small plan: whitened by the oracle's covariance they are standard
     normal."""

@@ -64,7 +64,7 @@ def make(kind: str) -> xr.DataTree:
     scope="module",
     params=[
         pytest.param("linear", marks=pytest.mark.slow),
-        "paper",
+        pytest.param("paper", marks=pytest.mark.slow),
         "one test, few readings",
         pytest.param("eleven arcs, quadratic", marks=pytest.mark.slow),
         pytest.param("forty tests, both ways", marks=pytest.mark.slow),

@@ -29,6 +29,7 @@ def imported(folder: Path, case: awkward.Case, out: str, *options: str) -> lb.Ca
     return lb.read_campaign(folder / out)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", awkward.CASES)
 def test_awkward(name: str, tmp_path: Path) -> None:
     """Forces, angles and readings as far as their digits tell; the import.toml that is written
@@ -99,6 +100,7 @@ def without_memory(findings: fuzz.Findings) -> list[str]:
     return [line for line in findings.wrong if not line.endswith(" MB")]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["import, text", "import, workbook", "layout", "tidy table", "model", "truths"]
 )
