@@ -1056,7 +1056,7 @@ class BoundModel(Shown):
         """Return the conditions of the tests, with the parameters β as the estimate of the machine.
 
         β (p,) are the p parameters of interest, in mm, N and rad. Effects that depend on the
-        machine, such as an error of the angle, are then computed for β (`linearise`).
+        machine, such as an error of the angle, are then computed for β (``linearise``).
         """
         every_parameter = np.zeros(len(self._free))
         every_parameter[self._free] = beta

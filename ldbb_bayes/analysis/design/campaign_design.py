@@ -185,7 +185,7 @@ class Design(Forecast):
     #: one row per candidate test: force_N, the columns that `columns` names, and sensitivity, the
     #: rate at which the criterion grows with the share of the candidate, at the best shares
     sensitivity: Annotated[Records, Field(exclude=True)] = field(default_factory=pd.DataFrame)
-    #: `Planned`: the recommended tests, the pilot and the model; None where the design was read
+    #: ``Planned``: the recommended tests, the pilot and the model; None where the design was read
     #: from a file
     planned: Annotated[Any, Field(exclude=True)] = None
 
