@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,17 +23,19 @@ from ldbb_bayes.files import check_target, parse_toml, staged_folder, write_whol
 from ldbb_bayes.files.validation import raises_input_error, validated
 
 
+def refuse_different_numbers(pair: Any) -> Any:
+    if pair.a != pair.b:
+        raise ValueError("a and b differ")
+    return pair
+
+
 class Pair(BaseModel):
     """Content whose two numbers must agree."""
 
     a: int
     b: int
 
-    @model_validator(mode="after")
-    def agree(self) -> Pair:
-        if self.a != self.b:
-            raise ValueError("a and b differ")
-        return self
+    agree = model_validator(mode="after")(refuse_different_numbers)
 
 
 @raises_input_error("pair")
@@ -43,11 +46,7 @@ class PairOfArguments:
     a: int
     b: int
 
-    @model_validator(mode="after")
-    def agree(self) -> PairOfArguments:
-        if self.a != self.b:
-            raise ValueError("a and b differ")
-        return self
+    agree = model_validator(mode="after")(refuse_different_numbers)
 
 
 FILES = {"campaign.toml", "f036.csv", "f389.csv", "f742.csv"}
