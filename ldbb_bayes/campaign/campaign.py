@@ -7,7 +7,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
 from functools import cached_property
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, SkipValidation
@@ -48,12 +48,15 @@ __all__ = [
     "ForceLaw",
     "Instrument",
     "MountCompensation",
+    "Order",
     "Plan",
     "TestFields",
     "distinct_forces",
     "require_campaign",
 ]
 
+# Order in which the tests of a campaign were run, if it is not the one in which they are listed.
+Order = Literal["random"]
 # Names of the fields of a campaign that hold names and dates, on which no result depends.
 LABELS = (
     "machine_id",
@@ -144,6 +147,13 @@ class CampaignFields(Shown):
     #: resolution of the ball bar's readout [µm]; the standard deviation of the readings' noise is
     #: at least resolution/√12
     resolution_um: Positive = 0.24
+    #: order in which the tests were run: None for the order in which they are listed, "random" for
+    #: another one that was drawn at random. Where all tests state ``time_s``, their times are used
+    #: instead.
+    order: Order | None = None
+    #: whether length of the bar and centre of the circle may have drifted from test to test, as
+    #: they do while a machine warms up
+    drift: bool = True
     #: deflection of the work ball's mount, and whether the readings are compensated for it
     mount: MountCompensation = field(default_factory=MountCompensation)
     #: force of the bar as a linear function of the regulator's pressure, used for tests that state
@@ -316,9 +326,10 @@ class Campaign(CampaignFields):
     def sha256(self) -> str:
         """SHA-256 digest of the readings and the conditions under which they were taken.
 
-        The conditions are those of each test, and the campaign's topology, frames, mount and
-        resolution. The digest also depends on the names and the order of the tests, and on the
-        foreseen tests, but not on how the files are written. Certificates do not change the digest,
+        The conditions are those of each test, and the campaign's topology, frames, mount,
+        resolution, order and drift. The digest also depends on the names of the tests and the
+        sequence in which they are listed, and on the foreseen tests, but not on how the files are
+        written. Certificates do not change the digest,
         because they enter the model as prior knowledge.
         """
         digest = hashlib.sha256()
@@ -331,6 +342,10 @@ class Campaign(CampaignFields):
         for axis, frame in sorted(self.frames_mm.items()):
             if any(frame):
                 head.append([axis, *frame])
+        if self.order is not None:
+            head.append(["order", self.order])
+        if not self.drift:
+            head.append(["drift", self.drift])
         digest.update(json.dumps(head).encode())
         for test in self.tests:
             digest.update(json.dumps(_digested_fields(test)).encode())

@@ -57,6 +57,9 @@ def _campaign_tables(campaign: Campaign) -> dict[str, Any]:
         tables[name] = getattr(campaign, name)
     tables["feed_mm_per_min"] = campaign.feed_mm_per_min
     tables["resolution_um"] = campaign.resolution_um
+    tables["order"] = campaign.order
+    if not campaign.drift:
+        tables["drift"] = False
     tables["mount"] = asdict(campaign.mount)
     tables["force"] = asdict(campaign.force_law)
     _add_certificates(tables, campaign.instrument)

@@ -124,6 +124,8 @@ def test_forces_that_no_regulator_sets_apart_are_one_level() -> None:
             {"topology": "wFYXt"},
             "topology must hold the axes of plane YZ, got 'wFYXt' without Z",
         ),
+        ((make(),), {"order": "randm"}, "order must be 'random', got 'randm'. Correct it"),
+        ((make(),), {"drift": "some"}, "drift must be a valid boolean"),
         ((make(),), {"frames_mm": {"W": (0.0, 0.0, 0.0)}}, "frames_mm must name linear axes"),
     ],
 )
@@ -150,10 +152,12 @@ def test_digest_is_of_the_data() -> None:
         lb.Campaign((first, make(force_N=743.0))),
         lb.Campaign((first, second), resolution_um=0.1),
         lb.Campaign((first, second), frames_mm={"Y": (0.0, 0.0, 5.0)}),
+        lb.Campaign((first, second), order="random"),
+        lb.Campaign((first, second), drift=False),
         lb.Campaign((first, second), foreseen=(replace(first, direction="CCW"),)),
         campaign.plan(),
     ]
-    assert len({campaign.sha256, *(own.sha256 for own in different)}) == 9
+    assert len({campaign.sha256, *(own.sha256 for own in different)}) == 11
 
 
 def test_selection() -> None:
@@ -164,6 +168,19 @@ def test_selection() -> None:
         refuses("Did you mean 'f300'", chosen)
     assert campaign.plan().is_plan
     refuses("planned test", campaign.plan().tests[0].readings_mm)
+
+
+def test_order_and_drift_stay_with_the_campaign() -> None:
+    tests = (make(), make(force_N=300.0), make(force_N=742.0))
+    campaign = lb.Campaign(tests, order="random", drift=False)
+    for changed in (campaign.plan(), campaign.select(["f036", "f742"]), campaign.without("f036")):
+        assert (changed.order, changed.drift) == ("random", False)
+
+
+def test_tests_were_run_as_listed_and_drifted_unless_stated() -> None:
+    campaign = lb.Campaign((make(),))
+    assert campaign.order is None
+    assert campaign.drift
 
 
 @pytest.mark.parametrize(

@@ -45,6 +45,19 @@ def test_round_trip(tmp_path: Path) -> None:
     assert len([*folder.glob("*.csv")]) == 3
 
 
+def test_order_and_drift_are_written_and_read(tmp_path: Path) -> None:
+    stated = replace(simulated(plan()), order="random", drift=False)
+    folder = lb.write_campaign(stated, tmp_path / "stated")
+    again = lb.read_campaign(folder)
+    assert (again.order, again.drift) == ("random", False)
+    assert again.sha256 == stated.sha256
+
+    usual = lb.write_campaign(simulated(plan()), tmp_path / "usual")
+    text = (usual / "campaign.toml").read_text(encoding="utf-8")
+    assert "order" not in text
+    assert "drift" not in text
+
+
 def test_foreseen_tests_are_written_and_read(tmp_path: Path) -> None:
     measured = simulated(plan())
     uneven_deg = np.concatenate([np.arange(0.0, 180.0, 10.0), np.arange(180.0, 360.0, 5.0)])
