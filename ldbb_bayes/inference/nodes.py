@@ -226,7 +226,6 @@ class HyperPosterior:
         self,
         integral: Integral,
         tolerance: float,
-        orthant: Callable[[Index], Orthant] | None = None,
         *,
         bounded: bool = False,
     ) -> Nodes:
@@ -242,24 +241,14 @@ class HyperPosterior:
             Integral of the density that allows negative compliances, with its nodes.
         tolerance : float
             Error allowed in the log integral [nat].
-        orthant : callable, optional
-            Function that takes indices of nodes, shape (k,), and returns the numerical problems
-            from which P(T | y, φ) is computed there. Default: they follow from the parameters'
-            density given the hyper-parameters at the node.
         bounded : bool
             Whether ``integral`` already contains the upper bound of P(T | y, φ), which is then
             replaced by P(T | y, φ) itself.
         """
-        size = CHUNK
-        if orthant is not None:
-            size = 4 * CHUNK
         errors = np.zeros(len(integral.free))
 
         def log_factor(index: Index) -> Array:
-            if orthant is None:
-                problems = self.given(integral.free[index])[1].orthant
-            else:
-                problems = orthant(index)
+            problems = self.given(integral.free[index])[1].orthant
             value, errors[index] = problems.log_probability(
                 max(tolerance / 4.0, _FINEST_TOLERANCE), seed=self._seed
             )
@@ -268,7 +257,7 @@ class HyperPosterior:
             return value
 
         def log_factor_in_chunks(index: Index) -> Array:
-            return in_chunks(log_factor, index, size)
+            return in_chunks(log_factor, index)
 
         spare = min(tolerance / _PARTS_OF_TOLERANCE, _LARGEST_LEFT_OUT)
         truncated = integral.times(log_factor_in_chunks, spare)

@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -36,6 +36,7 @@ from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.interest import (
     ParametersOfInterest,
     compliance_rows,
+    interest_columns,
     physical_rows,
 )
 from ldbb_bayes.model.likelihood import StructuredGaussian
@@ -50,7 +51,8 @@ from ldbb_bayes.model.linearisation import (
 from ldbb_bayes.model.orthant import Orthant
 from ldbb_bayes.model.prior import EXAMPLES, Prior, degree_of, parameter_to_inside
 from ldbb_bayes.model.reduction import Reduced, reduce_readings
-from ldbb_bayes.model.rivals import RIVALS, is_rival_of_slopes
+from ldbb_bayes.model.reference_posterior import ReferencePosterior, fixed_point
+from ldbb_bayes.model.rivals import RIVALS
 from ldbb_bayes.model.setting import Setting, geometric_errors_of, setting_of
 from ldbb_bayes.model.terms import BasisNoise, CircleScale, Columns, Scale, Term
 from ldbb_bayes.model.terms.columns import Law
@@ -599,6 +601,20 @@ class Simulation(Result):
 _REDUCED_READINGS: WeakKeyDictionary[Campaign, tuple[Reduced, ...]] = WeakKeyDictionary()
 
 
+class _KnownEstimate(NamedTuple):
+    """Estimate of a campaign's machine with one model."""
+
+    model: HybridModel
+    estimate: MachineEstimate
+
+
+# Cache of the estimated machines of every campaign, one for each model, the newest last. Leaving
+# tests out does not change the estimate.
+_ESTIMATES: WeakKeyDictionary[Campaign, list[_KnownEstimate]] = WeakKeyDictionary()
+# Largest number of estimates that the cache keeps for a campaign.
+_KEPT_ESTIMATES = 64
+
+
 class BoundModel(Shown):
     """The model of one campaign: ρ = H β + nuisances + ε, with numerical columns and priors.
 
@@ -682,15 +698,23 @@ class BoundModel(Shown):
         The module `linearisation` explains why. The machine's parameters are estimated from
         ``reduced``, the reduced readings of all tests, or from the pilot campaign if there is one.
         """
-        setting = setting_of(
-            self.campaign, self.compliances, self.model.reference_force_N, pilot=self.pilot
+        setting = self._with_circles(
+            setting_of(
+                self.campaign, self.compliances, self.model.reference_force_N, pilot=self.pilot
+            )
         )
         if self.pilot is None:
-            estimate = estimate_machine(self._of_interest, self.model.prior, setting, reduced)
+            self.estimate = self._estimate_of_campaign(setting, reduced)
         else:
-            estimate = self._estimate_of_pilot(self.pilot)
-        self.geometric_estimate = estimate.geometric_errors
-        setting = linearise(setting, self.compliances, estimate)
+            self.estimate = self._estimate_of_pilot(self.pilot)
+        return linearise(setting, self.compliances, self.estimate)
+
+    def _with_circles(self, setting: Setting) -> Setting:
+        """Return the conditions of all tests with the names of the circles' noise factors λ.
+
+        Circles have such factors only if the model has the term `CircleScale`, and the campaign or
+        its pilot has enough tests.
+        """
         count = len(self.campaign.tests)
         if self.pilot is not None:
             count = max(count, len(self.pilot.tests))
@@ -700,6 +724,42 @@ class BoundModel(Shown):
             setting = replace(setting, circle=names)
         return setting
 
+    def _estimate_of_campaign(
+        self, setting: Setting, reduced: Sequence[Reduced]
+    ) -> MachineEstimate:
+        """Return the compliances and geometric errors estimated from the readings of all tests.
+
+        ``setting`` are the conditions of all tests and ``reduced`` their reduced readings. The
+        presets ``first`` and ``paper`` estimate by least squares. Other models take the posterior
+        at reference scales (module `reference_posterior`). A plan, which has no readings, gets
+        typical values. The estimate is kept in a cache for every campaign and model.
+        """
+        model = self.model
+        of_campaign = _ESTIMATES.setdefault(self.campaign, [])
+        for known in of_campaign:
+            if known.model == model:
+                return known.estimate
+        estimate = estimate_machine(self._of_interest, model.prior, setting, reduced)
+        by_least_squares = model.preset != "default" or model.prior.flat
+        if not (self.campaign.is_plan or by_least_squares):
+            linearised = linearise(setting, self.compliances, estimate)
+            hyper_prior = model.prior.hyper(
+                model.scales_in(linearised), self.campaign.resolution_um
+            )
+            median = hyper_prior.quantile(np.full(len(hyper_prior.names), 0.5))
+            posterior = ReferencePosterior(
+                replace(self._of_interest, degree=min(1, model.degree)),
+                model.prior,
+                model.nuisances,
+                model.fixed,
+                dict(zip(hyper_prior.names, median.tolist(), strict=True)),
+                reduced,
+            )
+            estimate = fixed_point(posterior, setting, estimate)
+        of_campaign.append(_KnownEstimate(model, estimate))
+        del of_campaign[:-_KEPT_ESTIMATES]
+        return estimate
+
     def _estimate_of_pilot(self, pilot: Campaign) -> MachineEstimate:
         """Return the compliances and geometric errors estimated from a pilot campaign.
 
@@ -708,15 +768,18 @@ class BoundModel(Shown):
         pilot are zero.
         """
         bound = BoundModel(self.model, pilot)
-        compliance_of = dict(zip(bound.compliances, bound.setting.compliance_estimate, strict=True))
-        geometric_of = dict(zip(bound.geometric_errors, bound.geometric_estimate, strict=True))
+        of_pilot = bound.estimate
+        compliance_of = dict(zip(bound.compliances, of_pilot.compliances, strict=True))
+        sd_of = dict(zip(bound.compliances, of_pilot.compliance_sd, strict=True))
+        geometric_of = dict(zip(bound.geometric_errors, of_pilot.geometric_errors, strict=True))
         planned = planned_compliances(self.compliances, self.model.prior)
         compliances = [
             compliance_of.get(name, value)
             for name, value in zip(self.compliances, planned, strict=True)
         ]
+        sd = [sd_of.get(name, 0.0) for name in self.compliances]
         geometric = [geometric_of.get(name, 0.0) for name in self.geometric_errors]
-        return MachineEstimate(np.array(compliances), np.array(geometric))
+        return MachineEstimate(np.array(compliances), np.array(sd), np.array(geometric))
 
     def _physical_rows(self, reference_force_N: float) -> Array:
         """Return the matrix A of the region A β ≥ 0 of physical parameters, shape (rows, p).
@@ -737,19 +800,10 @@ class BoundModel(Shown):
     def _interest_columns(self) -> Array:
         """Return the reading per unit of each of p free parameters, shape (tests, 25, p).
 
-        The reading is given as 25 Fourier coefficients. For compliances (k = 0) and their slopes of
-        degree k it is F (F − F0)^k j_C, and for geometric errors j_G. F is the force, F0 the
-        reference force, j_C the reading per unit force and compliance, and j_G the reading per unit
-        geometric error. Free parameters are those not fixed at zero.
+        The reading is given as 25 Fourier coefficients. Free parameters are those not fixed at
+        zero.
         """
-        setting = self.setting
-        lever = setting.force_N - setting.reference_force_N
-        columns = []
-        for degree in range(self.model.degree + 1):
-            factor = setting.force_N * lever**degree
-            columns.append(factor[:, None, None] * setting.elastic)
-        every_column = np.concatenate([*columns, setting.geometric], axis=2)
-        return every_column[:, :, self._free]
+        return interest_columns(self.setting, self.model.degree)[:, :, self._free]
 
     @property
     def compliances(self) -> tuple[ComplianceName, ...]:
@@ -786,8 +840,8 @@ class BoundModel(Shown):
         """Names of the parts of the model that act on this campaign.
 
         The names are Compliance, GeometricErrors and the class names of nuisance terms (effects
-        modelled but not of interest). Hysteresis, for example, acts only where circles are run in
-        both directions.
+        modelled but not of interest). Drift, for example, does not act if the order of the tests is
+        not known.
         """
         idle = []
         for kind, columns in self.columns_of.items():
@@ -858,24 +912,6 @@ class BoundModel(Shown):
         return tuple(columns)
 
     @cached_property
-    def coefficients(self) -> dict[str, tuple[float, float]]:
-        """Prior means and sds of rivals' coefficients and of parameters of interest, by name.
-
-        Rivals are effects that resemble a change of compliance with force, such as a force that is
-        not a linear function of pressure; their coefficients come first. The coefficients are in
-        the same order as in `collapsed`, where they are the last ones that all tests share. Means
-        and sds are in internal units (mm, N, rad).
-        """
-        priors: dict[str, tuple[float, float]] = {}
-        for columns in self.nuisance_columns:
-            if isinstance(columns, Columns) and is_rival_of_slopes(columns):
-                for name, sd in zip(columns.names, columns.sd.tolist(), strict=True):
-                    priors[name] = (0.0, sd)
-        for parameter in self.parameters:
-            priors[parameter.name] = (parameter.prior_mean, parameter.prior_sd)
-        return priors
-
-    @cached_property
     def given_interest(self) -> StructuredGaussian:
         """Density p(y | β, φ) of the readings y, with the nuisances integrated out.
 
@@ -891,15 +927,13 @@ class BoundModel(Shown):
 
         Nuisances are effects modelled but not of interest, β are the parameters of interest, and φ
         the hyper-parameters (scales of noise and nuisances). Negative compliances are not excluded.
-        The last coefficients that all tests share are those of rivals (effects that resemble a
-        change of compliance with force), followed by β − `centre`, where `centre` is a
+        The last coefficients that all tests share are β − `centre`, where `centre` is a
         least-squares estimate of β.
         """
-        nuisances = sorted(self.nuisance_columns, key=is_rival_of_slopes)
         interest = Columns(
             self.names, self.interest, self.prior_sd, mean=self.prior_mean - self.centre
         )
-        return self._structured([*nuisances, interest])
+        return self._structured([*self.nuisance_columns, interest])
 
     def _structured(
         self, columns: Sequence[Columns | BasisNoise], interest: Array | None = None
@@ -1012,11 +1046,11 @@ class BoundModel(Shown):
     def draw_machine(self, rng: np.random.Generator) -> Array:
         """Return the p parameters of a machine drawn at random from the prior, shape (p,).
 
-        In the default model, the prior sd of a slope is proportional to the estimate of its
-        compliance; here the drawn compliance takes the place of the estimate. If the prior excludes
-        negative compliances, no drawn compliance is negative. The parameters are in mm, N and rad.
-        Raise an `InputError` if the prior is flat, or if nearly all machines drawn from the prior
-        have a negative compliance.
+        In the default model, the prior sd of a slope is proportional to the size of its compliance,
+        as it is estimated; here the drawn compliance takes the place of this size. If the prior
+        excludes negative compliances, no drawn compliance is negative. The parameters are in mm, N
+        and rad. Raise an `InputError` if the prior is flat, or if nearly all machines drawn from
+        the prior have a negative compliance.
         """
         prior = self.model.prior
         if prior.flat or not prior.slopes_of_estimate:
@@ -1061,7 +1095,7 @@ class BoundModel(Shown):
         every_parameter = np.zeros(len(self._free))
         every_parameter[self._free] = beta
         first_geometric = len(every_parameter) - len(self.geometric_errors)
-        estimate = MachineEstimate(
+        estimate = MachineEstimate.known(
             every_parameter[: len(self.compliances)], every_parameter[first_geometric:]
         )
         return linearise(self.setting, self.compliances, estimate)

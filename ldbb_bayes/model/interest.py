@@ -19,11 +19,18 @@ from ldbb_bayes.model.prior import Prior, compliance_unit, geometric_unit
 from ldbb_bayes.model.setting import Setting
 from ldbb_bayes.results import Array
 
-__all__ = ["Group", "Parameter", "ParametersOfInterest", "compliance_rows", "physical_rows"]
+__all__ = [
+    "Group",
+    "Parameter",
+    "ParametersOfInterest",
+    "compliance_rows",
+    "interest_columns",
+    "physical_rows",
+]
 
 Group = Literal["compliance", "slope", "geometric"]
-# The prior sd of a slope (change of a compliance with force) is proportional to the absolute value
-# of the compliance's estimate. If this value is below the typical size of the compliance (usually
+# The prior sd of a slope (change of a compliance with force) is proportional to the size of the
+# compliance, as it is estimated. If this size is below the typical size of the compliance (usually
 # its prior sd) divided by this number, the quotient is used instead.
 _SD_PER_LEAST_SIZE = 20.0
 
@@ -99,6 +106,18 @@ class ParametersOfInterest:
             parameters.append(Parameter(row.name, row.unit, prior_sd, row.group, row.degree, mean))
         return tuple(parameters)
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all parameters of interest, in the order of β."""
+        return tuple(row.name for row in self._rows())
+
+    def prior_mean(self, prior: Prior) -> Array:
+        """Return the prior mean of all parameters of interest, shape (parameters,).
+
+        The means are in internal units (mm, N, rad).
+        """
+        return np.array([prior.means.get(name, 0.0) for name in self.names])
+
     def _rows(self) -> list[_Row]:
         """Return name, unit, group and degree of every parameter of interest, in the order of β."""
         rows = [
@@ -116,14 +135,14 @@ class ParametersOfInterest:
         """Return the prior sd of all parameters of interest, shape (parameters,).
 
         The sds are in internal units (mm, N, rad). Sds that the user gave are not changed. Any
-        other prior sd of a slope is proportional to the absolute value of the least-squares
-        estimate of its compliance, which ``setting`` holds, unless this value is very small. In the
-        model's first edition (preset ``first``), it is proportional to the prior sd of the
-        compliance instead.
+        other prior sd of a slope is proportional to the size of its compliance, which ``setting``
+        holds (the estimate and its standard uncertainty, added in quadrature), unless this size is
+        very small. In the model's first edition (preset ``first``), it is proportional to the prior
+        sd of the compliance instead.
         """
         size = self._with_dropped_sets(prior.compliance_size)
         if prior.slopes_of_estimate:
-            size = np.maximum(np.abs(setting.compliance_estimate), size / _SD_PER_LEAST_SIZE)
+            size = np.maximum(setting.compliance_size_estimate, size / _SD_PER_LEAST_SIZE)
         blocks = [self.compliance_sd(prior)]
         for degree in range(1, self.degree + 1):
             blocks.append(prior.slope_sd(self.compliances, degree, setting.force_range_N, size))
@@ -154,6 +173,23 @@ class ParametersOfInterest:
                 weights = np.array([absorbed[name] for name in heads])
                 sizes[k] = np.hypot(sizes[k], np.linalg.norm(weights * size_of(heads)))
         return sizes
+
+
+def interest_columns(setting: Setting, degree: int) -> Array:
+    """Return the reading per unit of all parameters of interest, shape (tests, 25, parameters).
+
+    The reading is given as 25 Fourier coefficients. For compliances (k = 0) and their slopes of
+    degree k it is F (F − F0)^k j_C, and for geometric errors j_G. F is the force, F0 the reference
+    force, j_C the reading per unit force and compliance, and j_G the reading per unit geometric
+    error. ``setting`` are the conditions of the tests, and ``degree`` is the degree of the
+    compliance as a polynomial in force.
+    """
+    lever = setting.force_N - setting.reference_force_N
+    columns = []
+    for k in range(degree + 1):
+        factor = setting.force_N * lever**k
+        columns.append(factor[:, None, None] * setting.elastic)
+    return np.concatenate([*columns, setting.geometric], axis=2)
 
 
 def compliance_rows(

@@ -1,8 +1,13 @@
-"""Least-squares estimates of a machine, about which the model of a campaign is linearised.
+"""Estimates of a machine, about which the model of a campaign is linearised.
 
 Some effects, such as an error of the angle, depend on the readings that the machine's compliances
 and geometric errors cause. Such effects are computed for the estimated compliances Ĉ and geometric
-errors Ê. For a plan, which has no readings, typical values of Ĉ are assumed.
+errors Ê. Prior sds of other effects, such as the load on the joints, are proportional to the size
+of a compliance, which is √(Ĉ² + u(Ĉ)²) with the standard uncertainty u(Ĉ) of the estimate. For a
+plan, which has no readings, typical values of Ĉ are assumed.
+
+The estimate is the posterior mean in the model itself, which in turn needs the estimate. It is
+found step by step from the least-squares estimate (module `reference_posterior`).
 """
 
 from __future__ import annotations
@@ -43,7 +48,13 @@ class MachineEstimate(NamedTuple):
     """
 
     compliances: Array
+    compliance_sd: Array  #: standard uncertainties of the compliances; zero if they count as known
     geometric_errors: Array
+
+    @classmethod
+    def known(cls, compliances: Array, geometric_errors: Array) -> MachineEstimate:
+        """Return an estimate whose compliances count as known exactly."""
+        return cls(compliances, np.zeros(len(compliances)), geometric_errors)
 
 
 def linearise(
@@ -51,20 +62,26 @@ def linearise(
 ) -> Setting:
     """Return the conditions of the tests with an estimated machine and its predicted readings.
 
-    ``setting`` are the conditions of the tests. In the result, they hold the estimated compliances,
-    the direct compliance along each axis, and the readings that the machine ``estimate`` causes.
-    ``compliances`` are the names of the estimated compliances.
+    ``setting`` are the conditions of the tests. In the result, they hold the estimated compliances
+    and their sizes, the size of the direct compliance along each axis, and the readings that the
+    machine ``estimate`` causes. ``compliances`` are the names of the estimated compliances.
     """
     axial = np.zeros(3)
-    for name, value in zip(compliances, estimate.compliances, strict=True):
+    axial_sd = np.zeros(3)
+    for name, value, sd in zip(
+        compliances, estimate.compliances, estimate.compliance_sd, strict=True
+    ):
         if name.kind == "direct":
-            axial[LINEAR.index(name.twist)] += value
+            axis = LINEAR.index(name.twist)
+            axial[axis] += value
+            axial_sd[axis] = np.hypot(axial_sd[axis], sd)
     elastic = setting.force_N[:, None] * (setting.elastic @ estimate.compliances)
     fitted = elastic + setting.geometric @ estimate.geometric_errors
     return replace(
         setting,
         compliance_estimate=estimate.compliances,
-        axial_estimate=axial,
+        compliance_size_estimate=np.hypot(estimate.compliances, estimate.compliance_sd),
+        axial_size_estimate=np.hypot(axial, axial_sd),
         fitted=fitted,
     )
 
@@ -101,7 +118,8 @@ def estimate_machine(
     Compliances are taken as constant in force. If the least-squares solution is not unique, it is
     the one nearest to the prior mean, with distances in units of the prior sd. Compliances that
     change no reading get the values assumed for a plan. For a plan, which has no readings, all
-    compliances get these values, and the geometric errors get their prior means.
+    compliances get these values, and the geometric errors get their prior means. The compliances of
+    the result count as known exactly.
 
     Parameters
     ----------
@@ -128,9 +146,10 @@ def estimate_machine(
     estimate = fit_nearest(columns, mean, scale, reduced, nominal_mount_offset(setting))
     count = len(interest.compliances)
     if reduced[0].reading_mm is None:
-        return MachineEstimate(planned, estimate[count:])
+        return MachineEstimate.known(planned, estimate[count:])
     visible = np.abs(setting.elastic).max(axis=(0, 1)) > 0.0
-    return MachineEstimate(np.where(visible, estimate[:count], planned), estimate[count:])
+    compliances = np.where(visible, estimate[:count], planned)
+    return MachineEstimate.known(compliances, estimate[count:])
 
 
 def fit_nearest(

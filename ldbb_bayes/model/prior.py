@@ -237,9 +237,9 @@ class Prior(Shown):
     decay_sd: float = 0.7
     #: whether the prior sd of a slope (change of a compliance with force) is proportional to the
     #: estimate of its compliance. If true, the size of the compliance that ``slope_scale``
-    #: multiplies is max(|Ĉ|, sd(C)/20), where Ĉ is the least-squares estimate of the compliance and
-    #: sd(C) its prior sd. If false, the size is sd(C), as in the model's first edition (preset
-    #: ``first``).
+    #: multiplies is max(√(Ĉ² + u²), sd(C)/20), where Ĉ is the estimate of the compliance, u its
+    #: standard uncertainty, and sd(C) the prior sd of the compliance. If false, the size is sd(C),
+    #: as in the model's first edition (preset ``first``).
     slopes_of_estimate: bool = True
     #: whether compliances that are deflections in the direction of the load itself (such as C_XXX,
     #: C_YYY and C_CCY) must not be negative at the tested forces

@@ -40,6 +40,11 @@ TRAVEL_SIGNS = {"CW": 1.0, "CCW": -1.0}
 # (CCW) negative.
 TRAVEL_NAMES = {1.0: "CW", -1.0: "CCW"}
 _SECONDS_PER_HOUR = 3600.0
+# Time from one test to the next [s] if the tests state no times.
+_SECONDS_PER_TEST = 360.0
+# Tests whose times differ from the mean by less than this share of an hour count as run at the same
+# time.
+_SAME_TIME_H = 1e-9
 # Fourier coefficients of powers |u|^a of a component u of the bar's direction are set to zero if
 # they are below this size, because they are then rounding errors.
 _POWER_ROUNDING = 1e-12
@@ -85,7 +90,8 @@ class Setting:
     #: counterclockwise, shape (tests,)
     travel: Array
     #: time of each test minus the mean time of the campaign, or of its pilot campaign [h], shape
-    #: (tests,); NaN if unknown
+    #: (tests,): as the tests state it, or else from the order in which they are listed; NaN if the
+    #: order is unknown, or all tests count as run at the same time
     time_h: Array
     #: temperature of each test minus the mean temperature of the campaign, or of its pilot campaign
     #: [K], shape (tests,); NaN if unknown
@@ -110,6 +116,7 @@ class Setting:
     #: whether the clocking angle, by which a ball is turned in its socket, differs between tests
     clocked: bool
     radii_mm: tuple[float, ...]  #: the different nominal radii of the campaign's circles [mm]
+    drifts: bool  #: whether bar and centre may have drifted from test to test
     setups: tuple[int, ...]  #: numbers of the campaign's set-ups, such as 1 and 2
     planes: tuple[str, ...]  #: planes in which the machine runs circles, such as XY
     both_ways: tuple[str, ...]  #: planes in which circles run in both directions of travel
@@ -117,12 +124,16 @@ class Setting:
     #: name of the hyper-parameter λ, the noise factor of each test's circle, shape (tests,); empty
     #: text if circles have no factor of their own
     circle: Array
-    #: least-squares estimate of each compliance in internal units (mm, N, rad), about which effects
-    #: are linearised, shape (compliances,)
+    #: estimate of each compliance in internal units (mm, N, rad), about which effects are
+    #: linearised, shape (compliances,)
     compliance_estimate: Array
-    #: sums of the estimated direct compliances along each of X, Y, Z [mm/N], shape (3,); zero for
-    #: an axis without a direct compliance
-    axial_estimate: Array
+    #: size of each compliance in internal units (mm, N, rad), to which priors are proportional,
+    #: shape (compliances,): its estimate and the standard uncertainty of the estimate, added in
+    #: quadrature
+    compliance_size_estimate: Array
+    #: size of the direct compliance along each of X, Y, Z [mm/N], shape (3,); zero for an axis
+    #: without a direct compliance
+    axial_size_estimate: Array
     #: Fourier coefficients of the readings that the estimated compliances and geometric errors
     #: predict, shape (tests, 25) [mm]
     fitted: Array
@@ -166,17 +177,17 @@ class Setting:
         return np.asarray(4.0 * share * (1.0 - share))
 
     def driven_axes(self) -> list[tuple[int, float]]:
-        """Return the machine axes that the circles drive, with their estimated compliance [mm/N].
+        """Return the machine axes that the circles drive, with the size of their compliance [mm/N].
 
-        Each axis is an index: X is 0, Y is 1, Z is 2. The compliance is the absolute value of the
-        axis' direct compliance (displacement along the axis per force along it). Axes without a
-        direct compliance are left out.
+        Each axis is an index: X is 0, Y is 1, Z is 2. The size is that of the axis' direct
+        compliance (displacement along the axis per force along it). Axes without a direct
+        compliance are left out.
         """
         moves = np.abs(self.direction).max(axis=(0, 1)) > 0.0
         axes = []
-        for axis, compliance in enumerate(self.axial_estimate):
-            if moves[axis] and compliance != 0.0:
-                axes.append((axis, abs(float(compliance))))
+        for axis, size in enumerate(self.axial_size_estimate):
+            if moves[axis] and size != 0.0:
+                axes.append((axis, float(size)))
         return axes
 
     def along(
@@ -361,7 +372,7 @@ def setting_of(
         plane=np.array([str(test.plane) for test in tests]),
         setup=setup,
         travel=np.array([TRAVEL_SIGNS[test.direction or "CW"] for test in tests]),
-        time_h=_relative_to_mean("time_s", campaign, pilot) / _SECONDS_PER_HOUR,
+        time_h=_time_h(campaign, pilot),
         temperature_K=_relative_to_mean("temperature_C", campaign, pilot),
         direction=columns.direction,
         elastic=columns.elastic,
@@ -371,13 +382,15 @@ def setting_of(
         two_balls=clocked,
         clocked=clocked,
         radii_mm=tuple(sorted({float(test.radius_mm or 0.0) for test in tests})),
+        drifts=campaign.drift,
         setups=tuple(sorted({*setup.tolist()})),
         planes=tuple(machine.planes),
         both_ways=_planes_run_both_ways(campaign),
         largest_force_N=float(forces.max()),
         circle=np.array([""] * len(tests)),
         compliance_estimate=np.zeros(len(compliances)),
-        axial_estimate=np.zeros(3),
+        compliance_size_estimate=np.zeros(len(compliances)),
+        axial_size_estimate=np.zeros(3),
         fitted=np.zeros((len(tests), SIZE)),
         compensated=campaign.mount.compensated,
         deflection_um_per_bar=campaign.mount.deflection_um_per_bar,
@@ -425,14 +438,45 @@ def _by_setup(campaign: Campaign, columns: Array) -> Array:
     return chosen
 
 
+def _time_h(campaign: Campaign, pilot: Campaign | None) -> Array:
+    """Return the time of every test minus the mean time of the campaign [h], shape (tests,).
+
+    If all tests state their times, these count. Otherwise the tests count as run in the order in
+    which they are listed, one every six minutes. All values are NaN if the campaign states that
+    the tests were run in another order, and if all tests count as run at the same time.
+
+    If a pilot campaign is given, the mean is that of the pilot, unless tests of the pilot state no
+    times. Tests without times then count as run at the mean.
+    """
+    stated_s = _recorded("time_s", campaign)
+    if pilot is not None:
+        relative_s = np.zeros(len(stated_s))
+        reference_s = _recorded("time_s", pilot)
+        if not np.isfinite(reference_s).all():
+            reference_s = stated_s
+        if np.isfinite(reference_s).any():
+            relative_s = np.nan_to_num(stated_s - np.nanmean(reference_s))
+    elif np.isfinite(stated_s).all():
+        relative_s = stated_s - stated_s.mean()
+    elif campaign.order is None:
+        listed_s = _SECONDS_PER_TEST * np.arange(len(stated_s))
+        relative_s = listed_s - listed_s.mean()
+    else:
+        relative_s = np.zeros(len(stated_s))
+    relative_h: Array = relative_s / _SECONDS_PER_HOUR
+    if np.abs(relative_h).max() < _SAME_TIME_H:
+        return np.full(len(relative_h), np.nan)
+    return relative_h
+
+
 def _relative_to_mean(
     field: str,
     campaign: Campaign,
     pilot: Campaign | None,
 ) -> Array:
-    """Return time or temperature of every test minus the mean, shape (tests,).
+    """Return a quantity of every test minus its mean, shape (tests,).
 
-    ``field`` is the name of the field of a test, time_s or temperature_C. If a pilot campaign is
+    ``field`` is the name of the field of a test, such as temperature_C. If a pilot campaign is
     given, the mean is that of the pilot, and tests without a value are assumed to be at the mean.
     Otherwise the mean is that of the campaign, and tests without a value get NaN. All values are
     NaN if nothing is recorded in the tests that give the mean.
@@ -459,25 +503,31 @@ def _recorded(field: str, campaign: Campaign) -> Array:
 def _planes_run_both_ways(campaign: Campaign) -> tuple[str, ...]:
     """Return the planes in which circles run, or are planned, in both directions of travel.
 
-    Raise an `InputError` if a test in such a plane does not state its direction.
+    Raise an `InputError` if a test in such a plane does not state its direction, or if some tests
+    of a plane state their direction and others do not.
     """
     both = []
     for plane in dict.fromkeys(str(test.plane) for test in campaign.scope):
         directions = {test.direction for test in campaign.scope if test.plane == plane}
         if {"CW", "CCW"} <= directions:
-            _check_directions_stated(campaign, plane)
+            _check_directions_stated(campaign, plane, "run, or are to run, both ways")
             both.append(plane)
+        elif any(test.direction for test in campaign.tests if test.plane == plane):
+            _check_directions_stated(campaign, plane, "state theirs in other tests")
     return tuple(both)
 
 
-def _check_directions_stated(campaign: Campaign, plane: str) -> None:
-    """Raise an `InputError` if a test in the plane ``plane`` states no direction of travel."""
+def _check_directions_stated(campaign: Campaign, plane: str, reason: str) -> None:
+    """Raise an `InputError` if a test in the plane ``plane`` states no direction of travel.
+
+    ``reason`` says in the message why it must: what circles of the plane do.
+    """
     undirected: list[CircularTest] = [
         test for test in campaign.tests if test.plane == plane and test.direction is None
     ]
     if undirected:
         raise InputError(
             f"{undirected[0].label} must state its direction, CW or CCW, as circles of plane"
-            f" {plane} run, or are to run, both ways, got none. Give direction in every test of"
+            f" {plane} {reason}, got none. Give direction in every test of"
             f" {campaign.name!r}."
         )

@@ -217,11 +217,10 @@ def test_refused() -> None:
     plain = everything()
     silent = replace(plain, tests=(replace(plain.tests[0], direction=None), *plain.tests[1:]))
     refuses(r"'f100' must state its direction, CW or CCW", HybridModel.first(1).bind, silent)
-    timeless = replace(plain, tests=(replace(plain.tests[0], time_s=None), *plain.tests[1:]))
     with pytest.raises(
-        lb.InputError, match=r"drift over time must have time_s in every test, got 1 without"
+        lb.InputError, match=r"drift over temperature must have temperature_C in every test, got"
     ):
-        _ = HybridModel.first(1).with_term(Drift("time")).bind(timeless).terms
+        _ = HybridModel.first(1).with_term(Drift("temperature")).bind(plain).terms
     refuses("Drift over must be one of time, temperature", Drift, "pressure")
 
 

@@ -14,7 +14,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ldbb_bayes.campaign.campaign import Ball, Campaign
+from ldbb_bayes.campaign.campaign import Ball, Campaign, Instrument
 from ldbb_bayes.model.fourier import MAX_ORDER
 from ldbb_bayes.model.setting import TRAVEL_NAMES, Setting
 from ldbb_bayes.model.terms.base import Term, Uncertainty, order_in_words, plane_in_words
@@ -35,8 +35,9 @@ _DECAY = Scale("decay", "decay", "p", "decay of form with its order", "decay")
 # Prior variance of each coefficient of a ball's form at the orders 2 and 3 (waves in a turn),
 # divided by the square of the ball's deviation from sphericity (peak to valley).
 _VARIANCE_PER_SPHERICITY = 1.0 / 24.0
-# Highest order n of the harmonics cos nθ, sin nθ of a ball's form to which its deviation from
-# sphericity is attributed.
+# Highest order n of the harmonics cos nθ, sin nθ of a ball's form that may hold the ball's whole
+# deviation from sphericity. If the deviation is stated, the sds of higher orders fall as 1/n; if it
+# is assumed, it says nothing about them.
 _LAST_SPHERICITY_ORDER = 3
 
 
@@ -50,6 +51,16 @@ class _TurnedBall(NamedTuple):
 
     ball: Ball
     turned_rad: float
+
+
+class _CoefficientPrior(NamedTuple):
+    """Prior of the coefficients of a form, one entry for the cosine and the sine of each order."""
+
+    #: part of the prior variance that τ² (n/6)^(−2p) multiplies, with the hyper-parameters τ and p;
+    #: each ball whose form is not stated at the order contributes a half
+    share_of_tau: Array
+    sd_um: Array  #: part of the prior sd that no hyper-parameter scales [µm]
+    mean_um: Array  #: prior mean, from certificates [µm]
 
 
 class _Form(NamedTuple):
@@ -76,19 +87,20 @@ class BallForm(Term):
     """Form error of the balls: cos n(θ − ψ), sin n(θ − ψ), n = 2 … 12, the same at every force.
 
     θ is the angle on the circle and ψ the clocking angle, by which the ball is turned in its
-    socket. The prior variance of each coefficient is τ² (n/6)^(−2p); at the orders 2 and 3 it is
-    larger by (S_work² + S_tool²)/24. S is a ball's deviation from sphericity, peak to valley, which
-    its certificate or grade states, or else ``sphericity_um``. The hyper-parameters are τ, the
-    scale at order 6, and p, the power with which form error decreases as its order grows. Harmonics
-    that a certificate states have their mean and variance from the certificate. If the field
-    ``law`` is ``1/n``, as in the model's first edition (preset ``first``), the prior sd is τ/n
-    instead.
+    socket. Each ball adds to the prior variance of each coefficient. Let S be the ball's deviation
+    from sphericity, peak to valley. If its certificate or grade states S, the ball adds
+    S²/24 · min(1, 3/n)²: what is stated bounds the form at every order. If nothing is stated of a
+    ball, it adds τ²/2 (n/6)^(−2p), and S²/24 at the orders 2 and 3, with ``sphericity_um`` for S.
+    The hyper-parameters are τ, the scale of the form of both balls at order 6, and p, the power
+    with which form error decreases as its order grows; they exist only if the form of a ball is not
+    stated. Harmonics that a certificate states have their mean and variance from the certificate.
+    If the field ``law`` is ``1/n``, as in the model's first edition (preset ``first``), the prior
+    sd is τ/n instead.
 
     As long as the clocking of no ball differs between tests, the forms of the two balls are
     modelled as one sum. Otherwise each ball has its own form: the work ball at θ − ψ_work, and the
-    tool ball, which is touched on its far side, at θ + 180° − ψ_tool. In the prior variance of a
-    single ball's form, τ²/2 replaces τ², and only the S² of this ball counts. Every plane has
-    separate forms, because its circles run over another great circle of the balls.
+    tool ball, which is touched on its far side, at θ + 180° − ψ_tool. Every plane has separate
+    forms, because its circles run over another great circle of the balls.
 
     Examples
     --------
@@ -115,7 +127,8 @@ class BallForm(Term):
         """Hyper-parameters of the balls' form: its scale τ at Fourier order 6, and its decay.
 
         The decay is the power with which form error decreases as its order n (waves in a turn)
-        grows. If the field ``law`` is ``1/n``, there is only τ.
+        grows. If the field ``law`` is ``1/n``, there is only τ. If the form of both balls is
+        stated, a campaign's model has neither, because they scale no coefficient.
         """
         tau = Scale("tau", "tau_um", "τ", "ball form")
         return (tau, _DECAY) if self.law == "decay" else (tau,)
@@ -135,7 +148,6 @@ class BallForm(Term):
                     Columns(
                         _harmonic_names(form.stem + group.suffix, _FORM_ORDERS),
                         harmonics * group.tests[:, None, None],
-                        hyper="tau",
                         **self._prior(form.balls),
                     )
                 )
@@ -147,61 +159,81 @@ class BallForm(Term):
         ``balls`` are the balls that have a part in the form. The keys of the result are the
         arguments of `Columns` that describe the prior.
         """
-        orders = np.repeat(_FORM_ORDERS, 2)
+        orders = np.repeat(_FORM_ORDERS, 2).astype(float)
         if self.law == "1/n":
-            return {"sd": np.sqrt(len(balls) / 2.0) / orders.astype(float)}
-        # At orders that its certificate does not state, each ball contributes τ²/2 to the prior
-        # variance of a coefficient of form, where the hyper-parameter τ is the scale of form.
+            return {"sd": np.sqrt(len(balls) / 2.0) / orders, "hyper": "tau"}
+        prior = self._coefficient_prior(balls, orders)
+        mean = prior.mean_um * 1e-3
+        stated = prior.sd_um * 1e-3
+        if not prior.share_of_tau.any():
+            return {"sd": stated, "mean": mean}
+        return {
+            "sd": np.sqrt(prior.share_of_tau),
+            "hyper": "tau",
+            "decay": "decay",
+            "orders": orders,
+            "stated": stated,
+            "mean": mean,
+        }
+
+    def _coefficient_prior(self, balls: Sequence[_TurnedBall], orders: Array) -> _CoefficientPrior:
+        """Return the prior of the coefficients of one ball's form, or of the sum of both forms.
+
+        ``balls`` are the balls that have a part in the form, and ``orders`` the orders of the
+        coefficients.
+        """
         share_of_tau = np.zeros(len(orders))
-        stated = np.zeros(len(orders))
+        variance = np.zeros(len(orders))
         mean = np.zeros(len(orders))
         for ball, turned_rad in balls:
-            low = orders <= _LAST_SPHERICITY_ORDER
-            sphericity = self._sphericity(ball)
-            variance = np.where(low, _VARIANCE_PER_SPHERICITY * sphericity**2, 0.0)
-            half = np.full(len(orders), 0.5)
+            variance_of_ball = self._sphericity_sd_um(ball, orders) ** 2
+            share_of_ball = np.full(len(orders), 0.5)
+            if ball.stated_sphericity_um is not None:
+                share_of_ball[:] = 0.0
             for order, amplitude, phase_deg in ball.harmonics_um:
                 at_order = orders == order
                 angle = order * (np.deg2rad(phase_deg) + turned_rad)
-                half[at_order] = 0.0
-                variance[at_order] = _stated_sd_um(ball) ** 2
+                share_of_ball[at_order] = 0.0
+                variance_of_ball[at_order] = _stated_sd_um(ball) ** 2
                 mean[at_order] += amplitude * np.array([np.cos(angle), np.sin(angle)])
-            share_of_tau = share_of_tau + half
-            stated = stated + variance
-        return {
-            "sd": np.sqrt(share_of_tau),
-            "decay": "decay",
-            "orders": orders.astype(float),
-            "stated": np.sqrt(stated) * 1e-3,
-            "mean": mean * 1e-3,
-        }
+            share_of_tau = share_of_tau + share_of_ball
+            variance = variance + variance_of_ball
+        return _CoefficientPrior(share_of_tau, np.sqrt(variance), mean)
 
-    def _sphericity(self, ball: Ball) -> float:
-        """Return a ball's deviation from sphericity [µm], peak to valley.
+    def _sphericity_sd_um(self, ball: Ball, orders: Array) -> Array:
+        """Return the prior sd at n orders that follows from a ball's sphericity [µm], shape (n,).
 
-        The ball's certificate or grade states the deviation. Without certificate and grade, the
-        deviation is ``sphericity_um``.
+        The ball's certificate or grade states its deviation from sphericity. Without certificate
+        and grade, the deviation is ``sphericity_um`` and counts at the orders 2 and 3 only.
         """
-        stated = ball.stated_sphericity_um
-        return self.sphericity_um if stated is None else stated
+        sphericity = ball.stated_sphericity_um
+        relative = np.minimum(1.0, _LAST_SPHERICITY_ORDER / orders)
+        if sphericity is None:
+            sphericity = self.sphericity_um
+            relative = np.where(orders <= _LAST_SPHERICITY_ORDER, 1.0, 0.0)
+        return np.asarray(np.sqrt(_VARIANCE_PER_SPHERICITY) * sphericity * relative)
 
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
         """Yield what the term assumes about the form of each ball, order by order.
 
-        The assumptions are the sds of the coefficients of the orders 2 and 3, and the amplitudes
-        and sds that certificates state. The part of the sd from the hyper-parameter τ, the scale of
-        form, is not included. If the field ``law`` is ``1/n``, nothing is yielded.
+        The assumptions are the sds of the coefficients, and the amplitudes and sds that
+        certificates state. The orders are 2 to 12 if certificate or grade state the deviation from
+        sphericity; else they are 2, 3 and those of stated harmonics. The part of the sd from the
+        hyper-parameter τ, the scale of form, is not included. If the field ``law`` is ``1/n``,
+        nothing is yielded.
         """
         if self.law != "decay":
             return
         for name in ("work", "tool"):
             ball: Ball = getattr(campaign.instrument, name)
             amplitudes = {order: amplitude for order, amplitude, _ in ball.harmonics_um}
-            usual_sd = float(np.sqrt(_VARIANCE_PER_SPHERICITY) * self._sphericity(ball))
             sphericity_stated = ball.stated_sphericity_um is not None
-            for order in sorted({2, 3, *amplitudes}):
+            orders = {2, 3, *amplitudes}
+            if sphericity_stated:
+                orders.update(_FORM_ORDERS)
+            for order in sorted(orders):
                 value = 0.0
-                sd = usual_sd
+                sd = float(self._sphericity_sd_um(ball, np.array([float(order)]))[0])
                 if order in amplitudes:
                     value = amplitudes[order]
                     sd = _stated_sd_um(ball)
@@ -301,12 +333,13 @@ class MachinePattern(Term):
     hyper-parameters ω (scale at order 6) and p (decay with order, the same as for the form of the
     balls). The pattern is the same in all tests of one plane, direction of travel and radius. The
     term acts only if the clocking of a ball (angle by which it is turned in its socket) differs
-    between tests. Form and pattern can then be separated, because the form turns with the ball and
-    the pattern does not.
+    between tests, or if certificate or grade of a ball state its form. Form and pattern can then be
+    separated, because the form turns with the ball and the pattern does not, or because the form is
+    known. Otherwise the form contains the pattern.
 
     Examples
     --------
-    The balls of the embedded campaign are not clocked:
+    The balls of the embedded campaign are neither clocked nor certified:
 
     >>> "MachinePattern" in model.terms, "MachinePattern" in model.bind(campaign).terms
     (True, False)
@@ -320,9 +353,10 @@ class MachinePattern(Term):
         """Return the columns of the machine's pattern for the tests of a campaign.
 
         A column is the reading per unit of one coefficient. The tuple is empty if the clocking of
-        no ball (angle by which it is turned in its socket) differs between tests.
+        no ball (angle by which it is turned in its socket) differs between tests, and the form of
+        no ball is stated.
         """
-        if not setting.clocked:
+        if not (setting.clocked or _states_form(setting.instrument)):
             return ()
         columns = []
         for plane in setting.groups_by("plane"):
@@ -330,6 +364,14 @@ class MachinePattern(Term):
                 suffix = radius.suffix + plane.suffix
                 columns += _patterns(setting, suffix, plane.tests & radius.tests)
         return tuple(columns)
+
+
+def _states_form(instrument: Instrument) -> bool:
+    """Return whether certificate or grade state the form of a ball, at least in part."""
+    for ball in (instrument.work, instrument.tool):
+        if ball.stated_sphericity_um is not None or ball.harmonics_um:
+            return True
+    return False
 
 
 def _patterns(setting: Setting, suffix: str, tests: NDArray[np.bool_]) -> list[Columns]:

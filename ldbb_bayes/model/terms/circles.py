@@ -25,8 +25,15 @@ Moves = Literal["together", "apart", "zero", "centre"]
 # Quantities to which a drift of the bar's length and the circle's centre can be proportional.
 Covariate = Literal["time", "temperature"]
 # Highest order n of the harmonics cos nθ, sin nθ of hysteresis in the model's first edition (preset
-# ``first``), for the part of hysteresis that does not depend on force.
+# ``first``).
 _FIRST_EDITION_ORDERS = 4
+# Highest order n of the harmonics cos nθ, sin nθ of hysteresis in a plane whose circles all run in
+# one direction. There it looks exactly like bar length, geometric errors and compliances, which
+# have these orders.
+_ONE_WAY_ORDERS = 3
+# Prior sd of the part of hysteresis that is proportional to force, in a plane whose circles all run
+# in one direction, divided by the prior sd in a plane with both directions.
+_ONE_WAY_SHARE = 0.6
 
 
 @dataclass(frozen=True)
@@ -148,51 +155,61 @@ class CircleScale(Term):
         return ()
 
 
-class _HysteresisSd(NamedTuple):
-    """Prior of the part of hysteresis that does not depend on force.
+class _HysteresisPrior(NamedTuple):
+    """Prior of the coefficients of hysteresis in one plane.
 
-    ``sd_mm`` is the prior sd of the harmonics of Fourier order 1 [mm]. If ``hyper`` names a
-    hyper-parameter, ``sd_mm`` is instead a factor on the value of this hyper-parameter.
-    ``last_order`` is the highest Fourier order of the harmonics.
+    The prior sds are given at the Fourier orders 0 and 1; at the order n they are divided by n.
     """
 
-    sd_mm: float
+    #: prior sd of the part that does not depend on force [mm], or a factor on the value of the
+    #: hyper-parameter ``hyper``
+    constant_sd: float
+    #: hyper-parameter that scales the part that does not depend on force; None if none does
     hyper: Hyper | None
-    last_order: int
+    proportional_sd: float  #: prior sd of the part that is proportional to force [mm/N]
+    last_order: int  #: highest Fourier order of the harmonics
 
 
 @dataclass(frozen=True)
 class Hysteresis(Term):
     """Errors that change their sign with the direction of travel (hysteresis, ISO 230-4).
 
-    The errors are harmonics s cos nθ and s sin nθ of the orders n = 0 … 12, where s = ±1 is the
-    direction of travel and θ the angle on the circle. They have two parts. One part does not depend
-    on force (backlash, reversal spikes, servo mismatch); the prior sd of its coefficients is η/n,
-    with the hyper-parameter η. The other part is proportional to force (friction in the bar, lost
-    motion); the prior sd of its coefficients is ``proportional_um_per_kN``/n. At order 0, these sds
-    are not divided. Each plane has separate coefficients. The term acts only on planes in which
-    circles are run in both directions; with one direction, hysteresis cannot be separated from the
-    machine's other errors. If ``law`` is ``fixed``, as in the model's first edition (preset
-    ``first``), ``constant_um`` replaces η, and the part that does not depend on force ends at
-    order 4.
+    The errors are harmonics s cos nθ and s sin nθ, where s = ±1 is the direction of travel and θ
+    the angle on the circle. They have two parts. One part does not depend on force (backlash,
+    reversal spikes, servo mismatch), the other is proportional to force (friction in the bar, lost
+    motion). The prior sds fall as 1/n with the order n; at order 0, they are not divided. Each
+    plane has separate coefficients.
+
+    In a plane whose circles run in both directions, the orders are n = 0 … 12. The prior sds are
+    η/n, with the hyper-parameter η, and ``proportional_um_per_kN``/n. If all circles of a plane run
+    in one direction, or none states its direction, hysteresis cannot be separated from bar length,
+    geometric errors and compliances, and widens their intervals. Its orders are then n = 0 … 3, the
+    ones these have, and its prior sds are ``constant_um``/n and 0.6 ``proportional_um_per_kN``/n.
+
+    If ``law`` is ``fixed``, as in the model's first edition (preset ``first``), the term acts only
+    in planes with both directions, on the orders n = 0 … 4, and ``constant_um`` replaces η.
 
     Examples
     --------
-    The embedded campaign has one direction of travel, in which the term does not act:
+    The embedded campaign has one direction of travel:
 
-    >>> lb.terms.Hysteresis().columns(model.bind(campaign).setting)
-    ()
+    >>> constant, in_proportion = lb.terms.Hysteresis().columns(model.bind(campaign).setting)
+    >>> len(constant.names), constant.names[-1]
+    (7, 'hysteresis_sin3')
     >>> lb.terms.Hysteresis.describe("hysteresis_force_cos2")
     'hysteresis in proportion to force (cos 2θ)'
     """
 
     #: prior sd, at Fourier order 1, of the part of hysteresis that does not depend on force [µm];
-    #: used only if the field ``law`` is ``fixed``, else this sd is a hyper-parameter
+    #: used in planes with one direction of travel, and everywhere if the field ``law`` is
+    #: ``fixed``; else this sd is a hyper-parameter
     constant_um: float = 2.0
-    #: prior sd, at Fourier order 1, of the part of hysteresis that is proportional to force [µm/kN]
+    #: prior sd, at Fourier order 1, of the part of hysteresis that is proportional to force
+    #: [µm/kN]; in planes with one direction of travel, 0.6 of it
     proportional_um_per_kN: float = 2.0
-    #: kind of prior of the part of hysteresis that does not depend on force: its sd at Fourier
-    #: order 1 is the hyper-parameter η (``sampled``) or has the value ``constant_um`` (``fixed``)
+    #: kind of prior of the part of hysteresis that does not depend on force, in planes with both
+    #: directions: its sd at Fourier order 1 is the hyper-parameter η (``sampled``) or has the value
+    #: ``constant_um`` (``fixed``)
     law: Literal["sampled", "fixed"] = "sampled"
     calibration = "a narrower prior of it"
     remedy = "Run both directions at the same forces."
@@ -201,55 +218,36 @@ class Hysteresis(Term):
     def scales(self) -> tuple[Scale, ...]:
         """Hyper-parameter of hysteresis: the scale η of the part that does not depend on force.
 
-        The tuple is empty if the field ``law`` is ``fixed``: the scale is then ``constant_um``.
+        The tuple is empty if the field ``law`` is ``fixed``: the scale is then ``constant_um``. A
+        campaign's model has η only if circles run in both directions in some plane.
         """
         return (Scale("eta", "eta_um", "η", "hysteresis"),) if self.law == "sampled" else ()
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
-        """Return the columns of hysteresis in every plane with circles in both directions.
+        """Return the columns of hysteresis in every plane of a campaign.
 
-        A column is the reading per unit of one coefficient, in every test of a campaign.
+        A column is the reading per unit of one coefficient, in every test of a campaign. If the
+        field ``law`` is ``fixed``, only planes with circles in both directions have columns.
         """
         columns: list[Columns] = []
         for plane in setting.groups_by("plane"):
-            if plane.value in setting.both_ways:
-                columns += self._columns_of_plane(setting, plane)
+            both_ways = plane.value in setting.both_ways
+            if both_ways or self.law == "sampled":
+                prior = self._prior(both_ways=both_ways)
+                columns += _columns_of_plane(setting, plane, prior)
         return tuple(columns)
 
-    def _columns_of_plane(self, setting: Setting, plane: GroupOfTests) -> list[Columns]:
-        """Return the columns of hysteresis in one plane of a campaign.
-
-        The part that does not depend on force is first, then the part proportional to force.
-        ``plane`` states which tests are in the plane.
-        """
-        constant = self._constant_part()
-        suffixes = ["0"]
-        for order in range(1, constant.last_order + 1):
-            suffixes += [f"cos{order}", f"sin{order}"]
-        count = len(suffixes)
-        falling = 1.0 / np.maximum(ORDERS[:count], 1.0)
-        sign = np.where(plane.tests, setting.travel, 0.0)
-        values = np.zeros((setting.tests, SIZE, count))
-        values[:, np.arange(count), np.arange(count)] = sign[:, None]
+    def _prior(self, *, both_ways: bool) -> _HysteresisPrior:
+        """Return the prior in a plane whose circles run both ways, or else in one direction."""
+        constant_sd = self.constant_um * 1e-3
         proportional_sd = self.proportional_um_per_kN * 1e-6
-        return [
-            Columns(
-                tuple(f"hysteresis{plane.suffix}_{suffix}" for suffix in suffixes),
-                values,
-                constant.sd_mm * falling,
-                constant.hyper,
-            ),
-            Columns(
-                tuple(f"hysteresis_force{plane.suffix}_{suffix}" for suffix in suffixes),
-                values * setting.force_N[:, None, None],
-                proportional_sd * falling,
-            ),
-        ]
-
-    def _constant_part(self) -> _HysteresisSd:
-        if self.law == "sampled":
-            return _HysteresisSd(1.0, "eta", MAX_ORDER)
-        return _HysteresisSd(self.constant_um * 1e-3, None, _FIRST_EDITION_ORDERS)
+        if self.law == "fixed":
+            return _HysteresisPrior(constant_sd, None, proportional_sd, _FIRST_EDITION_ORDERS)
+        if both_ways:
+            return _HysteresisPrior(1.0, "eta", proportional_sd, MAX_ORDER)
+        return _HysteresisPrior(
+            constant_sd, None, _ONE_WAY_SHARE * proportional_sd, _ONE_WAY_ORDERS
+        )
 
     @classmethod
     def unit_of(cls, coefficient: str) -> Unit:
@@ -281,6 +279,37 @@ class Hysteresis(Term):
         return f" in {order_in_words(coefficient)}{force}{plane_in_words(coefficient)}"
 
 
+def _columns_of_plane(
+    setting: Setting, plane: GroupOfTests, prior: _HysteresisPrior
+) -> list[Columns]:
+    """Return the columns of hysteresis in one plane of a campaign.
+
+    The part that does not depend on force is first, then the part proportional to force. ``plane``
+    states which tests are in the plane, and ``prior`` is that of the coefficients.
+    """
+    suffixes = ["0"]
+    for order in range(1, prior.last_order + 1):
+        suffixes += [f"cos{order}", f"sin{order}"]
+    count = len(suffixes)
+    falling = 1.0 / np.maximum(ORDERS[:count], 1.0)
+    sign = np.where(plane.tests, setting.travel, 0.0)
+    values = np.zeros((setting.tests, SIZE, count))
+    values[:, np.arange(count), np.arange(count)] = sign[:, None]
+    return [
+        Columns(
+            tuple(f"hysteresis{plane.suffix}_{suffix}" for suffix in suffixes),
+            values,
+            prior.constant_sd * falling,
+            prior.hyper,
+        ),
+        Columns(
+            tuple(f"hysteresis_force{plane.suffix}_{suffix}" for suffix in suffixes),
+            values * setting.force_N[:, None, None],
+            prior.proportional_sd * falling,
+        ),
+    ]
+
+
 @dataclass(frozen=True)
 class Drift(Term):
     """Drift of the bar's length and of the circle's centre with time or temperature.
@@ -289,13 +318,19 @@ class Drift(Term):
     the mean of the campaign. A drift of the bar's length changes the reading by u per unit of its
     coefficient. A drift of the centre's coordinates changes it by u B̂ per unit of theirs, where B̂
     is the unit vector along the bar. ``length_um`` and ``centre_um`` are the prior sds of the
-    coefficients, per hour or kelvin; a steel bar of 150 mm grows by 1.7 µm/K. Models have the term
-    only on request, because `SetupShift` covers random changes between circles.
+    coefficients, per hour or kelvin; a steel bar of 150 mm grows by 1.7 µm/K.
+
+    If some test states no time, all tests are taken to have been run in the order in which they are
+    listed, one every six minutes. A campaign may state another order (``order = "random"``), in
+    which case only times that all tests state count, or that nothing drifts (``drift = false``).
 
     Examples
     --------
-    >>> model.with_term(lb.terms.Drift("temperature", length_um=1.7)).terms[-1]
-    'Drift'
+    >>> setting = model.bind(campaign).setting
+    >>> lb.terms.Drift().columns(setting)[0].names
+    ('drift_time_length', 'drift_time_X', 'drift_time_Y')
+    >>> setting.time_h.round(2)
+    array([-0.25, -0.15, -0.05,  0.05,  0.15,  0.25])
     >>> lb.terms.Drift.unit_of("drift_temperature_length").label
     'µm/K'
     """
@@ -305,26 +340,29 @@ class Drift(Term):
     length_um: float = 2.0
     #: prior sd of the drift of each coordinate of the circle's centre [µm per hour or per kelvin]
     centre_um: float = 5.0
-    on_demand = True
     remedy = "Run the forces in an order that has nothing to do with time."
 
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """Return the columns of the drift of bar length and circle centre for a campaign's tests.
 
-        A column is the reading per unit of one coefficient. Raise an `InputError` if a test lacks
-        the time or temperature to which the drift is proportional.
+        A column is the reading per unit of one coefficient. The tuple is empty if the campaign
+        states that nothing drifts, or if times or temperatures of its tests do not differ or, with
+        times, are unknown. Raise an `InputError` if a test lacks the temperature to which the drift
+        is proportional.
         """
-        change = setting.temperature_K
-        field = "temperature_C"
-        if self.over == "time":
-            change = setting.time_h
-            field = "time_s"
-        lacking = int(np.sum(~np.isfinite(change)))
-        require(
-            not lacking,
-            f"drift over {self.over} must have {field} in every test, got {lacking} without."
-            " Record it, or leave the term Drift out.",
-        )
+        if not setting.drifts:
+            return ()
+        change = setting.time_h
+        if self.over == "temperature":
+            change = setting.temperature_K
+            lacking = int(np.sum(~np.isfinite(change)))
+            require(
+                not lacking,
+                f"drift over temperature must have temperature_C in every test, got {lacking}"
+                " without. Record it, or leave the term Drift out.",
+            )
+        if not np.isfinite(change).all():
+            return ()
         axes = [axis for axis in range(3) if np.any(setting.direction[:, :, axis])]
         length = setting.constant(change)
         centre = setting.direction[:, :, axes] * change[:, None, None]

@@ -6,6 +6,7 @@ Nuisance terms are effects that are modelled but not of interest.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,30 +24,48 @@ __all__ = ["JointLoad", "Position"]
 _CONTACT_POWER = 5.0 / 3.0
 
 
+class _LawInWords(NamedTuple):
+    """Name of an effect that makes an axis' compliance change with load, and of this load."""
+
+    effect: str
+    load: str
+
+
+# Laws of the nonlinear deflection of an axis, in the order of its coefficients. The keys are the
+# ends of their names.
+_LAWS = {
+    "slope": _LawInWords("stiffening", "its own load"),
+    "contact": _LawInWords("contact", "its own load"),
+    "seat": _LawInWords("seat", "the bar's force"),
+}
+
+
 @dataclass(frozen=True)
 class JointLoad(Term):
-    """Nonlinear deflection of each machine axis a under its own load F u_a.
+    """Nonlinear deflection of each machine axis a, under its own load F u_a and under the force F.
 
     u is the unit vector along the bar, F the bar's force, F0 the reference force and F_max the
-    largest force of the campaign. The term has two columns (readings per unit coefficient) for each
-    axis: F u_a² (F |u_a| − F0)/F_max, for preload and rolling contact, and
-    F^⅔ F0^⅓ |u_a|^(5/3) − F u_a², for bolted contact (deflection ~ load^⅔). Both are zero where the
-    bar is along the axis and F = F0. The direct compliance C_aa of the axis is therefore its
-    deflection per force there (secant compliance). The prior sd of each coefficient is
-    ``relative_sd`` times the estimate of C_aa.
+    largest force of the campaign. The term has three columns (readings per unit coefficient) for
+    each axis: F u_a² (F |u_a| − F0)/F_max, for preload and rolling contact;
+    F^⅔ F0^⅓ |u_a|^(5/3) − F u_a², for bolted contact (deflection ~ load^⅔); and
+    (F^⅔ F0^⅓ − F) u_a², for a seat that yields to the bar's whole force. All are zero where the bar
+    is along the axis and F = F0. The direct compliance C_aa of the axis is therefore its deflection
+    per force there (secant compliance). The prior sd of each coefficient is ``relative_sd`` times
+    the size of C_aa: its estimate and the standard uncertainty of the estimate, added in
+    quadrature.
 
     Examples
     --------
     >>> columns = lb.terms.JointLoad().columns(model.bind(campaign).setting)
-    >>> [of_axis.names for of_axis in columns]
-    [('joint_load_X_slope', 'joint_load_X_contact'), ('joint_load_Y_slope', 'joint_load_Y_contact')]
+    >>> columns[0].names
+    ('joint_load_X_slope', 'joint_load_X_contact', 'joint_load_X_seat')
     >>> lb.terms.JointLoad.describe("joint_load_X_contact")
     'contact of axis X under its own load'
     """
 
-    #: prior sd of each coefficient of the nonlinear deflection, as a share of the axis' estimated
+    #: prior sd of each coefficient of the nonlinear deflection, as a share of the size of the axis'
     #: direct compliance
-    relative_sd: float = 0.2
+    relative_sd: float = 0.4
     unit = Unit("mm/N", 1e-6, "nm/N")
     calibration = "a narrower prior of it"
     remedy = "Measure the axis' deflection under its own load."
@@ -57,7 +76,7 @@ class JointLoad(Term):
         A column is the reading per unit of one coefficient, in every test of a campaign.
         """
         columns = []
-        for axis, estimate in setting.driven_axes():
+        for axis, size in setting.driven_axes():
             values = self._deflections(
                 setting,
                 setting.force_N[:, None],
@@ -65,13 +84,12 @@ class JointLoad(Term):
                 u_cubed=setting.along(axis, 3.0),
                 u_contact=setting.along(axis, _CONTACT_POWER),
             )
-            letter = LINEAR[axis]
-            names = (f"joint_load_{letter}_slope", f"joint_load_{letter}_contact")
-            columns.append(Columns(names, values, np.full(2, self.relative_sd * estimate)))
+            names = tuple(f"joint_load_{LINEAR[axis]}_{law}" for law in _LAWS)
+            columns.append(Columns(names, values, np.full(len(names), self.relative_sd * size)))
         return tuple(columns)
 
     def secants(self, setting: Setting, force_N: Array) -> Array:
-        """Return the change of an axis' compliance per unit of its two coefficients, shape (n, 2).
+        """Return the change of an axis' compliance per unit of its coefficients, shape (n, 3).
 
         The change is the nonlinear deflection, with the bar along the axis, divided by the force.
         ``force_N`` holds n forces, none of them zero, shape (n,).
@@ -88,17 +106,19 @@ class JointLoad(Term):
         u_cubed: Array | float,
         u_contact: Array | float,
     ) -> Array:
-        """Return the deflections of rolling contact and of bolted contact per unit of compliance.
+        """Return the deflections of rolling contact, bolted contact and seat per unit compliance.
 
-        The formulas are those of `JointLoad`, and the result has the shape (..., 2) [N]. u is the
+        The formulas are those of `JointLoad`, and the result has the shape (..., 3) [N]. u is the
         component along an axis of the unit vector along the bar. ``u_squared`` is u², ``u_cubed``
         |u|³ and ``u_contact`` |u|^(5/3): numbers, or Fourier coefficients that are broadcast
         against the forces.
         """
         reference_N = setting.reference_force_N
         rolling = force_N * (force_N * u_cubed - reference_N * u_squared) / setting.largest_force_N
-        bolted = np.cbrt(force_N**2 * reference_N) * u_contact - force_N * u_squared
-        return np.stack([rolling, bolted], axis=-1)
+        contact_force = np.cbrt(force_N**2 * reference_N)
+        bolted = contact_force * u_contact - force_N * u_squared
+        seat = (contact_force - force_N) * u_squared
+        return np.stack([rolling, bolted, seat], axis=-1)
 
     @classmethod
     def describe(cls, coefficient: str) -> str:
@@ -107,8 +127,8 @@ class JointLoad(Term):
         For example, joint_load_X_contact is "contact of axis X under its own load".
         """
         axis, law = coefficient.removeprefix("joint_load_").split("_")
-        effect = "stiffening" if law == "slope" else "contact"
-        return f"{effect} of axis {axis} under its own load"
+        effect, load = _LAWS[law]
+        return f"{effect} of axis {axis} under {load}"
 
 
 @dataclass(frozen=True)
@@ -119,7 +139,8 @@ class Position(Term):
     proportional to u_a, where u is the unit vector along the bar. The term has two columns
     (readings per unit coefficient) for each axis: F u_a³ for a linear change, and
     F (u_a⁴ − u_a²/2) for a quadratic change, with the force F. The prior sds of the coefficients
-    are ``linear_sd`` and ``quadratic_sd``, times the estimate of the axis' direct compliance C_aa.
+    are ``linear_sd`` and ``quadratic_sd``, times the size of the axis' direct compliance C_aa: its
+    estimate and the standard uncertainty of the estimate, added in quadrature.
 
     Examples
     --------
@@ -130,11 +151,11 @@ class Position(Term):
     'linear change of the compliance along X'
     """
 
-    #: prior sd of the linear change of an axis' compliance along its travel, as a share of the
-    #: estimated direct compliance
+    #: prior sd of the linear change of an axis' compliance along its travel, as a share of the size
+    #: of its direct compliance
     linear_sd: float = 0.07
     #: prior sd of the quadratic change of an axis' compliance along its travel, as a share of the
-    #: estimated direct compliance
+    #: size of its direct compliance
     quadratic_sd: float = 0.04
     unit = Unit("mm/N", 1e-6, "nm/N")
     calibration = "a narrower prior of it"
@@ -147,13 +168,13 @@ class Position(Term):
         """
         force = setting.force_N[:, None]
         columns = []
-        for axis, estimate in setting.driven_axes():
+        for axis, size in setting.driven_axes():
             linear = force * setting.along(axis, 3.0, signed=True)
             bow = setting.along(axis, 4.0) - 0.5 * setting.along(axis, 2.0)
             values = np.stack([linear, force * bow], axis=2)
             letter = LINEAR[axis]
             names = (f"position_{letter}_linear", f"position_{letter}_quadratic")
-            sd = np.array([self.linear_sd, self.quadratic_sd]) * estimate
+            sd = np.array([self.linear_sd, self.quadratic_sd]) * size
             columns.append(Columns(names, values, sd))
         return tuple(columns)
 

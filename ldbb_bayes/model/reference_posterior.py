@@ -1,0 +1,182 @@
+"""Posterior of a machine at reference scales, from which the model of a campaign is linearised.
+
+Scales of the noise and of other effects (the hyper-parameters φ) are at their prior medians, and
+negative compliances are not excluded. The posterior of the compliances C at the reference force and
+of the geometric errors E is then Gaussian. Its mean and sd are the estimates Ĉ, Ê and the
+uncertainty u(Ĉ). The model itself depends on them: effects are linearised about Ĉ, Ê, and some
+prior sds are proportional to √(Ĉ² + u(Ĉ)²). The estimate is therefore a fixed point, found by three
+steps from the least-squares estimate. Every step linearises at the estimate of the last one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from ldbb_bayes.model.gaussian import Gaussian
+from ldbb_bayes.model.interest import ParametersOfInterest, interest_columns
+from ldbb_bayes.model.linearisation import (
+    MachineEstimate,
+    linearise,
+    nominal_mount_offset,
+    planned_compliances,
+)
+from ldbb_bayes.model.prior import Prior
+from ldbb_bayes.model.reduction import Reduced
+from ldbb_bayes.model.setting import Setting
+from ldbb_bayes.model.terms import BasisNoise, Columns, Term
+from ldbb_bayes.model.terms.columns import Hyper
+from ldbb_bayes.results import Array
+
+__all__ = ["ReferencePosterior", "fixed_point"]
+
+# Number of steps from the least-squares estimate of a machine to the fixed point.
+_STEPS = 3
+# A flat prior of a nuisance coefficient counts as a Gaussian prior whose sd is this multiple of the
+# coefficient's uncertainty from the readings alone, all other coefficients known.
+_FLAT_SDS = 1e6
+
+
+class _Coefficients(NamedTuple):
+    """Coefficients that all tests share: of nuisances, then the parameters of interest.
+
+    Nuisances are effects that are modelled but not of interest.
+    """
+
+    #: reading per unit of each of the q coefficients, as Fourier coefficients, shape (tests, 25, q)
+    values: Array
+    mean: Array  #: prior means of the q coefficients, shape (q,)
+    sd: Array  #: prior sds of the q coefficients, shape (q,); infinite for a flat prior
+
+
+@dataclass(frozen=True, eq=False)
+class ReferencePosterior:
+    """Posterior of a machine's parameters at fixed scales of the noise and of other effects."""
+
+    #: parameters of interest, with slopes of at most the first degree
+    interest: ParametersOfInterest
+    prior: Prior
+    nuisances: Sequence[Term]  #: nuisance terms (effects modelled but not of interest)
+    #: names of the parameters of interest that are fixed at zero
+    fixed: Sequence[str]
+    #: values of the hyper-parameters (scales of noise and nuisances) by name, lengths in mm
+    phi: Mapping[Hyper, float]
+    reduced: Sequence[Reduced]  #: readings of every test, reduced to at most 25 numbers
+
+    def estimate(self, setting: Setting) -> MachineEstimate:
+        """Return posterior means of compliances and geometric errors, and sds of the compliances.
+
+        ``setting`` are the conditions of the tests, with the estimate of the machine about which
+        the model is linearised. Parameters that are fixed are zero. Compliances that change no
+        reading have the values assumed for a plan, and count as known.
+        """
+        free = np.array([name not in self.fixed for name in self.interest.names])
+        posterior = self._posterior(setting, free)
+        mean = np.zeros(len(free))
+        sd = np.zeros(len(free))
+        mean[free] = posterior.mean
+        sd[free] = posterior.sd
+        count = len(self.interest.compliances)
+        visible = np.abs(setting.elastic).max(axis=(0, 1)) > 0.0
+        planned = planned_compliances(self.interest.compliances, self.prior)
+        first_geometric = len(free) - len(self.interest.geometric_errors)
+        return MachineEstimate(
+            np.where(visible, mean[:count], planned),
+            np.where(visible, sd[:count], 0.0),
+            mean[first_geometric:],
+        )
+
+    def _posterior(self, setting: Setting, free: Array) -> Gaussian:
+        """Return the posterior of the free parameters of interest.
+
+        ``setting`` are the conditions of the tests, and ``free`` states for every parameter of
+        interest whether it is free rather than fixed at zero.
+        """
+        terms: list[Columns | BasisNoise] = []
+        for term in self.nuisances:
+            terms += term.columns(setting)
+        coefficients = self._coefficients(setting, free, terms)
+        offset = nominal_mount_offset(setting) + coefficients.values @ coefficients.mean
+        rows = []
+        values = []
+        for r, test in enumerate(self.reduced):
+            root = np.linalg.cholesky(self._noise_covariance(terms, r))
+            residual = np.asarray(test.reading_mm) - test.factor @ offset[r]
+            equations = np.column_stack([test.factor @ coefficients.values[r], residual])
+            whitened = solve_triangular(root, equations, lower=True)
+            rows.append(whitened[:, :-1])
+            values.append(whitened[:, -1])
+        whitened_rows = np.concatenate(rows)
+        norms = np.linalg.norm(whitened_rows, axis=0)
+        flat_sd = _FLAT_SDS / np.where(norms > 0.0, norms, 1.0)
+        sd = np.where(np.isinf(coefficients.sd), flat_sd, coefficients.sd)
+        uncertain = sd > 0.0
+        prior = Gaussian.of(np.zeros(int(uncertain.sum())), sd[uncertain] ** 2)
+        joint = prior.observe(whitened_rows[:, uncertain], np.concatenate(values))
+        # The parameters of interest come last, and none of them has the prior sd zero.
+        size = int(free.sum())
+        of_interest = joint.marginal(range(len(prior.mean) - size, len(prior.mean)))
+        mean = of_interest.mean + coefficients.mean[-size:]
+        return Gaussian.factored(mean, of_interest.root, of_interest.scale)
+
+    def _coefficients(
+        self, setting: Setting, free: Array, terms: Sequence[Columns | BasisNoise]
+    ) -> _Coefficients:
+        """Return the coefficients that all tests share, with their columns and priors.
+
+        ``setting`` are the conditions of the tests, and ``terms`` the columns and the noise of the
+        nuisances under these conditions. ``free`` states for every parameter of interest whether it
+        is free.
+        """
+        values = []
+        means = []
+        sds = []
+        for term in terms:
+            if isinstance(term, Columns) and not term.private:
+                values.append(term.values)
+                sds.append(term.sd_at(self.phi))
+                means.append(np.zeros(len(term.names)) if term.mean is None else term.mean)
+        values.append(interest_columns(setting, self.interest.degree)[:, :, free])
+        sds.append(self.interest.prior_sd(self.prior, setting)[free])
+        means.append(self.interest.prior_mean(self.prior)[free])
+        return _Coefficients(
+            np.concatenate(values, axis=2), np.concatenate(means), np.concatenate(sds)
+        )
+
+    def _noise_covariance(self, terms: Sequence[Columns | BasisNoise], r: int) -> Array:
+        """Return the covariance of the m reduced readings of one test, shape (m, m) [mm²].
+
+        It is that of the white noise, and of the effects in ``terms`` that differ from test to
+        test. ``r`` is the index of the test, from 0.
+        """
+        factor = self.reduced[r].factor
+        covariance: Array = self.phi["sigma"] ** 2 * np.eye(len(factor))
+        for term in terms:
+            if isinstance(term, BasisNoise):
+                root = factor * term.sd_at(self.phi, r)
+            elif term.private:
+                root = factor @ (term.values[r] * term.sd_at(self.phi, r))
+            else:
+                continue
+            covariance = covariance + root @ root.T
+        return covariance
+
+
+def fixed_point(
+    posterior: ReferencePosterior, setting: Setting, start: MachineEstimate
+) -> MachineEstimate:
+    """Return the estimate of a machine from a model that is linearised about that estimate.
+
+    ``posterior`` is the posterior of the machine's parameters at reference scales, ``setting`` are
+    the conditions of all tests, and ``start`` is the estimate from which the first of three steps
+    starts.
+    """
+    estimate = start
+    for _ in range(_STEPS):
+        linearised = linearise(setting, posterior.interest.compliances, estimate)
+        estimate = posterior.estimate(linearised)
+    return estimate
