@@ -81,6 +81,8 @@ _CHOICES: Mapping[str, tuple[str, ...]] = {
     "angle_sign": ("1", "-1"),
     "decimal": (".", ","),
     "raw": ("yes",),
+    "order": ("random",),
+    "no_drift": ("yes",),
 }
 _KINDS_OF_ENTRY: Mapping[Any, str] = {
     int: "number",

@@ -131,6 +131,7 @@ def campaign_fields(
     mount_um_per_bar: float | None = None,
     force_slope: float | None = None,
     force_offset: float | None = None,
+    no_drift: bool = False,
     **options: Any,
 ) -> dict[str, Any]:
     """Return the fields of `Campaign` that options state.
@@ -143,6 +144,8 @@ def campaign_fields(
         Deflection of the work ball's mount per pressure [µm/bar].
     force_slope, force_offset
         Force per pressure [N/bar] and force at zero pressure [N].
+    no_drift
+        Whether neither length of the bar nor centre of the circle drifted from test to test.
     **options
         Other fields of `Campaign`.
 
@@ -160,6 +163,8 @@ def campaign_fields(
         slope = default.slope_N_per_bar if force_slope is None else force_slope
         offset = default.offset_N if force_offset is None else force_offset
         fields["force_law"] = lb.campaign.ForceLaw(slope, offset)
+    if no_drift:
+        fields["drift"] = False
     return fields
 
 

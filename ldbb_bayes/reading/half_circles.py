@@ -105,7 +105,7 @@ def _join(first: MeasuredArc, second: MeasuredArc) -> MeasuredArc:
 
     Whole turns are added to the angles of the second half, so that they continue those of the
     first. The name of the test is the common beginning of the names of both halves, or else the
-    name of the first half.
+    name of the first half. The test starts when the earlier half does.
     """
     n_turns = round((first.angle_deg[-1] - second.angle_deg[0]) / TURN_DEG)
     first_name = str(first.fields["name"])
@@ -118,9 +118,13 @@ def _join(first: MeasuredArc, second: MeasuredArc) -> MeasuredArc:
         "of one force and direction, together they make a circle",
         "setup of a [[test]] in --layout",
     )
+    fields = first.fields | {"name": name}
+    times_s = [arc.fields["time_s"] for arc in (first, second) if "time_s" in arc.fields]
+    if len(times_s) == 2:
+        fields["time_s"] = min(times_s)
     return replace(
         first,
-        fields=first.fields | {"name": name},
+        fields=fields,
         angle_deg=np.concatenate([first.angle_deg, second.angle_deg + TURN_DEG * n_turns]),
         reading_um=np.concatenate([first.reading_um, second.reading_um]),
     )

@@ -30,6 +30,7 @@ from ldbb_bayes.reading.recording import LOAD_LISTS, LOAD_ROLES, Recording, opti
 from ldbb_bayes.reading.sheet_selection import SheetSelection, select_sheets
 from ldbb_bayes.reading.splitting import layout_names, split_sheet
 from ldbb_bayes.reading.spreadsheet import read_sheets
+from ldbb_bayes.reading.start_times import take_start_times
 from ldbb_bayes.reading.stated_values import direction_of, loads_of, quantity_of
 from ldbb_bayes.reading.trace import trace_of
 from ldbb_bayes.results import Result
@@ -135,6 +136,7 @@ def import_campaign(
     recordings = _split_into_tests(selection, layout, campaign, log)
     loads = _stated_loads(recordings, layout)
     take_stated_fields(campaign, recordings)
+    take_start_times(recordings, log)
     arcs = []
     for k, recording in enumerate(recordings):
         loads_of_test = {key: values[k] for key, values in loads.items()}

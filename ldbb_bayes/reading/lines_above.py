@@ -9,11 +9,11 @@ import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import date
 from functools import cache
 from typing import Any, NamedTuple
 
 from ldbb_bayes.reading.column_roles import names_any_role
+from ldbb_bayes.reading.dates import iso_date
 from ldbb_bayes.reading.numerals import (
     NUMBER_IN_TEXT,
     is_missing,
@@ -119,21 +119,6 @@ _READINGS = re.compile(WORDS["mount"]["readings"], re.IGNORECASE)
 # compensated for the deflection of the ball's mount.
 _FILLING = re.compile(f"{_READINGS.pattern}|{WORDS['mount']['filling']}", re.IGNORECASE)
 _MOUNT_STATES = {state: WORDS["mount"][state] for state in ("raw", "compensated")}
-# First three letters of the name of each month, in English and, if different, in German.
-_MONTHS = (
-    "jan",
-    "feb",
-    "mar mär",
-    "apr",
-    "may mai",
-    "jun",
-    "jul",
-    "aug",
-    "sep",
-    "oct okt",
-    "nov",
-    "dec dez",
-)
 _DIRECTION_WORDS: Mapping[str, Any] = WORDS["directions"]
 # Pattern of any word for clockwise or counter-clockwise.
 _SENSE = re.compile(
@@ -269,7 +254,7 @@ def _value_in_words(key: str, value: str, matched: str) -> str:
     if key == "plane":
         return re.sub("[-/]", "", value.upper())
     if key in _DATES:
-        return _iso_date(value)
+        return iso_date(value)
     if key in _NAME_WORDS:
         if _is_header_beside(key, value, matched):
             return ""
@@ -302,34 +287,6 @@ def _mount_states(passage: str, is_whole_line: bool) -> Iterator[str]:
     for state, pattern in _MOUNT_STATES.items():
         if re.fullmatch(pattern, remaining):
             yield state
-
-
-def _iso_date(text: str) -> str:
-    """Return a date from a line as text in ISO 8601; empty for a date that does not exist."""
-    first, second, third = re.findall(r"[^-/., ]+", text.casefold())
-    day = first
-    month = second
-    year = third
-    if first.isalpha():  # a date such as March 4, 2026
-        day = second
-        month = first
-    elif len(first) == 4:  # a date such as 2026-03-04
-        year = first
-        day = third
-    if month.isalpha():
-        month = _month_number(month)
-    try:
-        return date(int(year), int(month), int(day)).isoformat()
-    except ValueError:
-        return ""
-
-
-def _month_number(name: str) -> str:
-    """Return the number of the month with this name, as text; 0 for a word that is no month."""
-    for k, beginnings in enumerate(_MONTHS, start=1):
-        if name[:3] in beginnings:
-            return str(k)
-    return "0"
 
 
 def is_label(text: str) -> bool:

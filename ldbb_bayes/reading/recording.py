@@ -57,6 +57,8 @@ class Recording:
     #: numbers of the test's n rows in each column, by the role of the column (angle, reading, …),
     #: in the units of the file, shape (n,)
     numbers: dict[str, Array]
+    #: text of every cell in the first row of the test, by the header of its column
+    first_cells: Mapping[str, str]
     #: different words in the column of directions, each with the number of its first line
     direction_words: Mapping[str, int]
     #: values that lines above the table state, by field of the test or campaign

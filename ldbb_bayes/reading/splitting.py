@@ -87,6 +87,17 @@ class _SheetColumns:
         cells = [self.cells[column][k] for k in rows]
         return constant_value(self.sheet.place, test, key, lines, cells, self.decimal)
 
+    def cells_by_header(self, row: int) -> dict[str, str]:
+        """Return the text of every cell in a row by the header of its column; ``row`` is its index.
+
+        Cells of columns without a header are left out.
+        """
+        texts = {}
+        for header, cells in zip(self.heading.headers, self.cells, strict=True):
+            if header:
+                texts[header] = cells[row]
+        return texts
+
     def direction_words(self, rows: Sequence[int]) -> dict[str, int]:
         """Return the different words in the column of directions, each with its first line number.
 
@@ -162,6 +173,7 @@ def split_sheet(
                 label=title,
                 lines=[columns.lines[row] for row in rows],
                 numbers={role: column_numbers[rows] for role, column_numbers in numbers.items()},
+                first_cells=columns.cells_by_header(rows[0]),
                 direction_words=columns.direction_words(rows),
                 statements=statements,
                 layout=layout,

@@ -1,0 +1,56 @@
+"""Dates in lines of foreign files, with months as numbers or as words in English and German."""
+
+from __future__ import annotations
+
+import re
+from datetime import date
+
+__all__ = ["iso_date"]
+
+# First three letters of the name of each month, in English and, if different, in German.
+_MONTHS = (
+    "jan",
+    "feb",
+    "mar mär",
+    "apr",
+    "may mai",
+    "jun",
+    "jul",
+    "aug",
+    "sep",
+    "oct okt",
+    "nov",
+    "dec dez",
+)
+
+
+def iso_date(text: str) -> str:
+    """Return a date as text in ISO 8601; empty for a date that does not exist.
+
+    ``text`` is a date with the year in four digits, such as 2026-11-20, 20.11.2026, 20-Nov-2026 or
+    November 20, 2026.
+    """
+    first, second, third = re.findall(r"\d+|[^\W\d_]+", text.casefold())
+    day = first
+    month = second
+    year = third
+    if first.isalpha():  # a date such as March 4, 2026
+        day = second
+        month = first
+    elif len(first) == 4:  # a date such as 2026-03-04
+        year = first
+        day = third
+    if month.isalpha():
+        month = _month_number(month)
+    try:
+        return date(int(year), int(month), int(day)).isoformat()
+    except ValueError:
+        return ""
+
+
+def _month_number(name: str) -> str:
+    """Return the number of the month with this name, as text; 0 for a word that is no month."""
+    for k, beginnings in enumerate(_MONTHS, start=1):
+        if name[:3] in beginnings:
+            return str(k)
+    return "0"

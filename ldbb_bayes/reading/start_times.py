@@ -1,0 +1,269 @@
+"""Start times of the tests of a campaign, from the dates and times that their files state.
+
+The times are used only if all tests have one, because only then do they tell the order of all
+tests and the pauses between them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from datetime import date
+from typing import NamedTuple
+
+import numpy as np
+
+from ldbb_bayes.reading.assumptions import AssumptionLog
+from ldbb_bayes.reading.recording import Recording
+from ldbb_bayes.reading.time_stamps import (
+    Rank,
+    TimeStamp,
+    epoch_stamp,
+    stamp_in_name,
+    stamps_in,
+)
+from ldbb_bayes.results import Array
+
+__all__ = ["take_start_times"]
+
+_DAY_S = 86_400.0
+# Times of day without dates are taken as before and after midnight if they are otherwise more than
+# this apart [s] …
+_LONG_CAMPAIGN_S = 12 * 3_600.0
+# … and then at most this [s].
+_NIGHT_S = 6 * 3_600.0
+# Shortest time from one circle to the next [s]. Stamps that are closer together tell when files
+# were written.
+_SHORTEST_CIRCLE_S = 5.0
+# Longest list of tests or sources in a note [characters].
+_LIST_SHOWN = 200
+# Command-line options by which a user states other times, where times were taken and where not.
+_OPTION_TAKEN = "time_s of a [[test]] in --layout; --no-drift"
+_OPTION_NOT_TAKEN = "time_s of a [[test]] in --layout; --order; --no-drift"
+
+
+class _Start(NamedTuple):
+    """When a test was run, as its file states it."""
+
+    title: str  # name of the test
+    stamp: TimeStamp
+    source: str  # place of the stamp in words, such as "line 3"
+
+
+class _Times(NamedTuple):
+    """Start times of all tests, or the reason why they cannot be told."""
+
+    seconds: Array | None  # start of each test after the earliest [s], shape (tests,)
+    reason: str  # why the times cannot be told; or how an ambiguous date was read, or empty
+
+
+def take_start_times(recordings: Sequence[Recording], log: AssumptionLog) -> None:
+    """Set the field ``time_s`` of every test to its start [s] after the earliest start of all.
+
+    Starts are the dates and times that columns, lines above the tables, and names state. They are
+    taken only if all tests have one, and if no test states ``time_s`` itself. What was taken is
+    noted, and so is why nothing was taken from files with dates and times.
+
+    Parameters
+    ----------
+    recordings
+        Recordings of all tests, to whose fields the times are added.
+    log
+        Log to which the assumptions are added.
+    """
+    if len(recordings) < 2 or any(_states_time(recording) for recording in recordings):
+        return
+    starts = []
+    for recording in recordings:
+        start = _start_of(recording)
+        if start is not None:
+            starts.append(start)
+    if not starts:
+        return
+    if len(starts) < len(recordings):
+        reason = f"only {len(starts)} of {len(recordings)} tests state when they were run"
+        log.add("", "time_s", "not taken", reason, _OPTION_NOT_TAKEN)
+        return
+    times = _times_of([start.stamp for start in starts])
+    if times.seconds is None:
+        log.add("", "time_s", "not taken", times.reason, _OPTION_NOT_TAKEN)
+        return
+    for recording, seconds in zip(recordings, times.seconds.tolist(), strict=True):
+        recording.fields["time_s"] = round(seconds, 3)
+    _note_times(starts, times, log)
+
+
+def _states_time(recording: Recording) -> bool:
+    if recording.stated.get("time_s") is not None:
+        return True
+    return recording.fields.get("time_s") is not None
+
+
+def _start_of(recording: Recording) -> _Start | None:
+    """Return when a test was run, from the most reliable of its sources; None if none states it.
+
+    A time of day without a date gets the date that another column, line or name states.
+    """
+    starts = _statements(recording)
+    timed = [start for start in starts if start.stamp.seconds is not None]
+    if not timed:
+        return None
+    start = min(timed, key=_rank)
+    dated = [other for other in starts if other.stamp.has_date]
+    if start.stamp.has_date or not dated:
+        return start
+    day = min(dated, key=_rank).stamp
+    stamp = replace(start.stamp, day_first=day.day_first, month_first=day.month_first)
+    return start._replace(stamp=stamp)
+
+
+def _rank(start: _Start) -> Rank:
+    return start.stamp.rank
+
+
+def _statements(recording: Recording) -> list[_Start]:
+    """Return all dates and times that columns, lines and names state for a test."""
+    title = recording.title
+    starts = []
+    for header, cell in recording.first_cells.items():
+        source = f"the column {header[:_LIST_SHOWN]!r}"
+        for stamp in _stamps_of_cell(header, cell):
+            starts.append(_Start(title, stamp, source))
+    for line, text in recording.heading.lines_above:
+        for stamp in stamps_in(text):
+            starts.append(_Start(title, stamp, f"line {line}"))
+    named = stamp_in_name(recording.names())
+    if named is not None:
+        starts.append(_Start(title, named, "its name"))
+    return starts
+
+
+def _stamps_of_cell(header: str, cell: str) -> list[TimeStamp]:
+    """Return the dates and times in a cell, if the header of its column names a time."""
+    since_epoch = epoch_stamp(header, cell)
+    if since_epoch is not None:
+        return [since_epoch]
+    return stamps_in(f"{header}: {cell}", Rank.COLUMN)
+
+
+def _times_of(stamps: Sequence[TimeStamp]) -> _Times:
+    """Return the start of each test after the earliest [s], from the stamps of all tests."""
+    seconds = _seconds_of_day(stamps)
+    dated = [stamp for stamp in stamps if stamp.has_date]
+    if len(dated) == len(stamps):
+        times = _times_of_dates(stamps, seconds)
+    elif len(dated) == 0 or _is_one_day(dated):
+        times = _Times(_across_midnight(seconds), "")
+    else:
+        times = _Times(None, "some tests state no date, and the others several")
+    if times.seconds is None:
+        return times
+    span = float(times.seconds.max())
+    if span < _SHORTEST_CIRCLE_S * (len(stamps) - 1):
+        reason = f"they are too close together: all within {span:.3g} s"
+        return _Times(None, reason)
+    return times
+
+
+def _seconds_of_day(stamps: Sequence[TimeStamp]) -> Array:
+    """Return the time of day of each stamp [s], in UTC if all stamps state their time zone."""
+    seconds = np.array([stamp.seconds for stamp in stamps], dtype=float)
+    zones = [stamp.zone_s for stamp in stamps]
+    if None not in zones:
+        seconds -= np.array(zones, dtype=float)
+    return seconds
+
+
+def _is_one_day(stamps: Sequence[TimeStamp]) -> bool:
+    days = {(stamp.day_first, stamp.month_first) for stamp in stamps}
+    return len(days) == 1
+
+
+def _across_midnight(seconds: Array) -> Array:
+    """Return times of day as times after the earliest [s], where no dates are stated.
+
+    If the times are more than twelve hours apart, but at most six with those before the largest gap
+    counted to the next day, the tests were run across midnight.
+    """
+    span = np.ptp(seconds)
+    if span > _LONG_CAMPAIGN_S:
+        ordered = np.sort(seconds)
+        largest_gap = int(np.argmax(np.diff(ordered)))
+        after_midnight = seconds <= ordered[largest_gap]
+        shifted = seconds + _DAY_S * after_midnight
+        if np.ptp(shifted) <= _NIGHT_S:
+            seconds = shifted
+    return seconds - seconds.min()
+
+
+def _times_of_dates(stamps: Sequence[TimeStamp], seconds: Array) -> _Times:
+    """Return the start of each test after the earliest [s], from stamps that all have a date.
+
+    Dates such as 03/04/2026 may have the day or the month first. If both are possible and make a
+    difference, that order counts in which the tests lie within a day. ``seconds`` are the times of
+    day, shape (tests,).
+    """
+    readings: dict[str, Array] = {}
+    for order, days in _possible_days(stamps).items():
+        ordinals = np.array([day.toordinal() for day in days], dtype=float)
+        since_first_day = _DAY_S * (ordinals - ordinals.min()) + seconds
+        readings[order] = since_first_day - since_first_day.min()
+    if not readings:
+        return _Times(None, "their dates do not fit together: days and months change places")
+    candidates = list(readings.values())
+    if len(candidates) == 1 or np.array_equal(candidates[0], candidates[1]):
+        return _Times(candidates[0], "")
+    within_a_day = [order for order, times in readings.items() if times.max() <= _DAY_S]
+    open_stamp = _first_open(stamps)
+    if len(within_a_day) != 1:
+        return _Times(None, f"{open_stamp!r} may have the day or the month first")
+    order = within_a_day[0]
+    return _Times(readings[order], f"{open_stamp!r} read with the {order} first")
+
+
+def _possible_days(stamps: Sequence[TimeStamp]) -> Mapping[str, list[date]]:
+    """Return the dates of all stamps with the day first, and with the month first.
+
+    An order in which a stamp would have no date is left out.
+    """
+    days_by_order = {
+        "day": [stamp.day_first for stamp in stamps],
+        "month": [stamp.month_first for stamp in stamps],
+    }
+    possible = {}
+    for order, days in days_by_order.items():
+        existing = [day for day in days if day is not None]
+        if len(existing) == len(days):
+            possible[order] = existing
+    return possible
+
+
+def _first_open(stamps: Sequence[TimeStamp]) -> str:
+    """Return the text of the first stamp whose date depends on the order of day and month."""
+    for stamp in stamps:
+        if stamp.day_first != stamp.month_first:
+            return stamp.text
+    return ""
+
+
+def _note_times(starts: Sequence[_Start], times: _Times, log: AssumptionLog) -> None:
+    """Add to the log when the tests were run, and by what this is known.
+
+    Tests that are listed in another order, and tests more than a day apart, are noted too.
+    """
+    seconds = np.asarray(times.seconds)
+    in_order = np.argsort(seconds, kind="stable").tolist()
+    entries = []
+    for k in in_order:
+        entries.append(f"{starts[k].title} at {seconds[k] / 60.0:.4g} min")
+    sources = list(dict.fromkeys(start.source for start in starts))
+    reason = ", ".join(sources)[:_LIST_SHOWN]
+    if times.reason:
+        reason += f"; {times.reason}"
+    log.add("", "time_s", ", ".join(entries)[:_LIST_SHOWN], reason, _OPTION_TAKEN)
+    if in_order != list(range(len(starts))):
+        log.add("", "order", "that of their times", "they are listed in another", _OPTION_TAKEN)
+    span_s = float(seconds.max())
+    if span_s > _DAY_S:
+        reason = f"{span_s / _DAY_S:.2g} days from the first test to the last: drift is one line"
+        log.add("", "time_s", "more than a day apart", reason, _OPTION_TAKEN)

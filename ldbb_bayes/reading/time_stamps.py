@@ -1,0 +1,286 @@
+"""Time stamps in foreign files: the date and the time of day at which a test was run.
+
+An example is the line ``Start time: 20.11.2026 14:03:12``.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from datetime import UTC, date, datetime
+from enum import IntEnum
+from typing import NamedTuple
+
+from ldbb_bayes.reading.dates import iso_date
+from ldbb_bayes.reading.words import LONGEST_TEXT, WORDS
+
+__all__ = ["Rank", "TimeStamp", "epoch_stamp", "stamp_in_name", "stamps_in"]
+
+# Words that precede a time stamp in a line.
+_WORDS = {kind: re.compile(words, re.IGNORECASE) for kind, words in WORDS["stamps"].items()}
+_MONTH = WORDS["parts"]["month"]
+# Pattern of a date. Its year has four digits, or two after points or slashes.
+_DATE = (
+    r"(?:\d{4}[-/.]\d\d?[-/.]\d\d?"
+    rf"|\d\d?\.\s?(?:\d\d?\.|{_MONTH})\s?(?:\d{{4}}|\d\d)(?!\d)"
+    rf"|\d\d?[- ]{_MONTH}[- ]?\d{{4}}|{_MONTH} \d\d?,\s?\d{{4}}"
+    r"|\d\d?/\d\d?/(?:\d{4}|\d\d)(?!\d)|\d\d?-\d\d?-\d{4})"
+)
+# Pattern of a time of day, with or without seconds, AM or PM, and time zone.
+_TIME = (
+    r"(?P<hours>\d{1,2}):(?P<minutes>\d\d)(?::(?P<seconds>\d\d(?:[.,]\d{1,9})?))?(?![\d:])"
+    r"(?:\s?(?P<half_day>[AaPp])\.?[Mm]\b\.?)?"
+    r"(?P<zone>Z\b|\s?(?:UTC|GMT)(?!\s?[+-])|\s?(?:UTC|GMT)?\s?[+-]\d\d:?\d\d)?"
+)
+# Pattern of a date and a time of day in either order, or of one of them alone.
+_STAMP = re.compile(
+    rf"(?<![\d:.,/+-])(?:(?P<date>{_DATE})(?:(?:T|[ ,;|\t]{{1,3}}|\s+(?:at|um)\s+){_TIME})?"
+    rf"|{_TIME.replace('?P<', '?P<only_')}(?:[ ,;|\t]{{1,3}}(?:on |am )?(?P<date_after>{_DATE}))?)",
+    re.IGNORECASE,
+)
+# Pattern of a time stamp in the name of a file, such as 2026-11-20_14-03-12 or 20261120T1403.
+_STAMP_IN_NAME = re.compile(
+    r"(?<!\d)(?P<year>20\d\d)[-_.]?(?P<month>[01]\d)[-_.]?(?P<day>[0-3]\d)[-_ T]{1,2}"
+    r"(?P<hours>[0-2]\d)(?P<mark>[-_.:h]?)(?P<minutes>[0-5]\d)"
+    r"(?:(?:(?P=mark)|m)(?P<seconds>[0-5]\d))?(?!\d)"
+)
+# Pattern of a date whose first two numbers may be day and month, or month and day.
+_OPEN_DATE = re.compile(r"(\d\d?)[/-](\d\d?)[/-](\d{4}|\d\d)")
+_CENTURY = 2000
+_HOUR_S = 3_600.0
+_MINUTE_S = 60.0
+# Seconds since 1970 that may be the time of a test: the years 2000 to 2100.
+_EPOCH_S = (946_684_800.0, 4_102_444_800.0)
+
+
+class Rank(IntEnum):
+    """Kinds of statements of the time at which a test was run, the most reliable first."""
+
+    COLUMN = 0  #: first row of a column of times
+    START = 1  #: line with a word such as "start"
+    TEST = 2  #: line with a word such as "time" or "measured"
+    ALONE = 3  #: line that is nothing but a date and a time
+    NAME = 4  #: name of the test, or of its file
+
+
+@dataclass(frozen=True)
+class TimeStamp:
+    """Date, time of day, or both, as a file states them for a test."""
+
+    rank: Rank
+    text: str  #: the stamp as the file writes it
+    #: date if the day stands before the month; None without a date, or if there is no such date
+    day_first: date | None = None
+    #: date if the month stands before the day; the same date if the file leaves no choice
+    month_first: date | None = None
+    seconds: float | None = None  #: seconds since midnight; None for a date alone
+    zone_s: float | None = None  #: local time less UTC [s]; None if no time zone is stated
+
+    @property
+    def has_date(self) -> bool:
+        """Whether the stamp states a date."""
+        return self.day_first is not None or self.month_first is not None
+
+
+def stamps_in(text: str, rank: Rank | None = None) -> list[TimeStamp]:
+    """Return the dates and times of day in a line that may be those of a test, in their order.
+
+    A stamp counts if the words before it say that the test was run, started or recorded then. A
+    line without words counts if it has date and time. Dates and times of something else, such as a
+    calibration or the end of the test, do not count, nor do durations.
+
+    Parameters
+    ----------
+    text
+        The line. For a cell of a table, it is ``header: cell``.
+    rank
+        Kind of the statement; None to tell it from the words of the line.
+    """
+    stamps = []
+    end = 0
+    for match in _STAMP.finditer(text[:LONGEST_TEXT]):
+        before = text[end : match.start()]
+        end = match.end()
+        found = _rank_of(before)
+        if found is None or (rank is None and found == Rank.ALONE and not _is_whole(match)):
+            continue
+        if _is_duration(before, match):
+            continue
+        stamp = _stamp_of(match, found if rank is None else rank)
+        if stamp is not None:
+            stamps.append(stamp)
+    return stamps
+
+
+def _rank_of(words: str) -> Rank | None:
+    """Return the kind of statement that begins with these words; None if it is of something else.
+
+    ``words`` is the text between the previous stamp in the line, or its beginning, and the stamp.
+    """
+    if _WORDS["other"].search(words):
+        return None
+    if _WORDS["start"].search(words):
+        return Rank.START
+    if _WORDS["test"].search(words):
+        return Rank.TEST
+    if re.search(r"\w", words):
+        return None
+    return Rank.ALONE
+
+
+def _is_whole(match: re.Match[str]) -> bool:
+    """Return whether a matched stamp states both a date and a time of day."""
+    return all(_parts_of(match).get(part) for part in ("date", "hours"))
+
+
+def _is_duration(words: str, match: re.Match[str]) -> bool:
+    """Return whether a stamp may be a duration, such as ``Time: 00:01:28``.
+
+    It may be if it has no date and the hour zero, unless the ``words`` before it speak of a start
+    or of a clock.
+    """
+    parts = _parts_of(match)
+    if "date" in parts or int(parts["hours"]) > 0:
+        return False
+    return not (_WORDS["start"].search(words) or _WORDS["clock"].search(words))
+
+
+def _parts_of(match: re.Match[str]) -> dict[str, str]:
+    """Return the parts of a matched stamp by name, such as date or hours.
+
+    Parts that the stamp does not state are left out.
+    """
+    parts = {}
+    for name, part in match.groupdict().items():
+        if part:
+            parts[name.removeprefix("only_").removesuffix("_after")] = part
+    return parts
+
+
+def _stamp_of(match: re.Match[str], rank: Rank) -> TimeStamp | None:
+    """Return the time stamp of a match; None for a date or time that does not exist."""
+    parts = _parts_of(match)
+    day_first = None
+    month_first = None
+    if "date" in parts:
+        dates = _dates_of(parts["date"])
+        day_first = dates.day_first
+        month_first = dates.month_first
+        if day_first is None and month_first is None:
+            return None
+    seconds = None
+    zone_s = None
+    if "hours" in parts:
+        seconds = _seconds_of(parts)
+        if seconds is None:
+            return None
+        zone_s = _zone_of(parts.get("zone", ""))
+    if seconds == 0.0:  # a spreadsheet writes a date alone as midnight
+        seconds = None
+    return TimeStamp(rank, match[0].strip(), day_first, month_first, seconds, zone_s)
+
+
+class _Dates(NamedTuple):
+    """Dates that a text may mean; both are the same unless it is of a form such as 03/04/2026."""
+
+    day_first: date | None  # date if the day stands before the month; None if there is no such date
+    month_first: date | None  # date if the month stands before the day
+
+
+def _dates_of(text: str) -> _Dates:
+    open_date = _OPEN_DATE.fullmatch(text)
+    if open_date is None:
+        day = _certain_date(text)
+        return _Dates(day, day)
+    first = int(open_date[1])
+    second = int(open_date[2])
+    year = _full_year(open_date[3])
+    return _Dates(_date_or_none(year, second, first), _date_or_none(year, first, second))
+
+
+def _certain_date(text: str) -> date | None:
+    short_year = re.fullmatch(r"(.*\.\s?)(\d\d)", text)
+    if short_year is not None:
+        text = f"{short_year[1]}{_full_year(short_year[2])}"
+    iso = iso_date(text)
+    if not iso:
+        return None
+    return date.fromisoformat(iso)
+
+
+def _full_year(digits: str) -> int:
+    if len(digits) == 2:
+        return _CENTURY + int(digits)
+    return int(digits)
+
+
+def _date_or_none(year: int, month: int, day: int) -> date | None:
+    try:
+        return date(year, month, day)
+    except ValueError:
+        return None
+
+
+def _seconds_of(parts: dict[str, str]) -> float | None:
+    """Return the time of day in seconds since midnight; None if there is no such time."""
+    hours = int(parts["hours"])
+    minutes = int(parts["minutes"])
+    seconds = float(parts.get("seconds", "0").replace(",", "."))
+    if "half_day" in parts:
+        if not 1 <= hours <= 12:
+            return None
+        hours = hours % 12
+        if parts["half_day"] in "pP":
+            hours += 12
+    if hours > 23 or minutes > 59 or seconds >= 60.0:
+        return None
+    return _HOUR_S * hours + _MINUTE_S * minutes + seconds
+
+
+def _zone_of(text: str) -> float | None:
+    """Return the difference of a time zone from UTC [s]; None for an empty text."""
+    if not text:
+        return None
+    offset = re.search(r"([+-])(\d\d):?(\d\d)", text)
+    if offset is None:
+        return 0.0
+    size = _HOUR_S * int(offset[2]) + _MINUTE_S * int(offset[3])
+    return float(f"{offset[1]}1") * size
+
+
+def stamp_in_name(names: Iterable[str]) -> TimeStamp | None:
+    """Return the time stamp that the first of the names with one states; None without any.
+
+    Names are those of a test or its file, such as ``2026-11-20_14-03-12 36N``.
+    """
+    for name in names:
+        match = _STAMP_IN_NAME.search(name[:LONGEST_TEXT])
+        if match is None:
+            continue
+        day = _date_or_none(int(match["year"]), int(match["month"]), int(match["day"]))
+        parts = {key: match[key] or "0" for key in ("hours", "minutes", "seconds")}
+        seconds = _seconds_of(parts)
+        if day is not None and seconds is not None:
+            return TimeStamp(Rank.NAME, match[0], day, day, seconds)
+    return None
+
+
+def epoch_stamp(header: str, text: str) -> TimeStamp | None:
+    """Return the time stamp of a number of seconds or milliseconds since 1970; None for others.
+
+    ``text`` is the first cell of a column, whose header must name a time.
+    """
+    if _rank_of(header) not in (Rank.START, Rank.TEST):
+        return None
+    if not re.fullmatch(r"\d{9,13}(?:\.\d+)?", text):
+        return None
+    since_epoch = float(text)
+    if since_epoch > _EPOCH_S[1]:
+        since_epoch /= 1e3
+    if not _EPOCH_S[0] <= since_epoch <= _EPOCH_S[1]:
+        return None
+    when = datetime.fromtimestamp(since_epoch, tz=UTC)
+    midnight = when.replace(hour=0, minute=0, second=0, microsecond=0)
+    day = when.date()
+    return TimeStamp(Rank.COLUMN, text, day, day, (when - midnight).total_seconds(), 0.0)
