@@ -38,8 +38,8 @@ _SHORTEST_CIRCLE_S = 5.0
 # Longest list of tests or sources in a note [characters].
 _LIST_SHOWN = 200
 # Command-line options by which a user states other times, where times were taken and where not.
-_OPTION_TAKEN = "time_s of a [[test]] in --layout; --no-drift"
-_OPTION_NOT_TAKEN = "time_s of a [[test]] in --layout; --order; --no-drift"
+_OPTION_TAKEN = "time_s of a [[test]] in --layout, --no-drift"
+_OPTION_NOT_TAKEN = "time_s of a [[test]] in --layout, --order, --no-drift"
 
 
 class _Start(NamedTuple):
