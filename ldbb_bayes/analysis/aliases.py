@@ -12,19 +12,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 
 import numpy as np
 
 from ldbb_bayes.analysis.null_space import EXACT_SHARE, NullSpace
-from ldbb_bayes.inference.checks import in_order_of_force
-from ldbb_bayes.model.fourier import basis, harmonic_index
-from ldbb_bayes.model.hybrid import BoundModel, HybridModel
+from ldbb_bayes.analysis.origins import edition_terms, is_size_stated
+from ldbb_bayes.model.fourier import basis
+from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.terms import Columns, Term
-from ldbb_bayes.results import Array, Result
+from ldbb_bayes.results import Array
 from ldbb_bayes.units import ranked
 
-__all__ = ["Degeneracy", "Standing", "StandingKind", "degeneracies", "standing_degeneracies"]
+__all__ = ["Degeneracy", "degeneracies"]
 
 # Largest number of angles of a test at which the effects of coefficients on the readings are
 # computed. It is enough, because no effect has more than 12 waves per turn.
@@ -37,19 +36,10 @@ _NAMED_SHARE = 0.02
 # The effect of a coefficient on the readings is a rounding error if it is below this share of the
 # largest effect of any coefficient in the same combination.
 _ROUNDING = 1e-9
-# Friction counts as hidden if a change of the parameters imitates its effect on the readings. The
-# difference must be less than this share of the effect.
-_UNEXPLAINED_SHARE = 1e-3
-# Singular values below this share of the largest count as zero when the change of the readings by
-# friction is fitted by changes of the parameters.
-_RANK_TOLERANCE = 1e-10
 # A change of a reading below this share of the resolution of the readings cannot be seen.
 _VISIBLE_SHARE = 0.1
 # One micrometre in millimetres.
 _MICROMETRE = 1e-3
-# Number of lobes per turn of a form error of the balls that looks like a rotation of the machine
-# caused by a moment.
-_LOBES = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,32 +77,6 @@ class Degeneracy:
     def nuisances(self) -> tuple[str, ...]:
         """Names of the nuisance coefficients (effects not of interest) in the degeneracy."""
         return tuple(name for name in self.combination if name not in self.units)
-
-
-class StandingKind(StrEnum):
-    """Kind of effect on the readings that looks like a parameter of the machine.
-
-    The kinds are friction, drift, a nonlinear mount or force device (curvature), and a four-lobed
-    form error of the balls (lobes). The model has no term for such an effect, or only tests at
-    different forces separate the effect from the parameter.
-    """
-
-    FRICTION = "friction"
-    DRIFT = "drift"
-    CURVATURE = "curvature"
-    LOBES = "lobes"
-
-
-@dataclass(frozen=True)
-class Standing(Result):
-    """A kind of effect, such as friction, and the parameters that look like it.
-
-    ``parameters`` are the names of these parameters, which the tests hardly separate from the
-    effect.
-    """
-
-    kind: StandingKind
-    parameters: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -202,7 +166,9 @@ def _describe_degeneracy(
     change = _in_reading_units(coefficients, pivot, vector)
     prior_sds = change / coefficients.prior_sd
     terms = [_modelled_term(bound, coefficients.owners[i]) for i in nuisances]
-    stated = [_is_stated(bound, names[i], term) for i, term in zip(nuisances, terms, strict=True)]
+    stated = [
+        is_size_stated(bound, names[i], term) for i, term in zip(nuisances, terms, strict=True)
+    ]
     return Degeneracy(
         term=coefficients.owners[pivot],
         combination={names[i]: float(change[i]) for i in (*nuisances, *parameters)},
@@ -261,127 +227,6 @@ def _modelled_term(bound: BoundModel, owner: str) -> Term | None:
     return None
 
 
-def _is_stated(bound: BoundModel, coefficient: str, term: Term | None) -> bool:
-    """Return whether the size of a nuisance coefficient is stated.
-
-    The size is stated by a certificate, or by a term that the user has changed. ``term`` is the
-    model term that the coefficient belongs to; the answer is false if it is None (not modelled).
-    """
-    if term is None:
-        return False
-    is_edited = _edition_terms(bound).get(type(term)) != term
-    return is_edited or term.is_stated(coefficient, bound.campaign)
-
-
-def standing_degeneracies(bound: BoundModel, aliases: Sequence[Degeneracy]) -> tuple[Standing, ...]:
-    """Return the kinds of effect that look like parameters, each with these parameters.
-
-    The kinds are friction, drift, a nonlinear mount or force device, and a four-lobed form error of
-    the balls. The model has no term for such an effect, or only tests at different forces separate
-    the effect from the parameters.
-
-    Parameters
-    ----------
-    bound
-        Model bound to a campaign or plan.
-    aliases
-        The `degeneracies` of the bound model.
-    """
-    candidates = {
-        StandingKind.FRICTION: _like_friction(bound),
-        StandingKind.DRIFT: _like_drift(bound),
-        StandingKind.CURVATURE: _like_curvature(bound),
-        StandingKind.LOBES: _like_lobes(bound, aliases),
-    }
-    standing = []
-    for kind, parameters in candidates.items():
-        if parameters:
-            standing.append(Standing(kind, parameters))
-    return tuple(standing)
-
-
-def _compliances_of_kind(bound: BoundModel, kind: str) -> tuple[str, ...]:
-    """Return the names of the model's compliances of one kind, such as ``cross`` (``C_XYX``)."""
-    return tuple(name.label for name in bound.compliances if name.kind == kind)
-
-
-def _modelled_terms(bound: BoundModel) -> set[str]:
-    """Return the class names of the model's nuisance terms, such as ``Drift``."""
-    return {type(term).__name__ for term in bound.model.nuisances}
-
-
-def _like_friction(bound: BoundModel) -> tuple[str, ...]:
-    """Return the names of the cross compliances that friction can be mistaken for.
-
-    Friction changes the readings like a cross compliance, but with a sign that changes with the
-    direction of travel. It can be mistaken for the cross compliance if a combination of the
-    parameters changes the readings in the same way.
-    """
-    directions = {test.name: test.direction for test in bound.campaign.tests}
-    sign = np.where([directions[name] == "CCW" for name in bound.test_names], -1.0, 1.0)
-    labels = _compliances_of_kind(bound, "cross")
-    cross = [j for j, name in enumerate(bound.names) if name in labels]
-    reversed_columns = bound.interest[:, :, cross] * sign[:, None, None]
-    effects = _effects(bound, np.concatenate([bound.interest, reversed_columns], axis=2))
-    parameters = effects[:, : len(bound.names)] * bound.scale
-    friction = effects[:, len(bound.names) :]
-    solution = np.linalg.lstsq(parameters, friction, rcond=_RANK_TOLERANCE)[0]
-    unexplained = np.abs(friction - parameters @ solution).max(axis=0)
-    hidden = unexplained < _UNEXPLAINED_SHARE * np.abs(friction).max(axis=0)
-    return tuple(bound.names[j] for j, is_hidden in zip(cross, hidden, strict=True) if is_hidden)
-
-
-def _like_drift(bound: BoundModel) -> tuple[str, ...]:
-    """Return the names of the compliances that a drift of the readings can be mistaken for.
-
-    For a campaign whose tests were run in the order of their forces, these are the direct
-    compliances and, if the model has the term ``Position``, the rotations caused by a force. There
-    are none for any other campaign, for a plan, or if the model has the term ``Drift``.
-    """
-    modelled = _modelled_terms(bound)
-    if "Drift" in modelled or bound.campaign.is_plan or not in_order_of_force(bound):
-        return ()
-    direct = _compliances_of_kind(bound, "direct")
-    if "Position" not in modelled:
-        return direct
-    return (*direct, *_compliances_of_kind(bound, "rotation_for_force"))
-
-
-def _like_curvature(bound: BoundModel) -> tuple[str, ...]:
-    """Return the direct compliances whose slopes look like a nonlinear mount or force device.
-
-    A slope is the change of a compliance with force. There are no such compliances unless the model
-    has two or more direct compliances, each with a slope.
-    """
-    direct = _compliances_of_kind(bound, "direct")
-    if len(direct) > 1 and all(f"{label}_1" in bound.names for label in direct):
-        return direct
-    return ()
-
-
-def _like_lobes(bound: BoundModel, aliases: Sequence[Degeneracy]) -> tuple[str, ...]:
-    """Return the rotations caused by a moment that look like a four-lobed form error of the balls.
-
-    There are none unless all tests have one radius and one clocking of the balls, at several
-    forces. Then only the forces separate the rotation from the form error. There are also none if
-    no degeneracy in ``aliases`` involves a form error of the balls, or if one already involves a
-    four-lobed form error.
-    """
-    once = not bound.setting.two_balls and len(set(bound.setting.radius_mm)) == 1
-    if not once or bound.campaign.force_levels <= 1:
-        return ()
-    if not any(degeneracy.term == "BallForm" for degeneracy in aliases):
-        return ()
-    coefficients = _all_coefficients(bound)
-    other_orders = np.delete(coefficients.columns, harmonic_index(_LOBES), axis=1)
-    has_four_lobes = ~np.any(other_orders, axis=(0, 1))
-    for degeneracy in aliases:
-        for name in degeneracy.nuisances:
-            if has_four_lobes[coefficients.names.index(name)]:
-                return ()
-    return _compliances_of_kind(bound, "rotation_for_moment")
-
-
 def _all_coefficients(bound: BoundModel) -> _Coefficients:
     """Return the coefficients that act in several tests: parameters and nuisance coefficients.
 
@@ -389,7 +234,7 @@ def _all_coefficients(bound: BoundModel) -> _Coefficients:
     those of terms that the model's preset has but the model leaves out.
     """
     modelled = {type(term): term for term in bound.model.nuisances}
-    terms = {**_edition_terms(bound), **modelled}
+    terms = {**edition_terms(bound), **modelled}
     names = list(bound.names)
     owners = [""] * len(bound.names)
     columns = [bound.interest]
@@ -413,17 +258,6 @@ def _all_coefficients(bound: BoundModel) -> _Coefficients:
         columns=np.concatenate(columns, axis=2),
         prior_sd=np.concatenate(prior_sd),
     )
-
-
-def _edition_terms(bound: BoundModel) -> dict[type[Term], Term]:
-    """Return the nuisance terms of the preset that the model was made from, by class.
-
-    The terms have the package's own values, even where the user has changed them in the model.
-    """
-    edition = HybridModel.first()
-    if bound.model.preset == "default":
-        edition = HybridModel.default()
-    return {type(term): term for term in edition.nuisances}
 
 
 def _effects(bound: BoundModel, columns: Array) -> Array:

@@ -10,6 +10,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 from enum import StrEnum
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from ldbb_bayes.analysis.aliases import Degeneracy, degeneracies
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Direction
 from ldbb_bayes.model.hybrid import BoundModel
 
-__all__ = ["Cure", "cures"]
+__all__ = ["Cure", "Directed", "at_other_radius", "clocked", "cures", "in_other_direction"]
 
 # A test whose arc is below this angle is not a full circle [°].
 _FULL_CIRCLE_DEG = 355.0
@@ -41,6 +42,8 @@ _OTHER_RADIUS_SHARE = 2.0 / 3.0
 _SAME_RADIUS_SHARE = 0.01
 # Opposite of each direction of travel, which is clockwise (CW) or counterclockwise (CCW).
 _OPPOSITE: dict[str, Direction] = {"CW": "CCW", "CCW": "CW"}
+# Direction of travel that circles are taken to have where no circle of a plane states it.
+_FIRST_DIRECTION: Direction = "CW"
 
 
 class Cure(StrEnum):
@@ -79,9 +82,11 @@ def cures(bound: BoundModel, aliases: Sequence[Degeneracy]) -> tuple[tuple[Cure,
     """
     plan = bound.campaign.plan()
     remaining_after: dict[Cure, tuple[Degeneracy, ...]] = {}
-    for remedy, tests in _further_tests(plan).items():
+    directed = in_other_direction(plan)
+    for remedy, tests in _further_tests(plan, directed).items():
+        before = directed.stated if remedy == Cure.DIRECTIONS else plan.tests
         unnamed = [replace(test, name="") for test in tests]
-        longer_plan = replace(plan, tests=(*plan.tests, *unnamed))
+        longer_plan = replace(plan, tests=(*before, *unnamed))
         longer = BoundModel(bound.model, longer_plan, pilot=bound.pilot)
         remaining_after[remedy] = degeneracies(longer)
     cures_of_each = []
@@ -128,19 +133,20 @@ def _pattern(nuisance: str) -> str:
     return re.sub(r"^(work_|tool_)|_(cos|sin)|_[\d.]+$", "", nuisance)
 
 
-def _further_tests(plan: Campaign) -> dict[Cure, list[CircularTest]]:
-    """Return the tests that each remedy would add to a plan, by remedy."""
+def _further_tests(plan: Campaign, directed: Directed) -> dict[Cure, list[CircularTest]]:
+    """Return the tests that each remedy would add to a plan, by remedy.
+
+    ``directed`` is the plan with the circles in the other direction.
+    """
     further = {
         Cure.FORCES: _at_other_forces(plan),
-        Cure.WORK_BALL: _clocked(plan, work_ball=True),
-        Cure.TOOL_BALL: _clocked(plan, tool_ball=True),
-        Cure.BOTH_BALLS: _clocked(plan, work_ball=True, tool_ball=True),
-        Cure.RADIUS: _at_other_radius(plan),
+        Cure.WORK_BALL: clocked(plan, _CLOCKINGS_DEG, work_ball=True),
+        Cure.TOOL_BALL: clocked(plan, _CLOCKINGS_DEG, tool_ball=True),
+        Cure.BOTH_BALLS: clocked(plan, _CLOCKINGS_DEG, work_ball=True, tool_ball=True),
+        Cure.RADIUS: at_other_radius(plan),
     }
-    if all(test.direction for test in plan.tests):
-        further[Cure.DIRECTIONS] = [
-            replace(test, direction=_OPPOSITE.get(test.direction or "")) for test in plan.tests
-        ]
+    if directed.further:
+        further[Cure.DIRECTIONS] = directed.further
     if any(_is_incomplete(test) for test in plan.tests):
         further[Cure.FULL_CIRCLES] = [
             replace(test, angle_deg=_FULL_CIRCLE_ANGLES_DEG) for test in plan.tests
@@ -160,17 +166,51 @@ def _at_other_forces(plan: Campaign) -> list[CircularTest]:
     return [replace(first, force_N=force, pressure_bar=None) for force in (lower, higher)]
 
 
-def _clocked(
-    plan: Campaign, *, work_ball: bool = False, tool_ball: bool = False
+class Directed(NamedTuple):
+    """Circles of a plan with their direction of travel, and the same in the other direction.
+
+    ``stated`` are the circles of the plan. Where none of a plane states its direction, it is
+    clockwise here. ``further`` are circles in the direction in which the plane is not run; none for
+    a plane that is run in both.
+    """
+
+    stated: list[CircularTest]
+    further: list[CircularTest]
+
+
+def in_other_direction(plan: Campaign) -> Directed:
+    """Return the circles of a plan, and further ones in the other direction of travel."""
+    directions_of: dict[str, set[str | None]] = {}
+    for test in plan.tests:
+        directions_of.setdefault(str(test.plane), set()).add(test.direction)
+    stated = []
+    further = []
+    for test in plan.tests:
+        directions = directions_of[str(test.plane)]
+        directed = test
+        if directions == {None}:
+            directed = replace(test, direction=_FIRST_DIRECTION)
+        stated.append(directed)
+        if len(directions) == 1 and directed.direction is not None:
+            further.append(replace(directed, direction=_OPPOSITE[directed.direction]))
+    return Directed(stated, further)
+
+
+def clocked(
+    plan: Campaign,
+    turns_deg: Sequence[float],
+    *,
+    work_ball: bool = False,
+    tool_ball: bool = False,
 ) -> list[CircularTest]:
     """Return copies of all tests of a plan with one ball or both balls turned further.
 
-    Each test is copied once for each angle of ``_CLOCKINGS_DEG``. ``work_ball`` and ``tool_ball``
+    Each test is copied once for each angle of ``turns_deg`` [°]. ``work_ball`` and ``tool_ball``
     state which balls are turned.
     """
     tests = []
     for test in plan.tests:
-        for turn in _CLOCKINGS_DEG:
+        for turn in turns_deg:
             clocked = test
             if work_ball:
                 clocked = replace(clocked, work_ball_deg=test.work_ball_deg + turn)
@@ -180,7 +220,7 @@ def _clocked(
     return tests
 
 
-def _at_other_radius(plan: Campaign) -> list[CircularTest]:
+def at_other_radius(plan: Campaign) -> list[CircularTest]:
     """Return copies of all tests of a plan at a radius that the plan does not have.
 
     The radius is two thirds of that of the test with the lowest force. While a test of the plan has

@@ -12,7 +12,12 @@ from ldbb_bayes.campaign.campaign import Ball, Instrument
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.results import Array
 
-__all__ = ["CERTIFICATES", "uncertainty_with", "worth_of_certificates"]
+__all__ = [
+    "CERTIFICATES",
+    "missing_certificates",
+    "uncertainty_with",
+    "worth_of_certificates",
+]
 
 # Certificates that the instrument could have, and the fields of the instrument that each states.
 CERTIFICATES: Mapping[str, Mapping[str, Any]] = {
@@ -33,7 +38,8 @@ def uncertainty_with(bound: BoundModel, instrument: Instrument, weight: Array, p
 
     The variance of each parameter, given the hyper-parameters φ (the scales of the noise and of
     other effects), is averaged over values of φ. These values are those for the instrument of
-    ``bound``, not for ``instrument``.
+    ``bound``, not for ``instrument``; they are carried over by name, and those that only the
+    certified campaign has have their prior median.
 
     Parameters
     ----------
@@ -53,7 +59,8 @@ def uncertainty_with(bound: BoundModel, instrument: Instrument, weight: Array, p
     """
     certified_campaign = replace(bound.campaign, instrument=instrument)
     certified = BoundModel(bound.model, certified_campaign, pilot=bound.pilot)
-    return np.asarray(np.sqrt(weight @ certified.given(phi)[1].sd ** 2))
+    carried = certified.hyper_prior.carried(bound.hyper_prior, phi)
+    return np.asarray(np.sqrt(weight @ certified.given(carried)[1].sd ** 2))
 
 
 def worth_of_certificates(
@@ -81,7 +88,7 @@ def worth_of_certificates(
         The keys for certificates are "none of these", the missing keys of `CERTIFICATES` and, if
         several are missing, "all of these".
     """
-    missing = _missing_certificates(bound.campaign.instrument)
+    missing = missing_certificates(bound.campaign.instrument)
     cases: dict[str, Mapping[str, Any]] = {"none of these": {}, **missing}
     if len(missing) > 1:
         all_statements: dict[str, Any] = {}
@@ -96,7 +103,7 @@ def worth_of_certificates(
     return uncertainties
 
 
-def _missing_certificates(instrument: Instrument) -> dict[str, Mapping[str, Any]]:
+def missing_certificates(instrument: Instrument) -> dict[str, Mapping[str, Any]]:
     """Return the certificates of `CERTIFICATES` that the instrument does not have yet.
 
     The result holds, by name of the certificate, the fields of the instrument that it states.

@@ -1,9 +1,11 @@
 """Verdicts whether each parameter is identified, prior-limited or confounded.
 
-A parameter is confounded if the readings cannot separate it from another effect. In this module, β
+Verdicts are numbers: they follow from what holds the variance of a parameter. In this module, β
 are the parameters (compliances, their slopes and geometric errors) and y the readings. Nuisances
-are effects that are modelled but not of interest. A degeneracy is a combination of parameters and
-nuisance coefficients that no reading resolves.
+are effects that are modelled but not of interest. Every source of uncertainty has a share in the
+variance of a parameter (`Information.shares`; they sum to one), and an origin: it is measured here,
+stated or assumed (`origins`). A parameter whose variance is held by an effect that nobody measured
+or stated is confounded with it.
 
 Everything is computed for the linear Gaussian model, in which compliances may be negative, at one
 value of the hyper-parameters φ (the scales of the noise and of other effects). For a campaign with
@@ -22,23 +24,19 @@ import numpy as np
 import pandas as pd
 from pydantic import Field
 
-from ldbb_bayes.analysis.aliases import (
-    Degeneracy,
-    Standing,
-    StandingKind,
-    degeneracies,
-    standing_degeneracies,
-)
+from ldbb_bayes.analysis.aliases import Degeneracy, degeneracies
 from ldbb_bayes.analysis.cures import Cure, cures
+from ldbb_bayes.analysis.origins import Origin, edition_terms, is_prior_stated, origins
+from ldbb_bayes.analysis.remedies import Remedy, remedies
 from ldbb_bayes.analysis.value_of_certificates import worth_of_certificates
 from ldbb_bayes.campaign.campaign import Campaign
-from ldbb_bayes.inference.checks import centre_shift
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.posterior import bound_of, draws_of
 from ldbb_bayes.model.bound_information import information_of
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel, require_model
 from ldbb_bayes.model.information import Information
 from ldbb_bayes.model.linear_algebra import minimum_norm_solution
+from ldbb_bayes.model.terms.columns import OWN
 from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array, ByRow, Finite, Number, Result
 from ldbb_bayes.units import ranked
@@ -49,76 +47,76 @@ if TYPE_CHECKING:
 __all__ = [
     "CONTRACTION_LIMIT",
     "MAJORITY",
-    "OPEN_VARIANCE_SHARE",
     "Identifiability",
     "ParameterIdentifiability",
     "SampledSd",
+    "Source",
     "Verdict",
     "hyper_parameter_nodes",
     "identify",
+    "judge",
     "judge_parameters",
     "judge_posterior",
-    "prior_dominated_share",
+    "not_modelled",
+    "sources_of",
     "variance_share_removed",
 ]
 
-# An effect counts as holding most of a parameter's posterior variance if its share of the variance
-# is above this.
+# Effects hold a parameter if their share of its posterior variance is above this. Knowing them
+# would then reduce its standard uncertainty by 30 % or more.
 MAJORITY = 0.5
 # A parameter β is prior-limited where its contraction, 1 − Var(β | y) / Var(β) for readings y, is
-# below this.
+# below this: its posterior sd is more than half of its prior sd.
 CONTRACTION_LIMIT = 0.75
-# A parameter is confounded if nuisances of unknown size that look exactly like it hold more than
-# this share of its variance. A quarter of the variance is half of the standard uncertainty.
-OPEN_VARIANCE_SHARE = 0.25
 # An effect that holds less than this share of a parameter's variance is not named with the verdict
 # on the parameter.
 _NAMED_SHARE = 0.05
-# The prior outweighs the readings tenfold, along a combination of coefficients, if the precision
-# that the readings add is less than this share of the prior's precision.
-_TENTH = 0.1
+# Shares and contractions that differ from their limit by less than this count as equal to it, so
+# that no verdict depends on rounding errors: a share equal to the limit is no majority, and a
+# contraction equal to it is none that limits.
+_NEAR_TIE = 1e-6
 # A change of a parameter's least-squares estimate below this share of the parameter's prior
 # standard deviation is a rounding error.
 _ROUNDING = 1e-12
-# Class names of terms that a model may leave out, by the kind of effect that they model; the effect
-# then looks like a parameter.
-_TERMS_LEFT_OUT = {StandingKind.FRICTION: "Hysteresis", StandingKind.DRIFT: "Drift"}
 
 
 class Verdict(StrEnum):
     """Verdict on how well one parameter is known.
 
-    Nuisances are effects that are modelled but not of interest. The contraction is one minus the
-    ratio of posterior and prior variance; sd is the standard deviation. The rules apply in this
+    Every source of uncertainty has a share in the variance of the parameter, and an origin: it is
+    measured here, stated or assumed. The sources are the terms of the model, each divided by
+    origin, and the priors of the parameters. sd is the standard deviation. The rules apply in this
     order:
 
-    1. *confounded*, when a term that the model's preset has, but the model leaves out, looks
-       exactly like the parameter. Nothing then limits the size of this effect.
-    2. *confounded*, when nuisances in the model look exactly like the parameter and make up more
-       than half of its standard uncertainty: knowing them would remove more than a quarter of its
-       variance. This holds only if neither a certificate nor the user states their size. A size
-       inferred from other Fourier orders of the circle does not count.
-    3. *confounded*, when more than half of the parameter's variance lies along combinations of
-       coefficients for which the priors outweigh the readings, and more than half of it would
-       vanish if the nuisances and the parameters that no reading separates from this parameter were
-       known. Also *confounded*, when more than half of the variance lies along combinations for
-       which the priors outweigh the readings tenfold, and more than half of it would vanish if the
-       most correlated parameter were known.
-    4. *prior-limited*, when the contraction is below 0.75: the posterior sd is more than half of
-       the prior sd.
-    5. *identified* otherwise, except where an effect that the model leaves out looks exactly like
-       the parameter in these tests; then *confounded*. With one direction of travel, C_XYX looks
-       like lost motion in proportion to force. In tests that ran in the order of force, direct
-       compliances such as C_XXX look like a drift of the bar's length. Where `Position` is
-       modelled, C_CXY looks like a drift of the circle's centre.
+    1. *confounded*, when one assumed effect holds more than half of the parameter's variance, or
+       else the fewest assumed effects that do so together: those with the largest shares, none
+       below 5 %. An effect is a term of the model, or another parameter through its prior. All of
+       them act on the same combination of coefficients, the one along which the estimate of the
+       parameter errs. Knowing them would remove at least their share of the variance, and so cut
+       its standard uncertainty by 30 % or more.
+    2. *prior-limited*, when the posterior sd is more than half of the prior sd.
+    3. *identified* otherwise.
 
-    If the circle's centre shifts in proportion to force, rotations caused by a force, such as
-    C_CXY, are *confounded* with `Position`, whatever these rules give.
+    Shares within 1e-6 of one half count as one half, which is no majority. Effects whose shares
+    agree within 1e-6 are ranked in the order of the model's terms.
     """
 
     IDENTIFIED = "identified"
     PRIOR_LIMITED = "prior-limited"
     CONFOUNDED = "confounded"
+
+
+@dataclass(frozen=True)
+class Source(Result):
+    """A source of the uncertainty of one parameter, with its share of the variance.
+
+    ``name`` is the class name of a model term, such as ``Mount``, ``ReadingNoise``, the name of
+    another parameter (its prior), or ``Parameters`` for the prior of the parameter itself.
+    """
+
+    name: str
+    origin: Origin  #: where its size comes from: measured here, stated or assumed
+    share: float  #: share of the source in the parameter's variance
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,23 +126,29 @@ class ParameterIdentifiability(Result):
     Examples
     --------
     >>> result = lb.identify(lb.HybridModel.first(0), campaign)
-    >>> parameter = result.parameters["C_XXX"]
-    >>> round(parameter.contraction, 2)  # the readings narrow the prior
-    1.0
-    >>> share = parameter.partner_shares["Mount"]  # of the variance, due to the mount
-    >>> parameter.verdict.value, round(share, 1)
-    ('confounded', 0.6)
+    >>> parameter = result.parameters["E_C0YX"]
+    >>> parameter.verdict.value, parameter.partners
+    ('confounded', ('BallForm',))
+    >>> parameter.held_by.name, parameter.held_by.origin.value
+    ('BallForm', 'assumed')
+    >>> parameter.remedy.kind.value  # the cheapest cure
+    'balls'
     """
 
     name: str  #: name of the parameter
     verdict: Verdict  #: verdict: identified, prior-limited or confounded
-    #: effects that are named with the verdict, those with the largest share first. For a confounded
-    #: parameter they are the model terms, then the parameters, from which it cannot be separated.
-    #: For others they are the terms with more than 5 % of its variance.
+    held_by: Source  #: source with the largest share of the parameter's variance
+    #: assumed effects that a confounded parameter cannot be separated from: model terms, or other
+    #: parameters; those with the largest share first. Empty for other verdicts.
     partners: Annotated[tuple[str, ...], Field(alias="with")]
-    #: share of the parameter's posterior variance that vanishes if an effect in ``partners`` is
-    #: known, by name of the effect; effects that the model leaves out have no share
+    #: share of each effect in ``partners`` in the parameter's variance, by name of the effect
     partner_shares: dict[str, float]
+    #: standard uncertainty that the parameter would have if the effects in ``partners`` were known
+    #: exactly; None if there are none
+    sd_if_known: float | None
+    #: cheapest cure: what would narrow the parameter, and its standard uncertainty then; None where
+    #: none narrows it by a tenth, or where none was looked for
+    remedy: Remedy | None
     unit: str  #: internal unit of the parameter (of mm, N, rad)
     prior_mean: Number  #: prior mean of the parameter; not a number for a flat prior
     #: prior standard deviation of the parameter; infinite for a flat prior
@@ -163,6 +167,8 @@ class ParameterIdentifiability(Result):
     #: shares of model terms, reading noise and the parameters' own priors in the parameter's
     #: variance, as in `budget_uncertainty`; they sum to one
     shares: dict[str, float]
+    #: share of all sources of one origin in the parameter's variance, by origin; they sum to one
+    origin_shares: dict[Origin, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,9 +191,9 @@ class Identifiability(Result):
     #: remedies for each item of ``degeneracies``: further tests that resolve it when added to the
     #: plan, or a calibration
     cures: tuple[tuple[Cure, ...], ...]
-    #: kinds of effect, such as friction, each with the parameters that it looks like: the model has
-    #: no term for the effect, or only tests at different forces separate it from the parameters
-    standing: tuple[Standing, ...]
+    #: class names of the terms of the model's preset that the user switched off: no interval covers
+    #: these effects
+    not_modelled: tuple[str, ...]
     #: number of parameters that the readings determine: the sum of the contractions, or for a flat
     #: prior the number of all parameters
     effective_parameters: float
@@ -225,8 +231,8 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
     """Return how well a campaign, or a plan once run, determines the parameters of a model.
 
     Each parameter is identified, prior-limited (the readings hardly narrow its prior) or confounded
-    (the readings cannot separate it from another effect). No readings are needed, so that a plan
-    can be judged before it is run. All is computed for the linear Gaussian model, in which
+    (an effect that nobody measured holds most of its variance). No readings are needed, so that a
+    plan can be judged before it is run. All is computed for the linear Gaussian model, in which
     compliances may be negative. The hyper-parameters (the scales of the noise and of other effects)
     have their posterior mean or, for a plan, their prior median.
 
@@ -252,8 +258,8 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
     --------
     >>> result = lb.identify(lb.HybridModel.first(0), campaign.plan())
     >>> result.parameters["C_XXX"].verdict.value
-    'confounded'
-    >>> result.parameters["C_XXX"].partners[0]  # the mount, too, deflects with force
+    'identified'
+    >>> result.parameters["C_XXX"].held_by.name  # the mount, too, deflects with force
     'Mount'
     """
     require_model(model)
@@ -271,10 +277,10 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
         effective_parameters -= float(information.variances().sum())
         certificates = worth_of_certificates(bound, weight, nodes)
     return Identifiability(
-        parameters=judge_parameters(bound, information, combinations, mean),
+        parameters=with_remedies(bound, phi, judge_parameters(bound, information, mean)),
         degeneracies=combinations,
         cures=cures(bound, combinations),
-        standing=standing_degeneracies(bound, combinations),
+        not_modelled=not_modelled(bound),
         effective_parameters=effective_parameters,
         alias=_alias_matrix(bound, information),
         correlation=_correlation(information),
@@ -289,7 +295,8 @@ def judge_posterior(posterior: xr.DataTree) -> dict[str, ParameterIdentifiabilit
     """Return the verdict on every parameter of a posterior.
 
     Each parameter is identified, prior-limited (the readings hardly narrow its prior) or confounded
-    (the readings cannot separate it from another effect).
+    (an effect that nobody measured holds most of its variance). Cures are not looked for; use
+    `identify` for them.
 
     Parameters
     ----------
@@ -311,8 +318,8 @@ def judge_posterior(posterior: xr.DataTree) -> dict[str, ParameterIdentifiabilit
     Examples
     --------
     >>> judged = lb.analysis.judge_posterior(posterior)
-    >>> judged["C_XXX"].verdict.value, judged["C_XXX"].partners[0]
-    ('confounded', 'Mount')
+    >>> judged["E_C0YX"].verdict.value, judged["E_C0YX"].partners[0]
+    ('confounded', 'BallForm')
     >>> judged["C_XYX_1"].verdict.value
     'prior-limited'
     """
@@ -325,7 +332,6 @@ def judge_posterior(posterior: xr.DataTree) -> dict[str, ParameterIdentifiabilit
     return judge_parameters(
         bound,
         information_of(bound, phi.mean(axis=0)),
-        degeneracies(bound),
         beta.mean(axis=0),
         SampledSd(prior_sd, beta.std(axis=0)),
     )
@@ -354,79 +360,53 @@ def variance_share_removed(information: Information, names: Sequence[str]) -> Ar
     return np.clip(1.0 - information.variances(names) / information.variances(), 0.0, 1.0)
 
 
-def prior_dominated_share(information: Information, precision_ratio: float = 1.0) -> Array:
-    """Return the share of each parameter's variance along combinations that priors dominate.
+def not_modelled(bound: BoundModel) -> tuple[str, ...]:
+    """Return the class names of the terms of a model's preset that the user switched off.
 
-    Priors dominate a combination of coefficients if the readings add less than ``precision_ratio``
-    times the precision of the prior. The combinations are the right singular vectors of the design
-    matrix of all coefficients (parameters and nuisances), for readings in standard deviations of
-    their noise and coefficients in prior standard deviations. Along each combination, the prior
-    precision is therefore one, and the readings add the square of the singular value.
+    The preset ``paper`` has no terms, so that none is missing from it.
+    """
+    if bound.model.preset == "paper":
+        return ()
+    modelled = {type(term) for term in bound.model.nuisances}
+    return tuple(kind.__name__ for kind in edition_terms(bound) if kind not in modelled)
+
+
+class Judgement(NamedTuple):
+    """A verdict on a parameter, and the sources that it cannot be separated from, if any."""
+
+    verdict: Verdict
+    partners: tuple[Source, ...]
+
+
+def judge(sources: Sequence[Source], contraction: float) -> Judgement:
+    """Return the verdict on a parameter by the rules of `Verdict`.
 
     Parameters
     ----------
-    information
-        Information of the readings about all coefficients, given the hyper-parameters.
-    precision_ratio
-        Limit of the precision that the readings add, divided by that of the prior.
-
-    Returns
-    -------
-    ndarray
-        Share of the variance of each of the p parameters, shape (p,).
+    sources
+        All sources of the parameter's variance, the largest share first.
+    contraction
+        One minus the ratio of posterior and prior variance; not a number for a flat prior.
     """
-    rows = information.rows()
-    coefficients = rows.shape[1]
-    missing = max(coefficients - len(rows), 0)
-    padded = np.concatenate([rows, np.zeros((missing, coefficients))])
-    _, singular, right = np.linalg.svd(padded, full_matrices=False)
-    precision = singular[:, None] ** 2
-    variances = right[:, information.interest] ** 2 / (1.0 + precision)
-    dominated = np.where(precision < precision_ratio, variances, 0.0)
-    return np.asarray(dominated.sum(axis=0) / variances.sum(axis=0))
+    partners: list[Source] = []
+    share = 0.0
+    for source in sources:
+        if source.origin != Origin.ASSUMED or source.name == OWN or source.share < _NAMED_SHARE:
+            continue
+        partners.append(source)
+        share += source.share
+        if share > MAJORITY + _NEAR_TIE:
+            return Judgement(Verdict.CONFOUNDED, tuple(partners))
+    if contraction < CONTRACTION_LIMIT - _NEAR_TIE:
+        return Judgement(Verdict.PRIOR_LIMITED, ())
+    return Judgement(Verdict.IDENTIFIED, ())
 
 
-@dataclass(frozen=True)
-class _ParameterFacts:
-    """Facts about one parameter on which its verdict is based.
+def sources_of(bound: BoundModel, information: Information) -> dict[str, tuple[Source, ...]]:
+    """Return all sources of the variance of every parameter, the largest share first.
 
-    ``index`` is the index of the parameter. ``removed_shares`` are the shares of its variance that
-    knowing each model term would remove; ``squared_correlations`` those that knowing each other
-    parameter would remove. ``dominated_share`` is the share of the variance along combinations of
-    coefficients for which the priors outweigh the readings; ``tenfold_dominated_share`` is that
-    along combinations for which the priors outweigh the readings tenfold. ``contraction`` is one
-    minus the ratio of posterior and prior variance. ``degeneracies`` are the unresolved
-    combinations with the parameter.
-    """
-
-    index: int
-    removed_shares: Mapping[str, float]
-    squared_correlations: Mapping[str, float]
-    dominated_share: float
-    tenfold_dominated_share: float
-    contraction: float
-    degeneracies: tuple[Degeneracy, ...]
-
-
-class _Judgement(NamedTuple):
-    """A verdict on a parameter, and its partners.
-
-    ``partners`` are the names of the model terms or parameters from which the parameter cannot be
-    separated, or that hold much of its variance.
-    """
-
-    verdict: Verdict
-    partners: tuple[str, ...]
-
-
-def judge_parameters(
-    bound: BoundModel,
-    information: Information,
-    combinations: tuple[Degeneracy, ...],
-    mean: Array,
-    sampled_sd: SampledSd | None = None,
-) -> dict[str, ParameterIdentifiability]:
-    """Return the verdict on every parameter of a model.
+    A model term whose coefficients have several origins is one source for each of them. The prior
+    of the parameter itself and those of the other parameters are sources of their own.
 
     Parameters
     ----------
@@ -434,8 +414,48 @@ def judge_parameters(
         Model bound to a campaign or plan.
     information
         Information of the bound model, given the hyper-parameters.
-    combinations
-        The `degeneracies` of the bound model.
+    """
+    origin_of = origins(bound, information)
+    shares: dict[tuple[str, Origin], Array] = {}
+    for key, share in information.shares().items():
+        term = key[1]
+        if term != OWN:
+            source = (term, origin_of[key])
+            shares[source] = shares.get(source, 0.0) + share
+    prior_shares = information.prior_shares()
+    prior_origins = []
+    for name in bound.names:
+        origin = Origin.ASSUMED
+        if is_prior_stated(bound, name):
+            origin = Origin.STATED
+        prior_origins.append(origin)
+    sources = {}
+    for i, name in enumerate(bound.names):
+        entries = [
+            Source(term, origin, float(share[i])) for (term, origin), share in shares.items()
+        ]
+        if not information.flat:
+            for j, other in enumerate(bound.names):
+                label = OWN if j == i else other
+                entries.append(Source(label, prior_origins[j], float(prior_shares[i, j])))
+        sources[name] = tuple(ranked(entries, lambda source: source.share))
+    return sources
+
+
+def judge_parameters(
+    bound: BoundModel,
+    information: Information,
+    mean: Array,
+    sampled_sd: SampledSd | None = None,
+) -> dict[str, ParameterIdentifiability]:
+    """Return the verdict on every parameter of a model, without cures.
+
+    Parameters
+    ----------
+    bound
+        Model bound to a campaign or plan.
+    information
+        Information of the bound model, given the hyper-parameters.
     mean
         Mean of the p parameters, shape (p,), in internal units (mm, N, rad).
     sampled_sd
@@ -449,57 +469,84 @@ def judge_parameters(
     """
     if sampled_sd is None:
         sampled_sd = _gaussian_sd(bound, information)
-    correlation = _correlation(information)
     removed_shares = {
         term: variance_share_removed(information, [term]) for term in information.terms
     }
     contributions = information.contributions()
-    dominated = np.zeros(len(bound.names))
-    tenfold_dominated = np.zeros(len(bound.names))
-    if not information.flat:
-        dominated = prior_dominated_share(information)
-        tenfold_dominated = prior_dominated_share(information, _TENTH)
-    left_out = _terms_left_out(bound, combinations)
-    shifted = _shifted_parameters(bound, mean)
+    sources = sources_of(bound, information)
     entries = {}
     for i, parameter in enumerate(bound.parameters):
         name = parameter.name
-        prior_sd = float(sampled_sd.prior[i])
         variance_ratio = float(sampled_sd.posterior[i] / sampled_sd.prior[i]) ** 2
-        facts = _ParameterFacts(
-            index=i,
-            removed_shares={term: float(share[i]) for term, share in removed_shares.items()},
-            squared_correlations=_squared_correlations(correlation, bound.names, name),
-            dominated_share=dominated[i],
-            tenfold_dominated_share=tenfold_dominated[i],
-            contraction=1.0 - variance_ratio,
-            degeneracies=tuple(d for d in combinations if name in d.parameters),
-        )
-        judgement = _allow_for_effects_left_out(
-            _judge(information, facts), left_out.get(name, ()), is_shifted=name in shifted
-        )
-        shares = {**facts.removed_shares, **facts.squared_correlations}
+        contraction = 1.0 - variance_ratio
+        judgement = judge(sources[name], contraction)
+        partner_shares = _shares_by_name(judgement.partners)
+        sd = float(sampled_sd.posterior[i])
         entry = ParameterIdentifiability(
             name=name,
             verdict=judgement.verdict,
-            partners=judgement.partners,
-            partner_shares={
-                partner: shares[partner] for partner in judgement.partners if partner in shares
-            },
+            held_by=sources[name][0],
+            partners=tuple(partner_shares),
+            partner_shares=partner_shares,
+            sd_if_known=_sd_if_known(information, tuple(partner_shares), i, sd),
+            remedy=None,
             unit=parameter.unit,
             prior_mean=parameter.prior_mean,
-            prior_sd=prior_sd,
+            prior_sd=float(sampled_sd.prior[i]),
             mean=float(mean[i]),
-            sd=float(sampled_sd.posterior[i]),
-            contraction=facts.contraction,
+            sd=sd,
+            contraction=contraction,
             information_gain=_information_gain(variance_ratio),
-            confounding=dict(facts.removed_shares),
+            confounding={term: float(share[i]) for term, share in removed_shares.items()},
             shares={source: float(share[i]) for source, share in contributions.items()},
+            origin_shares=_shares_by_origin(sources[name]),
         )
         if information.flat:
             entry = replace(entry, prior_mean=np.nan, contraction=np.nan, information_gain=np.nan)
         entries[name] = entry
     return entries
+
+
+def with_remedies(
+    bound: BoundModel, phi: Array, entries: Mapping[str, ParameterIdentifiability]
+) -> dict[str, ParameterIdentifiability]:
+    """Return the verdicts on all parameters, each with its cheapest cure.
+
+    ``phi``, shape (h,), are the hyper-parameters [mm] at which the verdicts were found.
+    """
+    sd = np.array([entry.sd for entry in entries.values()])
+    scatter = np.array(
+        [entry.origin_shares.get(Origin.MEASURED, 0.0) for entry in entries.values()]
+    )
+    found = remedies(bound, phi, sd, scatter)
+    return {name: replace(entry, remedy=found[name]) for name, entry in entries.items()}
+
+
+def _shares_by_name(sources: Sequence[Source]) -> dict[str, float]:
+    """Return the shares of sources by name."""
+    return {source.name: source.share for source in sources}
+
+
+def _shares_by_origin(sources: Sequence[Source]) -> dict[Origin, float]:
+    """Return the sum of the shares of all sources of each origin, in the order of `Origin`."""
+    shares = dict.fromkeys(Origin, 0.0)
+    for source in sources:
+        shares[source.origin] += source.share
+    return shares
+
+
+def _sd_if_known(
+    information: Information, partners: tuple[str, ...], i: int, sd: float
+) -> float | None:
+    """Return the standard uncertainty of parameter i if some effects were known exactly.
+
+    ``partners`` are model terms or other parameters, ``sd`` the present standard uncertainty.
+    Return None if there are no partners.
+    """
+    if not partners:
+        return None
+    removed = float(variance_share_removed(information, partners)[i])
+    return sd * float(np.sqrt(1.0 - removed))
 
 
 def _gaussian_sd(bound: BoundModel, information: Information) -> SampledSd:
@@ -521,144 +568,6 @@ def _information_gain(variance_ratio: float) -> float:
     if variance_ratio == 0.0:
         return np.inf
     return float(-0.5 * np.log(variance_ratio))
-
-
-def _squared_correlations(
-    correlation: pd.DataFrame, names: Sequence[str], name: str
-) -> dict[str, float]:
-    """Return the squared posterior correlation of a parameter with every other one, by name.
-
-    ``correlation`` is the matrix of posterior correlations, ``name`` the name of the parameter, and
-    ``names`` are the names of all parameters.
-    """
-    row = correlation[name]
-    return {partner: float(row[partner] ** 2) for partner in names if partner != name}
-
-
-def _terms_left_out(
-    bound: BoundModel, combinations: Sequence[Degeneracy]
-) -> dict[str, tuple[str, ...]]:
-    """Return the terms that the model lacks and that look exactly like a parameter, by parameter.
-
-    The terms are given by class name, such as ``Drift``. Only parameters with such terms are
-    listed.
-    """
-    parameters_by_kind = {
-        standing.kind: standing.parameters
-        for standing in standing_degeneracies(bound, combinations)
-    }
-    terms: dict[str, tuple[str, ...]] = {}
-    for kind, term in _TERMS_LEFT_OUT.items():
-        for name in parameters_by_kind.get(kind, ()):
-            terms[name] = (*terms.get(name, ()), term)
-    return terms
-
-
-def _shifted_parameters(bound: BoundModel, mean: Array) -> tuple[str, ...]:
-    """Return the names of the compliances that a shift of the circle's centre may imitate.
-
-    These are the rotations caused by a force, such as ``C_CXY``, if the estimated centre of the
-    circles shifts in proportion to force. Otherwise, and for a plan, there are none. ``mean``,
-    shape (p,), are the estimated parameters.
-    """
-    if bound.campaign.is_plan or not centre_shift(bound, mean):
-        return ()
-    return tuple(name.label for name in bound.compliances if name.kind == "rotation_for_force")
-
-
-def _judge(information: Information, facts: _ParameterFacts) -> _Judgement:
-    """Return the verdict on one parameter by the rules of `Verdict`.
-
-    ``facts`` are about this parameter, and ``information`` is about all coefficients. Effects that
-    are neither terms of the model nor of its preset are not considered.
-    """
-    removed = facts.removed_shares
-    terms = information.shared_terms
-    heavy_terms = [term for term in terms if removed[term] > _NAMED_SHARE]
-    heavy = tuple(ranked(heavy_terms, removed.__getitem__))
-    modelled = {d.term for d in facts.degeneracies if d.modelled}
-    exact = tuple(term for term in heavy if term in modelled)
-    not_modelled = dict.fromkeys(d.term for d in facts.degeneracies if not d.modelled)
-    if not_modelled:
-        return _Judgement(Verdict.CONFOUNDED, (*not_modelled, *exact))
-    open_terms = _open_terms(exact, facts.degeneracies)
-    if open_terms:
-        share = variance_share_removed(information, open_terms)[facts.index]
-        if share > OPEN_VARIANCE_SHARE:
-            return _Judgement(Verdict.CONFOUNDED, open_terms)
-    partners = _inseparable_partners(information, facts, exact or heavy)
-    if partners:
-        return _Judgement(Verdict.CONFOUNDED, partners)
-    if facts.contraction < CONTRACTION_LIMIT:
-        return _Judgement(Verdict.PRIOR_LIMITED, heavy)
-    return _Judgement(Verdict.IDENTIFIED, heavy)
-
-
-def _open_terms(terms: Sequence[str], combinations: Sequence[Degeneracy]) -> tuple[str, ...]:
-    """Return those of the given model terms whose size neither a certificate nor the user states.
-
-    The answer is taken from ``combinations``, the degeneracies (combinations of coefficients that
-    no reading resolves); terms without a coefficient in them are not returned.
-    """
-    not_stated = {d.term for d in combinations if d.modelled and not d.stated}
-    return tuple(term for term in terms if term in not_stated)
-
-
-def _inseparable_partners(
-    information: Information, facts: _ParameterFacts, partner_terms: Sequence[str]
-) -> tuple[str, ...]:
-    """Return the terms and parameters that make a parameter confounded by rule 3 of `Verdict`.
-
-    If the rule does not apply, return an empty tuple. ``facts`` are those about the parameter;
-    ``partner_terms`` are the terms to name if the rule applies.
-    """
-    correlations = facts.squared_correlations
-    rivals = ranked(correlations, correlations.__getitem__)
-    twins = _twins(rivals, facts.degeneracies)
-    named_twins = [name for name in twins if correlations[name] > _NAMED_SHARE]
-    partners = (*partner_terms, *named_twins)
-    if facts.dominated_share > MAJORITY and partners:
-        names = (*information.shared_terms, *twins)
-        if variance_share_removed(information, names)[facts.index] > MAJORITY:
-            return partners
-    if facts.tenfold_dominated_share > MAJORITY and rivals:
-        nearest = rivals[0]
-        if correlations[nearest] > MAJORITY:
-            return (nearest,)
-    return ()
-
-
-def _twins(names: Sequence[str], combinations: Sequence[Degeneracy]) -> tuple[str, ...]:
-    """Return those of the named parameters that no reading separates from other parameters.
-
-    They are the members of those ``combinations`` that contain parameters only, no nuisances.
-    """
-    inseparable = set[str]()
-    for degeneracy in combinations:
-        if not degeneracy.term:
-            inseparable.update(degeneracy.parameters)
-    return tuple(name for name in names if name in inseparable)
-
-
-def _allow_for_effects_left_out(
-    judgement: _Judgement, terms: tuple[str, ...], *, is_shifted: bool
-) -> _Judgement:
-    """Return the verdict on a parameter, changed for effects that the model leaves out.
-
-    ``terms`` are the terms left out of the model that look exactly like the parameter. They make an
-    identified parameter confounded. ``is_shifted`` states whether the parameter is a rotation that
-    a shift of the circle's centre may imitate. If it is, the parameter becomes confounded with
-    ``Position``, whatever ``judgement`` states.
-    """
-    verdict = judgement.verdict
-    partners = judgement.partners
-    if terms and verdict == Verdict.IDENTIFIED:
-        verdict = Verdict.CONFOUNDED
-        partners = (*terms, *partners)
-    if is_shifted:
-        verdict = Verdict.CONFOUNDED
-        partners = tuple(dict.fromkeys(["Position", *partners]))
-    return _Judgement(verdict, partners)
 
 
 def _alias_matrix(bound: BoundModel, information: Information) -> pd.DataFrame:

@@ -50,7 +50,6 @@ __all__ = [
     "check_predictions",
     "effects_of_failures",
     "failing_checks",
-    "in_order_of_force",
 ]
 
 # A shift of the circles' centre in proportion to force is reported if its p-value times the number
@@ -77,9 +76,6 @@ _FEWEST_TESTS = 4
 # Whether the circles' centre shifts with force is checked only in planes with tests at this many
 # different forces or more.
 _FEWEST_FORCES = 3
-# The tests of a plane count as run in order of rising or falling force if the p-value of Student's
-# t-test of a relation between force and time is below this.
-_IN_ORDER = 0.05
 # Fourier orders 13 to 16, just above the orders 0 to 12 of the model. The readings at these orders
 # show how strong the noise is.
 _NEXT_ORDERS = np.arange(MAX_ORDER + 1, MAX_ORDER + 5)
@@ -288,31 +284,6 @@ def centre_shift(bound: BoundModel, beta: Array) -> dict[str, float]:
         if p * len(p_values) < SHIFTED:
             shifted[axis] = min(p, shifted.get(axis, 1.0))
     return shifted
-
-
-def in_order_of_force(bound: BoundModel) -> bool:
-    """Return whether the tests of any plane ran in order of rising or falling force.
-
-    A steady drift would then look like a change of compliance with force. All tests are ranked by
-    force and by time. In each plane, Student's t-test at 5 % shows whether the two ranks are
-    related. If some test has no recorded time, the tests are taken to have run in the order in
-    which the campaign lists them. ``bound`` is the model, applied to its campaign.
-    """
-    setting = bound.setting
-    time = setting.time_h
-    if not np.isfinite(time).all():
-        time = np.arange(setting.tests)
-    force_rank = _ranks(setting.force_N)
-    time_rank = _ranks(time)
-    for _, _, in_plane in setting.groups_by("plane"):
-        force = force_rank[in_plane]
-        if np.ptp(force) > 0.0 and _p_value_of_no_slope(force, time_rank[in_plane]) < _IN_ORDER:
-            return True
-    return False
-
-
-def _ranks(values: Array) -> Array:
-    return np.unique(values, return_inverse=True)[1].astype(float)
 
 
 def _p_value_of_no_slope(force: Array, values: Array) -> float:

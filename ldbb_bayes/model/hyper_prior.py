@@ -86,6 +86,19 @@ class HyperPrior:
         """
         return dict(zip(self.names, (phi * self.shown).tolist(), strict=True))
 
+    def carried(self, other: HyperPrior, phi: Array) -> Array:
+        """Return values of these h hyper-parameters, carried over by name, shape (..., h).
+
+        Those that ``other`` has too keep their values in ``phi``, whose last axis is that of
+        ``other``; those that it lacks have their prior median. Lengths are in mm.
+        """
+        median = self.quantile(np.full(len(self.names), 0.5))
+        values = np.broadcast_to(median, (*phi.shape[:-1], len(self.names))).copy()
+        for k, name in enumerate(self.names):
+            if name in other.names:
+                values[..., k] = phi[..., other.names.index(name)]
+        return values
+
     @cached_property
     def _decay(self) -> NDArray[np.bool_]:
         return np.array([law == "decay" for law in self.laws])

@@ -24,6 +24,13 @@ from ldbb_bayes.results import Array
 
 __all__ = ["Information"]
 
+# Singular values below this share of the largest count as zero when the effects of the parameters
+# of interest are removed from the readings.
+_RANK_TOLERANCE = 1e-9
+# A precision from the readings alone that is below this, in units of the prior precision, is a
+# rounding error: the readings do not see the coefficient.
+_ROUNDING = 1e-9
+
 
 @dataclass(frozen=True, eq=False)
 class Information:
@@ -287,6 +294,59 @@ class Information:
         for (_, term), share in self.shares().items():
             by_term[term] = by_term.get(term, 0.0) + share
         return by_term
+
+    def prior_shares(self) -> Array:
+        """Return the share of each parameter's own prior in the variance of each parameter, (p, p).
+
+        The parameters are the p parameters of interest. Row i divides the part of the variance of
+        parameter i that comes from the priors of the parameters of interest; column j is due to the
+        prior of parameter j. The sum of row i is the share with the key ``(OWN, OWN)`` of `shares`.
+        With flat priors all shares are zero.
+        """
+        p = len(self.interest)
+        if self.flat:
+            return np.zeros((p, p))
+        covariance = self.covariance()[np.ix_(self.interest, self.interest)]
+        variance = np.diag(covariance)
+        return covariance**2 / np.where(variance > 0.0, variance, 1.0)[:, None]
+
+    def sd_from_readings(self) -> Array:
+        """Return the sd to which the readings alone narrow each nuisance coefficient, shape (m,).
+
+        The prior of the coefficient itself is flat, and so are those of the parameters of interest;
+        all other nuisance coefficients keep theirs. The sds are divided by the coefficients' prior
+        sds, and infinite for a coefficient that no reading sees or that a change of the parameters
+        imitates. For parameters of interest they are not a number.
+
+        Given the prior precision 1 of coefficient k, its variance v_k with flat parameters has the
+        precision 1 / v_k = 1 + r_k, where r_k is the precision from the readings alone: the sd is
+        r_k^(−1/2).
+        """
+        sd = np.full(len(self.names), np.nan)
+        nuisances = np.setdiff1d(np.arange(len(self.names)), self.interest)
+        if len(nuisances) == 0:
+            return sd
+        rows = self._all_rows[:, nuisances]
+        seen = self._range_of_parameters()
+        remaining = rows - seen @ (seen.T @ rows)
+        stacked = np.concatenate([remaining, np.eye(len(nuisances))])
+        root = np.linalg.qr(stacked, mode="r")
+        inverse = scipy.linalg.solve_triangular(root, np.eye(len(root)))
+        precision = 1.0 / np.sum(inverse**2, axis=1) - 1.0
+        visible = precision > _ROUNDING
+        sd[nuisances] = np.where(visible, np.where(visible, precision, 1.0) ** -0.5, np.inf)
+        return sd
+
+    def _range_of_parameters(self) -> Array:
+        """Return an orthonormal basis of the effects of the parameters of interest, (k, rank).
+
+        The effects are those on the k reduced readings of all tests, scaled to unit noise.
+        """
+        columns = self._all_rows[:, self.interest]
+        length = np.linalg.norm(columns, axis=0)
+        columns = columns / np.where(length > 0.0, length, 1.0)
+        left, singular, _ = np.linalg.svd(columns, full_matrices=False)
+        return np.asarray(left[:, singular > _RANK_TOLERANCE * singular.max(initial=0.0)])
 
     @cached_property
     def _all_rows(self) -> Array:

@@ -29,7 +29,14 @@ from ldbb_bayes.model.terms import Scale
 from ldbb_bayes.results import Array, Shown
 from ldbb_bayes.units import display_unit, inside_name, setting_to_inside, to_inside
 
-__all__ = ["EXAMPLES", "Prior", "compliance_unit", "degree_of", "geometric_unit"]
+__all__ = [
+    "EXAMPLES",
+    "Prior",
+    "compliance_unit",
+    "degree_of",
+    "geometric_unit",
+    "settings_of_sd",
+]
 
 
 class _Kind(NamedTuple):
@@ -134,6 +141,20 @@ def parameter_to_inside(parameter: str, value: float | str, words: str) -> float
             f" Did you mean {nearest(parameter, EXAMPLES)!r}? Else correct the name."
         )
     return to_inside(value, kind.unit, f"{words} {parameter}")
+
+
+def settings_of_sd(parameter: str) -> tuple[str, ...]:
+    """Return the names of the fields of `Prior` from which a parameter's prior sd follows.
+
+    For C_XXX it is ``direct_mm_per_N``; for its slope C_XXX_1 also ``slope_scale``. Entries for
+    the parameter alone (``overrides``, ``means``) are left out.
+    """
+    kind = _kind_of(parameter)
+    if kind is None:
+        return ()
+    if degree_of(parameter):
+        return (kind.sd_field, "slope_scale", "slopes_of_estimate")
+    return (kind.sd_field,)
 
 
 def _kind_of(parameter: str) -> _Kind | None:

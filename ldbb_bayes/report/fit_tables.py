@@ -9,9 +9,8 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from ldbb_bayes import units
-from ldbb_bayes.analysis.aliases import degeneracies, standing_degeneracies
 from ldbb_bayes.analysis.conformity import assess_conformity
-from ldbb_bayes.analysis.verdicts import ParameterIdentifiability
+from ldbb_bayes.analysis.verdicts import ParameterIdentifiability, judge_posterior, not_modelled
 from ldbb_bayes.campaign.preview import CampaignPreview, RemarkKind, check_campaign
 from ldbb_bayes.inference.posterior import bound_of, campaign_of, fit_of, record_of
 from ldbb_bayes.inference.summary import result_json, summarize_nuisances
@@ -104,21 +103,18 @@ def describe_fit(posterior: xr.DataTree) -> FitWords:
     >>> words = lb.report.describe_fit(posterior)
     >>> words["state"]
     'usable'
-    >>> [warning for warning in words["warnings"] if "Shuffle" in warning]
-    ['Tests in order of force: drift of bar or centre looks exactly like C_XXX, C_YYY, C_CXY
-     and C_CYY. Shuffle them.']
+    >>> [warning for warning in words["warnings"] if warning.startswith("Confounded")]
+    []
     """
     fit = fit_of(posterior)
     bound = bound_of(posterior)
-    alike = degeneracies(bound)
     campaign_preview = check_campaign(bound.campaign)
     warnings = [
         *wording.concern_sentences(fit.concerns, record_of(posterior)["sampler"]),
         *wording.check_notes(fit),
-        *wording.alias_sentences(alike),
+        *wording.confounded_sentences(judge_posterior(posterior)),
+        *wording.not_modelled_sentences(not_modelled(bound)),
     ]
-    for standing in standing_degeneracies(bound, alike):
-        warnings.append(wording.standing_words(standing))
     warnings += wording.look_sentences(campaign_preview)
     warnings += further_remarks(campaign_preview)
     return FitWords(

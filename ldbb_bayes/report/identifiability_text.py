@@ -1,4 +1,4 @@
-"""Identifiability as tables and sentences: which parameters the readings can separate."""
+"""Identifiability as tables and sentences: what holds the uncertainty of each parameter."""
 
 from __future__ import annotations
 
@@ -9,19 +9,75 @@ import numpy as np
 from ldbb_bayes.analysis.verdicts import Identifiability
 from ldbb_bayes.report import wording
 from ldbb_bayes.results import Passage, Table, parts_of
-from ldbb_bayes.units import display_name, display_unit, round_uncertainty, three_digits
+from ldbb_bayes.units import display_name, display_unit, three_digits, two_digits
 
-__all__ = ["parts_of"]
+__all__ = ["certificates_table", "parts_of", "verdicts_table"]
+
+# Largest number of parameters that a row of the short table of certificates names.
+_MOST_NARROWED = 4
+
+
+def verdicts_table(result: Identifiability) -> Table:
+    """Return the table of all parameters: U, verdict, what holds U, and the cheapest cure.
+
+    U is the expanded uncertainty (k = 2). The last column is U with the cheapest cure.
+    """
+    rows = []
+    for name, entry in result.parameters.items():
+        factor, unit = display_unit(entry.unit)
+        cured = ""
+        if entry.remedy is not None:
+            cured = two_digits(2.0 * entry.remedy.sd, factor)
+        rows.append(
+            (
+                display_name(name),
+                f"{two_digits(2.0 * entry.sd, factor)} {unit.replace(' per ', '/')}",
+                wording.short_verdict_words(entry),
+                wording.cure_in_words(entry.remedy),
+                cured,
+            )
+        )
+    heads = ("parameter", "U now", "verdict: held by", "cure", "then")
+    return Table.of("", heads, rows, text=heads[1:4])
+
+
+def certificates_table(result: Identifiability, *, is_short: bool = False) -> Table:
+    """Return the table of certificates, each with the parameters that it would narrow.
+
+    The short table has short names of certificates, and names at most four parameters for each.
+    """
+    rows = wording.certificate_rows(result, _MOST_NARROWED if is_short else None)
+    if is_short:
+        rows = [(wording.certificate_words(name), narrowed) for name, narrowed in rows]
+    return Table.of("", ("certificate", "brings U to"), rows, text=("brings U to",))
 
 
 @parts_of.register
 def _passages_of_identifiability(result: Identifiability) -> tuple[Passage, ...]:
-    """Return a table of how far the readings determine each parameter, followed by sentences.
+    """Return all tables and sentences on identifiability.
 
-    Contraction, a column of the table, is the share of a parameter's prior variance that the
-    readings remove. Two lists follow the sentences: combinations of parameters that no reading can
-    resolve, and parameters whose effects on the readings look like those of friction, drift,
-    curvature in force or lobes of the balls.
+    The table of verdicts is followed by one of certificates, one of priors and origins, and the
+    list of combinations of parameters that no reading can resolve, each with its cures.
+    """
+    passages: list[Passage] = [verdicts_table(result)]
+    if result.certificates:
+        passages.append(certificates_table(result))
+    passages += [_origins_table(result), *wording.identifiability_sentences(result)]
+    items = wording.degeneracy_items(result.degeneracies, result.cures)
+    if items:
+        passages += [wording.ALIKE, items]
+        passages += [wording.TO_SEPARATE, wording.cure_items(result.degeneracies, result.cures)]
+    else:
+        passages.append(wording.NONE_ALIKE)
+    passages += wording.not_modelled_sentences(result.not_modelled)
+    return tuple(passages)
+
+
+def _origins_table(result: Identifiability) -> Table:
+    """Return the table of priors, contractions and origins of the variance of each parameter.
+
+    Contraction is the share of a parameter's prior variance that the readings remove. Origins are
+    the shares of what is measured here, stated and assumed.
     """
     rows = []
     for name, entry in result.parameters.items():
@@ -33,30 +89,21 @@ def _passages_of_identifiability(result: Identifiability) -> tuple[Passage, ...]
             prior = three_digits(entry.prior_sd * factor)
             contraction = f"{entry.contraction:.4f}"
             gain = f"{entry.information_gain:.1f}"
-        u = round_uncertainty(entry.sd * factor)[0]
-        verdict = wording.verdict_words(entry)
-        rows.append((display_name(name), prior, u, unit, contraction, gain, verdict))
+        u = two_digits(entry.sd, factor)
+        origins = wording.origins_in_words(entry)
+        held_by = wording.held_by_words(entry)
+        rows.append((display_name(name), prior, u, unit, contraction, gain, origins, held_by))
     heads = (
         "parameter",
         "prior sd",
-        "u, sign free",
+        "u",
         "unit",
         "contraction",
         "gain (nat)",
-        "verdict",
+        "origins (%)",
+        "held by",
     )
-    passages: list[Passage] = [
-        Table.of("", heads, rows, text=("unit", "verdict")),
-        *wording.identifiability_sentences(result),
-    ]
-    items = wording.degeneracy_items(result.degeneracies, result.cures)
-    if items:
-        passages += [wording.ALIKE, items]
-    else:
-        passages.append(wording.NONE_ALIKE)
-    if result.standing:
-        passages.append(tuple(map(wording.standing_words, result.standing)))
-    return tuple(passages)
+    return Table.of("", heads, rows, text=("unit", "held by"))
 
 
 @wording.with_words.register
@@ -72,5 +119,5 @@ def _record_of_identifiability(result: Identifiability) -> dict[str, Any]:
     for degeneracy_record, degeneracy, cures in rows:
         degeneracy_record["statement"] = wording.statement(degeneracy)
         degeneracy_record["cure"] = wording.cure_words(degeneracy, cures)
-    record["notes"] = [wording.standing_words(standing) for standing in result.standing]
+    record["notes"] = list(wording.not_modelled_sentences(result.not_modelled))
     return record

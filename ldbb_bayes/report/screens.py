@@ -11,18 +11,15 @@ import numpy as np
 
 from ldbb_bayes.analysis.comparison import Comparison
 from ldbb_bayes.analysis.design import Design
-from ldbb_bayes.analysis.verdicts import Identifiability, ParameterIdentifiability
+from ldbb_bayes.analysis.verdicts import Identifiability
 from ldbb_bayes.report import wording
 from ldbb_bayes.report.comparison_tables import assumptions_table, models_table
+from ldbb_bayes.report.identifiability_text import certificates_table, verdicts_table
 from ldbb_bayes.results import Passage, Table, screen_of
 from ldbb_bayes.units import display_name, display_unit, three_digits, two_digits
 
 __all__ = ["screen_of"]
 
-# Largest number of characters of a verdict that fits into one line of a table 80 characters wide.
-_LONGEST_VERDICT = 42
-# Largest number of effects that the verdict on a confounded parameter names in a short table.
-_MOST_PARTNERS = 2
 # Largest number of other designs of the next tests that a short table shows beside the recommended
 # design.
 _MOST_DESIGNS = 2
@@ -32,38 +29,16 @@ _MOST_DESIGNS = 2
 def _(result: Identifiability) -> tuple[Passage, ...]:
     """Return a short version of the verdicts on all parameters.
 
-    Its table and sentences state how many parameters the readings determine, the standard
-    uncertainty u of each parameter and the verdict on it, and measures that would separate
-    confounded parameters.
+    One table states the uncertainty U of each parameter, what holds it, the verdict on it, and the
+    cheapest cure with U then; another one what certificates would narrow. Combinations that no
+    reading resolves are in ``details``.
     """
-    rows = []
-    for name, entry in result.parameters.items():
-        factor, unit = display_unit(entry.unit)
-        u = two_digits(entry.sd, factor)
-        rows.append((display_name(name), u, unit, _short_verdict(entry)))
-    heads = ("parameter", "u", "unit", "verdict")
-    table = Table.of("", heads, rows, text=("unit", "verdict"))
     first, *others = wording.identifiability_screen(result)
-    items = wording.cure_items(result.degeneracies, result.cures)
-    items += tuple(map(wording.standing_words, result.standing))
-    passages: list[Passage] = [first, table, *others]
-    if items:
-        passages += [wording.TO_SEPARATE, items]
+    passages: list[Passage] = [first, verdicts_table(result)]
+    if result.certificates:
+        passages.append(certificates_table(result, is_short=True))
+    passages += [*others, *wording.not_modelled_sentences(result.not_modelled)]
     return (*passages, wording.MORE)
-
-
-def _short_verdict(entry: ParameterIdentifiability) -> str:
-    """Return the verdict on a parameter and the effects that it is confounded with, as text.
-
-    At most two effects are named, those with the largest shares of the parameter's variance. Only
-    one is named if a line of the table has no room for two.
-    """
-    partners = wording.partners_with_shares(entry)
-    for number in range(_MOST_PARTNERS, 0, -1):
-        verdict = wording.short_verdict_words(entry, partners[:number])
-        if len(verdict) <= _LONGEST_VERDICT:
-            break
-    return verdict
 
 
 @screen_of.register

@@ -11,13 +11,14 @@ from typing import Any, TypeAlias
 import numpy as np
 import pandas as pd
 
-from ldbb_bayes.analysis.aliases import degeneracies, standing_degeneracies
+from ldbb_bayes.analysis.aliases import degeneracies
 from ldbb_bayes.analysis.circle_columns import squareness_name
 from ldbb_bayes.analysis.circularity import BIDIRECTIONAL, QUANTITIES
 from ldbb_bayes.analysis.comparison import Comparison
 from ldbb_bayes.analysis.cures import cures
 from ldbb_bayes.analysis.design import Design
 from ldbb_bayes.analysis.machine_description import describe_machine
+from ldbb_bayes.analysis.verdicts import not_modelled
 from ldbb_bayes.inference.posterior import bound_of, campaign_of, fit_of, record_of
 from ldbb_bayes.report import fit_tables, text, wording
 from ldbb_bayes.report.findings import Beside, Findings
@@ -94,9 +95,8 @@ def limits(findings: Findings) -> Iterator[Part]:
     """Yield the section on degeneracies, with measures that would remove them.
 
     A degeneracy is a combination of parameters and other effects that no reading can resolve. The
-    section also names parameters whose effects on the readings look like those of friction, drift,
-    curvature in force or lobes of the balls. The verdicts on single parameters are in the section
-    on results.
+    section also names effects that the user switched off. The verdicts on single parameters are in
+    the section on results.
     """
     bound = bound_of(findings.posterior)
     alike = degeneracies(bound)
@@ -105,8 +105,7 @@ def limits(findings: Findings) -> Iterator[Part]:
         yield wording.ALIKE
     else:
         yield wording.NONE_ALIKE
-    for standing in standing_degeneracies(bound, alike):
-        items.append(wording.standing_words(standing))
+    items += wording.not_modelled_sentences(not_modelled(bound))
     if items:
         yield tuple(items)
 

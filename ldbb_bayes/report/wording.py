@@ -35,13 +35,14 @@ from ldbb_bayes.units import (
 if TYPE_CHECKING:
     import pandas as pd
 
-    from ldbb_bayes.analysis.aliases import Degeneracy, Standing
+    from ldbb_bayes.analysis.aliases import Degeneracy
     from ldbb_bayes.analysis.budgets import Budget
     from ldbb_bayes.analysis.calibration import Validation
     from ldbb_bayes.analysis.comparison import Comparison
     from ldbb_bayes.analysis.cures import Cure
     from ldbb_bayes.analysis.design import Design
     from ldbb_bayes.analysis.machine_description import VisibleParameter
+    from ldbb_bayes.analysis.remedies import Remedy
     from ldbb_bayes.analysis.verdicts import Identifiability, ParameterIdentifiability
     from ldbb_bayes.inference.checks import Check
     from ldbb_bayes.inference.fit import Concern, Fit
@@ -56,17 +57,20 @@ __all__ = [
     "TO_NARROW",
     "TO_SEPARATE",
     "alert_sentences",
-    "alias_sentences",
     "annex_words",
     "assumed_words",
     "assumption_words",
     "caveat_words",
+    "certificate_rows",
+    "certificate_words",
     "change_sentence",
     "check_notes",
     "check_words",
     "comparison_screen",
     "comparison_sentences",
     "concern_sentences",
+    "confounded_sentences",
+    "cure_in_words",
     "cure_items",
     "cure_words",
     "degeneracy_items",
@@ -76,6 +80,7 @@ __all__ = [
     "difference_doubts",
     "expectation",
     "fit_verdict",
+    "held_by_words",
     "identifiability_screen",
     "identifiability_sentences",
     "instrument_words",
@@ -86,8 +91,10 @@ __all__ = [
     "look_sentences",
     "machine_sentences",
     "model_words",
+    "not_modelled_sentences",
     "nuisance_words",
-    "partners_with_shares",
+    "origin_words",
+    "origins_in_words",
     "percent_of",
     "population_doubts",
     "population_sentences",
@@ -99,7 +106,6 @@ __all__ = [
     "sampler_words",
     "short_verdict_words",
     "source_words",
-    "standing_words",
     "statement",
     "strength_words",
     "sum_in_words",
@@ -405,56 +411,47 @@ def degeneracy_items(
     return tuple(items)
 
 
-def alias_sentences(degeneracies: Sequence[Degeneracy]) -> Iterator[str]:
-    """Yield sentences on parameters that the readings cannot separate.
+def confounded_sentences(
+    verdicts: Mapping[str, ParameterIdentifiability],
+) -> Iterator[str]:
+    """Yield one sentence on all confounded parameters of a fit, if there are any.
 
-    The parameters cannot be separated from each other, from nuisance effects in the model, or from
-    effects that the model leaves out.
+    The sentence names the assumed effects that hold most of each parameter's variance.
 
     Parameters
     ----------
-    degeneracies
-        Combinations of parameters that no reading of a set of tests can resolve.
+    verdicts
+        Verdict on each parameter, by name.
 
     Yields
     ------
     str
     """
-    for degeneracy in degeneracies:
-        if not degeneracy.term:
-            names = _joined_parameters(degeneracy.parameters)
-            yield f"These readings cannot separate {names}."
-    yield from _confounding_sentence(
-        [degeneracy for degeneracy in degeneracies if not degeneracy.modelled],
-        "The model leaves these out: no interval covers them",
-    )
-    yield from _confounding_sentence(
-        [degeneracy for degeneracy in degeneracies if degeneracy.modelled],
-        "The intervals rest on what was assumed of these",
-    )
-
-
-def _confounding_sentence(degeneracies: Sequence[Degeneracy], meaning: str) -> Iterator[str]:
-    parameters_by_term: dict[str, dict[str, None]] = {}
-    for degeneracy in degeneracies:
-        if degeneracy.term:
-            parameters = parameters_by_term.setdefault(degeneracy.term, {})
-            parameters |= dict.fromkeys(degeneracy.parameters)
-    if parameters_by_term:
+    parameters_by_partners: dict[str, list[str]] = {}
+    for name, entry in verdicts.items():
+        if str(entry.verdict) == "confounded":
+            partners = joined([term_words(partner) for partner in entry.partners])
+            parameters_by_partners.setdefault(partners, []).append(name)
+    if parameters_by_partners:
         pairs = [
-            f"{term_words(term)} with {_joined_parameters(list(parameters))}"
-            for term, parameters in parameters_by_term.items()
+            f"{_joined_parameters(names)} with {partners}"
+            for partners, names in parameters_by_partners.items()
         ]
-        yield f"Confounded: {'; '.join(pairs)}. {meaning} (more: ldbb-bayes identify)."
+        yield (
+            f"Confounded: {'; '.join(pairs)}. Nobody measured these effects: most of u is what was"
+            " assumed of them (what would help: ldbb-bayes identify)."
+        )
 
 
-def standing_words(standing: Standing) -> str:
-    """Return a sentence on parameters whose effects on the readings look like another effect.
+def not_modelled_sentences(terms: Sequence[str]) -> tuple[str, ...]:
+    """Return a sentence on the effects that the user switched off, if there are any.
 
-    ``standing`` holds the kind of that effect, such as drift, and the names of the parameters.
+    ``terms`` are class names of model terms.
     """
-    names = _joined_parameters(standing.parameters)
-    return str(_SENTENCES["standing"][standing.kind].format(names=names))
+    if not terms:
+        return ()
+    names = joined([term_words(term) for term in terms])
+    return (f"Not modelled: {names}. No interval covers what was switched off.",)
 
 
 # ---- sentences on a fit
@@ -663,6 +660,72 @@ def joined_sizes(hyper_um: Mapping[str, float], equals: str) -> str:
     return ", ".join(sizes)
 
 
+def origin_words(origin: str) -> str:
+    """Return in words where the size of a source of uncertainty comes from.
+
+    ``origin`` is "measured here", "stated" or "assumed".
+    """
+    return str(_SENTENCES["origins"][origin])
+
+
+def origins_in_words(entry: ParameterIdentifiability) -> str:
+    """Return the shares of what is measured here, stated and assumed, such as "39 / 0 / 61"."""
+    return " / ".join(f"{100.0 * share:.0f}" for share in entry.origin_shares.values())
+
+
+def held_by_words(entry: ParameterIdentifiability) -> str:
+    """Return all sources that the verdict on a parameter rests on, as in "mount 39 %, assumed".
+
+    For a confounded parameter these are the assumed effects that it is confounded with, for others
+    the source with the largest share of the variance.
+    """
+    origin = origin_words(entry.held_by.origin)
+    if str(entry.verdict) == "confounded":
+        origin = origin_words("assumed")
+    return f"{', '.join(_sources_with_shares(entry))}, {origin}"
+
+
+def short_verdict_words(entry: ParameterIdentifiability) -> str:
+    """Return the verdict on a parameter and what holds it, as in "confounded: mount 39 %, …".
+
+    Only the largest source is named; the ellipsis stands for further effects that a parameter is
+    confounded with.
+    """
+    sources = _sources_with_shares(entry)
+    ending = ", …" if len(sources) > 1 else ""
+    return f"{entry.verdict}: {sources[0]}{ending}"
+
+
+def _sources_with_shares(entry: ParameterIdentifiability) -> list[str]:
+    shares = {entry.held_by.name: entry.held_by.share}
+    if str(entry.verdict) == "confounded":
+        shares = entry.partner_shares
+    return [f"{_source_in_table(name)} {100.0 * share:.0f} %" for name, share in shares.items()]
+
+
+def _source_in_table(name: str) -> str:
+    """Return the name of a source in words; the parameter's own prior is its "prior"."""
+    if name == OWN:
+        return "its prior"
+    if "_" in name:
+        return f"prior of {display_name(name)}"
+    return term_words(name)
+
+
+def cure_in_words(remedy: Remedy | None) -> str:
+    """Return the cheapest cure of a parameter in a few words, such as "turn balls"; – for none."""
+    if remedy is None:
+        return "–"
+    if remedy.certificate:
+        return certificate_words(remedy.certificate)
+    return str(_SENTENCES["plans"][remedy.kind])
+
+
+def certificate_words(certificate: str) -> str:
+    """Return the short name of a certificate of the instrument, such as "force ± 0.5 %"."""
+    return str(_SENTENCES["certificates"].get(certificate, certificate))
+
+
 def verdict_words(entry: ParameterIdentifiability, *, shares: bool = True) -> str:
     """Return in words the verdict on how far the readings determine a parameter.
 
@@ -672,65 +735,35 @@ def verdict_words(entry: ParameterIdentifiability, *, shares: bool = True) -> st
         Verdict on the parameter: how far the readings determine it.
     shares
         Whether to state the share of the variance due to each effect that the parameter is
-        confounded with.
+        confounded with, or that limits it.
 
     Returns
     -------
     str
     """
     verdict = str(entry.verdict)
-    if not shares:
-        if verdict != "confounded":
-            return verdict
-        partners = []
-        for partner in entry.partners:
-            note = "" if partner in entry.partner_shares else " (left out)"
-            partners.append(term_words(partner) + note)
-        return f"confounded with {joined(partners)}"
-
-    share_by_partner = {}
-    for partner in entry.partners:
-        share = "left out"
-        if partner in entry.partner_shares:
-            share = f"{100.0 * entry.partner_shares[partner]:.0f} %"
-        share_by_partner[term_words(partner)] = share
     if verdict == "confounded":
-        partners = [f"{partner} ({share})" for partner, share in share_by_partner.items()]
-        return f"confounded with {' and '.join(partners)}"
-    if not share_by_partner:
+        partners = []
+        for partner, share in entry.partner_shares.items():
+            part = _source_in_table(partner)
+            if shares:
+                part += f" ({100.0 * share:.0f} %)"
+            partners.append(part)
+        return f"confounded with {joined(partners)}"
+    if not shares or verdict == "prior-limited":
         return verdict
-    partners = [f"{partner} {share}" for partner, share in share_by_partner.items()]
-    return f"{verdict} ({', '.join(partners)})"
+    return f"{verdict}, limited by {_source_in_table(entry.held_by.name)} ({_held_share(entry)})"
+
+
+def _held_share(entry: ParameterIdentifiability) -> str:
+    """Return the share and the origin of the largest source, as in "39 %, assumed"."""
+    return f"{100.0 * entry.held_by.share:.0f} %, {origin_words(entry.held_by.origin)}"
 
 
 def identifiability_sentences(result: Identifiability) -> tuple[str, ...]:
-    """Return sentences on the assumptions and results of an identifiability analysis.
-
-    For each calibration certificate that could be obtained, the sentences name the parameters whose
-    uncertainty it would reduce by more than a tenth.
-    """
-    worth = _worth_of_certificates(result)
+    """Return sentences on the assumptions of an identifiability analysis."""
     sizes = joined_sizes(result.hyper_um, " = ")
-    return _sentences("identifiability_sentences", result, sizes, worth)
-
-
-def _worth_of_certificates(result: Identifiability) -> dict[str, list[str]]:
-    """Return texts on the parameters whose uncertainty a certificate would reduce, by certificate.
-
-    The certificates are those of the instrument that could be obtained. A text is such as "u of
-    C_XXX to 60 %". Standard uncertainties u that decrease by no more than a tenth are left out.
-    """
-    sd_by_certificate = dict(result.certificates)
-    sd_without = sd_by_certificate.pop("none of these", {})
-    worth = {}
-    for certificate, sd in sd_by_certificate.items():
-        ratio = {name: sd[name] / sd_without[name] for name in sd}
-        worth[certificate] = [
-            f"u of {display_name(name)} to {100.0 * ratio[name]:.0f} %"
-            for name in ranked(ratio, ratio.__getitem__)
-            if ratio[name] < _NARROWER
-        ]
-    return worth
+    return _sentences("identifiability_sentences", result, sizes)
 
 
 def identifiability_screen(result: Identifiability) -> tuple[str, ...]:
@@ -740,9 +773,30 @@ def identifiability_screen(result: Identifiability) -> tuple[str, ...]:
     states how far the readings determine it.
     """
     verdicts = [str(entry.verdict) for entry in result.parameters.values()]
-    worth = _worth_of_certificates(result)
-    single_worth = {name: narrowed for name, narrowed in worth.items() if name != "all of these"}
-    return _sentences("identifiability_screen", result, Counter(verdicts), single_worth)
+    return _sentences("identifiability_screen", result, Counter(verdicts))
+
+
+def certificate_rows(result: Identifiability, most: int | None = None) -> list[tuple[str, str]]:
+    """Return rows of a table of certificates: name, and the parameters that each would narrow.
+
+    The parameters are those whose standard uncertainty the certificate would reduce by more than a
+    tenth, as in "C_XXX 60 %", the most narrowed first. ``most`` limits their number; an ellipsis
+    stands for the rest.
+    """
+    sd_by_certificate = dict(result.certificates)
+    sd_without = sd_by_certificate.pop("none of these", {})
+    rows = []
+    for certificate, sd in sd_by_certificate.items():
+        ratio = {name: sd[name] / sd_without[name] for name in sd}
+        gain = {name: -share for name, share in ratio.items()}
+        narrowed = []
+        for name in ranked(ratio, gain.__getitem__):
+            if ratio[name] < _NARROWER:
+                narrowed.append(f"{display_name(name)} {100.0 * ratio[name]:.0f} %")
+        if most is not None and len(narrowed) > most:
+            narrowed = [*narrowed[:most], "…"]
+        rows.append((certificate, ", ".join(narrowed) or "none by a tenth"))
+    return rows
 
 
 def cure_items(
@@ -780,33 +834,6 @@ def cure_items(
     for cure, effects in effects_by_cure.items():
         items.append(f"{joined(effects)}: {cure[0].lower()}{cure[1:]}")
     return tuple(items)
-
-
-def partners_with_shares(entry: ParameterIdentifiability) -> list[str]:
-    """Return the effects that are named with the verdict on a parameter, as texts.
-
-    Each text has the effect's share of the parameter's variance, as in "mount 39 %". An effect that
-    the model leaves out has the note "(left out)" instead.
-    """
-    partners = []
-    for partner in entry.partners:
-        share = "(left out)"
-        if partner in entry.partner_shares:
-            share = f"{100.0 * entry.partner_shares[partner]:.0f} %"
-        partners.append(f"{term_words(partner)} {share}")
-    return partners
-
-
-def short_verdict_words(entry: ParameterIdentifiability, partners: Sequence[str]) -> str:
-    """Return a short verdict on a parameter, such as "confounded: mount 39 %, bar length 9 %".
-
-    ``partners`` are the effects to name, as texts. An ellipsis follows if the parameter is
-    confounded with more effects. A verdict other than confounded names no effects.
-    """
-    if str(entry.verdict) != "confounded":
-        return str(entry.verdict)
-    ending = ", …" if len(partners) < len(entry.partners) else ""
-    return f"{entry.verdict}: {', '.join(partners)}{ending}"
 
 
 # ---- sentences on the check of intervals by simulation

@@ -9,7 +9,7 @@ from campaigns import clocked, plan
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.aliases import degeneracies
-from ldbb_bayes.analysis.cures import _at_other_radius, cures
+from ldbb_bayes.analysis.cures import at_other_radius, cures
 from ldbb_bayes.report.wording import cure_words
 
 
@@ -63,5 +63,5 @@ def test_another_radius_is_one_that_the_plan_does_not_have(
     tests = []
     for test, radius in zip(one_radius.tests, radii_mm, strict=True):
         tests.append(replace(test, radius_mm=radius))
-    further = _at_other_radius(replace(one_radius, tests=tuple(tests)))
+    further = at_other_radius(replace(one_radius, tests=tuple(tests)))
     assert [test.radius_mm for test in further] == pytest.approx([other_mm, other_mm])

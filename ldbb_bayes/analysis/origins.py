@@ -1,0 +1,156 @@
+"""Origins of the sources of uncertainty: measured here, stated or assumed.
+
+Every source in the budget of a parameter has one of three origins. A source is *stated* if a
+certificate, or a prior that the user gave, states its size. It is *measured here* if the readings
+of this campaign tell its size: they narrow it, its own prior flattened, to less than half of its
+prior standard deviation. Otherwise nobody measured it, and its size is *assumed*.
+
+The question is asked coefficient by coefficient, at the very Fourier order of the coefficient: a
+form error of the balls that the readings show at the orders 5 to 12, and that a prior carries on to
+the orders 2 and 3, is not measured at 2 and 3. The priors of the parameters of interest
+(compliances, slopes, geometric errors) are flattened, too. Otherwise the narrow prior of a
+squareness would count as a measurement of the form error that looks like it. All other effects keep
+their priors.
+
+Scatter has no coefficients that several readings share. Reading noise, set-up shift and discrepancy
+are measured here, because their sizes are hyper-parameters that the readings determine. Scatter of
+a fixed size, such as the random error of the force, is stated or assumed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from enum import StrEnum
+
+from ldbb_bayes.model.hybrid import BoundModel, HybridModel
+from ldbb_bayes.model.information import Information
+from ldbb_bayes.model.prior import settings_of_sd
+from ldbb_bayes.model.terms import BasisNoise, Columns, Term
+from ldbb_bayes.model.terms.columns import NOISE, OWN
+
+__all__ = ["Origin", "edition_terms", "is_prior_stated", "is_size_stated", "origins"]
+
+# An effect counts as measured here if the readings alone, its own prior flattened, narrow it to
+# less than this share of its prior standard deviation.
+MEASURED_SD_RATIO = 0.5
+
+
+class Origin(StrEnum):
+    """Where the size of a source of uncertainty comes from."""
+
+    MEASURED = "measured here"  #: the readings of this campaign tell its size
+    STATED = "stated"  #: a certificate, or a prior that the user gave, states its size
+    ASSUMED = "assumed"  #: nobody measured it; the default prior gives its size
+
+
+def origins(bound: BoundModel, information: Information) -> dict[tuple[str, str], Origin]:
+    """Return the origin of every source of uncertainty of a model's parameters.
+
+    The keys are those of `Information.shares`: the name of the coefficient or noise, and that of
+    the model term to which it belongs. The parameters' own priors (key ``(OWN, OWN)``) are assumed
+    here; `is_prior_stated` tells for one parameter whether the user gave its prior.
+
+    Parameters
+    ----------
+    bound
+        Model bound to a campaign or plan.
+    information
+        Information of the bound model, given the hyper-parameters.
+    """
+    sd_ratio = information.sd_from_readings()
+    origin_of: dict[tuple[str, str], Origin] = {(OWN, OWN): Origin.ASSUMED}
+    for k, (name, owner) in enumerate(zip(information.names, information.owners, strict=True)):
+        if owner == OWN:
+            continue
+        origin = Origin.ASSUMED
+        if is_size_stated(bound, name, _term_named(bound, owner)):
+            origin = Origin.STATED
+        elif sd_ratio[k] < MEASURED_SD_RATIO:
+            origin = Origin.MEASURED
+        origin_of[name, owner] = origin
+    for sources in information.noise:
+        for name in sources:
+            if (name, name) not in origin_of:
+                origin_of[name, name] = _origin_of_noise(bound, name)
+    return origin_of
+
+
+def is_size_stated(bound: BoundModel, coefficient: str, term: Term | None) -> bool:
+    """Return whether the size of a nuisance coefficient is stated.
+
+    The size is stated by a certificate, or by a term that the user has changed. ``term`` is the
+    model term that the coefficient belongs to; the answer is false if it is None (not modelled).
+    """
+    if term is None:
+        return False
+    is_edited = edition_terms(bound).get(type(term)) != term
+    return is_edited or term.is_stated(coefficient, bound.campaign)
+
+
+def is_prior_stated(bound: BoundModel, parameter: str) -> bool:
+    """Return whether the user gave the prior of a parameter of interest.
+
+    A prior counts as given if the model has a mean or sd for this parameter by name, or if a
+    setting of its `Prior` from which the parameter's sd follows is not that of the preset.
+    """
+    prior = bound.model.prior
+    if parameter in prior.overrides or parameter in prior.means:
+        return True
+    default = _edition(bound).prior
+    settings = settings_of_sd(parameter)
+    return any(getattr(prior, name) != getattr(default, name) for name in settings)
+
+
+def edition_terms(bound: BoundModel) -> dict[type[Term], Term]:
+    """Return the nuisance terms of the preset that the model was made from, by class.
+
+    The terms have the package's own values, even where the user has changed them in the model.
+    """
+    return {type(term): term for term in _edition(bound).nuisances}
+
+
+def _edition(bound: BoundModel) -> HybridModel:
+    """Return the model of the preset that a model was made from, as the package has it.
+
+    For the preset ``paper``, whose model has no nuisances, it is the model of the preset ``first``.
+    """
+    if bound.model.preset == "default":
+        return HybridModel.default(bound.model.degree)
+    return HybridModel.first(bound.model.degree)
+
+
+def _term_named(bound: BoundModel, owner: str) -> Term | None:
+    """Return the model's nuisance term whose class is named ``owner``; None if there is none."""
+    for term in bound.model.nuisances:
+        if type(term).__name__ == owner:
+            return term
+    return None
+
+
+def _origin_of_noise(bound: BoundModel, name: str) -> Origin:
+    """Return the origin of a scatter between readings or circles.
+
+    ``name`` is the class name of the model term that causes the scatter, or that of the reading
+    noise.
+    """
+    if name == NOISE:
+        return Origin.MEASURED
+    noises = _noises_of(bound).get(name, ())
+    if noises and all(noise.hyper is not None for noise in noises):
+        return Origin.MEASURED
+    term = _term_named(bound, name)
+    for noise in noises:
+        names = noise.names if isinstance(noise, Columns) else ()
+        if names and all(is_size_stated(bound, coefficient, term) for coefficient in names):
+            return Origin.STATED
+    return Origin.ASSUMED
+
+
+def _noises_of(bound: BoundModel) -> Mapping[str, tuple[Columns | BasisNoise, ...]]:
+    """Return the columns that act as noise of single tests, by class name of their term."""
+    noises = {}
+    for kind, columns in bound.columns_of.items():
+        noises[kind.__name__] = tuple(
+            block for block in columns if isinstance(block, BasisNoise) or block.private
+        )
+    return noises

@@ -1,0 +1,246 @@
+"""The cheapest cure of every parameter: what would narrow it, and its uncertainty with it.
+
+A cure is a change of the plan (another order, the other direction of travel, turned balls, more
+circles, a second radius) or a certificate of the instrument. Each one is tried: the longer plan, or
+the certified campaign, is bound to the same model, and its `Information` gives the standard
+uncertainty of every parameter. Hyper-parameters φ (the scales of the noise and of other effects)
+are carried over by name; those that only the changed campaign has have their prior median. The
+estimate of the machine that some effects need stays that of the readings.
+
+Changes of a plan whose circles are added double the number of circles, whatever their kind. What
+the mere number does is known from the plan that is run twice, and does not count as a cure by
+another direction, clocking or radius. More circles are advised only where what is measured here
+(scatter between readings and circles above all) holds most of the variance: an assumed effect is
+the same in every circle, and no number of them averages it out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+
+from ldbb_bayes.analysis.cures import at_other_radius, clocked, in_other_direction
+from ldbb_bayes.analysis.value_of_certificates import missing_certificates
+from ldbb_bayes.campaign.campaign import Campaign, CircularTest
+from ldbb_bayes.model.bound_information import information_of
+from ldbb_bayes.model.hybrid import BoundModel
+from ldbb_bayes.model.terms import Drift
+from ldbb_bayes.results import Array, Result
+from ldbb_bayes.units import ranked
+
+__all__ = ["CURED_RATIO", "Remedy", "RemedyKind", "remedies"]
+
+# A cure is enough if it leaves at most this share of the standard uncertainty: half of the
+# variance, as if an effect that held half of it were known.
+CURED_RATIO = 0.5**0.5
+# More circles help a parameter only if what is measured here holds more than this share of its
+# variance.
+_MAJORITY = 0.5
+# A cure is worth its name if it leaves less than this share of the standard uncertainty.
+_NARROWER = 0.9
+# A change of the plan counts as a cure of its own only if it leaves less than this share of the
+# uncertainty that the same number of further circles without the change would leave.
+_BETTER_THAN_REPETITION = 0.9
+# Angle by which both balls are turned in the further circles [°]. At one angle the form error of
+# orders 2, 3 and 4 already turns by 90, 135 and 180°.
+_TURN_DEG = 45.0
+# Time from one added circle to the next [s].
+_SECONDS_PER_CIRCLE = 360.0
+# Number of random orders of which the one least correlated with force is taken.
+_ORDERS_TRIED = 200
+
+
+class RemedyKind(StrEnum):
+    """Kind of cure, in the order of what it costs, the cheapest first."""
+
+    ORDER = "order"  #: the same circles in an order that has nothing to do with force
+    DIRECTION = "direction"  #: every circle also in the other direction of travel
+    BALLS = "balls"  #: every circle also with both balls turned in their sockets
+    CIRCLES = "circles"  #: every circle twice
+    RADIUS = "radius"  #: every circle also at a second radius
+    CERTIFICATE = "certificate"  #: a calibration certificate of the instrument
+
+
+@dataclass(frozen=True)
+class Remedy(Result):
+    """The cheapest cure for one parameter, and the uncertainty that it would leave."""
+
+    kind: RemedyKind  #: kind of cure
+    #: what is certified, by its key in `CERTIFICATES`, such as "mount ± 2 %"; empty for a change of
+    #: the plan
+    certificate: str
+    circles: int  #: number of circles that the cure adds to those of the campaign
+    sd: float  #: standard uncertainty of the parameter with the cure, in internal units
+    ratio: float  #: ``sd`` divided by the standard uncertainty without it
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """A cure that was tried.
+
+    ``ratio``, shape (p,), are the standard uncertainties of all parameters with the cure, divided
+    by those without it.
+    """
+
+    kind: RemedyKind
+    certificate: str
+    circles: int
+    ratio: Array
+
+
+def remedies(
+    bound: BoundModel, phi: Array, sd: Array, measured_share: Array
+) -> dict[str, Remedy | None]:
+    """Return the cheapest cure of every parameter; None where none narrows it by a tenth.
+
+    The cures are tried in the order of `RemedyKind`, certificates in that of `CERTIFICATES`. The
+    first one that leaves at most 71 % of the standard uncertainty (half of the variance) is
+    returned; if none does, the one that leaves least, if that is less than 90 %.
+
+    Parameters
+    ----------
+    bound
+        Model bound to a campaign or plan.
+    phi
+        Values of the h hyper-parameters, shape (h,) [mm].
+    sd
+        Standard uncertainties of the p parameters without any cure, shape (p,), in internal units.
+    measured_share
+        Share of what is measured here, such as scatter between readings and circles, in the
+        variance of each parameter, shape (p,).
+    """
+    before = _standard_uncertainties(bound, bound, phi)
+    trials = list(_trials(bound, phi, before))
+    repetition = np.ones(len(before))
+    for trial in trials:
+        if trial.kind == RemedyKind.CIRCLES:
+            repetition = trial.ratio
+    cheapest: dict[str, Remedy | None] = {}
+    for i, name in enumerate(bound.names):
+        helpful = []
+        for trial in trials:
+            if _helps(trial, i, float(repetition[i]), float(measured_share[i])):
+                helpful.append(trial)
+        cheapest[name] = _cheapest(helpful, i, float(sd[i]))
+    return cheapest
+
+
+def _helps(trial: _Trial, i: int, repetition: float, measured_share: float) -> bool:
+    """Return whether a cure narrows the parameter with index i by itself.
+
+    ``repetition`` is the ratio of standard uncertainties if all circles are run twice.
+    """
+    ratio = float(trial.ratio[i])
+    if not ratio < _NARROWER:
+        return False
+    if trial.kind == RemedyKind.CIRCLES:
+        return measured_share > _MAJORITY
+    if trial.circles:
+        return ratio < _BETTER_THAN_REPETITION * repetition
+    return True
+
+
+def _cheapest(helpful: Sequence[_Trial], i: int, sd: float) -> Remedy | None:
+    """Return the first cure that suffices for parameter i, else the one that narrows it most."""
+    if not helpful:
+        return None
+    enough = [trial for trial in helpful if trial.ratio[i] <= CURED_RATIO]
+    if enough:
+        best = enough[0]
+    else:
+        best = ranked(helpful, lambda trial: -float(trial.ratio[i]))[0]
+    ratio = float(best.ratio[i])
+    return Remedy(best.kind, best.certificate, best.circles, ratio * sd, ratio)
+
+
+def _trials(bound: BoundModel, phi: Array, before: Array) -> Iterator[_Trial]:
+    """Yield all cures that can be tried for a campaign, the cheapest first.
+
+    ``before``, shape (p,), are the standard uncertainties without any.
+    """
+    for kind, plan in longer_plans(bound).items():
+        pilot = bound.pilot
+        if pilot is None and not bound.campaign.is_plan:
+            pilot = bound.campaign
+        longer = BoundModel(bound.model, plan, pilot=pilot)
+        after = _standard_uncertainties(bound, longer, phi)
+        circles = len(plan.tests) - len(bound.campaign.tests)
+        yield _Trial(kind, "", circles, after / before)
+    for name, statements in missing_certificates(bound.campaign.instrument).items():
+        instrument = replace(bound.campaign.instrument, **statements)
+        campaign = replace(bound.campaign, instrument=instrument)
+        certified = BoundModel(bound.model, campaign, pilot=bound.pilot)
+        after = _standard_uncertainties(bound, certified, phi)
+        yield _Trial(RemedyKind.CERTIFICATE, name, 0, after / before)
+
+
+def _standard_uncertainties(bound: BoundModel, changed: BoundModel, phi: Array) -> Array:
+    """Return the standard uncertainties of the parameters of ``bound`` in a changed campaign, (p,).
+
+    ``phi`` are the hyper-parameters of ``bound``; they are carried over by name.
+    """
+    carried = changed.hyper_prior.carried(bound.hyper_prior, phi)
+    information = information_of(changed, carried)
+    scale = information.scale[information.interest]
+    sd = dict(zip(changed.names, np.sqrt(information.variances()) * scale, strict=True))
+    return np.array([sd[name] for name in bound.names])
+
+
+def longer_plans(bound: BoundModel) -> Mapping[RemedyKind, Campaign]:
+    """Return the plans that the cures by a change of the plan lead to, the cheapest first.
+
+    A cure that the campaign does not need is left out: another order where nothing drifts, the
+    other direction where every plane is run both ways. A plan is run in another order; a campaign
+    that has been run is run once more in it.
+    """
+    plan = bound.campaign.plan()
+    tests = list(plan.tests)
+    plans: dict[RemedyKind, Campaign] = {}
+    if bound.columns_of.get(Drift):
+        before = [] if bound.campaign.is_plan else tests
+        plans[RemedyKind.ORDER] = _extended(plan, before, _shuffled(tests))
+    directed = in_other_direction(plan)
+    if directed.further:
+        plans[RemedyKind.DIRECTION] = _extended(plan, directed.stated, directed.further)
+    turned = clocked(plan, (_TURN_DEG,), work_ball=True, tool_ball=True)
+    plans[RemedyKind.BALLS] = _extended(plan, tests, turned)
+    plans[RemedyKind.CIRCLES] = _extended(plan, tests, tests)
+    plans[RemedyKind.RADIUS] = _extended(plan, tests, at_other_radius(plan))
+    return plans
+
+
+def _extended(
+    plan: Campaign, before: Sequence[CircularTest], added: Sequence[CircularTest]
+) -> Campaign:
+    """Return a plan of these circles: those before, then the added ones under new names.
+
+    The added circles state times, one every six minutes after the last one before, only if all
+    circles before state theirs.
+    """
+    times = [test.time_s for test in before if test.time_s is not None]
+    later = []
+    for k, test in enumerate(added):
+        time_s = None
+        if before and len(times) == len(before):
+            time_s = max(times) + (k + 1) * _SECONDS_PER_CIRCLE
+        name = "" if before else test.name
+        later.append(replace(test, name=name, time_s=time_s))
+    return replace(plan, tests=(*before, *later))
+
+
+def _shuffled(tests: Sequence[CircularTest]) -> list[CircularTest]:
+    """Return the tests in an order that has as little as possible to do with their forces.
+
+    Of random orders with a fixed seed, it is the one with the smallest correlation of place and
+    force.
+    """
+    forces = np.array([float(test.force_N or 0.0) for test in tests])
+    place = np.arange(len(tests)) - 0.5 * (len(tests) - 1)
+    rng = np.random.default_rng(0)
+    orders = [rng.permutation(len(tests)) for _ in range(_ORDERS_TRIED)]
+    relation = {k: -abs(float(place @ forces[order])) for k, order in enumerate(orders)}
+    best = orders[ranked(relation, relation.__getitem__)[0]]
+    return [tests[k] for k in best]
