@@ -37,9 +37,6 @@ if TYPE_CHECKING:
 
 __all__ = ["SheetNumbers", "StatedQuantity", "ValueAndU", "remark"]
 
-# Of the effects that a quantity is confounded with, the certificate names only those with at least
-# this share of its variance, if there are any.
-_INSEPARABLE = 0.5
 _MOST_NAMES = 2  # largest number of effects that a remark names as confounded with a quantity
 # If the credible interval of a compliance begins below this share of its median, only a limit of
 # the stiffness 1 / C is stated.
@@ -116,31 +113,14 @@ class StatedQuantity:
         return self.entry is not None and not is_determined(self.entry)
 
     @property
-    def unmodelled_partners(self) -> list[str]:
-        """Names of the effects that the quantity is confounded with and that the model leaves out.
+    def inseparable_partners(self) -> tuple[str, ...]:
+        """Names of the assumed effects that an undetermined quantity is confounded with.
 
-        The list is empty if the quantity is not confounded, or if it is confounded with an effect
-        in the model, too.
+        There are none if the readings determine the quantity, or if it is not confounded.
         """
-        if self.entry is None or self.entry.verdict != "confounded":
-            return []
-        if self.entry.partner_shares:
-            return []
-        return list(self.entry.partners)
-
-    @property
-    def inseparable_partners(self) -> list[str]:
-        """Names of the effects that the readings cannot separate from an undetermined quantity.
-
-        The names are those of the effects with at least half of the quantity's variance. If none
-        has so large a share, all effects that the quantity is confounded with are named. The list
-        is empty if the readings determine the quantity, or if it is not confounded.
-        """
-        if self.entry is None or self.entry.verdict != "confounded" or not self.is_undetermined:
-            return []
-        shares = self.entry.partner_shares
-        largest = [name for name, share in shares.items() if share >= _INSEPARABLE]
-        return largest or list(shares)
+        if self.entry is None or not self.is_undetermined:
+            return ()
+        return self.entry.partners
 
 
 @dataclass(frozen=True, eq=False)
@@ -354,21 +334,17 @@ def remark(quantity: StatedQuantity, words: Words) -> str:
     if entry is None:
         if not quantity.hangs_on:
             return ""
-        return words("remarks.inseparable", partners=_partner_words(quantity.hangs_on, words))
-    if entry.verdict == "identified":
-        return words("remarks.identified")
-    if entry.verdict != "confounded":
+        return words("remarks.confounded", partners=_partner_words(quantity.hangs_on, words))
+    if entry.verdict == "confounded":
+        return words("remarks.confounded", partners=_partner_words(entry.partners, words))
+    if entry.verdict == "prior-limited":
         return words("remarks.prior")
-    if quantity.inseparable_partners:
-        partners = quantity.inseparable_partners
-        key = "remarks.inseparable"
-    elif quantity.unmodelled_partners:
-        partners = quantity.unmodelled_partners
-        key = "remarks.assumes"
-    else:
-        partners = list(entry.partner_shares)
-        key = "remarks.limited"
-    return words(key, partners=_partner_words(partners, words))
+    return words(
+        "remarks.identified",
+        source=words.term(entry.held_by.name),
+        share=words.percent(entry.held_by.share),
+        origin=words(f"origins.{entry.held_by.origin}"),
+    )
 
 
 def _partner_words(names: Any, words: Words) -> str:

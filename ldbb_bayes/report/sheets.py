@@ -122,7 +122,7 @@ def _undetermined(numbers: SheetNumbers) -> list[str]:
         probability = words.percent(numbers.findings.varying)
         items.append(words("notes.varying", probability=probability))
     for quantity in numbers.parameters.values():
-        if quantity.is_undetermined or quantity.unmodelled_partners:
+        if quantity.is_undetermined:
             items.append(f"{quantity.words} ({quantity.symbol}): {remark(quantity, words)}")
     confounded = [quantity for quantity in numbers.path.values() if quantity.hangs_on]
     if confounded:
@@ -198,7 +198,7 @@ def _meanings_of_partners(numbers: SheetNumbers) -> list[str]:
     partners: dict[str, None] = {}
     for quantity in numbers.parameters.values():
         if quantity.entry is not None:
-            partners |= dict.fromkeys(quantity.entry.partners)
+            partners |= dict.fromkeys((*quantity.entry.partners, quantity.entry.held_by.name))
     meanings = words.table["means"]
     return [f"{words.term(name)}: {meanings[name]}" for name in partners if name in meanings]
 
