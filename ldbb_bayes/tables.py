@@ -9,7 +9,7 @@ import textwrap
 from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import pandas as pd
@@ -17,7 +17,15 @@ import pandas as pd
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.units import display_unit, round_like, round_uncertainty, typeset
 
-__all__ = ["ReadableFrame", "Table", "readable", "table_of", "terminal_width", "wrapped"]
+__all__ = [
+    "ReadableFrame",
+    "Table",
+    "readable",
+    "table_of",
+    "terminal_width",
+    "with_rows_instead",
+    "wrapped",
+]
 
 # Largest number of rows that are displayed; of a longer table, the first and the last rows are
 # displayed.
@@ -339,14 +347,67 @@ class ReadableFrame(pd.DataFrame):
         return ReadableFrame
 
     def __repr__(self) -> str:
-        return table_of(self).screen(terminal_width())
+        return table_of(_for_print(self)).screen(terminal_width())
 
     def details(self) -> str:
-        """Return the table with all its columns, as text."""
+        """Return the table with all its columns and rows, as text."""
         return table_of(self).text(terminal_width())
 
     def _repr_html_(self) -> str:
-        return table_of(self).html()
+        return table_of(_for_print(self)).html()
+
+
+def _for_print(frame: pd.DataFrame) -> pd.DataFrame:
+    """Return a data frame with the rows that are displayed instead of some of its own rows.
+
+    A data frame with fewer rows than `with_rows_instead` was given is an excerpt that a user chose;
+    it is returned unchanged.
+    """
+    instead: _RowsInstead | None = frame.attrs.get("rows_instead")
+    if instead is None or len(frame) != instead.length:
+        return frame
+    is_kept = np.array([name not in instead.replaced for name in frame.index])
+    kept = frame.loc[is_kept]
+    displayed = pd.DataFrame.from_dict(instead.displayed, orient="index")[list(frame.columns)]
+    above = int(is_kept[: instead.position].sum())
+    result = ReadableFrame(pd.concat([kept.iloc[:above], displayed, kept.iloc[above:]]))
+    result.attrs = dict(frame.attrs)
+    return result
+
+
+class _RowsInstead(NamedTuple):
+    """Rows that are displayed instead of some rows of a data frame, which keeps the latter."""
+
+    replaced: tuple[str, ...]  #: names of the rows that only `ReadableFrame.details` displays
+    displayed: Mapping[str, Mapping[str, Any]]  #: rows in their place, by name; cells by column
+    position: int  #: index of the row of the data frame above which they are displayed
+    length: int  #: number of rows of the whole data frame
+
+
+def with_rows_instead(
+    frame: pd.DataFrame,
+    replaced: Iterable[str],
+    displayed: Mapping[str, Mapping[str, Any]],
+    position: int,
+) -> pd.DataFrame:
+    """Return a data frame from `readable` that displays some rows instead of others.
+
+    The data frame itself does not change, and its method ``details`` displays its own rows.
+
+    Parameters
+    ----------
+    frame
+        The data frame.
+    replaced
+        Names of the rows that are not displayed.
+    displayed
+        Rows that are displayed instead, by name; each row has a cell for every column.
+    position
+        Index of the row above which they are displayed.
+    """
+    rows_instead = _RowsInstead(tuple(replaced), displayed, position, len(frame))
+    frame.attrs["rows_instead"] = rows_instead
+    return frame
 
 
 def readable(

@@ -17,10 +17,12 @@ from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.errors import check_probability
 from ldbb_bayes.inference.coefficients import ModelDraws, shared_terms
 from ldbb_bayes.inference.diagnostics import diagnose
+from ldbb_bayes.inference.force_curves import force_curves
 from ldbb_bayes.inference.posterior import bound_of, fit_of, model_draws_of, record_of
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array, readable
+from ldbb_bayes.tables import with_rows_instead
 
 __all__ = [
     "interval_numbers",
@@ -58,7 +60,9 @@ def summarize(posterior: xr.DataTree, *, prob: float = 0.95) -> pd.DataFrame:
         ess_bulk, ess_tail (effective sample sizes) and rhat. The prior columns are filled for
         proper priors only; for parameters they state the prior before truncation. ``attrs["fit"]``
         says how well the model fits, with warnings and whether the numbers can be used (``state``).
-        In print, units are those for reading, such as nm/N.
+        In print, units are those for reading, such as nm/N, and the change of each compliance C(F)
+        over the tested forces stands in the place of the slopes, such as C_XXX_1. The method
+        ``details`` of the table prints the slopes.
 
     Raises
     ------
@@ -101,7 +105,30 @@ def summarize(posterior: xr.DataTree, *, prob: float = 0.95) -> pd.DataFrame:
         f"Posterior, {100 * prob:g} % intervals; fit {fit.state}, R-hat at most {rhat:.3f},"
         f" ESS at least {ess:.0f}"
     )
-    return readable(table, caption)
+    return _with_changes(readable(table, caption), posterior, prob)
+
+
+def _with_changes(table: pd.DataFrame, posterior: xr.DataTree, prob: float) -> pd.DataFrame:
+    """Return a table of parameters that displays changes of compliances instead of slopes.
+
+    The change of a compliance is that of its curve C(F) from the smallest force tested to the
+    largest. ``prob`` is the probability of its credible interval.
+    """
+    curves = force_curves(posterior)
+    if not curves.compliances:
+        return table
+    rows = {}
+    for name, draws in curves.compliances.items():
+        cells = dict.fromkeys(table.columns, np.nan)
+        cells |= interval_numbers(draws.change, prob)
+        rows[f"{name} changes by"] = {**cells, "unit": draws.unit}
+    groups = record_of(posterior)["model"]["groups"]
+    slopes = [name for name in table.index if groups.get(name) == "slope"]
+    compliances = [name for name in table.index if groups.get(name) == "compliance"]
+    table.attrs["caption"] += (
+        f"; changes from {curves.smallest_force_N:.4g} N to {curves.largest_force_N:.4g} N"
+    )
+    return with_rows_instead(table, slopes, rows, len(compliances))
 
 
 def result_json(posterior: xr.DataTree, *, prob: float = 0.95) -> dict[str, Any]:

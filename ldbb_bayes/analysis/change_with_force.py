@@ -1,0 +1,139 @@
+"""Change of compliance with force: the curve C(F) at the ends of the tested forces.
+
+A coefficient such as C_XXX_1 is not this change: what joints that yield to their own load add to
+the curve (the term `JointLoad`) is not in it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+
+from ldbb_bayes.errors import check_probability
+from ldbb_bayes.inference.force_curves import CurveDraws, ForceCurves, force_curves
+from ldbb_bayes.inference.summary import interval_numbers
+from ldbb_bayes.parallel import one_blas_thread
+from ldbb_bayes.results import Array, ByName, Result
+
+__all__ = ["ChangeWithForce", "DrawnValue", "change_with_force"]
+
+
+@dataclass(frozen=True)
+class DrawnValue(Result):
+    """Mean, standard deviation, median and credible interval of a quantity's posterior draws."""
+
+    mean: float  #: posterior mean
+    sd: float  #: posterior standard deviation
+    median: float  #: posterior median
+    ci_low: float  #: lower end of the equal-tailed credible interval
+    ci_high: float  #: upper end of the equal-tailed credible interval
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Lower and upper end of the credible interval."""
+        return self.ci_low, self.ci_high
+
+
+@dataclass(frozen=True)
+class ChangeWithForce(Result):
+    """Change of one compliance C(F) over the tested forces F, in internal units (mm, N, rad).
+
+    C(F) of a direct compliance is the deflection along an axis over a bar force F along it. It
+    contains the compliance at the reference force F0, its slopes, and the part of the term
+    `JointLoad`: joints that yield to their own load.
+
+    Examples
+    --------
+    >>> change = lb.analysis.change_with_force(posterior)["C_YYY"]
+    >>> change.smallest_force_N, change.largest_force_N
+    (36.0, 742.0)
+    >>> round(change.change.mean * 1e6)  # nm/N
+    -2
+    """
+
+    unit: str  #: unit of the compliance and of its change
+    prob: float  #: probability of the credible intervals
+    smallest_force_N: float  #: smallest force tested, F_min [N]
+    reference_force_N: float  #: reference force of the model, F0 [N]
+    largest_force_N: float  #: largest force tested, F_max [N]
+    at_smallest: DrawnValue  #: C(F_min)
+    at_reference: DrawnValue  #: C(F0)
+    at_largest: DrawnValue  #: C(F_max)
+    change: DrawnValue  #: C(F_max) − C(F_min)
+    #: change divided by C(F0), a pure number; None if the interval of C(F0) contains zero
+    relative: DrawnValue | None
+    probability_of_increase: float  #: probability that the change is positive
+    #: probability that the change is negative; together with the former below one if some of the
+    #: models averaged over have no change
+    probability_of_decrease: float
+
+
+@one_blas_thread
+def change_with_force(posterior: xr.DataTree, *, prob: float = 0.95) -> dict[str, ChangeWithForce]:
+    """Return how much each compliance C(F) changes from the smallest tested force to the largest.
+
+    All numbers are those of the posterior draws of the curve C(F), at both forces for each draw. If
+    the posterior is an average over models, draws of models with constant compliance have no
+    change, and count.
+
+    Parameters
+    ----------
+    posterior : DataTree
+        Posterior from `sample`, `load` or `average`.
+    prob : float
+        Probability of the equal-tailed credible intervals, between 0 and 1.
+
+    Returns
+    -------
+    dict of str to ChangeWithForce
+        Change by name of the compliance, such as ``C_XXX``, for every compliance that has a slope
+        or a part of the term `JointLoad`. It is empty if no compliance has, or if all tests have
+        one force.
+
+    Raises
+    ------
+    InputError
+        For a probability that is not between 0 and 1, or a posterior from `to_units`.
+
+    Examples
+    --------
+    >>> changes = lb.analysis.change_with_force(posterior)
+    >>> list(changes)
+    ['C_XXX', 'C_XYX', 'C_YYY', 'C_CXY', 'C_CYY', 'C_CCY']
+    >>> changes["C_XXX"].probability_of_decrease > 0.5
+    True
+    """
+    check_probability(prob)
+    curves = force_curves(posterior)
+    changes = ByName[ChangeWithForce]()
+    for name, draws in curves.compliances.items():
+        changes[name] = _change_of(curves, draws, prob)
+    return changes
+
+
+def _change_of(curves: ForceCurves, draws: CurveDraws, prob: float) -> ChangeWithForce:
+    """Return the change of one compliance from its posterior draws at the three forces."""
+    at_reference = _value_of(draws.at_reference, prob)
+    relative = None
+    if at_reference.ci_low > 0.0 or at_reference.ci_high < 0.0:
+        relative = _value_of(draws.change / draws.at_reference, prob)
+    return ChangeWithForce(
+        unit=draws.unit,
+        prob=prob,
+        smallest_force_N=curves.smallest_force_N,
+        reference_force_N=curves.reference_force_N,
+        largest_force_N=curves.largest_force_N,
+        at_smallest=_value_of(draws.at_smallest, prob),
+        at_reference=at_reference,
+        at_largest=_value_of(draws.at_largest, prob),
+        change=_value_of(draws.change, prob),
+        relative=relative,
+        probability_of_increase=float(np.mean(draws.change > 0.0)),
+        probability_of_decrease=float(np.mean(draws.change < 0.0)),
+    )
+
+
+def _value_of(draws: Array, prob: float) -> DrawnValue:
+    return DrawnValue(**interval_numbers(draws, prob))
