@@ -351,22 +351,22 @@ class ReadableFrame(pd.DataFrame):
 
     def details(self) -> str:
         """Return the table with all its columns and rows, as text."""
-        return table_of(self).text(terminal_width())
+        return table_of(_for_print(self, all_rows=True)).text(terminal_width())
 
     def _repr_html_(self) -> str:
         return table_of(_for_print(self)).html()
 
 
-def _for_print(frame: pd.DataFrame) -> pd.DataFrame:
+def _for_print(frame: pd.DataFrame, *, all_rows: bool = False) -> pd.DataFrame:
     """Return a data frame with the rows that are displayed instead of some of its own rows.
 
-    A data frame with fewer rows than `with_rows_instead` was given is an excerpt that a user chose;
+    With ``all_rows``, they are displayed beside all of its own rows. A data frame with fewer rows than `with_rows_instead` was given is an excerpt that a user chose;
     it is returned unchanged.
     """
     instead: _RowsInstead | None = frame.attrs.get("rows_instead")
     if instead is None or len(frame) != instead.length:
         return frame
-    is_kept = np.array([name not in instead.replaced for name in frame.index])
+    is_kept = np.array([all_rows or name not in instead.replaced for name in frame.index])
     kept = frame.loc[is_kept]
     displayed = pd.DataFrame.from_dict(instead.displayed, orient="index")[list(frame.columns)]
     above = int(is_kept[: instead.position].sum())
@@ -392,7 +392,7 @@ def with_rows_instead(
 ) -> pd.DataFrame:
     """Return a data frame from `readable` that displays some rows instead of others.
 
-    The data frame itself does not change, and its method ``details`` displays its own rows.
+    The data frame itself does not change, and its method ``details`` displays all of these rows.
 
     Parameters
     ----------

@@ -23,6 +23,7 @@ __all__ = [
     "inside_name",
     "is_direct",
     "is_skewed",
+    "is_slope",
     "plus_minus",
     "ranked",
     "round_like",
@@ -260,6 +261,14 @@ def is_direct(name: str) -> bool:
     is a stiffness.
     """
     return re.fullmatch(r"C_([XYZ])\1.", name) is not None
+
+
+def is_slope(name: str) -> bool:
+    """Return whether a parameter with this name is a slope of a compliance, such as C_XXX_1.
+
+    A slope is a coefficient of the change of a compliance with force, linear (1) or quadratic (2).
+    """
+    return re.fullmatch(r"C_.*_\d", name) is not None
 
 
 def display_name(name: str) -> str:

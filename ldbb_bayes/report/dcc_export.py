@@ -20,13 +20,14 @@ import xarray as xr
 from ldbb_bayes.analysis.verdicts import judge_posterior
 from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.files import write_whole
+from ldbb_bayes.inference.force_curves import force_curves
 from ldbb_bayes.inference.posterior import campaign_of
 from ldbb_bayes.inference.summary import result_json
 from ldbb_bayes.report import wording
 from ldbb_bayes.report.fit_tables import describe_fit
 from ldbb_bayes.report.html_templates import template_of
 from ldbb_bayes.results import Array
-from ldbb_bayes.units import display_name
+from ldbb_bayes.units import display_name, is_slope
 
 __all__ = ["dsi_unit", "write_dcc"]
 
@@ -68,7 +69,8 @@ def write_dcc(posterior: xr.DataTree, path: str | os.PathLike[str], *, prob: flo
     """Write the results of a fit as XML in the format of a digital calibration certificate.
 
     The file holds mean, U (k = 2), interval and covariance of every parameter of the machine in
-    internal units (mm, N, rad). It states that it is unsigned and is not a calibration certificate.
+    internal units (mm, N, rad). The change of each compliance over the tested forces stands among
+    the results; slopes, which are coefficients of this change, stand with the covariance. It states that it is unsigned and is not a calibration certificate.
 
     Parameters
     ----------
@@ -101,6 +103,9 @@ def write_dcc(posterior: xr.DataTree, path: str | os.PathLike[str], *, prob: flo
     draws = np.stack([np.ravel(posterior["posterior"].dataset[name]) for name in entries])
     covariance = np.atleast_2d(np.cov(draws))
     digest = hashlib.sha256(json.dumps(entries).encode()).hexdigest()
+    parameters = _parameter_entries(posterior, entries, draws, f"ci{100 * prob:g}")
+    compliances = [entry for entry in parameters if entry["kind"] == "compliance"]
+    geometric_errors = [entry for entry in parameters if entry["kind"] == "geometric"]
     text = template_of("dcc.xml.j2").render(
         campaign=campaign,
         model=result["model"],
@@ -109,7 +114,8 @@ def write_dcc(posterior: xr.DataTree, path: str | os.PathLike[str], *, prob: flo
         fitted=result["provenance"]["started"][:10],
         identifier=f"ldbb_bayes-{digest[:_DIGEST_LENGTH]}",
         verdict=describe_fit(posterior)["verdict"],
-        parameters=_parameter_entries(posterior, entries, draws, f"ci{100 * prob:g}"),
+        parameters=parameters,
+        quantities=[*compliances, *_change_entries(posterior), *geometric_errors],
         covariance=_covariance_columns(covariance, [entry["unit"] for entry in entries.values()]),
         factor=_coverage_factor(draws, covariance, prob),
         models=len(result.get("averaged", {}).get("models", ())),
@@ -184,8 +190,35 @@ def _parameter_entries(
     return parameters
 
 
+def _change_entries(posterior: xr.DataTree) -> list[dict[str, Any]]:
+    """Return what the certificate file states of the changes of compliances with force.
+
+    Each change is that of C(F) from the smallest force tested to the largest. The entries are like
+    those of parameters.
+    """
+    curves = force_curves(posterior)
+    forces = f"{curves.smallest_force_N:.4g} N … {curves.largest_force_N:.4g} N"
+    entries = []
+    for name, draws in curves.compliances.items():
+        mean = float(draws.change.mean())
+        sd = float(draws.change.std(ddof=1))
+        entries.append(
+            {
+                "mean": mean,
+                "sd": sd,
+                "name": f"{name}_change",
+                "shown": f"{display_name(name)}, {forces}",
+                "kind": "change",
+                "unit": dsi_unit(draws.unit),
+                "within": float(np.mean(np.abs(draws.change - mean) <= 2.0 * sd)),
+                "verdict": "",
+            }
+        )
+    return entries
+
+
 def _kind_of(name: str) -> str:
-    if re.fullmatch(r"C_.*_\d", name):
+    if is_slope(name):
         return "slope"
     if name.startswith("C"):
         return "compliance"

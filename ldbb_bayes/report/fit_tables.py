@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from ldbb_bayes import units
+from ldbb_bayes.analysis.change_with_force import change_with_force
 from ldbb_bayes.analysis.conformity import assess_conformity
 from ldbb_bayes.analysis.verdicts import ParameterIdentifiability, judge_posterior, not_modelled
 from ldbb_bayes.campaign.preview import CampaignPreview, RemarkKind, check_campaign
@@ -31,6 +32,9 @@ if TYPE_CHECKING:
 
 __all__ = [
     "FitWords",
+    "change_parts",
+    "change_table",
+    "coefficient_table",
     "conformity_table",
     "describe_fit",
     "full_result",
@@ -54,7 +58,10 @@ _REMARKS_OF_FITS = (RemarkKind.ONE_LEVEL, RemarkKind.TWO_LEVELS, RemarkKind.ONE_
 
 
 def full_result(posterior: xr.DataTree, prob: float) -> dict[str, Any]:
-    """Return all results of a fit, with nuisance coefficients, warnings and conformity decisions.
+    """Return all results of a fit as a dictionary.
+
+    They include changes of compliances with force, nuisance coefficients, warnings and decisions on
+    conformity.
 
     Parameters
     ----------
@@ -69,6 +76,8 @@ def full_result(posterior: xr.DataTree, prob: float) -> dict[str, Any]:
         The record that ``fit --json`` prints.
     """
     result = result_json(posterior, prob=prob)
+    changes = change_with_force(posterior, prob=prob)
+    result["change_with_force"] = {name: change.as_dict() for name, change in changes.items()}
     result["nuisances"] = summarize_nuisances(posterior).to_dict(orient="index")
     result["fit"] |= describe_fit(posterior)
     if campaign_of(posterior).tolerances:
@@ -215,9 +224,124 @@ def conformity_table(decisions: Mapping[str, Mapping[str, Any]]) -> Table:
     return Table.of(caption, heads, rows, text=("unit", "decision"))
 
 
-def parameter_table(result: Mapping[str, Any]) -> Table:
+def change_table(changes: Mapping[str, Mapping[str, Any]]) -> Table:
+    """Return a table of the changes of compliances over the tested forces, a row for each.
+
+    Parameters
+    ----------
+    changes
+        Changes by compliance, each as a dictionary; see `change_with_force`.
+
+    Returns
+    -------
+    Table
+    """
+    rows = []
+    caption = wording.PAGE["change"]
+    percent = "95 %"
+    for name, change in changes.items():
+        factor, _ = display_unit(change["unit"])
+        by_force = []
+        for key in ("at_smallest", "at_largest"):
+            value = change[key]
+            by_force.append(value_and_uncertainty(value["mean"] * factor, value["sd"] * factor)[0])
+        statement = _change_statement(change)
+        rows.append(
+            (
+                display_name(name),
+                *by_force,
+                statement.value,
+                statement.u,
+                statement.interval,
+                statement.unit,
+                _share_cell(change["relative"]),
+                wording.direction_words(change),
+            )
+        )
+        percent = f"{100 * change['prob']:g} %"
+        smallest = change["smallest_force_N"]
+        largest = change["largest_force_N"]
+        caption = f"{wording.PAGE['change']} from {smallest:.4g} N to {largest:.4g} N"
+    heads = (
+        "compliance",
+        "C(F_min)",
+        "C(F_max)",
+        "change",
+        "u",
+        f"{percent} interval",
+        "unit",
+        "relative change",
+        "direction",
+    )
+    return Table.of(caption, heads, rows, text=("unit", "direction"))
+
+
+def change_parts(change: Mapping[str, Any]) -> tuple[Passage, ...]:
+    """Return a table of one compliance at three forces with its change, and a sentence on its sign.
+
+    Parameters
+    ----------
+    change
+        Change of the compliance as a dictionary; see `change_with_force`.
+
+    Returns
+    -------
+    tuple
+        The table and the sentence.
+    """
+    rows = []
+    for key in ("smallest", "reference", "largest"):
+        label = f"C({change[f'{key}_force_N']:.4g} N)"
+        rows.append(_drawn_row(label, change[f"at_{key}"], change["unit"]))
+    rows.append(_drawn_row("change", change["change"], change["unit"]))
+    relative = change["relative"]
+    if relative is not None:
+        in_percent = {key: 100.0 * value for key, value in relative.items()}
+        rows.append((*_drawn_row("change / C(F0)", in_percent, "")[:-1], "%"))
+    heads = ("quantity", "value", "u", f"{100 * change['prob']:g} % interval", "unit")
+    table = Table.of(wording.PAGE["change"], heads, rows, text=("unit",))
+    return (table, f"Direction: {wording.direction_words(change)}.")
+
+
+def _drawn_row(label: str, value: Mapping[str, float], unit: str) -> tuple[str, ...]:
+    statement = units.state(value["mean"], value["sd"], (value["ci_low"], value["ci_high"]), unit)
+    return (label, statement.value, statement.u, statement.interval, statement.unit)
+
+
+def _change_statement(change: Mapping[str, Any]) -> units.Statement:
+    value = change["change"]
+    interval = (value["ci_low"], value["ci_high"])
+    return units.state(value["mean"], value["sd"], interval, change["unit"])
+
+
+def _share_cell(relative: Mapping[str, float] | None) -> str:
+    if relative is None:
+        return "–"
+    return f"{100.0 * relative['median']:.0f} %"
+
+
+def _parameters_by_kind(result: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return compliances, and all other parameters but slopes, each with its entry by name.
+
+    Slopes are among the others if the results of a fit have no changes of compliances with force.
+    """
+    compliances = {}
+    others = {}
+    for name, entry in result["parameters"].items():
+        if units.is_slope(name):
+            if not result.get("change_with_force"):
+                others[name] = entry
+        elif name.startswith("C"):
+            compliances[name] = entry
+        else:
+            others[name] = entry
+    return compliances, others
+
+
+def parameter_table(result: Mapping[str, Any], *, coefficients: bool = False) -> Table:
     """Return a table of each parameter's posterior (mean, sd, interval) and prior (mean, sd).
 
+    The change of each compliance over the tested forces stands in the place of its slopes.
     The prior means are left out if all are zero. λ of a circle is the factor by which its random
     shift and its unexplained deviations are larger than those of the other circles. It is shown
     only if its posterior median is at least 2.5.
@@ -226,38 +350,67 @@ def parameter_table(result: Mapping[str, Any]) -> Table:
     ----------
     result
         Results of a fit, see `full_result`.
+    coefficients
+        Whether the table has the slopes, with their priors, instead of the changes.
 
     Returns
     -------
     Table
     """
-    entries = {**result["parameters"], **result["hyper"]}
-    has_prior_means = any(entry.get("prior_mean") for entry in entries.values())
+    has_prior_means = any(entry.get("prior_mean") for entry in result["parameters"].values())
+    compliances, others = _parameters_by_kind(result)
+    changes = result.get("change_with_force", {})
+    if coefficients:
+        compliances = result["parameters"]
+        changes = {}
+        others = {}
     rows = []
-    for name, entry in entries.items():
-        if name.startswith("lambda_") and entry["median"] < _ODD_CIRCLE:
-            continue
-        factor, unit = display_unit(entry["unit"])
-        spread, decimals = round_uncertainty(entry["sd"] * factor)
-        low, high = wording.interval_of(entry)
-        cells = [
-            display_name(name.removesuffix("_um")),
-            round_like(entry["mean"] * factor, decimals),
-            spread,
-            f"[{round_like(low * factor, decimals)}, {round_like(high * factor, decimals)}]",
-        ]
-        if has_prior_means:
-            cells.append(_prior_mean_cell(entry, factor))
-        if entry["prior_sd"] is None:
-            cells.append("flat")
-        else:
-            cells.append(three_digits(entry["prior_sd"] * factor))
-        rows.append((*cells, unit))
+    for name, entry in compliances.items():
+        rows.append(_parameter_row(name, entry, has_prior_means))
+    for name, change in changes.items():
+        rows.append(_change_row(name, change, has_prior_means))
+    for name, entry in {**others, **result["hyper"]}.items():
+        if not name.startswith("lambda_") or entry["median"] >= _ODD_CIRCLE:
+            rows.append(_parameter_row(name, entry, has_prior_means))
     heads = ["parameter", "mean", "u (1 sd)", f"{wording.percent_of(result)} interval"]
     if has_prior_means:
         heads.append("prior mean")
     heads += ["prior sd", "unit"]
     return Table.of("", tuple(heads), rows, text=("unit",))
+
+
+def _parameter_row(name: str, entry: Mapping[str, Any], has_prior_means: bool) -> tuple[str, ...]:
+    """Return the row of a parameter or hyper-parameter in the table with their priors."""
+    factor, unit = display_unit(entry["unit"])
+    spread, decimals = round_uncertainty(entry["sd"] * factor)
+    low, high = wording.interval_of(entry)
+    cells = [
+        display_name(name.removesuffix("_um")),
+        round_like(entry["mean"] * factor, decimals),
+        spread,
+        f"[{round_like(low * factor, decimals)}, {round_like(high * factor, decimals)}]",
+    ]
+    if has_prior_means:
+        cells.append(_prior_mean_cell(entry, factor))
+    if entry["prior_sd"] is None:
+        cells.append("flat")
+    else:
+        cells.append(three_digits(entry["prior_sd"] * factor))
+    return (*cells, unit)
+
+
+def _change_row(name: str, change: Mapping[str, Any], has_prior_means: bool) -> tuple[str, ...]:
+    """Return the row of a compliance's change over the tested forces, without a prior."""
+    statement = _change_statement(change)
+    cells = [
+        wording.changes_by_words(name, change),
+        statement.value,
+        statement.u,
+        statement.interval,
+    ]
+    if has_prior_means:
+        cells.append("–")
+    return (*cells, "–", statement.unit)
 
 
 def _prior_mean_cell(entry: Mapping[str, Any], factor: float) -> str:
@@ -275,6 +428,8 @@ def results_table(
 ) -> Table:
     """Return a table of the results: value, u, U, interval, stiffness and verdict by parameter.
 
+    The change of each compliance over the tested forces stands in the place of its slopes.
+
     Parameters
     ----------
     result
@@ -289,25 +444,68 @@ def results_table(
     -------
     Table
     """
+    compliances, others = _parameters_by_kind(result)
+    changes = result.get("change_with_force", {})
+    rows = []
+    for name, entry in compliances.items():
+        rows.append(_result_row(name, entry, wording.verdict_words(verdicts[name], shares=shares)))
+    for name, change in changes.items():
+        statement = _change_statement(change)
+        label = wording.changes_by_words(name, change)
+        rows.append((label, *_stated(statement), "", wording.direction_words(change)))
+    for name, entry in others.items():
+        rows.append(_result_row(name, entry, wording.verdict_words(verdicts[name], shares=shares)))
+    return _results_table(wording.PAGE["parameters"], rows, result)
+
+
+def coefficient_table(
+    result: Mapping[str, Any], verdicts: Mapping[str, ParameterIdentifiability]
+) -> Table:
+    """Return a table of the slopes: coefficients of the change of compliances with force.
+
+    A slope is not all of a compliance's change with force, because the part of the term `JointLoad`
+    is not in it. The table has no rows if compliance is constant.
+
+    Parameters
+    ----------
+    result
+        Results of a fit, see `full_result`.
+    verdicts
+        Verdicts on the parameters of the fit: how far the readings determine each of them.
+
+    Returns
+    -------
+    Table
+    """
     rows = []
     for name, entry in result["parameters"].items():
-        interval = wording.interval_of(entry)
-        statement = units.state(entry["mean"], entry["sd"], interval, entry["unit"])
-        stiffness = ""
-        if units.is_direct(name):
-            stiffness = units.stiffness(entry["median"], interval)
-        rows.append(
-            (
-                display_name(name),
-                statement.value,
-                statement.u,
-                statement.expanded,
-                statement.interval,
-                statement.unit,
-                stiffness,
-                wording.verdict_words(verdicts[name], shares=shares),
-            )
-        )
+        if units.is_slope(name):
+            verdict = wording.verdict_words(verdicts[name], shares=False)
+            rows.append(_result_row(name, entry, verdict))
+    return _results_table(wording.PAGE["coefficients"], rows, result)
+
+
+def _result_row(name: str, entry: Mapping[str, Any], verdict: str) -> tuple[str, ...]:
+    interval = wording.interval_of(entry)
+    statement = units.state(entry["mean"], entry["sd"], interval, entry["unit"])
+    stiffness = ""
+    if units.is_direct(name):
+        stiffness = units.stiffness(entry["median"], interval)
+    return (display_name(name), *_stated(statement), stiffness, verdict)
+
+
+def _stated(statement: units.Statement) -> tuple[str, ...]:
+    """Return the cells of a value: the value itself, u, U, credible interval, and unit."""
+    return (
+        statement.value,
+        statement.u,
+        statement.expanded,
+        statement.interval,
+        statement.unit,
+    )
+
+
+def _results_table(caption: str, rows: list[tuple[str, ...]], result: Mapping[str, Any]) -> Table:
     heads = (
         "parameter",
         "value",
@@ -318,7 +516,6 @@ def results_table(
         "stiffness (N/µm)",
         "verdict",
     )
-    caption = "Compliances, their slopes, geometric errors"
     return Table.of(caption, heads, rows, text=("unit", "verdict"))
 
 

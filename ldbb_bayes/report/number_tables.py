@@ -11,6 +11,7 @@ from dataclasses import asdict
 import numpy as np
 import pandas as pd
 
+from ldbb_bayes.analysis.change_with_force import change_with_force
 from ldbb_bayes.analysis.measured_paths import measure_circularity
 from ldbb_bayes.analysis.path_contributions import decompose_deviation
 from ldbb_bayes.inference.posterior import bound_of, draws_of
@@ -24,6 +25,7 @@ __all__ = ["TABLE_FILES", "tables"]
 TABLE_FILES = (
     "results.csv",
     "averaged.csv",
+    "change_with_force.csv",
     "covariance.csv",
     "correlation.csv",
     "budget.csv",
@@ -73,6 +75,9 @@ def tables(findings: Findings, others: Sequence[Beside] = ()) -> dict[str, pd.Da
     }
     if findings.averaged is not None:
         frames["averaged"] = _averaged(findings)
+    changes = _changes(findings)
+    if len(changes):
+        frames["change_with_force"] = changes
     if len(pairs):
         frames["measured_pairs"] = _with_unit_suffixes(pairs).rename_axis("tests")
     if others:
@@ -91,6 +96,29 @@ def _results(findings: Findings) -> pd.DataFrame:
             verdict = wording.verdict_words(findings.verdicts[name])
         verdicts.append(verdict)
     return _with_reading_units(summary.assign(U_k2=2.0 * summary["sd"], verdict=verdicts))
+
+
+def _changes(findings: Findings) -> pd.DataFrame:
+    """Return a table of the changes of compliances with force, as the certificate states them."""
+    rows = {}
+    changes = change_with_force(findings.numbers, prob=findings.prob)
+    for name, change in changes.items():
+        rows[name] = {
+            "unit": change.unit,
+            "smallest_force_N": change.smallest_force_N,
+            "largest_force_N": change.largest_force_N,
+            "at_smallest_mean": change.at_smallest.mean,
+            "at_smallest_sd": change.at_smallest.sd,
+            "at_largest_mean": change.at_largest.mean,
+            "at_largest_sd": change.at_largest.sd,
+            **asdict(change.change),
+            "U_k2": 2.0 * change.change.sd,
+            "probability_of_increase": change.probability_of_increase,
+            "probability_of_decrease": change.probability_of_decrease,
+        }
+    if not rows:
+        return pd.DataFrame()
+    return _with_reading_units(pd.DataFrame.from_dict(rows, orient="index"))
 
 
 def _budget(findings: Findings) -> pd.DataFrame:

@@ -84,6 +84,9 @@ def results(findings: Findings) -> Iterator[Part]:
     yield wording.PAGE["results"].format(percent=wording.percent_of(findings.result))
     yield fit_tables.results_table(findings.result, findings.verdicts, shares=False)
     yield picture("forest", findings.posterior)
+    coefficients = fit_tables.coefficient_table(findings.result, findings.verdicts)
+    if coefficients.rows:
+        yield Details(wording.PAGE["coefficients_hint"], (coefficients,))
     nuisances = fit_tables.nuisance_table(findings.result["nuisances"])
     yield Details("What the fit says of other effects", (nuisances,))
     tests = campaign_of(findings.posterior)
@@ -263,7 +266,7 @@ def assumptions(findings: Findings) -> Iterator[Part]:
     The section has the prior of every parameter beside its posterior, and the model as text in TOML
     format.
     """
-    yield fit_tables.parameter_table(findings.result)
+    yield fit_tables.parameter_table(findings.result, coefficients=True)
     toml = record_of(findings.posterior)["model"]["toml"]
     yield Details("The whole model as TOML (edit and fit again with --model)", (toml,))
 

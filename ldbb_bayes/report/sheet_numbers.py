@@ -9,10 +9,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from ldbb_bayes.analysis.change_with_force import change_with_force
 from ldbb_bayes.analysis.circularity import predict_circularity
 from ldbb_bayes.analysis.conformity import draws_at
 from ldbb_bayes.analysis.usability import is_determined
@@ -26,17 +27,22 @@ from ldbb_bayes.units import (
     display_name,
     display_unit,
     is_skewed,
+    is_slope,
     state,
     three_digits,
     value_and_uncertainty,
 )
 
 if TYPE_CHECKING:
+    from ldbb_bayes.analysis.change_with_force import ChangeWithForce
     from ldbb_bayes.analysis.verdicts import ParameterIdentifiability
     from ldbb_bayes.model.hybrid import BoundModel
 
 __all__ = ["SheetNumbers", "StatedQuantity", "ValueAndU", "remark"]
 
+# A compliance is said to increase or to decrease with force if the probability of that is at least
+# this.
+_SURE = 0.95
 _MOST_NAMES = 2  # largest number of effects that a remark names as confounded with a quantity
 # If the credible interval of a compliance begins below this share of its median, only a limit of
 # the stiffness 1 / C is stated.
@@ -84,6 +90,9 @@ class StatedQuantity:
     hangs_on
         For a quantity that is computed from several parameters: effects that these parameters are
         confounded with.
+    direction
+        For the change of a compliance with force: whether it is an increase or a decrease, as the
+        key of a remark; otherwise empty.
     """
 
     words: str
@@ -95,6 +104,7 @@ class StatedQuantity:
     entry: ParameterIdentifiability | None = None
     limit: str = ""
     hangs_on: tuple[str, ...] = ()
+    direction: Literal["", "increases", "decreases", "no_change"] = ""
 
     def value_and_U(self) -> ValueAndU:
         """Return value and expanded uncertainty (k = 2), in the unit shown on the sheets."""
@@ -143,18 +153,48 @@ class SheetNumbers:
 
     @cached_property
     def parameters(self) -> dict[str, StatedQuantity]:
-        """Compliances at the force ``force_N``, their slopes, and geometric errors, by name.
+        """Compliances at the force ``force_N``, and geometric errors, by name.
 
-        Slopes (changes of compliance with force) are stated only if a change with force has a
-        probability above one half. Offsets of the tool ball are never stated.
+        Offsets of the tool ball are not stated, and slopes are not: see `changes`.
         """
+        return {name: stated for name, stated in self._stated.items() if not is_slope(name)}
+
+    @cached_property
+    def slopes(self) -> dict[str, StatedQuantity]:
+        """Coefficients of the change of compliances with force, by name, for their tolerances."""
+        return {name: stated for name, stated in self._stated.items() if is_slope(name)}
+
+    @cached_property
+    def changes(self) -> dict[str, StatedQuantity]:
+        """Change of each compliance C(F) from the smallest force tested to the largest, by name."""
+        stated = {}
+        changes = change_with_force(self.findings.numbers, prob=self.findings.prob)
+        for name, change in changes.items():
+            stated[name] = StatedQuantity(
+                words=self.words(
+                    "quantities.change",
+                    symbol=display_name(name),
+                    low=self.words.number(f"{change.smallest_force_N:.4g}"),
+                    high=self.words.number(f"{change.largest_force_N:.4g}"),
+                ),
+                symbol=f"Δ{display_name(name)}",
+                estimate=change.change.mean,
+                sd=change.change.sd,
+                interval=change.change.interval,
+                unit=change.unit,
+                direction=_direction_of(change),
+            )
+        return stated
+
+    @cached_property
+    def _stated(self) -> dict[str, StatedQuantity]:
+        """Compliances, slopes and geometric errors but for offsets of the tool ball, by name."""
         bound = bound_of(self.findings.numbers)
         names = _names_by_label(bound)
         stated = {}
         for parameter in bound.parameters:
             name = names[parameter.compliance]
-            is_slope = parameter.degree > 0
-            if name.kind == "offset" or (is_slope and self.findings.varying <= 0.5):
+            if name.kind == "offset":
                 continue
             summary = self._summaries[parameter.name]
             stated[parameter.name] = StatedQuantity(
@@ -306,6 +346,14 @@ class SheetNumbers:
         return tuple(partners)
 
 
+def _direction_of(change: ChangeWithForce) -> Literal["increases", "decreases", "no_change"]:
+    if change.probability_of_increase >= _SURE:
+        return "increases"
+    if change.probability_of_decrease >= _SURE:
+        return "decreases"
+    return "no_change"
+
+
 def _names_by_label(bound: BoundModel) -> dict[str, Any]:
     """Return the names of compliances and geometric errors as objects, by label such as ``C_XXX``.
 
@@ -331,6 +379,8 @@ def remark(quantity: StatedQuantity, words: Words) -> str:
         The remark, in the language of the sheet; empty if none is needed.
     """
     entry = quantity.entry
+    if quantity.direction:
+        return words(f"remarks.{quantity.direction}")
     if entry is None:
         if not quantity.hangs_on:
             return ""

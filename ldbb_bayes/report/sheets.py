@@ -124,6 +124,13 @@ def _undetermined(numbers: SheetNumbers) -> list[str]:
     for quantity in numbers.parameters.values():
         if quantity.is_undetermined:
             items.append(f"{quantity.words} ({quantity.symbol}): {remark(quantity, words)}")
+    unknown_signs = [
+        symbol
+        for symbol, quantity in numbers.changes.items()
+        if quantity.direction == "no_change" and numbers.findings.varying > 0.5
+    ]
+    if unknown_signs:
+        items.append(words("notes.unknown_signs", symbols=words.joined(unknown_signs)))
     confounded = [quantity for quantity in numbers.path.values() if quantity.hangs_on]
     if confounded:
         symbols = words.joined([quantity.symbol for quantity in confounded])
@@ -166,7 +173,15 @@ def _averaged_models(findings: Findings, words: Words) -> str:
 def _second_sheet(numbers: SheetNumbers) -> Iterator[Block]:
     words = numbers.words
     findings = numbers.findings
-    yield _table_with_intervals(numbers, [*numbers.parameters.values(), *numbers.path.values()])
+    compliances = []
+    others = []
+    for name, quantity in numbers.parameters.items():
+        if name.startswith("C"):
+            compliances.append(quantity)
+        else:
+            others.append(quantity)
+    quantities = [*compliances, *numbers.changes.values(), *others, *numbers.path.values()]
+    yield _table_with_intervals(numbers, quantities)
     yield words(
         "notes.u",
         percent=words.number(f"{100 * findings.prob:g}"),
@@ -268,7 +283,7 @@ def _conformity(numbers: SheetNumbers) -> Iterator[Table | str]:
     Yield nothing if there are no tolerances.
     """
     words = numbers.words
-    quantities = dict(numbers.parameters)
+    quantities = numbers.parameters | numbers.slopes
     for label, quantity in numbers.stiffnesses.items():
         quantities[f"stiffness_{label[2]}"] = quantity
     quantities |= numbers.path

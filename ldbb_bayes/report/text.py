@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 from ldbb_bayes import units
 from ldbb_bayes.analysis.budgets import Budget
 from ldbb_bayes.analysis.calibration import Validation
+from ldbb_bayes.analysis.change_with_force import ChangeWithForce
 from ldbb_bayes.analysis.comparison import Comparison
 from ldbb_bayes.analysis.design import Design
 from ldbb_bayes.inference.density import LogDensity
@@ -33,7 +34,7 @@ from ldbb_bayes.report.comparison_tables import (
     left_out_tests_table,
     models_table,
 )
-from ldbb_bayes.report.fit_tables import FitWords, conformity_table
+from ldbb_bayes.report.fit_tables import FitWords, change_parts, change_table, conformity_table
 from ldbb_bayes.report.wording import IN_FORCE
 from ldbb_bayes.results import ByName, Passage, Table, parts_of
 from ldbb_bayes.units import (
@@ -187,11 +188,13 @@ def _record_of_validation(result: Validation) -> dict[str, Any]:
 
 @parts_of.register(ByName)
 def _decisions_or_budgets(results: ByName[Any]) -> tuple[Passage, ...]:
-    """Return a table of several uncertainty budgets, or of several decisions on conformity.
+    """Return a table of several uncertainty budgets, decisions on conformity, or changes with force.
 
-    ``results`` holds budgets by parameter, or decisions by quantity. The table has one row for
-    each.
+    ``results`` holds budgets by parameter, decisions by quantity, or changes by compliance. The
+    table has one row for each.
     """
+    if all(isinstance(result, ChangeWithForce) for result in results.values()) and results:
+        return (change_table({name: change.as_dict() for name, change in results.items()}),)
     if not all(isinstance(result, Budget) for result in results.values()):
         return (conformity_table({name: result.as_dict() for name, result in results.items()}),)
     rows = []
@@ -219,6 +222,11 @@ def _largest_sources(budget: Budget) -> str:
             shares[contribution.term] = share
     terms = units.ranked(shares, shares.__getitem__)[:_MOST_SOURCES]
     return ", ".join(f"{wording.source_words(term)} {100 * shares[term]:.0f} %" for term in terms)
+
+
+@parts_of.register
+def _passages_of_change_with_force(change: ChangeWithForce) -> tuple[Passage, ...]:
+    return change_parts(change.as_dict())
 
 
 @parts_of.register

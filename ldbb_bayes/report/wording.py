@@ -64,6 +64,7 @@ __all__ = [
     "certificate_rows",
     "certificate_words",
     "change_sentence",
+    "changes_by_words",
     "check_notes",
     "check_words",
     "comparison_screen",
@@ -78,6 +79,7 @@ __all__ = [
     "design_screen",
     "design_sentences",
     "difference_doubts",
+    "direction_words",
     "expectation",
     "fit_verdict",
     "held_by_words",
@@ -995,6 +997,33 @@ def probability_words(probability: float) -> str:
     if probability > 1.0 - _UNLIKELY:
         return "> 0.999"
     return f"{probability:.3f}"
+
+
+def changes_by_words(name: str, change: Mapping[str, Any]) -> str:
+    """Return the name of the change of a compliance, "C_XXX changes from 36 N to 742 N by".
+
+    ``name`` is the name of the compliance, and ``change`` the JSON record of its change.
+    """
+    smallest = change["smallest_force_N"]
+    largest = change["largest_force_N"]
+    return f"{display_name(name)} changes from {smallest:.4g} N to {largest:.4g} N by"
+
+
+def direction_words(change: Mapping[str, Any]) -> str:
+    """Return in words whether a compliance increases or decreases with force.
+
+    ``change`` is the JSON record of the compliance's change over the tested forces.
+    """
+    increase = change["probability_of_increase"]
+    decrease = change["probability_of_decrease"]
+    if increase >= _SURE:
+        return f"increases with probability {probability_words(increase)}"
+    if decrease >= _SURE:
+        return f"decreases with probability {probability_words(decrease)}"
+    return (
+        f"no change shown (increase {probability_words(increase)}, decrease"
+        f" {probability_words(decrease)})"
+    )
 
 
 def limit_words(lower: float | None, upper: float | None, factor: float = 1.0) -> str:
