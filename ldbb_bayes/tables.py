@@ -360,8 +360,8 @@ class ReadableFrame(pd.DataFrame):
 def _for_print(frame: pd.DataFrame, *, all_rows: bool = False) -> pd.DataFrame:
     """Return a data frame with the rows that are displayed instead of some of its own rows.
 
-    With ``all_rows``, they are displayed beside all of its own rows. A data frame with fewer rows than `with_rows_instead` was given is an excerpt that a user chose;
-    it is returned unchanged.
+    With ``all_rows``, they are displayed beside all of its own rows. A data frame with fewer rows
+    than `with_rows_instead` was given is an excerpt that a user chose; it is returned unchanged.
     """
     instead: _RowsInstead | None = frame.attrs.get("rows_instead")
     if instead is None or len(frame) != instead.length:

@@ -70,7 +70,8 @@ def write_dcc(posterior: xr.DataTree, path: str | os.PathLike[str], *, prob: flo
 
     The file holds mean, U (k = 2), interval and covariance of every parameter of the machine in
     internal units (mm, N, rad). The change of each compliance over the tested forces stands among
-    the results; slopes, which are coefficients of this change, stand with the covariance. It states that it is unsigned and is not a calibration certificate.
+    the results; slopes, which are coefficients of this change, stand with the covariance. The file
+    states that it is unsigned and is not a calibration certificate.
 
     Parameters
     ----------
@@ -197,7 +198,7 @@ def _change_entries(posterior: xr.DataTree) -> list[dict[str, Any]]:
     those of parameters.
     """
     curves = force_curves(posterior)
-    forces = f"{curves.smallest_force_N:.4g} N … {curves.largest_force_N:.4g} N"
+    difference = f"C({curves.largest_force_N:.4g} N) − C({curves.smallest_force_N:.4g} N)"
     entries = []
     for name, draws in curves.compliances.items():
         mean = float(draws.change.mean())
@@ -207,11 +208,11 @@ def _change_entries(posterior: xr.DataTree) -> list[dict[str, Any]]:
                 "mean": mean,
                 "sd": sd,
                 "name": f"{name}_change",
-                "shown": f"{display_name(name)}, {forces}",
+                "shown": f"Δ{display_name(name)}",
                 "kind": "change",
                 "unit": dsi_unit(draws.unit),
                 "within": float(np.mean(np.abs(draws.change - mean) <= 2.0 * sd)),
-                "verdict": "",
+                "verdict": difference,
             }
         )
     return entries

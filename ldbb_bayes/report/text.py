@@ -188,7 +188,7 @@ def _record_of_validation(result: Validation) -> dict[str, Any]:
 
 @parts_of.register(ByName)
 def _decisions_or_budgets(results: ByName[Any]) -> tuple[Passage, ...]:
-    """Return a table of several uncertainty budgets, decisions on conformity, or changes with force.
+    """Return a table of uncertainty budgets, decisions on conformity, or changes with force.
 
     ``results`` holds budgets by parameter, decisions by quantity, or changes by compliance. The
     table has one row for each.

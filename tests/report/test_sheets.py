@@ -100,6 +100,58 @@ def test_without_a_tolerance_there_is_no_such_table(findings: Findings) -> None:
     assert len(tables_of(first)) == 1
 
 
+@pytest.fixture(scope="module")
+def varying() -> Findings:
+    """Findings of a fit in which compliance changes with force, with a tolerance of a slope."""
+    posterior = fitted(lb.HybridModel.first(1), simulated(plan()))
+    tolerances = {"C_XXX_1": "10 nm/N per kN"}
+    return find(posterior, comparison=NOT_COMPARED, recommended=NOT_COMPARED, tolerances=tolerances)
+
+
+def texts_of(sheet: ReportSheet) -> str:
+    texts = []
+    for block in sheet.blocks:
+        if isinstance(block, Table):
+            texts.append(block.text(200))
+        elif isinstance(block, Pair):
+            texts += block.beside
+    return "\n".join(texts)
+
+
+@pytest.mark.parametrize("language", ["en", "de"])
+def test_no_sheet_states_the_coefficient_of_a_change(varying: Findings, language: str) -> None:
+    first, second = sheets(varying, language=language)
+    assert "C_XXX_1" not in texts_of(first)
+    assert "C_XXX_1" not in texts_of(second)
+
+
+@pytest.mark.parametrize(
+    ("language", "words"),
+    [
+        ("en", "C_XXX: change from 36 N to 742 N"),
+        ("de", "C_XXX: Änderung von 36 N bis 742 N"),
+    ],
+)
+def test_sheet_2_states_the_change_over_the_tested_forces(
+    varying: Findings, language: str, words: str
+) -> None:
+    _, second = sheets(varying, language=language)
+    row = next(row for row in tables_of(second)[0].rows if row[1] == "ΔC_XXX")
+    assert row[0] == words
+    change = lb.analysis.change_with_force(varying.posterior)["C_XXX"].change
+    assert float(row[2].replace(",", ".").replace("−", "-")) == pytest.approx(
+        change.mean * 1e6, abs=change.sd * 1e6
+    )
+
+
+def test_a_tolerance_of_a_slope_is_decided_on(varying: Findings) -> None:
+    first, _ = sheets(varying)
+    _, conformity = tables_of(first)
+    (row,) = conformity.rows
+    assert row[0] == "C_XXX: coefficient of the change with force"
+    assert row[-1] in ("conforms", "does not conform", "not decided")
+
+
 def test_numbers_are_those_of_the_language(findings: Findings) -> None:
     english, german = (tables_of(sheets(findings, language=code)[1])[0] for code in ("en", "de"))
     values = [row[2] for row in english.rows]

@@ -385,6 +385,24 @@ def test_the_sum_that_a_parameter_stands_for(members: dict[str, float], words: s
     assert wording.sum_in_words(parameter) == words
 
 
+def test_a_change_is_named_by_its_forces() -> None:
+    change = {"smallest_force_N": 36.0, "largest_force_N": 742.0}
+    assert wording.changes_by_words("C_XXX", change) == "C_XXX changes from 36 N to 742 N by"
+
+
+@pytest.mark.parametrize(
+    ("increase", "decrease", "words"),
+    [
+        (0.96, 0.04, "increases with probability 0.960"),
+        (0.0, 1.0, "decreases with probability > 0.999"),
+        (0.2, 0.1, "no change shown (increase 0.200, decrease 0.100)"),
+    ],
+)
+def test_the_direction_of_a_change(increase: float, decrease: float, words: str) -> None:
+    change = {"probability_of_increase": increase, "probability_of_decrease": decrease}
+    assert wording.direction_words(change) == words
+
+
 def test_the_interval_of_a_parameter_and_its_probability() -> None:
     entry = {"mean": 1.0, "ci90": [0.5, 1.5]}
     assert wording.interval_of(entry) == (0.5, 1.5)
