@@ -149,7 +149,8 @@ def oracle_of(campaign: Campaign, degree: int, **options: object) -> Oracle:
     """The dense oracle of the same campaign."""
     tests = oracle_tests(campaign)
     compensated = campaign.mount.compensated
-    return Oracle(tests, degree, compensated=compensated, **options)  # type: ignore[arg-type]
+    stated = {"compensated": compensated, "order": campaign.order, "drift": campaign.drift}
+    return Oracle(tests, degree, **(stated | options))  # type: ignore[arg-type]
 
 
 def oracle_tests(campaign: Campaign) -> list[OracleTest]:
@@ -164,6 +165,8 @@ def oracle_tests(campaign: Campaign) -> list[OracleTest]:
             np.deg2rad(test.tool_ball_deg),
             float(test.radius_mm or 0.0),
             -1.0 if test.direction == "CCW" else 1.0,
+            str(test.plane),
+            test.time_s,
         )
         for test in campaign.tests
     ]

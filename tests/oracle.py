@@ -1,16 +1,17 @@
-"""The dense textbook version of the model, in both its editions.
+"""The dense textbook version of the model, in its first and its third edition.
 
 It is written from the measurement model alone: nothing of ldbb_bayes is imported. Every test's
 columns are evaluated at its own angles, the covariance of all readings is one n × n matrix,
 hyper-parameters are integrated by importance sampling about the mode, and the truncation is by
-rejection. Columns are typed in for the paper's machine: tool at x = R cos θ, y = R sin θ.
+rejection. Columns are typed in for the paper's machine: tool at x = R cos θ, y = R sin θ. Another
+machine, of several planes, is given with its columns.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import NamedTuple
 
@@ -23,10 +24,23 @@ GEOMETRIC = ["E_XX1", "E_YX2", "E_XY2", "E_YY1", "E_C0YX", "E_Xt0", "E_Yt0"]
 SD_C = np.array([1e-4, 1e-5, 1e-4, 1e-7, 1e-7, 1e-9])
 SD_E = np.array([2e-4, 1e-6, 1e-6, 2e-4, 5e-5, 0.02, 0.02])
 TERMS = {"first": ("form", "length", "mount", "force", "setup", "discrepancy")}
-TERMS["second"] = (*TERMS["first"], "pattern", "joint", "position", "angle", "hysteresis", "circle")
+TERMS["third"] = (
+    *TERMS["first"],
+    "pattern",
+    "joint",
+    "position",
+    "angle",
+    "hysteresis",
+    "drift",
+    "circle",
+)
 # Scales of the half-normal priors [mm].
 SCALES = {"first": {"sigma": 1e-3, "delta": 1e-3, "kappa": 1e-3, "tau": 5e-3}}
-SCALES["second"] = SCALES["first"] | {"tau": 1.5e-3, "omega": 1.5e-3, "eta": 2e-3}
+SCALES["third"] = SCALES["first"] | {"tau": 1.5e-3, "omega": 1.5e-3, "eta": 2e-3}
+# Steps from least squares to the estimate about which the third edition is linearised.
+STEPS = 3
+# Order to which the derivative of a trigonometric polynomial is exact.
+RIESZ_ORDER = 8
 # Order of the hyper-parameters that circles share.
 HYPERS = ("sigma", "delta", "kappa", "tau", "p", "omega", "eta")
 # Exponent p of the balls' form: a normal prior between two limits.
@@ -53,6 +67,31 @@ class OracleTest:
     tool: float = 0.0
     radius: float = 150.0
     direction: float = 1.0  # CW or not stated +1, CCW −1
+    plane: str = "XY"
+    time: float | None = None  # seconds
+
+
+@dataclass
+class OracleMachine:
+    """Columns of compliances (per unit force) and geometric errors at an angle of every reading."""
+
+    compliances: list[str]
+    errors: list[str]
+    compliance: Callable[[np.ndarray], np.ndarray]
+    geometric: Callable[[np.ndarray], np.ndarray]
+
+
+@dataclass
+class Estimate:
+    """Ĉ with u(Ĉ), and Ê."""
+
+    compliance: np.ndarray
+    sd: np.ndarray
+    geometric: np.ndarray
+
+    @property
+    def size(self) -> np.ndarray:
+        return np.hypot(self.compliance, self.sd)
 
 
 @dataclass
@@ -102,6 +141,33 @@ def geometric_columns(theta: np.ndarray, R: np.ndarray) -> np.ndarray:
     c = np.cos(theta)
     s = np.sin(theta)
     return np.stack([R * c**2, R**2 * c**2 * s, R**2 * s**2 * c, R * s**2, R * c * s, c, s], axis=1)
+
+
+def sd_of_compliance(name: str) -> float:
+    """Prior sd of C_XXX, C_XYX, C_CXY, C_CCY and their like."""
+    rotations = sum(letter in "ABC" for letter in name[2:4])
+    if rotations:
+        return (1e-7, 1e-9)[rotations - 1]
+    return 1e-4 if name[2] == name[3] else 1e-5
+
+
+def sd_of_error(name: str) -> float:
+    """Prior sd of E_XX1, E_YX2, E_C0YX, E_Xt0 and their like."""
+    if name[3] == "0":
+        return 5e-5
+    if name[3:5] == "t0":
+        return 0.02
+    return 2e-4 if name.endswith("1") else 1e-6
+
+
+def derivative(function: Callable[[np.ndarray], np.ndarray], theta: np.ndarray) -> np.ndarray:
+    """Of a trigonometric polynomial: Riesz' interpolation formula, exact to order 8."""
+    total = np.zeros(len(theta))
+    for k in range(1, 2 * RIESZ_ORDER + 1):
+        step = (2 * k - 1) * np.pi / (2 * RIESZ_ORDER)
+        weight = (-1.0) ** (k + 1) / (4.0 * RIESZ_ORDER * np.sin(step / 2.0) ** 2)
+        total = total + weight * function(theta + step)
+    return total
 
 
 def waves(order: int, angle: np.ndarray) -> np.ndarray:
@@ -159,6 +225,10 @@ class Oracle:
     given_priors: dict[str, tuple[float, float]] = field(default_factory=dict)
     edition: str = "first"
     stated: Stated = field(default_factory=Stated)
+    machine: OracleMachine | None = None
+    order: str | None = None  # "random": the listed order of tests is no time
+    drift: bool = True
+    given_estimate: Estimate | None = None
     names: list[str] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -181,6 +251,7 @@ class Oracle:
             "position": self._position,
             "angle": self._angle,
             "hysteresis": self._hysteresis,
+            "drift": self._drift,
         }
         for term in self.terms:
             if term != "circle":
@@ -199,6 +270,7 @@ class Oracle:
         self.work = self._repeat([test.work for test in self.tests])
         self.tool = self._repeat([test.tool for test in self.tests])
         self.circle = self._repeat(list(range(len(self.tests))))
+        self.plane = np.array([test.plane for test in self.tests])[self.circle]
         if not self.compensated:
             self.y = self.y - 1e-3 * self.stated.mount_um_per_bar * self.pressure
         self.unique = np.unique(self.force)
@@ -212,32 +284,88 @@ class Oracle:
 
     def _build_columns(self) -> None:
         """Build the columns of the parameters of interest, and their priors."""
-        self.compliance = compliance_columns(self.theta, self.radius)
+        if self.machine is None:
+            self.machine = OracleMachine(
+                INTEREST,
+                GEOMETRIC,
+                lambda theta: compliance_columns(theta, self.radius),
+                lambda theta: geometric_columns(theta, self.radius),
+            )
+        sd_c = np.array([sd_of_compliance(name) for name in self.machine.compliances])
+        sd_e = np.array([sd_of_error(name) for name in self.machine.errors])
+        self.compliance = self.machine.compliance(self.theta)
         elastic = self.force[:, None] * self.compliance
-        geometric = geometric_columns(self.theta, self.radius)
-        constant = np.hstack([elastic, geometric])
-        scale = np.concatenate([SD_C, SD_E])
-        self.estimate = np.linalg.pinv(constant * scale, rcond=1e-10) @ self.y * scale
-        # Angle and |Ĉ_aa| of X and Y.
-        self.axes = ((0.0, abs(self.estimate[0])), (np.pi / 2.0, abs(self.estimate[2])))
-        size = SD_C
-        if self.edition == "second":
-            size = np.maximum(np.abs(self.estimate[:6]), SD_C / 20.0)
+        geometric = self.machine.geometric(self.theta)
+        self.known = self._estimate(np.hstack([elastic, geometric]), np.concatenate([sd_c, sd_e]))
+        self.estimate = np.concatenate([self.known.compliance, self.known.geometric])
+        size = sd_c
+        if self.edition != "first":
+            size = np.maximum(self.known.size, sd_c / 20.0)
         slopes = []
         slope_sd = []
         slope_names = []
         for k in range(1, self.degree + 1):
             slopes.append(((self.force - self.reference) ** k)[:, None] * elastic)
             slope_sd.append(0.3 * size / self.span**k)
-            slope_names += [f"{name}_{k}" for name in INTEREST]
+            slope_names += [f"{name}_{k}" for name in self.machine.compliances]
         self.J = np.hstack([elastic, *slopes, geometric])
-        self.sd = np.concatenate([SD_C, *slope_sd, SD_E])
-        self.names = INTEREST + slope_names + GEOMETRIC
+        self.sd = np.concatenate([sd_c, *slope_sd, sd_e])
+        self.names = self.machine.compliances + slope_names + self.machine.errors
         self.mean = np.zeros(self.sd.size)
         for name, (mean, sd) in self.given_priors.items():
             j = self.names.index(name)
             self.mean[j] = mean
             self.sd[j] = sd
+
+    def _estimate(self, constant: np.ndarray, scale: np.ndarray) -> Estimate:
+        """Ĉ, u(Ĉ) and Ê: of least squares, or in the third edition by fixed point from there."""
+        if self.given_estimate is not None:
+            return self.given_estimate
+        count = self.compliance.shape[1]
+        value = np.linalg.pinv(constant * scale, rcond=1e-10) @ self.y * scale
+        known = Estimate(value[:count], np.zeros(count), value[count:])
+        if self.edition != "third":
+            return known
+        degree = min(1, self.degree)
+        for _ in range(STEPS):  # each about the estimate of the last
+            reference = replace(
+                self, degree=degree, given_estimate=known, given_priors=self._priors_to(degree)
+            )
+            posterior = reference.given(reference.medians())
+            sd = np.sqrt(np.diag(posterior.covariance))
+            errors = len(posterior.mean) - len(scale) + count
+            known = Estimate(posterior.mean[:count], sd[:count], posterior.mean[errors:])
+        return known
+
+    def _priors_to(self, degree: int) -> dict[str, tuple[float, float]]:
+        """The given priors without those of slopes of higher degrees."""
+        higher = tuple(f"_{k}" for k in range(degree + 1, 3))
+        return {name: prior for name, prior in self.given_priors.items() if name[-2:] not in higher}
+
+    def medians(self) -> dict[str, float]:
+        """The prior medians of the hyper-parameters."""
+        medians = {}
+        for name, scale in zip(self.hypers, self.scales, strict=True):
+            if name == "p":
+                medians[name] = P_MEAN  # the limits are as far on either side
+            elif name.startswith("lambda"):
+                medians[name] = math.sqrt(stats.invgamma.median(1.5, scale=1.5))
+            else:
+                floor = self.resolution / np.sqrt(12.0) if name == "sigma" else 0.0
+                above = stats.halfnorm.sf(floor, scale=scale)
+                medians[name] = float(stats.halfnorm.isf(0.5 * above, scale=scale))
+        return medians
+
+    def axes(self) -> list[tuple[np.ndarray, np.ndarray, float]]:
+        """Of every driven axis: its angle in every reading, whether it is in the plane, Ĉ_aa."""
+        axes = []
+        for axis in "XYZ":
+            in_plane = np.array([axis in plane for plane in self.plane])
+            if in_plane.any():
+                second = np.array([plane[1] == axis for plane in self.plane])
+                size = self.known.size[self.machine.compliances.index(f"C_{axis}{axis}{axis}")]
+                axes.append((self.theta - np.pi / 2.0 * second, in_plane, size))
+        return axes
 
     def _list_hypers(self) -> list[str]:
         """The hyper-parameters that the terms need, in their order."""
@@ -271,26 +399,40 @@ class Oracle:
 
     def _form_of_ball(self, ball: str, angle: np.ndarray) -> None:
         certified = self.stated.harmonics_um.get(ball, {})
-        sphericity_um = self.stated.sphericity_um.get(ball, 2.5)
-        for n in range(2, 13):
-            columns = waves(n, angle)
-            if n in certified:
-                amplitude, phase, expanded = certified[n]
-                self.y = self.y - 1e-3 * amplitude * np.cos(n * (angle - np.deg2rad(phase)))
-                self._add(columns, 0.5e-3 * expanded)
-            elif self.edition == "first":
-                self._add(columns, math.sqrt(0.5) / n, "tau")
-            else:
-                self._add(columns, math.sqrt(0.5), "tau", order=n)
-                if n in (2, 3):
-                    self._add(columns, 1e-3 * sphericity_um / math.sqrt(24.0))
+        for n in certified:
+            amplitude, phase, _ = certified[n]
+            self.y = self.y - 1e-3 * amplitude * np.cos(n * (angle - np.deg2rad(phase)))
+        for plane in np.unique(self.plane):
+            for n in range(2, 13):
+                columns = (self.plane == plane)[:, None] * waves(n, angle)
+                if n in certified:
+                    self._add(columns, 0.5e-3 * certified[n][2])
+                elif self.edition == "first":
+                    self._add(columns, math.sqrt(0.5) / n, "tau")
+                else:
+                    self._form_of_order(ball, n, columns)
+
+    def _form_of_order(self, ball: str, n: int, columns: np.ndarray) -> None:
+        """Of which no harmonic is certified: what is stated bounds the ball at every order."""
+        stated_um = self.stated.sphericity_um.get(ball)
+        sphericity = 1e-3 * (2.5 if stated_um is None else stated_um) / math.sqrt(24.0)
+        if stated_um is not None:
+            self._add(columns, sphericity * min(1.0, 3.0 / n))
+            return
+        self._add(columns, math.sqrt(0.5), "tau", order=n)
+        if n in (2, 3):
+            self._add(columns, sphericity)
 
     def _pattern(self) -> None:
-        """Add a pattern of the circle where a ball is clocked: by direction and radius."""
-        if not is_clocked(self.work) and not is_clocked(self.tool):
+        """Add a pattern of the circle where a ball is clocked: by plane, direction and radius.
+
+        So it is where anything is stated of a ball's form.
+        """
+        stated = bool(self.stated.sphericity_um) or bool(self.stated.harmonics_um)
+        if not (stated or is_clocked(self.work) or is_clocked(self.tool)):
             return
-        for travel, radius in set(zip(self.travel, self.radius, strict=True)):
-            readings = (self.travel == travel) & (self.radius == radius)
+        for travel, radius, plane in set(zip(self.travel, self.radius, self.plane, strict=True)):
+            readings = (self.travel == travel) & (self.radius == radius) & (self.plane == plane)
             for n in range(4, 13):
                 self._add(readings[:, None] * waves(n, self.theta), 1.0, "omega", order=n)
 
@@ -302,30 +444,31 @@ class Oracle:
     def _mount(self) -> None:
         relative_sd = self.stated.mount_U_percent / 200.0
         self._add(self.pressure, 1e-3 * self.stated.mount_um_per_bar * relative_sd)
-        if self.edition == "second":
+        if self.edition != "first":
             self._add(self.bow, 0.5e-3)
 
     def _force(self) -> None:
-        deflection = self.compliance @ self.estimate[:6]
+        deflection = self.compliance @ self.known.compliance
         self._add(self.force * deflection, self.stated.force_U_percent / 200.0)
-        if self.edition == "second":
+        if self.edition != "first":
             linearity_sd = self.stated.linearity_percent / 100.0 / math.sqrt(3.0)
             self._add(self.largest * self.bow * deflection, linearity_sd)
         for r in range(len(self.tests)):
             self._add((self.circle == r) * deflection, self.stated.random_N)
 
     def joint_columns(self) -> list[tuple[np.ndarray, float]]:
-        """Two of X and two of Y, with their sd."""
+        """Three of every axis, with their sd."""
         columns = []
         force = self.force
-        for axis, size in self.axes:
-            angle = self.theta - axis
+        share = 0.4
+        for angle, in_plane, size in self.axes():
             square = np.cos(angle) ** 2
             stiffening = force * projected_power(3.0, angle) - self.reference * square
-            columns.append((force * stiffening / self.largest, 0.2 * size))
+            columns.append((in_plane * force * stiffening / self.largest, share * size))
             contact_force = force ** (2 / 3) * self.reference ** (1 / 3)
             contact = contact_force * projected_power(5 / 3, angle)
-            columns.append((contact - force * square, 0.2 * size))
+            columns.append((in_plane * (contact - force * square), share * size))
+            columns.append((in_plane * (contact_force - force) * square, share * size))
         return columns
 
     def _joint(self) -> None:
@@ -333,15 +476,17 @@ class Oracle:
             self._add(column, sd)
 
     def _position(self) -> None:
-        for axis, size in self.axes:
-            u = np.cos(self.theta - axis)
+        for angle, in_plane, size in self.axes():
+            u = in_plane * np.cos(angle)
             self._add(self.force * u**3, 0.07 * size)
             self._add(self.force * (u**4 - u**2 / 2.0), 0.04 * size)
 
     def _angle(self) -> None:
-        turned = self.theta + 1e-30j  # derivatives by a complex step are exact
-        elastic = self.force * (compliance_columns(turned, self.radius) @ self.estimate[:6])
-        slope = (elastic + geometric_columns(turned, self.radius) @ self.estimate[6:]).imag / 1e-30
+        def fitted(theta: np.ndarray) -> np.ndarray:
+            elastic = self.force * (self.machine.compliance(theta) @ self.known.compliance)
+            return elastic + self.machine.geometric(theta) @ self.known.geometric
+
+        slope = derivative(fitted, self.theta)
         for column in (slope, self.travel * slope):
             self._add(column, np.deg2rad(self.stated.angle_U_deg / 2.0))
 
@@ -359,11 +504,40 @@ class Oracle:
         return (self.circle == r)[:, None] * waves(order, self.theta)
 
     def _hysteresis(self) -> None:
-        if np.ptp(self.travel):  # both directions are run
-            for n in range(13):
-                columns = self.travel[:, None] * waves(n, self.theta)
-                self._add(columns, 1.0 / max(n, 1), "eta")
-                self._add(self.force[:, None] * columns, 2e-6 / max(n, 1))
+        for plane in np.unique(self.plane):
+            in_plane = self.plane == plane
+            if np.ptp(self.travel[in_plane]):  # both directions are run
+                for n in range(13):
+                    columns = (in_plane * self.travel)[:, None] * waves(n, self.theta)
+                    self._add(columns, 1.0 / max(n, 1), "eta")
+                    self._add(self.force[:, None] * columns, 2e-6 / max(n, 1))
+            else:
+                for n in range(4):
+                    columns = (in_plane * self.travel)[:, None] * waves(n, self.theta)
+                    self._add(columns, 2e-3 / max(n, 1))
+                    self._add(self.force[:, None] * columns, 1.2e-6 / max(n, 1))
+
+    def hours(self) -> np.ndarray | None:
+        """Of every test, from the campaign's mean: as all tests state, else as they are listed."""
+        if not self.drift:
+            return None
+        times = [test.time for test in self.tests]
+        if None not in times:
+            hours = np.array(times, dtype=float) / 3600.0
+        elif self.order == "random":
+            return None
+        else:
+            hours = 0.1 * np.arange(len(times))
+        return hours - hours.mean()
+
+    def _drift(self) -> None:
+        hours = self.hours()
+        if hours is None:
+            return
+        u = hours[self.circle]
+        self._add(u, 2e-3)
+        for angle, in_plane, _ in self.axes():
+            self._add(u * in_plane * np.cos(angle), 5e-3)
 
     def by_name(self, phi: Phi) -> Mapping[str, float]:
         """Hyper-parameters by their names."""
