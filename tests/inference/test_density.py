@@ -26,7 +26,7 @@ MODELS = {
 }
 
 
-@pytest.mark.parametrize("edition", ["first", "second"])
+@pytest.mark.parametrize("edition", ["first", "third"])
 def test_densities_are_the_oracles(edition: str, rng: np.random.Generator) -> None:
     """ln p(y | x) of the dense covariance; ln p(x) of normals inside, over P(T) in closed form, and
     of the scales."""

@@ -157,8 +157,8 @@ def test_circle_given_the_others_is_the_oracles() -> None:
     dense = oracle_of(
         CAMPAIGN,
         0,
-        edition="second",
-        terms=("form", "length", "setup", "discrepancy", "circle"),
+        edition="third",
+        terms=("form", "length", "setup", "discrepancy", "hysteresis", "drift", "circle"),
     )
     phi = bound.hyper_prior.quantile(np.full(len(bound.hyper_prior.names), 0.4))
     (log_likelihood,) = log_likelihood_of_tests(bound, phi[None])

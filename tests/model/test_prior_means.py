@@ -149,7 +149,7 @@ OVERRIDDEN = replace(lb.Prior.first(), overrides={"C_XXX": 1e-5})
         ),
         (
             lb.HybridModel(0, prior=OVERRIDDEN).fixing("E_C0YX"),
-            "00234eacc5e5111d036cdaa5fb9a8a00b435058c8ad41621746e7f9725e07d40",
+            "9b9a2f6f01daf51b7addafa9524378a6efcc38c6ac62331af64774d96d9246dd",
         ),
     ],
 )

@@ -3,14 +3,13 @@ left out, on campaigns of every kind."""
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Literal, NamedTuple
 
 import numpy as np
 import pytest
-from campaigns import TRUTH, oracle_of
+from campaigns import TRUTH, oracle_of, refuses
 from oracle import Estimate, Oracle, OracleMachine, Stated
 
 import ldbb_bayes as lb
@@ -313,3 +312,154 @@ def test_evidence(name: str) -> None:
     tolerance = 4.0 * (error + evidence.error)
     assert error < 0.01
     assert evidence.log_value == pytest.approx(expected, abs=tolerance, rel=0.0)
+
+
+def three_planes() -> Campaign:
+    """Four circles in every plane: XY is run one way, YZ and ZX both ways."""
+    directions: dict[str, tuple[Literal["CW", "CCW"], ...]] = {
+        "XY": ("CCW", "CCW", "CCW", "CCW"),
+        "YZ": ("CW", "CCW", "CCW", "CCW"),
+        "ZX": ("CW", "CW", "CCW", "CW"),
+    }
+    circles = []
+    for plane, directions_of_plane in directions.items():
+        for i, direction in enumerate(directions_of_plane):
+            force = (100.0, 420.0, 700.0, 300.0)[i]
+            angle_deg = FULL_CIRCLE + 0.7 * len(circles)
+            radius_mm = (150.0, 100.0)[i % 2]
+            circles.append(
+                CircularTest(
+                    force, angle_deg, plane=plane, radius_mm=radius_mm, direction=direction
+                )
+            )
+    silent = Campaign(tuple(circles))
+    truth = {"C_XXX": 5e-5, "C_YYY": 4e-5, "C_ZZZ": 3e-5, "E_XX1": 1e-5}
+    return lb.HybridModel.first(0).simulate(silent, seed=4, parameters=truth).campaign
+
+
+def machine_of(bound: BoundModel) -> OracleMachine:
+    """The columns of a machine of several planes, circle by circle."""
+    campaign = bound.campaign
+    machine = campaign.machine()
+
+    def stacked(columns: Callable[..., np.ndarray]) -> Callable[[np.ndarray], np.ndarray]:
+        def at_angles(theta: np.ndarray) -> np.ndarray:
+            blocks = []
+            for test, angles in zip(
+                campaign.tests, np.split(theta, len(campaign.tests)), strict=True
+            ):
+                blocks.append(columns(test, angles))
+            return np.concatenate(blocks)
+
+        return at_angles
+
+    def compliance(test: CircularTest, angles: np.ndarray) -> np.ndarray:
+        return compliance_jacobian(machine, test.circle, angles, bound.compliances)
+
+    def geometric(test: CircularTest, angles: np.ndarray) -> np.ndarray:
+        return geometric_jacobian(machine, test.circle, angles)
+
+    return OracleMachine(
+        [name.label for name in bound.compliances],
+        [name.label for name in bound.geometric_errors],
+        stacked(compliance),
+        stacked(geometric),
+    )
+
+
+def test_three_planes() -> None:
+    """Every plane has a form, a pattern and a hysteresis of its own."""
+    campaign = three_planes()
+    machine = machine_of(lb.HybridModel.default(0).bind(campaign))
+    check(model_and_oracle(campaign, 1, list(TERMS), machine=machine))
+
+
+def test_leaving_tests_out_changes_neither_estimate_nor_times() -> None:
+    """The estimate Ĉ and the times from the mean are of the whole campaign."""
+    campaign = CAMPAIGNS["all at once"]
+    whole = lb.HybridModel.default(1).bind(campaign)
+    names = whole.test_names[1::2]
+    some = whole.keeping(names)
+    np.testing.assert_array_equal(some.setting.compliance_estimate, whole.estimate.compliances)
+    np.testing.assert_array_equal(some.setting.time_h, whole.setting.time_h[1::2])
+    np.testing.assert_array_equal(some.prior_sd, whole.prior_sd)
+
+
+def test_estimate_is_of_the_model() -> None:
+    """Ĉ, u(Ĉ) and Ê by fixed point against the oracle's, and other terms give others."""
+    pair = model_and_oracle(CAMPAIGNS["circles"], 2, list(TERMS))
+    estimate = pair.bound.estimate
+    known = pair.oracle.known
+    np.testing.assert_allclose(estimate.compliances, known.compliance, rtol=1e-8, atol=1e-17)
+    np.testing.assert_allclose(estimate.compliance_sd, known.sd, rtol=1e-8)
+    np.testing.assert_allclose(estimate.geometric_errors, known.geometric, rtol=1e-7, atol=1e-14)
+    without = pair.bound.model.without("joint-load").bind(pair.bound.campaign).estimate
+    assert without.compliance_sd[0] < 0.9 * estimate.compliance_sd[0]
+
+
+def test_plan_takes_the_estimate_of_its_pilot() -> None:
+    """The covariance of the parameters from a plan's circles, as the pilot's estimate makes it."""
+    pilot = CAMPAIGNS["circles"]
+    plan = simulate(clocking_steps=(40.0, 0.0)).plan()
+    known = oracle_of(pilot, 1, edition="third").known
+    check_covariance(lb.HybridModel.default(1), plan, pilot, known)
+
+
+def test_plan_without_pilot_takes_usual_compliances() -> None:
+    plan = CAMPAIGNS["circles"].plan()
+    compliance = np.array([5e-5, 0.0, 5e-5, 0.0, 0.0, 0.0])
+    usual = Estimate(compliance, np.zeros(6), np.zeros(7))
+    check_covariance(lb.HybridModel.default(1), plan, None, usual)
+
+
+def check_covariance(
+    model: lb.HybridModel, plan: Campaign, pilot: Campaign | None, known: Estimate
+) -> None:
+    """Covariance of β given φ = the prior medians; tests planned with a pilot are at its mean."""
+    bound = BoundModel(model, plan, pilot=pilot)
+    tests = []
+    for test in plan.tests:
+        tests.append(test.with_reading_um(np.zeros(len(test.angle_deg))))
+    silent = replace(plan, tests=tuple(tests), drift=pilot is None)
+    dense = oracle_of(silent, model.degree, edition="third", given_estimate=known)
+    order = [dense.names.index(name) for name in bound.names]
+    np.testing.assert_allclose(bound.prior_sd, dense.sd[order], rtol=1e-8)
+    median = bound.hyper_prior.quantile(np.full((1, len(bound.hyper_prior.names)), 0.5))
+    conditional = bound.given(median)[1]
+    conditional_sd = np.linalg.norm(conditional.spread()[0], axis=1)
+    expected = dense.given(dense.medians()).covariance
+    np.testing.assert_allclose(conditional_sd, np.sqrt(np.diag(expected))[order], rtol=1e-8)
+
+
+def test_hyper_parameters_of_what_is_stated_vanish() -> None:
+    """With both balls stated, the form has no scale; its decay stays with the pattern alone."""
+    campaign = CAMPAIGNS["both balls stated"]
+    model = lb.HybridModel.default(1)
+    names = model.bind(campaign).hyper_prior.names
+    assert "tau" not in names
+    assert {"omega", "decay"} <= set(names)
+    plain = model.without("machine-pattern").bind(campaign).hyper_prior.names
+    assert not {"tau", "omega", "decay"} & set(plain)
+    assert "eta" in plain
+    assert "eta" not in model.bind(CAMPAIGNS["circles"]).hyper_prior.names
+
+
+def test_directions_of_some_tests_alone_are_refused() -> None:
+    campaign = CAMPAIGNS["certified"]
+    first = replace(campaign.tests[0], direction=None)
+    mixed = replace(campaign, tests=(first, *campaign.tests[1:]))
+    refuses(
+        "'f742' must state its direction, CW or CCW, as circles of plane XY state theirs in other"
+        " tests, got none. Give direction in every test",
+        lb.HybridModel.default(1).bind,
+        mixed,
+    )
+
+
+def test_first_edition_has_the_terms_it_had() -> None:
+    """One direction, listed order and stated balls change nothing in the first edition."""
+    bound = lb.HybridModel.first(1).bind(CAMPAIGNS["both balls stated"])
+    assert not {"MachinePattern", "JointLoad", "Position", "Angle", "Drift"} & set(bound.terms)
+    assert bound.hyper_prior.names == ("sigma", "delta", "kappa", "tau")
+    one_way = lb.HybridModel.first(1).bind(CAMPAIGNS["certified"])
+    assert "Hysteresis" not in one_way.terms
