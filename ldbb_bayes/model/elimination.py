@@ -8,31 +8,37 @@ L⁻¹ Aᵀ D⁻¹ r of
 
     P = Aᵀ D⁻¹ A = L Lᵀ.
 
-Rows with the same variance are of one kind, and there are few kinds. The scalar products of the
-columns of A with each other and with r, summed over the rows of one kind, do not depend on φ; they
-are called Gram entries. P and Aᵀ D⁻¹ r are the sums of the Gram entries of all kinds, each times
-1/D of its kind. The last dimension of every array that depends on φ has the length w, the number of
-values of φ, and is contiguous.
+How it works:
+
+1. Order. `ordering` divides the columns into groups that are eliminated together, once for each
+   campaign. A group with s columns has a border of m columns, those eliminated later whose entries
+   of P it changes.
+2. Entries. The columns of L that a group has are s rows of s + m + 1 entries: products with the s
+   columns, with the m columns of the border and, last, the right-hand side. All entries of all
+   groups are rows of one array, the workspace; its second dimension, of length w, holds the values
+   of φ and is contiguous.
+3. Gram entries. Rows of A with the same variance are of one kind, and there are few kinds. The
+   scalar products of the columns of A with each other and with r, summed over the rows of one kind,
+   do not depend on φ. P and Aᵀ D⁻¹ r are therefore one constant matrix, with one row for each entry
+   of the workspace and one column for each kind, times 1/D of every kind.
+4. Elimination. Group by group, the first s columns of L are computed in place (`eliminate`), and
+   the products of their entries in the border are subtracted from the entries of P that belong to
+   columns of the border. Groups of the same shape that do not depend on each other are a `Front`:
+   they are eliminated by the same calls.
 
 Prior variances may be negative (`Observations.signs`). Then P = L S Lᵀ, where the diagonal matrix S
 holds the signs ±1 of the Cholesky pivots, and |L⁻¹ Aᵀ D⁻¹ r|² is a sum of squares with these signs.
-
-Two columns have a row in common if both are non-zero in that row. The columns are divided into
-groups of three types. Isolated groups have no row in common with other columns. Leaves have rows in
-common with one further group only, the root. Leaves are eliminated before the root. The root is
-chosen once, so that the fewest operations are needed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse import coo_array, csr_array
 
+from ldbb_bayes.model.ordering import Group, elimination_groups, heights
 from ldbb_bayes.model.triangular import eliminate
 from ldbb_bayes.results import Array
 
@@ -49,151 +55,117 @@ _CACHE_SIZE = 1 << 19
 # products (BLAS) rounds such multiples identically, so that results do not depend on how many
 # values are processed together.
 BLAS_MULTIPLE = 8
-# Time of the function calls that eliminate one column of a matrix, divided by the time of one
-# multiplication.
-_CALL_COST = 60.0
-# Number of columns of a matrix P = Aᵀ D⁻¹ A that one matrix product computes. A smaller number
-# wastes time in function calls; a larger one computes entries below the diagonal that are not
-# needed.
-_GRAM_COLUMNS = 4
+# Number of columns of a border whose products with the border one call computes. A smaller number
+# wastes time in function calls; a larger one computes products twice, because the matrix of
+# products is symmetric.
+_UPDATE_COLUMNS = 8
+# Share of Gram entries that are not zero from which on the matrix of Gram entries is stored with
+# its zeros. Multiplying by such a matrix takes a third of the time for each entry (measured).
+_DENSE_SHARE = 0.35
+
+
+class Update(NamedTuple):
+    """Products of border entries of some groups of a front, subtracted from later columns.
+
+    The groups are b for each of a different borders. One call computes the products of rows
+    ``first`` to ``stop`` of the borders with all following rows.
+    """
+
+    #: Groups of the front that have these borders: those of the first border come first.
+    groups: slice
+    #: Number a of borders. No two of them have a column in common.
+    borders: int
+    #: First of the rows of the border whose products are computed.
+    first: int
+    #: Row of the border after the last of these rows.
+    stop: int
+    #: Rows of the workspace from which the products are subtracted, shape (a, stop − first,
+    #: m + 1 − first). Products that are computed twice have the last row, which nothing uses.
+    targets: NDArray[np.intp]
 
 
 class Front(NamedTuple):
-    """Groups of columns of the design matrix A that are eliminated together.
+    """Groups of columns of the design matrix A that are eliminated together, by the same calls.
 
-    Each group has the same number s of columns. Two columns have a row in common if both are
-    non-zero in that row; m columns that are eliminated later have rows in common with the groups.
-    Rows of A with the same noise variance are of one kind.
+    Each group has s columns and a border of m columns, which are eliminated later.
     """
 
-    #: Indices of the s columns of each group in the design matrix, shape (groups, s).
-    columns: NDArray[np.intp]
-    #: Indices of the kinds of rows in which each group's columns are not all zero, shape (groups,
-    #: k). Rows of one kind have the same noise variance. A group with fewer than k kinds has the
-    #: index 0 in the remaining places; the products in ``gram`` are zero there.
-    kinds: NDArray[np.intp]
-    #: Scalar products of the s columns of each group with each other, with the m columns eliminated
-    #: later that have rows in common with the group, and with the readings. Each product is a sum
-    #: over the rows of one of k kinds (rows with the same noise variance).
-    #: Shape (groups, s, s + m + 1, k).
-    gram: Array
+    #: Rows of the workspace that hold the s (s + m + 1) entries of every group.
+    entries: slice
+    #: Number of groups, s, and s + m + 1.
+    shape: tuple[int, int, int]
     #: Signs ±1 of the Cholesky pivots of the s columns of each group, shape (groups, s); None if
     #: all are positive. A pivot is negative where a prior variance is negative
     #: (`Observations.signs`).
     signs: Array | None
+    updates: list[Update]
 
-    @property
-    def entries(self) -> int:
-        """Number of matrix entries of all groups that are computed for one value of φ.
+    def eliminate(self, workspace: Array) -> None:
+        """Compute the groups' columns of L, and subtract their products from later columns.
 
-        φ are the hyper-parameters. The entries are those of P = Aᵀ D⁻¹ A and Aᵀ D⁻¹ r, where A is
-        the design matrix, D(φ) the diagonal noise covariance and r are the readings.
+        ``workspace`` (entries, w) holds the entries of all groups for w values of the
+        hyper-parameters, and is changed in place.
         """
-        return int(np.prod(self.gram.shape[:3]))
-
-    def assemble(
-        self,
-        weight: Array,
-        shift: Array | None,
-        out: Array | None = None,
-    ) -> Array:
-        """Return the parts of P = Aᵀ D⁻¹ A and of Aᵀ D⁻¹ r that belong to the groups' columns.
-
-        A is the design matrix with one column for each coefficient, D the diagonal noise covariance
-        and r the readings. The result is computed for w values of the hyper-parameters, on which D
-        depends. Only the upper triangle of P is computed, in blocks.
-
-        Parameters
-        ----------
-        weight
-            Reciprocal variance 1/D of every kind of row (rows with the same variance), shape
-            (kinds, w).
-        shift
-            Array to add to Aᵀ D⁻¹ r, shape (columns of A, w); None for zero.
-        out
-            Array to write the result into; by default a new array.
-
-        Returns
-        -------
-        Array of shape (groups, s, s + m + 1, w), for groups of s columns that have rows in common
-        with m columns eliminated later. The s + m + 1 entries are products with the s columns, with
-        the m columns and, last, Aᵀ D⁻¹ r.
-        """
-        _, columns, entries, _ = self.gram.shape
-        group_weight = weight[self.kinds][:, None]
-        if out is None:
-            out = np.zeros((*self.gram.shape[:3], weight.shape[1]))
-        for j in range(0, columns, _GRAM_COLUMNS):
-            block = (slice(None), slice(j, j + _GRAM_COLUMNS), slice(j, entries))
-            np.matmul(self.gram[block], group_weight, out=out[block])
-        if shift is not None:
-            out[:, :, -1] += shift[self.columns]
-        return out
-
-    def factorize(
-        self, matrix: Array, links: Array | None = None, link_signs: Array | None = None
-    ) -> Array:
-        """Factorise the groups' matrices in place, and return their contributions to ln p(r | φ).
-
-        The Cholesky factor L, with P = Aᵀ D⁻¹ A = L Lᵀ, is computed for w values of the
-        hyper-parameters φ. A is the design matrix, D the diagonal noise covariance and r are the
-        readings. Each group has s columns of A, and m columns eliminated later have rows in common
-        with it.
-
-        Parameters
-        ----------
-        matrix
-            Output of `assemble`, shape (groups, s, s + m + 1, w); overwritten by L and
-            L⁻¹ Aᵀ D⁻¹ r.
-        links, link_signs
-            Parts of the factors of columns eliminated earlier, shape (earlier columns, s + m + 1,
-            w), and the signs ±1 of the pivots of these columns, shape (earlier columns,), as
-            `eliminate` takes them. ``links`` is None if no earlier column has a row in common with
-            these groups, and ``link_signs`` is None if all signs are positive.
-
-        Returns
-        -------
-        Contribution ½ |L⁻¹ Aᵀ D⁻¹ r|² − Σ ln L_jj of every group to the log density of the
-        readings, ln p(r | φ), shape (groups, w).
-
-        Raises
-        ------
-        LinAlgError
-            If some coefficient is determined neither by readings nor by its prior.
-        """
-        eliminate(matrix, links, signs=self.signs, link_signs=link_signs)
-        white_shift = matrix[:, :, -1]
-        signed_shift = white_shift
-        if self.signs is not None:
-            signed_shift = self.signs[:, :, None] * white_shift
-        diagonal = np.arange(matrix.shape[1])
-        log_determinant = np.log(matrix[:, diagonal, diagonal]).sum(axis=1)
-        gain = 0.5 * np.einsum("gsw,gsw->gw", signed_shift, white_shift) - log_determinant
-        if not np.isfinite(gain).all():
-            raise np.linalg.LinAlgError("readings and priors must determine every coefficient")
-        return gain
+        w = workspace.shape[1]
+        columns = self.shape[1]
+        border = self.shape[2] - columns
+        matrix = workspace[self.entries].reshape(*self.shape, w)
+        eliminate(matrix, signs=self.signs)
+        for update in self.updates:
+            links = matrix[update.groups, :, columns:]
+            signed = links
+            if self.signs is not None:
+                signed = links * self.signs[update.groups, :, None, None]
+            by_border = (update.borders, -1, border, w)
+            left = signed.reshape(by_border)[:, :, update.first : update.stop]
+            right = links.reshape(by_border)[:, :, update.first :]
+            workspace[update.targets] -= np.einsum("akiw,akjw->aijw", left, right)
 
 
-class Elimination(NamedTuple):
-    """Groups of columns of the design matrix, in the order of their elimination.
+class Elimination:
+    """Elimination of columns of a design matrix, for many values of the hyper-parameters.
 
-    Two columns have a row in common if both are non-zero in that row. Isolated groups have no row
-    in common with other columns. Leaves have rows in common with one further group only, the root.
-    The root is eliminated last.
+    Parameters
+    ----------
+    groups
+        Groups of columns in the order of their elimination. They contain every column once.
+    columns
+        Design matrix A, shape (rows, columns).
+    values
+        Readings r, shape (rows,).
+    kinds
+        Index of each row's kind (rows of one kind have the same variance), shape (rows,).
+    signs
+        Signs ±1 of the prior variances of the coefficients, shape (columns,).
     """
 
-    isolated: list[Front]
-    leaves: list[Front]
-    root: Front
-
-    @property
-    def fronts(self) -> list[Front]:
-        """All groups of columns, in the order in which `factorize` returns their factors.
-
-        First come the isolated groups, which have no row in common with other columns, then the
-        leaves, which have rows in common with the root only, and then the root.
-        """
-        return [*self.isolated, *self.leaves, self.root]
+    def __init__(
+        self,
+        groups: list[Group],
+        columns: Array,
+        values: Array,
+        kinds: NDArray[np.intp],
+        *,
+        signs: Array,
+    ) -> None:
+        size = columns.shape[1]
+        families = _families_of_fronts(groups)
+        # Row of the workspace that holds the entry of column i for column j, and, as its last
+        # column, the right-hand side of column i; −1 if there is no such row.
+        self._place = np.full((size, size + 1), -1, dtype=np.intp)
+        start = 0
+        for front in families:
+            for family in front:
+                for group in family:
+                    start = self._place_group(group, start)
+        #: Number of matrix entries that are computed for one value of the hyper-parameters, with
+        #: one that takes what is not needed.
+        self.entries = start + 1
+        self.fronts = [self._front(front, signs) for front in families]
+        self._pivots = self._place[np.arange(size), np.arange(size)]
+        self._right = self._place[:, size]
+        self._half_signs = 0.5 * signs
+        self._gram = self._gram_entries(columns, values, kinds)
 
     @property
     def chunk_size(self) -> int:
@@ -202,21 +174,14 @@ class Elimination(NamedTuple):
         It is the largest multiple of 8 for which the factors fit into the processor's cache, but at
         least 128 and at most 512.
         """
-        entries = max(sum(front.entries for front in self.fronts), 1)
-        fitting = _CACHE_SIZE // entries // BLAS_MULTIPLE * BLAS_MULTIPLE
+        fitting = _CACHE_SIZE // self.entries // BLAS_MULTIPLE * BLAS_MULTIPLE
         return max(FEWEST_PHI, min(_MOST_PHI, fitting))
 
-    def factorize(
-        self,
-        weight: Array,
-        shift: Array | None,
-    ) -> tuple[list[Array], Array]:
+    def factorize(self, weight: Array, shift: Array | None) -> tuple[Array, Array]:
         """Compute the Cholesky factor L of P = Aᵀ D⁻¹ A = L Lᵀ for w values of φ.
 
         A is the design matrix, D the diagonal noise covariance, r are the readings and φ the
-        hyper-parameters, on which D depends. Isolated groups of columns and leaves are factorised
-        first. The contribution of the leaves is then subtracted from the root's matrix, and the
-        root is factorised last.
+        hyper-parameters, on which D depends.
 
         Parameters
         ----------
@@ -228,92 +193,140 @@ class Elimination(NamedTuple):
 
         Returns
         -------
-        factors
-            L and L⁻¹ Aᵀ D⁻¹ r of the groups of every `Front`, in the order of `fronts`. Each has
-            the shape (groups, s, s + m + 1, w), for groups of s columns that have rows in common
-            with m columns eliminated later.
+        workspace
+            Entries of L and L⁻¹ Aᵀ D⁻¹ r, shape (entries, w); `copy_factor` reads them.
         gain
             Contribution ½ |L⁻¹ Aᵀ D⁻¹ r|² − Σ ln L_jj of all columns to the log density of the
             readings, ln p(r | φ), shape (w,).
+
+        Raises
+        ------
+        LinAlgError
+            If some coefficient is determined neither by readings nor by its prior.
         """
-        leaf_factors, links = self._assemble_leaves(weight, shift)
-        factors = [front.assemble(weight, shift) for front in self.isolated]
-        factors += leaf_factors
-        gains = []
-        for front, factor in zip((*self.isolated, *self.leaves), factors, strict=True):
-            gains.append(front.factorize(factor).sum(axis=0))
-        root_factor = self.root.assemble(weight, shift)
-        root_gain = self.root.factorize(root_factor, links, self._link_signs())
-        factors.append(root_factor)
-        gains.append(root_gain[0])
-        return factors, np.sum(gains, axis=0)
+        workspace = self._gram @ weight
+        if shift is not None:
+            workspace[self._right] += shift
+        for front in self.fronts:
+            front.eliminate(workspace)
+        white_shift = workspace[self._right]
+        log_determinant = np.log(workspace[self._pivots]).sum(axis=0)
+        square = np.einsum("c,cw,cw->w", self._half_signs, white_shift, white_shift)
+        gain = square - log_determinant
+        if not np.isfinite(gain).all():
+            raise np.linalg.LinAlgError("readings and priors must determine every coefficient")
+        return workspace, gain
 
-    def _assemble_leaves(self, weight: Array, shift: Array | None) -> tuple[list[Array], Array]:
-        """Return the matrices of the leaves, and a view of the part of them that the root needs.
+    def copy_factor(
+        self, workspace: Array, wanted: NDArray[np.intp], *, lower: Array, white_shift: Array
+    ) -> None:
+        """Copy the wanted columns of the Cholesky factors L into the arrays that the caller gives.
 
-        Leaves are groups of columns that have rows in common with one further group only, the root.
-        The matrices are those that `Front.assemble` returns; ``weight`` and ``shift`` are the
-        arguments of `factorize`. The view holds the entries of these matrices for the columns of
-        the root and the right-hand side, shape (columns of leaves, columns of the root + 1, w).
-        When the leaves are factorised in place, it becomes the ``links`` with which the root is
-        factorised.
+        Parameters
+        ----------
+        workspace
+            Entries of L and L⁻¹ Aᵀ D⁻¹ r, as `factorize` returns them.
+        wanted
+            Indices of the q columns that were eliminated last, in the order of their elimination.
+        lower
+            Array (q, q, w) of zeros that receives L, indexed by column, then row.
+        white_shift
+            Array (q, w) that receives L⁻¹ Aᵀ D⁻¹ r.
         """
-        widest = max((front.gram.shape[1] for front in self.leaves), default=0)
-        leaf_columns = sum(front.columns.size for front in self.leaves)
-        border = self.root.gram.shape[2]
-        rows = np.empty((leaf_columns, widest + border, weight.shape[1]))
-        assembled = []
-        first = 0
-        for front in self.leaves:
-            groups, columns, entries, _ = front.gram.shape
-            last = first + groups * columns
-            front_rows = rows[first:last, widest - columns :]
-            view = front_rows.reshape(groups, columns, entries, weight.shape[1])
-            assembled.append(front.assemble(weight, shift, view))
-            first = last
-        return assembled, rows[:, widest:]
+        w = white_shift.shape[1]
+        places = self._place[np.ix_(wanted, wanted)]
+        stored = np.nonzero(np.triu(places >= 0))
+        lower[stored] = workspace[places[stored], :w]
+        white_shift[...] = workspace[self._right[wanted], :w]
 
-    def _link_signs(self) -> Array | None:
-        """Return the signs ±1 of the Cholesky pivots of the leaves, shape (columns of leaves,).
+    def _place_group(self, group: Group, start: int) -> int:
+        """Give the entries of a group rows of the workspace, from ``start`` on.
 
-        Return None if all pivots are positive.
+        Return the row after the last of them.
         """
-        if all(front.signs is None for front in self.leaves):
-            return None
-        signs = []
-        for front in self.leaves:
-            if front.signs is None:
-                signs.append(np.ones(front.columns.size))
-            else:
-                signs.append(front.signs.ravel())
-        return np.concatenate(signs)
+        members = np.concatenate([group.columns, group.border])
+        width = len(members) + 1
+        for k, column in enumerate(group.columns):
+            first = start + k * width
+            self._place[column, members[k:]] = first + np.arange(k, len(members))
+            self._place[column, -1] = first + len(members)
+        return start + len(group.columns) * width
 
+    def _front(self, families: list[list[Group]], signs: Array) -> Front:
+        """Return the front of groups of equal shape, sorted by the families they belong to."""
+        groups = [group for family in families for group in family]
+        columns = np.array([group.columns for group in groups])
+        first = self._place[columns[0, 0], columns[0, 0]]
+        shape = (*columns.shape, columns.shape[1] + len(groups[0].border) + 1)
+        front_signs = signs[columns]
+        return Front(
+            slice(int(first), int(first) + int(np.prod(shape))),
+            shape,
+            front_signs if (front_signs < 0.0).any() else None,
+            self._updates(families),
+        )
 
-class _Plan(NamedTuple):
-    """Division of the columns of the design matrix into isolated groups, leaves and the root.
+    def _updates(self, families: list[list[Group]]) -> list[Update]:
+        """Return how the groups of a front change the entries of later columns.
 
-    Groups are arrays of column indices. Two columns have a row in common if both are non-zero in
-    that row. Isolated groups have no row in common with other columns. Leaves have rows in common
-    with the root only.
-    """
-
-    isolated: list[NDArray[np.intp]]
-    leaves: list[NDArray[np.intp]]
-    root: NDArray[np.intp]
-
-    @property
-    def cost(self) -> float:
-        """Cost of eliminating all groups: number of multiplications for one value of φ.
-
-        φ are the hyper-parameters. The time of function calls is included, converted to
-        multiplications.
+        Groups of one family have the same border. Consecutive families with the same number of
+        groups, whose borders have no column in common, are updated by the same calls.
         """
-        total = 0.0
-        for groups in _group_by_size(self.isolated):
-            total += _elimination_cost(groups, border=0)
-        for groups in _group_by_size(self.leaves):
-            total += _elimination_cost(groups, border=len(self.root))
-        return total + _elimination_cost([self.root], border=0)
+        updates = []
+        start = 0
+        for alike in _disjoint_families(families):
+            stop = start + len(alike) * len(alike[0])
+            borders = np.array([family[0].border for family in alike])
+            for first in range(0, borders.shape[1], _UPDATE_COLUMNS):
+                last = min(first + _UPDATE_COLUMNS, borders.shape[1])
+                targets = [self._targets(border, first, last) for border in borders]
+                updates.append(
+                    Update(slice(start, stop), len(alike), first, last, np.array(targets))
+                )
+            start = stop
+        return updates
+
+    def _targets(self, border: NDArray[np.intp], first: int, stop: int) -> NDArray[np.intp]:
+        """Return the rows of the workspace for products of a border, as `Update.targets`.
+
+        The products are those of the rows from ``first`` to ``stop`` with all from ``first`` on.
+        """
+        following = np.append(border[first:], self._place.shape[1] - 1)
+        targets = self._place[np.ix_(border[first:stop], following)]
+        not_needed = np.tril(np.ones(targets.shape, dtype=bool), k=-1)
+        return np.where(not_needed, self.entries - 1, targets)
+
+    def _gram_entries(
+        self, columns: Array, values: Array, kinds: NDArray[np.intp]
+    ) -> Array | csr_array:
+        """Return scalar products of columns and readings, shape (entries, kinds).
+
+        Every product is a sum over the rows of one kind. The matrix is sparse if most of its
+        elements are zero.
+        """
+        entries = []
+        entry_kinds = []
+        products = []
+        for kind in range(kinds.max(initial=-1) + 1):
+            rows = columns[kinds == kind]
+            involved = np.flatnonzero(rows.any(axis=0))
+            involved = involved[np.argsort(self._pivots[involved])]
+            readings = values[kinds == kind]
+            bordered = np.column_stack([rows[:, involved], readings])
+            gram = bordered[:, :-1].T @ bordered
+            places = self._place[np.ix_(involved, np.append(involved, columns.shape[1]))]
+            stored = np.triu(np.ones(gram.shape, dtype=bool)) & (gram != 0.0)
+            entries.append(places[stored])
+            products.append(gram[stored])
+            entry_kinds.append(np.full(len(products[-1]), kind))
+        shape = (self.entries, len(entries))
+        if not entries:
+            return np.zeros(shape)
+        place = (np.concatenate(entries), np.concatenate(entry_kinds))
+        sparse = coo_array((np.concatenate(products), place), shape=shape)
+        if sparse.nnz > _DENSE_SHARE * np.prod(shape):
+            return sparse.toarray()
+        return sparse.tocsr()
 
 
 class DesignRows:
@@ -337,8 +350,6 @@ class DesignRows:
         removes noise (`Observations.signs`) and makes the Cholesky pivot of the column negative.
     shared
         Number of columns whose coefficients are the same in all tests; they are the first columns.
-    private
-        For every test, the indices of the columns whose coefficients belong to this test alone.
     """
 
     def __init__(
@@ -349,164 +360,67 @@ class DesignRows:
         *,
         signs: Array,
         shared: int,
-        private: list[NDArray[np.intp]],
     ) -> None:
         self._columns = columns
         self._values = values
         self._kinds = kinds
         self._signs = signs
         self._shared = shared
-        self._private = private
-        self._eliminations: dict[int | None, Elimination] = {}
+        self._eliminations: dict[int, Elimination] = {}
 
-    def front(
-        self,
-        groups: Sequence[NDArray[np.intp]],
-        border: NDArray[np.intp] | None = None,
-    ) -> Front:
-        """Return the data needed to eliminate groups of columns of the design matrix together.
+    def elimination(self, last: int) -> Elimination:
+        """Return the elimination of all columns, with an order of few operations.
 
-        All groups have the same number s of columns.
-
-        Parameters
-        ----------
-        groups
-            Indices of the columns of every group, each of shape (s,).
-        border
-            Indices of the m columns eliminated later that have rows in common with these groups,
-            shape (m,); None if there are none.
-        """
-        grams = []
-        group_kinds = []
-        for columns in groups:
-            index = np.flatnonzero((self._columns[:, columns] != 0.0).any(axis=1))
-            index = index[np.argsort(self._kinds[index], kind="stable")]
-            kinds, starts = np.unique(self._kinds[index], return_index=True)
-            bordered = columns if border is None else np.concatenate([columns, border])
-            entries = self._columns[np.ix_(index, bordered)]
-            rows = np.column_stack([entries, self._values[index]])
-            blocks = np.split(rows, starts[1:])
-            size = len(columns)
-            grams.append(np.stack([block[:, :size].T @ block for block in blocks]))
-            group_kinds.append(kinds)
-        # Rows of one kind have the same variance. Groups of columns that have fewer kinds of rows
-        # than others get additional scalar products of zero.
-        most_kinds = max(len(kinds) for kinds in group_kinds)
-        gram = np.zeros((len(groups), *grams[0].shape[1:], most_kinds))
-        padded_kinds = np.zeros((len(groups), most_kinds), dtype=np.intp)
-        for group, kinds in enumerate(group_kinds):
-            gram[group, ..., : len(kinds)] = np.moveaxis(grams[group], 0, -1)
-            padded_kinds[group, : len(kinds)] = kinds
-        group_columns = np.array(groups, dtype=np.intp)
-        signs = self._signs[group_columns]
-        if (signs < 0.0).any():
-            return Front(group_columns, padded_kinds, gram, signs)
-        return Front(group_columns, padded_kinds, gram, None)
-
-    def elimination(self, last: int | None) -> Elimination:
-        """Return the order of eliminating the columns that needs the fewest operations.
-
-        Parameters
-        ----------
-        last
-            Number of shared columns, counted from the end, that must be eliminated last. None if
-            all shared columns must keep their order and follow the columns of single tests. The
-            coefficients of shared columns are the same in all tests.
+        ``last`` is the number of shared columns, counted from the end, that are eliminated last and
+        keep their order. The coefficients of shared columns are the same in all tests.
         """
         if last not in self._eliminations:
-            plans = [self._private_first]
-            if last is not None:
-                plans += self._plans_by_row_count(last)
-            costs = [plan.cost for plan in plans]
-            cheapest = plans[int(np.argmin(costs))]
-            self._eliminations[last] = self._build(cheapest)
+            last_columns = np.arange(self._shared - last, self._shared)
+            self._eliminations[last] = self._eliminate(self._columns, self._signs, last_columns)
         return self._eliminations[last]
 
-    def _build(self, plan: _Plan) -> Elimination:
-        isolated = [self.front(groups) for groups in _group_by_size(plan.isolated)]
-        leaves = [self.front(groups, plan.root) for groups in _group_by_size(plan.leaves)]
-        return Elimination(isolated, leaves, self.front([plan.root]))
+    def private_elimination(self) -> Elimination:
+        """Return the elimination of columns of single tests, in the order in which they stand.
 
-    def _connected_groups(
-        self,
-        columns: NDArray[np.intp],
-    ) -> list[NDArray[np.intp]]:
-        """Return columns of the design matrix in groups that have no row in common.
-
-        Columns that are non-zero in the same row are in one group. ``columns`` are the indices of
-        the columns to divide; each group is an array of such indices.
+        The coefficients of all other columns are known. Columns are counted from the first one of
+        the first test.
         """
-        nonzero = (self._columns[:, columns] != 0.0).astype(float)
-        count, label = connected_components(nonzero.T @ nonzero > 0.0, directed=False)
-        return [columns[label == k] for k in range(count)]
+        columns = self._columns[:, self._shared :]
+        return self._eliminate(columns, self._signs[self._shared :], np.arange(columns.shape[1]))
 
-    @cached_property
-    def _private_first(self) -> _Plan:
-        """Order of elimination in which the columns of single tests precede the shared columns.
-
-        The coefficients of shared columns are the same in all tests. Shared columns that have no
-        row in common with columns of single tests form isolated groups.
-        """
-        isolated = []
-        root = [np.zeros(0, dtype=np.intp)]
-        for group in self._connected_groups(np.arange(self._columns.shape[1])):
-            if group[-1] < self._shared:
-                isolated.append(group)
-            else:
-                root.append(group[group < self._shared])
-        return _Plan(isolated, self._private, np.sort(np.concatenate(root)))
-
-    def _plans_by_row_count(self, last: int) -> list[_Plan]:
-        """Return plans that first eliminate the shared columns with few non-zero elements.
-
-        The coefficients of shared columns are the same in all tests. The other columns form the
-        root, which is eliminated last: shared columns with more non-zero elements than a limit, the
-        final ``last`` shared columns, and the columns of single tests. There is one plan for every
-        limit that gives a different division.
-        """
-        nonzero = self._columns != 0.0
-        first = self._shared - last
-        row_count = nonzero[:, : self._shared].sum(axis=0)
-        row_count[first:] = len(nonzero) + 1
-        plans = []
-        for limit in np.unique(row_count[:first]):
-            many_rows = np.flatnonzero(row_count > limit)
-            root = np.concatenate([*self._private, many_rows]).astype(np.intp)
-            root_rows = nonzero[nonzero[:, root].any(axis=1)]
-            isolated = []
-            leaves = []
-            for group in self._connected_groups(np.flatnonzero(row_count <= limit)):
-                if root_rows[:, group].any():
-                    leaves.append(group)
-                else:
-                    isolated.append(group)
-            plans.append(_Plan(isolated, leaves, root))
-        return plans
+    def _eliminate(self, columns: Array, signs: Array, last: NDArray[np.intp]) -> Elimination:
+        groups = elimination_groups(columns != 0.0, last)
+        return Elimination(groups, columns, self._values, self._kinds, signs=signs)
 
 
-def _group_by_size(groups: list[NDArray[np.intp]]) -> list[list[NDArray[np.intp]]]:
-    """Return groups of column indices as lists of groups with equal numbers of columns.
+def _families_of_fronts(groups: list[Group]) -> list[list[list[Group]]]:
+    """Return for every front, in the order of elimination, its groups, divided into families.
 
-    The list of the smallest groups is first.
+    Groups of a front have the same height in the elimination tree and equal numbers of columns.
+    Groups of a family also have the same border. Families with more groups come first.
     """
-    by_size: dict[int, list[NDArray[np.intp]]] = {}
-    for group in groups:
-        by_size.setdefault(len(group), []).append(group)
-    return [by_size[size] for size in sorted(by_size)]
+    fronts: dict[tuple[int, int, int], dict[tuple[int, ...], list[Group]]] = {}
+    for group, height in zip(groups, heights(groups), strict=True):
+        key = (height, len(group.columns), len(group.border))
+        families = fronts.setdefault(key, {})
+        families.setdefault(tuple(group.border.tolist()), []).append(group)
+    return [sorted(fronts[key].values(), key=len, reverse=True) for key in sorted(fronts)]
 
 
-def _elimination_cost(
-    groups: list[NDArray[np.intp]],
-    *,
-    border: int,
-) -> float:
-    """Return the number of multiplications that the elimination of groups of equal size needs.
+def _disjoint_families(families: list[list[Group]]) -> list[list[list[Group]]]:
+    """Return families of groups in lists, in which no two families have a column in common.
 
-    The time of function calls is included, converted to multiplications. ``groups`` are arrays of
-    column indices, all of the same length. ``border`` is the number of columns that are eliminated
-    later and have rows in common with a group.
+    A family is a list of groups with the same border. The families of a list have equal numbers of
+    groups and come one after the other in ``families``.
     """
-    columns = len(groups[0])
-    remaining = columns + border + 1 - np.arange(columns)
-    multiplications = len(groups) * remaining * (remaining + 1) / 2
-    return float((_CALL_COST + multiplications).sum())
+    lists: list[list[list[Group]]] = []
+    taken: set[int] = set()
+    for family in families:
+        border = set(family[0].border.tolist())
+        if lists and len(lists[-1][0]) == len(family) and not border & taken:
+            lists[-1].append(family)
+            taken |= border
+        else:
+            lists.append([family])
+            taken = border
+    return lists

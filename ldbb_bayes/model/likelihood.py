@@ -30,14 +30,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ldbb_bayes.model.elimination import BLAS_MULTIPLE, FEWEST_PHI, DesignRows, Elimination
+from ldbb_bayes.model.elimination import BLAS_MULTIPLE, FEWEST_PHI, DesignRows
 from ldbb_bayes.model.fourier import SIZE
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.observations import observation_equations
 from ldbb_bayes.model.reduction import Reduced
 from ldbb_bayes.model.terms import BasisNoise, Columns
 from ldbb_bayes.model.terms.columns import Hyper
-from ldbb_bayes.model.triangular import eliminate, solve_upper
+from ldbb_bayes.model.triangular import solve_columns
 from ldbb_bayes.results import Array
 
 __all__ = ["StructuredGaussian"]
@@ -129,7 +129,6 @@ class StructuredGaussian:
         self._hypers = tuple(hypers)
         self._sources = observed.sources
         self._unit = observed.unit
-        self._uneven = observed.uneven
         self._shared = observed.shared
         self._private = observed.private
         self._columns = rows.columns
@@ -148,7 +147,6 @@ class StructuredGaussian:
             self._kinds,
             signs=observed.signs,
             shared=observed.shared,
-            private=observed.private,
         )
         self._moving_columns = rows.columns[depends]
         self._moving_interest = rows.interest[depends]
@@ -204,27 +202,26 @@ class StructuredGaussian:
             Number of coefficients in the density: the last ones of those that are the same in all
             tests. By default it contains all of these.
         """
-        first = 0 if last is None else self._shared - last
-        elimination = self._conditional_elimination(last)
-        size = self._shared - first
+        size = self._shared if last is None else last
+        first = self._shared - size
+        elimination = self._design.elimination(size)
+        wanted = np.arange(first, self._shared)
         total = np.empty(len(phi))
         lower = np.zeros((size, size, len(phi)))
         white_shift = np.empty((size, len(phi)))
         for batch in self._batches(phi, beta, elimination.chunk_size):
-            factors, gain = elimination.factorize(batch.weight, batch.shift)
+            workspace, gain = elimination.factorize(batch.weight, batch.shift)
             total[batch.phi_index] = batch.log_density + gain
-            wanted = range(first, self._shared)
-            _copy_columns(
-                elimination,
-                factors,
+            elimination.copy_factor(
+                workspace,
                 wanted,
                 lower=lower[:, :, batch.numbers],
                 white_shift=white_shift[:, batch.numbers],
             )
-        root = lower.transpose(2, 1, 0)
         unit = self._unit[first : self._shared]
-        mean = solve_upper(root, white_shift.T) * unit
+        mean = solve_columns(lower, white_shift).T * unit
         scale = np.broadcast_to(unit, mean.shape)
+        root = lower.transpose(2, 1, 0)
         return total, Gaussian.factored(mean, root, scale, total)
 
     def private_mean(
@@ -249,29 +246,23 @@ class StructuredGaussian:
             Values of the q coefficients that are the same in all tests, shape (w, q).
         """
         q = self._shared
+        tests = len(self._private)
         v = len(self._private[0])
         unit = self._unit[:q]
-        front = self._design.front(self._private)
+        elimination = self._design.private_elimination()
         scaled = np.divide(shared, unit, out=np.zeros(shared.shape), where=unit > 0.0)
-        mean = np.empty((len(phi), len(self._private), v))
+        wanted = np.arange(tests * v)
+        mean = np.empty((len(phi), tests * v))
         for batch in self._batches(phi, beta, FEWEST_PHI):
             explained = self._columns[:, :q] @ scaled[batch.phi_index].T
             weighted = explained * batch.weight[self._kinds]
             shift = batch.shift - self._columns.T @ weighted
-            factor = front.assemble(batch.weight, shift)
-            eliminate(factor, signs=front.signs)
-            lower = factor[:, :, :v].transpose(3, 0, 2, 1)
-            mean[batch.phi_index] = solve_upper(lower, factor[:, :, -1].transpose(2, 0, 1))
-        return mean * self._unit[q : q + v]
-
-    def _conditional_elimination(self, last: int | None) -> Elimination:
-        """Return the order in which `conditional` eliminates coefficients, given its ``last``.
-
-        The fastest order is used only if some columns correct for unevenly spaced angles. Otherwise
-        the order is fixed: another order would change the last digits of the Cholesky factors, to
-        which results from quasi-random points are sensitive.
-        """
-        return self._design.elimination(last if self._uneven else None)
+            workspace, _ = elimination.factorize(batch.weight, shift[q:])
+            lower = np.zeros((tests * v, tests * v, workspace.shape[1]))
+            white_shift = np.empty((tests * v, workspace.shape[1]))
+            elimination.copy_factor(workspace, wanted, lower=lower, white_shift=white_shift)
+            mean[batch.phi_index] = solve_columns(lower, white_shift).T
+        return mean.reshape(len(phi), tests, v) * self._unit[q : q + v]
 
     def _batches(
         self,
@@ -329,43 +320,6 @@ class StructuredGaussian:
         negative = np.minimum(variance, -_LEAST_VARIANCE)
         positive = np.maximum(variance, _LEAST_VARIANCE)
         return np.where(variance < 0.0, negative, positive)
-
-
-def _copy_columns(
-    elimination: Elimination,
-    factors: Sequence[Array],
-    wanted: range,
-    *,
-    lower: Array,
-    white_shift: Array,
-) -> None:
-    """Copy the wanted columns of the Cholesky factors L into the arrays that the caller gives.
-
-    P = Aᵀ D⁻¹ A = L Lᵀ is the precision matrix of the coefficients for w values of the
-    hyper-parameters: A is the design matrix, D the noise covariance and r are the readings.
-
-    Parameters
-    ----------
-    elimination
-        Groups of columns in the order of their elimination.
-    factors
-        L and L⁻¹ Aᵀ D⁻¹ r of these groups, as `Elimination.factorize` returns them.
-    wanted
-        Indices of the wanted columns of A, of which there are ``size``.
-    lower
-        Array (size, size, w) that receives L, indexed by column, then row.
-    white_shift
-        Array (size, w) that receives L⁻¹ Aᵀ D⁻¹ r.
-    """
-    w = white_shift.shape[1]
-    for front, front_factors in zip(elimination.fronts, factors, strict=True):
-        for columns, factor in zip(front.columns, front_factors, strict=True):
-            sources = np.flatnonzero((columns >= wanted.start) & (columns < wanted.stop))
-            targets = columns[sources] - wanted.start
-            for k, target in zip(sources, targets, strict=True):
-                from_diagonal = targets >= target
-                lower[target, targets[from_diagonal]] = factor[k, sources[sources >= k], :w]
-            white_shift[targets] = factor[sources, -1, :w]
 
 
 def _round_to_ten_digits(values: Array) -> Array:

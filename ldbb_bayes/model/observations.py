@@ -90,9 +90,6 @@ class Observations(NamedTuple):
     #: Constants that are added to the log density of the readings: one for every test, then one for
     #: all flat priors of nuisance coefficients. Shape (tests + 1,).
     log_constants: Array
-    #: Whether the design matrix has extra columns that correct the noise of a circle whose angles
-    #: are not spaced uniformly.
-    uneven: bool
 
 
 class _Nuisances(NamedTuple):
@@ -100,8 +97,7 @@ class _Nuisances(NamedTuple):
 
     The observation equations are z − H β = A x + N(0, D), with diagonal D. The coefficients x of
     ``shared`` columns of A are the same in all tests; in ``private`` columns every test has its own
-    coefficients. ``uneven`` states whether some private columns correct the noise for angles that
-    are not spaced uniformly.
+    coefficients.
     """
 
     #: Independent noise of the Fourier coefficients of each test that becomes part of the diagonal
@@ -112,7 +108,6 @@ class _Nuisances(NamedTuple):
     #: Signs ±1 of the prior variances of the coefficients that belong to single tests, one for each
     #: coefficient of one test; −1 stands for a negative variance, which removes noise.
     private_signs: list[float]
-    uneven: bool
 
     @property
     def shared_size(self) -> int:
@@ -232,7 +227,6 @@ def observation_equations(
         shared=nuisances.shared_size,
         private=_private_columns(nuisances, len(reduced)),
         log_constants=np.array([*log_constants, log_volume]),
-        uneven=nuisances.uneven,
     )
 
 
@@ -267,7 +261,6 @@ def _sort_nuisances(
         diagonal = sorted(noise, key=_count_orders, reverse=True)[:1]
         private += [_columns_of_noise(term, tests) for term in noise if term not in diagonal]
     private_signs = [1.0] * sum(len(term.names) for term in private)
-    uneven = False
     for sign in (1.0, -1.0):
         columns_of_sign = None
         if near_uniform is not None:
@@ -275,8 +268,7 @@ def _sort_nuisances(
         if columns_of_sign is not None:
             private.append(columns_of_sign)
             private_signs += [sign] * len(columns_of_sign.names)
-            uneven = True
-    return _Nuisances(diagonal, shared, private, private_signs, uneven)
+    return _Nuisances(diagonal, shared, private, private_signs)
 
 
 def _count_orders(term: BasisNoise) -> int:

@@ -11,16 +11,10 @@ import numpy as np
 
 from ldbb_bayes.results import Array
 
-__all__ = ["eliminate", "log_diagonal", "solve_lower", "solve_upper"]
+__all__ = ["eliminate", "log_diagonal", "solve_columns", "solve_lower", "solve_upper"]
 
 
-def eliminate(
-    front: Array,
-    links: Array | None = None,
-    *,
-    signs: Array | None = None,
-    link_signs: Array | None = None,
-) -> None:
+def eliminate(front: Array, *, signs: Array | None = None) -> None:
     """Compute the first columns of the Cholesky factors of many symmetric matrices, in place.
 
     The factor of a symmetric matrix P is the lower triangular matrix L with P = L S Lᵀ, where S is
@@ -34,27 +28,15 @@ def eliminate(
         First s columns of groups × w matrices P, shape (groups, s, n, w) with n ≥ s. Of column j,
         only the part from the diagonal on is used, which is ``front[group, j, j:]``. The columns of
         L overwrite those of P.
-    links
-        Further k columns l of L, computed earlier and common to all groups, shape (k, n, w); None
-        if there are none. Σ ±l lᵀ is subtracted from P before P is factorised, with the sign of
-        each column from ``link_signs``.
     signs
         Signs ±1 on the diagonal of S, shape (groups, s); None if all are positive.
-    link_signs
-        Signs ±1 on the diagonal of S for the columns in ``links``, shape (k,); None if all are
-        positive.
     """
     signed = front
     if signs is not None:
         signed = np.empty_like(front)
-    signed_links = links
-    if links is not None and link_signs is not None:
-        signed_links = links * link_signs[:, None, None]
     with np.errstate(divide="ignore", invalid="ignore"):
         for j in range(front.shape[1]):
             column = front[:, j, j:]
-            if links is not None and signed_links is not None:
-                column -= np.einsum("kw,kiw->iw", signed_links[:, j], links[:, j:])
             if j > 0:
                 column -= np.einsum("gkw,gkiw->giw", signed[:, :j, j], front[:, :j, j:])
             if signs is None:
@@ -104,11 +86,27 @@ def solve_upper(lower: Array, right: Array) -> Array:
         Right-hand sides x, shape (..., q).
     """
     lower, solved = _move_stack_last(lower, right, 1)
+    return np.moveaxis(solve_columns(np.swapaxes(lower, 0, 1), solved), 0, -1)
+
+
+def solve_columns(columns: Array, right: Array) -> Array:
+    """Return L⁻ᵀ x, shape (q, ...), for lower triangular matrices L and right-hand sides x.
+
+    Unlike in `solve_upper`, the dimensions of the matrices come first.
+
+    Parameters
+    ----------
+    columns
+        Matrices L, indexed by column, then row, shape (q, q, ...).
+    right
+        Right-hand sides x, shape (q, ...).
+    """
+    solved = right.copy()
     for i in reversed(range(len(solved))):
         if i + 1 < len(solved):
-            solved[i] -= np.einsum("j...,j...->...", lower[i + 1 :, i], solved[i + 1 :])
-        solved[i] /= lower[i, i]
-    return np.moveaxis(solved, 0, -1)
+            solved[i] -= np.einsum("j...,j...->...", columns[i, i + 1 :], solved[i + 1 :])
+        solved[i] /= columns[i, i]
+    return solved
 
 
 def log_diagonal(root: Array) -> Array:
