@@ -491,6 +491,7 @@ def plan(folder: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
         tests=tests,
         foreseen=(),
         name=f"{space.pilot.name}, next campaign",
+        order=None,
         tolerances={},
         date=None,
         operator=None,

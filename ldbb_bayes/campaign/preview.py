@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, require_campaign
 from ldbb_bayes.campaign.circular_test import usual_gap
+from ldbb_bayes.campaign.run_times import SECONDS_PER_TEST, time_source
 from ldbb_bayes.results import Array, Result
 from ldbb_bayes.units import ranked
 
@@ -97,7 +98,8 @@ class RemarkKind(StrEnum):
     FRAMES = "frames"
     SETUPS = "set-ups"
     BOTH_WAYS = "both ways"
-    COVARIATE = "covariate"
+    DRIFT = "drift"
+    TEMPERATURES = "temperatures"
     READINGS = "readings"
     MOUNT = "mount"
     FORCES = "forces"
@@ -530,10 +532,7 @@ def _assumptions(campaign: Campaign) -> tuple[Remark, ...]:
     setups = sorted({test.setup or 1 for test in tests})
     both_ways = [plane for plane in machine.planes if _runs_both_ways(campaign, plane)]
     clockings = {(test.work_ball_deg % 360.0, test.tool_ball_deg % 360.0) for test in tests}
-    covariates = {
-        "time": [test.time_s for test in tests],
-        "temperature": [test.temperature_C for test in tests],
-    }
+    temperatures = {test.temperature_C for test in tests}
     remarks = _Remarks()
     remarks.add(
         kinds.MACHINE, topology=campaign.topology, plane=machine.plane, radii_mm=_radii(campaign)
@@ -541,14 +540,34 @@ def _assumptions(campaign: Campaign) -> tuple[Remark, ...]:
     remarks.add(kinds.FRAMES, campaign.frames_mm, frames_mm=dict(campaign.frames_mm))
     remarks.add(kinds.SETUPS, len(setups) > 1, setups=setups)
     remarks.add(kinds.BOTH_WAYS, both_ways, planes=both_ways)
-    for name, values in covariates.items():
-        remarks.add(kinds.COVARIATE, None not in values and len(set(values)) > 1, over=name)
+    _remark_on_drift(campaign, remarks)
+    remarks.add(
+        kinds.TEMPERATURES, campaign.drift and None not in temperatures and len(temperatures) > 1
+    )
     remarks.add(kinds.READINGS, resolution_um=campaign.resolution_um)
     remarks.add(kinds.MOUNT, **asdict(campaign.mount))
     remarks.add(kinds.FORCES, slope_N_per_bar=law.slope_N_per_bar, offset_N=law.offset_N)
     remarks.add(kinds.REFERENCE, force_N=float(forces.min() + forces.max()) / 2)
     remarks.add(kinds.BALLS, clocked=len(clockings) > 1)
     return remarks.as_tuple()
+
+
+def _remark_on_drift(campaign: Campaign, remarks: _Remarks) -> None:
+    """Add a remark on the times by which a fit will measure the drift of bar and centre."""
+    number = len(campaign.tests)
+    times_s = [test.time_s for test in campaign.tests if test.time_s is not None]
+    span_min = None
+    if len(times_s) == number:
+        span_min = (max(times_s) - min(times_s)) / 60.0
+    remarks.add(
+        RemarkKind.DRIFT,
+        number > 1,
+        source=str(time_source(campaign)),
+        tests=number,
+        stated=len(times_s),
+        span_min=span_min,
+        pace_min=SECONDS_PER_TEST / 60.0,
+    )
 
 
 def _radii(campaign: Campaign) -> list[float]:

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Instrument
+from ldbb_bayes.campaign.run_times import SECONDS_PER_TEST
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.machine.linear import compliance_jacobian, geometric_jacobian
 from ldbb_bayes.machine.parameters import ComplianceName, GeometricName, geometric_names
@@ -40,8 +41,6 @@ TRAVEL_SIGNS = {"CW": 1.0, "CCW": -1.0}
 # (CCW) negative.
 TRAVEL_NAMES = {1.0: "CW", -1.0: "CCW"}
 _SECONDS_PER_HOUR = 3600.0
-# Time from one test to the next [s] if the tests state no times.
-_SECONDS_PER_TEST = 360.0
 # Tests whose times differ from the mean by less than this share of an hour count as run at the same
 # time.
 _SAME_TIME_H = 1e-9
@@ -459,7 +458,7 @@ def _time_h(campaign: Campaign, pilot: Campaign | None) -> Array:
     elif np.isfinite(stated_s).all():
         relative_s = stated_s - stated_s.mean()
     elif campaign.order is None:
-        listed_s = _SECONDS_PER_TEST * np.arange(len(stated_s))
+        listed_s = SECONDS_PER_TEST * np.arange(len(stated_s))
         relative_s = listed_s - listed_s.mean()
     else:
         relative_s = np.zeros(len(stated_s))

@@ -15,9 +15,9 @@ import numpy as np
 
 from ldbb_bayes.reading.assumptions import AssumptionLog
 from ldbb_bayes.reading.recording import Recording
-from ldbb_bayes.reading.time_stamps import (
+from ldbb_bayes.reading.timestamps import (
     Rank,
-    TimeStamp,
+    Timestamp,
     epoch_stamp,
     stamp_in_name,
     stamps_in,
@@ -46,7 +46,7 @@ class _Start(NamedTuple):
     """When a test was run, as its file states it."""
 
     title: str  # name of the test
-    stamp: TimeStamp
+    stamp: Timestamp
     source: str  # place of the stamp in words, such as "line 3"
 
 
@@ -138,7 +138,7 @@ def _statements(recording: Recording) -> list[_Start]:
     return starts
 
 
-def _stamps_of_cell(header: str, cell: str) -> list[TimeStamp]:
+def _stamps_of_cell(header: str, cell: str) -> list[Timestamp]:
     """Return the dates and times in a cell, if the header of its column names a time."""
     since_epoch = epoch_stamp(header, cell)
     if since_epoch is not None:
@@ -146,7 +146,7 @@ def _stamps_of_cell(header: str, cell: str) -> list[TimeStamp]:
     return stamps_in(f"{header}: {cell}", Rank.COLUMN)
 
 
-def _times_of(stamps: Sequence[TimeStamp]) -> _Times:
+def _times_of(stamps: Sequence[Timestamp]) -> _Times:
     """Return the start of each test after the earliest [s], from the stamps of all tests."""
     seconds = _seconds_of_day(stamps)
     dated = [stamp for stamp in stamps if stamp.has_date]
@@ -165,7 +165,7 @@ def _times_of(stamps: Sequence[TimeStamp]) -> _Times:
     return times
 
 
-def _seconds_of_day(stamps: Sequence[TimeStamp]) -> Array:
+def _seconds_of_day(stamps: Sequence[Timestamp]) -> Array:
     """Return the time of day of each stamp [s], in UTC if all stamps state their time zone."""
     seconds = np.array([stamp.seconds for stamp in stamps], dtype=float)
     zones = [stamp.zone_s for stamp in stamps]
@@ -174,7 +174,7 @@ def _seconds_of_day(stamps: Sequence[TimeStamp]) -> Array:
     return seconds
 
 
-def _is_one_day(stamps: Sequence[TimeStamp]) -> bool:
+def _is_one_day(stamps: Sequence[Timestamp]) -> bool:
     days = {(stamp.day_first, stamp.month_first) for stamp in stamps}
     return len(days) == 1
 
@@ -196,7 +196,7 @@ def _across_midnight(seconds: Array) -> Array:
     return seconds - seconds.min()
 
 
-def _times_of_dates(stamps: Sequence[TimeStamp], seconds: Array) -> _Times:
+def _times_of_dates(stamps: Sequence[Timestamp], seconds: Array) -> _Times:
     """Return the start of each test after the earliest [s], from stamps that all have a date.
 
     Dates such as 03/04/2026 may have the day or the month first. If both are possible and make a
@@ -221,7 +221,7 @@ def _times_of_dates(stamps: Sequence[TimeStamp], seconds: Array) -> _Times:
     return _Times(readings[order], f"{open_stamp!r} read with the {order} first")
 
 
-def _possible_days(stamps: Sequence[TimeStamp]) -> Mapping[str, list[date]]:
+def _possible_days(stamps: Sequence[Timestamp]) -> Mapping[str, list[date]]:
     """Return the dates of all stamps with the day first, and with the month first.
 
     An order in which a stamp would have no date is left out.
@@ -238,7 +238,7 @@ def _possible_days(stamps: Sequence[TimeStamp]) -> Mapping[str, list[date]]:
     return possible
 
 
-def _first_open(stamps: Sequence[TimeStamp]) -> str:
+def _first_open(stamps: Sequence[Timestamp]) -> str:
     """Return the text of the first stamp whose date depends on the order of day and month."""
     for stamp in stamps:
         if stamp.day_first != stamp.month_first:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -35,13 +36,44 @@ def test_what_a_fit_will_assume() -> None:
         "Joint frames stand at Y (0, -200, 350) mm.",
         "Set-ups 1, 2: tool offsets of each",
         "Both directions of travel in XY: hysteresis is a term of the model.",
-        "Tests record times; drift over them is in the model only with --drift time.",
+        "follows the times that the tests state, over",
     ):
         assert words in text
     assert [r.values for r in preview.remarks if r.kind is RemarkKind.ONE_WAY] == [
         {"compliance": "C_YZY", "plane": "YZ"}
     ]
     assert preview.as_dict()["tests"][2]["centre_mm"] == [0.0, 0.0, -30.0]
+
+
+@pytest.mark.parametrize(
+    ("times_s", "stated", "source"),
+    [
+        ((0.0, 300.0, 900.0), {}, "times"),
+        ((0.0, 300.0, 900.0), {"order": "random"}, "times"),
+        ((0.0, 300.0, None), {}, "listed order"),
+        ((None, None, None), {}, "listed order"),
+        ((0.0, 300.0, None), {"order": "random"}, "random order"),
+        ((0.0, 300.0, 900.0), {"drift": False}, "no drift"),
+    ],
+)
+def test_what_a_fit_measures_drift_by(
+    times_s: tuple[float | None, ...], stated: dict[str, Any], source: str
+) -> None:
+    """And the model has a drift by times, or by the order listed, and else none."""
+    tests = []
+    for force_N, time_s in zip((100.0, 300.0, 500.0), times_s, strict=True):
+        tests.append(lb.CircularTest(force_N, np.arange(0.0, 360.0, 5.0), time_s=time_s))
+    plan = lb.Plan(tests, **stated)
+    (remark,) = [r for r in lb.check_campaign(plan).assumptions if r.kind is RemarkKind.DRIFT]
+    assert remark.values["source"] == source
+    assert remark_words(remark)
+
+    bound = lb.HybridModel.default(0).bind(plan)
+    time_h = bound.setting.time_h
+    by_source = {"times": [-1 / 9, -1 / 36, 5 / 36], "listed order": [-0.1, 0.0, 0.1]}
+    if source in by_source:
+        np.testing.assert_allclose(time_h, by_source[source])
+    assert bool(lb.terms.Drift().columns(bound.setting)) == (source in by_source)
 
 
 def test_the_step_of_the_readout_is_found(rng: np.random.Generator) -> None:

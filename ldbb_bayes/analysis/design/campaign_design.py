@@ -100,8 +100,8 @@ class Limits(Result):
     #: direction of travel, by plane, for planes in which all circles run in this one direction
     #: although the model has a hysteresis there
     one_way: dict[str, str]
-    #: whether the model has a drift; the forecast assumes that the drift does not depend on the
-    #: tests' settings
+    #: whether the model has a drift and the pilot may have drifted; the forecast assumes that the
+    #: drift does not depend on the tests' settings
     drift: bool
     #: parameters whose expected standard deviation even very many more circles of this kind would
     #: lower by less than 20 %
@@ -220,8 +220,9 @@ class Design(Forecast):
         """Return the recommended tests as a plan, in the order in which to run them.
 
         The tests of one clocking (angles by which the balls are turned) form a block, within which
-        forces are in random order. If the model has a drift, the plan takes the time between tests,
-        or the mean temperature, from the campaign that the design starts from.
+        forces are in random order. The plan states no times: a drift then follows the order in
+        which its tests are listed. If the drift of the model follows temperature, the plan takes
+        the mean temperature from the campaign that the design starts from.
 
         Parameters
         ----------
@@ -241,8 +242,10 @@ class Design(Forecast):
         planned = self._require_planned()
         pilot = planned.pilot
         ordered = running_order(planned.tests, np.random.default_rng(seed))
-        tests = _with_drift_covariate(ordered, pilot, planned.model)
-        return replace(pilot, tests=tests, foreseen=(), name=f"{pilot.name}, next campaign")
+        tests = _with_temperature(ordered, pilot, planned.model)
+        return replace(
+            pilot, tests=tests, foreseen=(), name=f"{pilot.name}, next campaign", order=None
+        )
 
     def _require_planned(self) -> Planned:
         if not isinstance(self.planned, Planned):
@@ -302,24 +305,20 @@ def read_design(path: str | os.PathLike[str]) -> Design:
     return read_result(path, "design", "design", Design.from_dict)
 
 
-def _with_drift_covariate(
+def _with_temperature(
     tests: tuple[CircularTest, ...], pilot: Campaign, model: HybridModel
 ) -> tuple[CircularTest, ...]:
-    """Return the tests with the times or the temperature that the model's drift term needs.
+    """Return the tests with the temperature that a drift over temperature needs.
 
-    The interval between tests, or the mean temperature, is that of ``pilot``, the campaign that the
-    design starts from. For a model without drift, the tests are returned unchanged.
+    It is the mean temperature of ``pilot``, the campaign that the design starts from. For a model
+    without such a drift, the tests are returned unchanged.
     """
     covariates = {term.over for term in model.nuisances if isinstance(term, Drift)}
-    times = np.sort([test.time_s for test in pilot.tests if test.time_s is not None])
-    if "time" in covariates and len(times) > 1:
-        pace_s = float(np.median(np.diff(times)))
-        return tuple(replace(test, time_s=k * pace_s) for k, test in enumerate(tests))
-    if "temperature" in covariates:
-        temperatures = [t.temperature_C for t in pilot.tests if t.temperature_C is not None]
-        mean_C = float(np.mean(temperatures))
-        return tuple(replace(test, temperature_C=mean_C) for test in tests)
-    return tests
+    if "temperature" not in covariates:
+        return tests
+    temperatures = [t.temperature_C for t in pilot.tests if t.temperature_C is not None]
+    mean_C = float(np.mean(temperatures))
+    return tuple(replace(test, temperature_C=mean_C) for test in tests)
 
 
 @one_blas_thread
@@ -619,7 +618,7 @@ def _limits(space: Space, tests: Sequence[CircularTest], forecast: Forecast) -> 
     return Limits(
         levels=levels if too_few_levels else None,
         one_way=one_way,
-        drift=Drift in term_types,
+        drift=Drift in term_types and space.pilot.drift,
         shared=tuple(shared),
         degeneracies=shared_degeneracies,
         cures=shared_cures,

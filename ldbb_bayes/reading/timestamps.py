@@ -1,4 +1,4 @@
-"""Time stamps in foreign files: the date and the time of day at which a test was run.
+"""Timestamps in foreign files: the date and the time of day at which a test was run.
 
 An example is the line ``Start time: 20.11.2026 14:03:12``.
 """
@@ -15,9 +15,9 @@ from typing import NamedTuple
 from ldbb_bayes.reading.dates import iso_date
 from ldbb_bayes.reading.words import LONGEST_TEXT, WORDS
 
-__all__ = ["Rank", "TimeStamp", "epoch_stamp", "stamp_in_name", "stamps_in"]
+__all__ = ["Rank", "Timestamp", "epoch_stamp", "stamp_in_name", "stamps_in"]
 
-# Words that precede a time stamp in a line.
+# Words that precede a timestamp in a line.
 _WORDS = {kind: re.compile(words, re.IGNORECASE) for kind, words in WORDS["stamps"].items()}
 _MONTH = WORDS["parts"]["month"]
 # Pattern of a date. Its year has four digits, or two after points or slashes.
@@ -39,7 +39,7 @@ _STAMP = re.compile(
     rf"|{_TIME.replace('?P<', '?P<only_')}(?:[ ,;|\t]{{1,3}}(?:on |am )?(?P<date_after>{_DATE}))?)",
     re.IGNORECASE,
 )
-# Pattern of a time stamp in the name of a file, such as 2026-11-20_14-03-12 or 20261120T1403.
+# Pattern of a timestamp in the name of a file, such as 2026-11-20_14-03-12 or 20261120T1403.
 _STAMP_IN_NAME = re.compile(
     r"(?<!\d)(?P<year>20\d\d)[-_.]?(?P<month>[01]\d)[-_.]?(?P<day>[0-3]\d)[-_ T]{1,2}"
     r"(?P<hours>[0-2]\d)(?P<mark>[-_.:h]?)(?P<minutes>[0-5]\d)"
@@ -65,7 +65,7 @@ class Rank(IntEnum):
 
 
 @dataclass(frozen=True)
-class TimeStamp:
+class Timestamp:
     """Date, time of day, or both, as a file states them for a test."""
 
     rank: Rank
@@ -83,7 +83,7 @@ class TimeStamp:
         return self.day_first is not None or self.month_first is not None
 
 
-def stamps_in(text: str, rank: Rank | None = None) -> list[TimeStamp]:
+def stamps_in(text: str, rank: Rank | None = None) -> list[Timestamp]:
     """Return the dates and times of day in a line that may be those of a test, in their order.
 
     A stamp counts if the words before it say that the test was run, started or recorded then. A
@@ -158,8 +158,8 @@ def _parts_of(match: re.Match[str]) -> dict[str, str]:
     return parts
 
 
-def _stamp_of(match: re.Match[str], rank: Rank) -> TimeStamp | None:
-    """Return the time stamp of a match; None for a date or time that does not exist."""
+def _stamp_of(match: re.Match[str], rank: Rank) -> Timestamp | None:
+    """Return the timestamp of a match; None for a date or time that does not exist."""
     parts = _parts_of(match)
     day_first = None
     month_first = None
@@ -178,7 +178,7 @@ def _stamp_of(match: re.Match[str], rank: Rank) -> TimeStamp | None:
         zone_s = _zone_of(parts.get("zone", ""))
     if seconds == 0.0:  # a spreadsheet writes a date alone as midnight
         seconds = None
-    return TimeStamp(rank, match[0].strip(), day_first, month_first, seconds, zone_s)
+    return Timestamp(rank, match[0].strip(), day_first, month_first, seconds, zone_s)
 
 
 class _Dates(NamedTuple):
@@ -249,8 +249,8 @@ def _zone_of(text: str) -> float | None:
     return float(f"{offset[1]}1") * size
 
 
-def stamp_in_name(names: Iterable[str]) -> TimeStamp | None:
-    """Return the time stamp that the first of the names with one states; None without any.
+def stamp_in_name(names: Iterable[str]) -> Timestamp | None:
+    """Return the timestamp that the first of the names with one states; None without any.
 
     Names are those of a test or its file, such as ``2026-11-20_14-03-12 36N``.
     """
@@ -262,12 +262,12 @@ def stamp_in_name(names: Iterable[str]) -> TimeStamp | None:
         parts = {key: match[key] or "0" for key in ("hours", "minutes", "seconds")}
         seconds = _seconds_of(parts)
         if day is not None and seconds is not None:
-            return TimeStamp(Rank.NAME, match[0], day, day, seconds)
+            return Timestamp(Rank.NAME, match[0], day, day, seconds)
     return None
 
 
-def epoch_stamp(header: str, text: str) -> TimeStamp | None:
-    """Return the time stamp of a number of seconds or milliseconds since 1970; None for others.
+def epoch_stamp(header: str, text: str) -> Timestamp | None:
+    """Return the timestamp of a number of seconds or milliseconds since 1970; None for others.
 
     ``text`` is the first cell of a column, whose header must name a time.
     """
@@ -283,4 +283,4 @@ def epoch_stamp(header: str, text: str) -> TimeStamp | None:
     when = datetime.fromtimestamp(since_epoch, tz=UTC)
     midnight = when.replace(hour=0, minute=0, second=0, microsecond=0)
     day = when.date()
-    return TimeStamp(Rank.COLUMN, text, day, day, (when - midnight).total_seconds(), 0.0)
+    return Timestamp(Rank.COLUMN, text, day, day, (when - midnight).total_seconds(), 0.0)

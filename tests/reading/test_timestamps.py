@@ -7,12 +7,12 @@ from datetime import date, datetime
 import pytest
 from campaigns import cases
 
-from ldbb_bayes.reading.time_stamps import Rank, TimeStamp, epoch_stamp, stamp_in_name, stamps_in
+from ldbb_bayes.reading.timestamps import Rank, Timestamp, epoch_stamp, stamp_in_name, stamps_in
 
-CASES = cases(__file__, "time_stamps.toml")
+CASES = cases(__file__, "timestamps.toml")
 
 
-def written(stamp: TimeStamp) -> str:
+def written(stamp: Timestamp) -> str:
     """The stamp in ISO 8601: the date with the day first, the time, and the zone in hours."""
     parts = []
     if stamp.day_first is not None:

@@ -1,0 +1,44 @@
+"""When the tests of a campaign were run, as far as it states this: by times, by order, or not."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+from ldbb_bayes.campaign.campaign import Campaign
+
+__all__ = ["SECONDS_PER_TEST", "TimeSource", "time_source", "times_stated"]
+
+# Time from one test to the next [s] if a campaign states no times of its tests.
+SECONDS_PER_TEST = 360.0
+
+
+class TimeSource(StrEnum):
+    """What tells when the tests of a campaign were run, and how far a drift had got by then."""
+
+    TIMES = "times"  #: the start time (``time_s``) that every test states
+    LISTED = "listed order"  #: the order in which the tests are listed, one every six minutes
+    #: nothing: the campaign states that the tests were run in a random order
+    RANDOM = "random order"
+    #: no source is needed: the campaign states that nothing drifted from test to test
+    NO_DRIFT = "no drift"
+
+
+def time_source(campaign: Campaign) -> TimeSource:
+    """Return what tells when the tests of a campaign were run, for a drift over time.
+
+    A campaign may state that nothing drifted; then no times are needed. Otherwise start times count
+    if all tests state one. Without them, the tests count as run in the order in which they are
+    listed, unless the campaign states that the order was random.
+    """
+    if not campaign.drift:
+        return TimeSource.NO_DRIFT
+    if times_stated(campaign) == len(campaign.tests):
+        return TimeSource.TIMES
+    if campaign.order is None:
+        return TimeSource.LISTED
+    return TimeSource.RANDOM
+
+
+def times_stated(campaign: Campaign) -> int:
+    """Return the number of tests of a campaign that state their start time."""
+    return sum(test.time_s is not None for test in campaign.tests)
