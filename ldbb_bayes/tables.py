@@ -368,7 +368,7 @@ def _for_print(frame: pd.DataFrame, *, all_rows: bool = False) -> pd.DataFrame:
         return frame
     is_kept = np.array([all_rows or name not in instead.replaced for name in frame.index])
     kept = frame.loc[is_kept]
-    displayed = pd.DataFrame.from_dict(instead.displayed, orient="index")[list(frame.columns)]
+    displayed = pd.DataFrame.from_dict(dict(instead.displayed), orient="index")[list(frame.columns)]
     above = int(is_kept[: instead.position].sum())
     result = ReadableFrame(pd.concat([kept.iloc[:above], displayed, kept.iloc[above:]]))
     result.attrs = dict(frame.attrs)
