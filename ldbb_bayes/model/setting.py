@@ -444,28 +444,44 @@ def _time_h(campaign: Campaign, pilot: Campaign | None) -> Array:
     which they are listed, one every six minutes. All values are NaN if the campaign states that
     the tests were run in another order, and if all tests count as run at the same time.
 
-    If a pilot campaign is given, the mean is that of the pilot, unless tests of the pilot state no
-    times. Tests without times then count as run at the mean.
+    If a pilot campaign is given whose tests state their times, the mean is that of the pilot, and
+    tests without times count as run at the mean. If the pilot's tests state no times, a plan that
+    begins with these tests takes the order in which the pilot lists them; all further tests without
+    times count as run at the mean.
     """
     stated_s = _recorded("time_s", campaign)
-    if pilot is not None:
-        relative_s = np.zeros(len(stated_s))
-        reference_s = _recorded("time_s", pilot)
-        if not np.isfinite(reference_s).all():
-            reference_s = stated_s
-        if np.isfinite(reference_s).any():
-            relative_s = np.nan_to_num(stated_s - np.nanmean(reference_s))
+    relative_s = np.zeros(len(stated_s))
+    pilot_s = _recorded("time_s", pilot or campaign)
+    if np.isfinite(pilot_s).all():
+        relative_s = np.nan_to_num(stated_s - pilot_s.mean())
     elif np.isfinite(stated_s).all():
         relative_s = stated_s - stated_s.mean()
     elif campaign.order is None:
-        listed_s = SECONDS_PER_TEST * np.arange(len(stated_s))
-        relative_s = listed_s - listed_s.mean()
-    else:
-        relative_s = np.zeros(len(stated_s))
+        listed_s = _listed_s(pilot or campaign)
+        if _begins_with(campaign, pilot or campaign):
+            relative_s[: len(listed_s)] = listed_s
     relative_h: Array = relative_s / _SECONDS_PER_HOUR
     if np.abs(relative_h).max() < _SAME_TIME_H:
         return np.full(len(relative_h), np.nan)
     return relative_h
+
+
+def _listed_s(campaign: Campaign) -> Array:
+    """Return the time of every test minus the mean [s], from the order in which tests are listed.
+
+    All times are zero if the campaign states that its tests were run in another order.
+    """
+    listed_s = SECONDS_PER_TEST * np.arange(len(campaign.tests))
+    if campaign.order is not None:
+        return np.zeros(len(listed_s))
+    return np.asarray(listed_s - listed_s.mean())
+
+
+def _begins_with(campaign: Campaign, pilot: Campaign) -> bool:
+    """Return whether the first tests of a campaign have the names of the pilot's tests."""
+    names = [test.name for test in campaign.tests]
+    pilot_names = [test.name for test in pilot.tests]
+    return names[: len(pilot_names)] == pilot_names
 
 
 def _relative_to_mean(

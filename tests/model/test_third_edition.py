@@ -400,7 +400,7 @@ def test_estimate_is_of_the_model() -> None:
 def test_plan_takes_the_estimate_of_its_pilot() -> None:
     """The covariance of the parameters from a plan's circles, as the pilot's estimate makes it."""
     pilot = CAMPAIGNS["circles"]
-    plan = simulate(clocking_steps=(40.0, 0.0)).plan()
+    plan = replace(simulate(clocking_steps=(40.0, 0.0)).plan(), order="random")
     known = oracle_of(pilot, 1, edition="third").known
     check_covariance(lb.HybridModel.default(1), plan, pilot, known)
 
@@ -415,12 +415,12 @@ def test_plan_without_pilot_takes_usual_compliances() -> None:
 def check_covariance(
     model: lb.HybridModel, plan: Campaign, pilot: Campaign | None, known: Estimate
 ) -> None:
-    """Covariance of β given φ = the prior medians; tests planned with a pilot are at its mean."""
+    """Covariance of β given φ = the prior medians; drift only where the listed order counts."""
     bound = BoundModel(model, plan, pilot=pilot)
     tests = []
     for test in plan.tests:
         tests.append(test.with_reading_um(np.zeros(len(test.angle_deg))))
-    silent = replace(plan, tests=tuple(tests), drift=pilot is None)
+    silent = replace(plan, tests=tuple(tests), drift=plan.order is None)
     dense = oracle_of(silent, model.degree, edition="third", given_estimate=known)
     order = [dense.names.index(name) for name in bound.names]
     np.testing.assert_allclose(bound.prior_sd, dense.sd[order], rtol=1e-8)
@@ -463,3 +463,23 @@ def test_first_edition_has_the_terms_it_had() -> None:
     assert bound.hyper_prior.names == ("sigma", "delta", "kappa", "tau")
     one_way = lb.HybridModel.first(1).bind(CAMPAIGNS["certified"])
     assert "Hysteresis" not in one_way.terms
+
+
+def test_plan_that_begins_with_the_tests_of_its_pilot_keeps_their_times() -> None:
+    """Further tests count as run at the mean of the pilot, unless they state times beside its."""
+    pilot = simulate(3)
+    further = replace(pilot.plan().tests[0], name="")
+    longer = replace(pilot.plan(), tests=(*pilot.plan().tests, further))
+    model = lb.HybridModel.default(1)
+    hours = BoundModel(model, longer, pilot=pilot).setting.time_h
+    np.testing.assert_allclose(hours, [-0.1, 0.0, 0.1, 0.0], atol=1e-15)
+    further_alone = replace(pilot.plan(), tests=(further,))
+    unknown = BoundModel(model, further_alone, pilot=pilot)
+    assert np.isnan(unknown.setting.time_h).all()
+    assert "Drift" not in unknown.terms
+    stating = timed(pilot)
+    late = replace(further, time_s=7200.0)
+    longer = replace(stating.plan(), tests=(*stating.plan().tests, late))
+    hours = BoundModel(model, longer, pilot=stating).setting.time_h
+    times = [test.time_s for test in stating.tests]
+    np.testing.assert_allclose(hours * 3600.0, np.array([*times, 7200.0]) - np.mean(times))

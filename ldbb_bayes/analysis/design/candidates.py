@@ -197,7 +197,11 @@ def bind_tests(
     if keep_pilot_tests:
         planned = (*pilot_tests, *planned)
     foreseen = (*pilot.foreseen, *(replace(test, direction=None) for test in pilot_tests))
-    return BoundModel(model, replace(pilot, tests=planned, foreseen=foreseen), pilot=pilot)
+    plan = replace(pilot, tests=planned, foreseen=foreseen)
+    if not keep_pilot_tests:
+        # A design does not state when its tests are to be run.
+        plan = replace(plan, order="random")
+    return BoundModel(model, plan, pilot=pilot)
 
 
 def running_order(
