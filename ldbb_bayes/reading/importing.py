@@ -136,7 +136,7 @@ def import_campaign(
     recordings = _split_into_tests(selection, layout, campaign, log)
     loads = _stated_loads(recordings, layout)
     take_stated_fields(campaign, recordings)
-    take_start_times(recordings, log)
+    take_start_times(campaign, recordings, log)
     arcs = []
     for k, recording in enumerate(recordings):
         loads_of_test = {key: values[k] for key, values in loads.items()}

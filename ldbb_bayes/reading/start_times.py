@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from datetime import date
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -37,9 +37,10 @@ _NIGHT_S = 6 * 3_600.0
 _SHORTEST_CIRCLE_S = 5.0
 # Longest list of tests or sources in a note [characters].
 _LIST_SHOWN = 200
-# Command-line options by which a user states other times, where times were taken and where not.
-_OPTION_TAKEN = "time_s of a [[test]] in --layout, --no-drift"
-_OPTION_NOT_TAKEN = "time_s of a [[test]] in --layout, --order, --no-drift"
+# Command-line options by which a user states when tests were run, where files state it …
+_OPTIONS_TAKEN = "time_s of a [[test]] in --layout, --no-drift"
+# … and where the tests count as run in the order in which they are listed.
+_OPTIONS_LISTED = "--order, time_s of a [[test]] in --layout, --no-drift"
 
 
 class _Start(NamedTuple):
@@ -57,15 +58,20 @@ class _Times(NamedTuple):
     reason: str  # why the times cannot be told; or how an ambiguous date was read, or empty
 
 
-def take_start_times(recordings: Sequence[Recording], log: AssumptionLog) -> None:
+def take_start_times(
+    campaign: Mapping[str, Any], recordings: Sequence[Recording], log: AssumptionLog
+) -> None:
     """Set the field ``time_s`` of every test to its start [s] after the earliest start of all.
 
     Starts are the dates and times that columns, lines above the tables, and names state. They are
     taken only if all tests have one, and if no test states ``time_s`` itself. What was taken is
-    noted, and so is why nothing was taken from files with dates and times.
+    noted. If nothing was, it is noted that the tests count as run in the order in which they are
+    listed, and why, unless options state another order or that nothing drifted.
 
     Parameters
     ----------
+    campaign
+        Fields of the campaign that options state.
     recordings
         Recordings of all tests, to whose fields the times are added.
     log
@@ -78,19 +84,26 @@ def take_start_times(recordings: Sequence[Recording], log: AssumptionLog) -> Non
         start = _start_of(recording)
         if start is not None:
             starts.append(start)
-    if not starts:
-        return
-    if len(starts) < len(recordings):
-        reason = f"only {len(starts)} of {len(recordings)} tests state when they were run"
-        log.add("", "time_s", "not taken", reason, _OPTION_NOT_TAKEN)
-        return
-    times = _times_of([start.stamp for start in starts])
+    times = _times_of_tests(starts, len(recordings))
     if times.seconds is None:
-        log.add("", "time_s", "not taken", times.reason, _OPTION_NOT_TAKEN)
+        if campaign.get("order") is None and campaign.get("drift", True):
+            log.add("", "order", "as listed", times.reason, _OPTIONS_LISTED)
         return
     for recording, seconds in zip(recordings, times.seconds.tolist(), strict=True):
         recording.fields["time_s"] = round(seconds, 3)
     _note_times(starts, times, log)
+
+
+def _times_of_tests(starts: Sequence[_Start], n_tests: int) -> _Times:
+    """Return the start times of the tests, or why they cannot be told.
+
+    ``starts`` are those that the files state, and ``n_tests`` is the number of tests.
+    """
+    if not starts:
+        return _Times(None, "nothing says when the tests were run")
+    if len(starts) < n_tests:
+        return _Times(None, f"only {len(starts)} of {n_tests} tests state when they were run")
+    return _times_of([start.stamp for start in starts])
 
 
 def _states_time(recording: Recording) -> bool:
@@ -260,10 +273,12 @@ def _note_times(starts: Sequence[_Start], times: _Times, log: AssumptionLog) -> 
     reason = ", ".join(sources)[:_LIST_SHOWN]
     if times.reason:
         reason += f"; {times.reason}"
-    log.add("", "time_s", ", ".join(entries)[:_LIST_SHOWN], reason, _OPTION_TAKEN)
+    log.add("", "time_s", ", ".join(entries)[:_LIST_SHOWN], reason, _OPTIONS_TAKEN)
     if in_order != list(range(len(starts))):
-        log.add("", "order", "that of their times", "they are listed in another", _OPTION_TAKEN)
+        log.add("", "order", "that of their times", "they are listed in another", _OPTIONS_TAKEN)
     span_s = float(seconds.max())
     if span_s > _DAY_S:
-        reason = f"{span_s / _DAY_S:.2g} days from the first test to the last: drift is one line"
-        log.add("", "time_s", "more than a day apart", reason, _OPTION_TAKEN)
+        reason = (
+            f"{span_s / _DAY_S:.2g} days from the first test to the last, with one drift over all"
+        )
+        log.add("", "time_s", "more than a day apart", reason, _OPTIONS_TAKEN)

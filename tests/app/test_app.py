@@ -126,6 +126,23 @@ def until(holds: Callable[[], Any], seconds: float = 60.0) -> Any:
 # ---- what the page shows
 
 
+def test_order_and_drift_are_stated_on_the_page(tab: Tab) -> None:
+    tab.holding(*sorted(RECOVERED.glob("f*.csv")))
+    page = tab.ask("GET", "part/understood")[1]
+    assert "the order in which the tests are listed" in page
+    assert re.search('name="order".*>as listed', page)
+    assert re.search('name="no_drift".*>possible', page)
+
+    tab.ask("POST", "say", {"order": "random"})
+    assert "The tests were run in random order" in tab.ask("GET", "part/understood")[1]
+    tab.ask("POST", "say", {"order": "", "no_drift": "yes"})
+    tab.ask("POST", "say", {"language": "de"})
+    page = tab.ask("GET", "part/understood")[1]
+    assert "Nothing drifts from test to test (stated)." in page
+    assert "Drift von Messung zu Messung" in page
+    assert re.search('value="yes" selected>keine', page)
+
+
 @pytest.mark.slow
 def test_what_was_dropped_is_understood(tab: Tab) -> None:
     tab.holding(*sorted(RECOVERED.glob("f*.csv")))

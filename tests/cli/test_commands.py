@@ -208,6 +208,31 @@ def test_fit_with_the_prior_of_a_population(folder: Path, tmp_path: Path, invoke
     assert (dict(again.prior.means), again.reference_force_N) == ({"C_XXX": 5.1e-5}, 389.0)
 
 
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ((), "the order in which the tests are listed, one every 6 min"),
+        (("--order", "random"), "The tests were run in random order"),
+        (("--no-drift",), "Nothing drifts from test to test (stated)."),
+    ],
+)
+def test_order_and_drift_of_a_table(
+    options: tuple[str, ...], words: str, folder: Path, tmp_path: Path, invoke: Invoke
+) -> None:
+    table = tidy(lb.read_campaign(folder), tmp_path / "t.csv")
+    record = json.loads(invoke("check", table, *options, "--json")[1])
+    assert any(words in assumption for assumption in record["assumptions"])
+
+
+def test_an_unknown_order_of_a_table_is_refused(
+    folder: Path, tmp_path: Path, invoke: Invoke
+) -> None:
+    table = tidy(lb.read_campaign(folder), tmp_path / "t.csv")
+    code, _, stderr = invoke("check", table, "--order", "sorted")
+    assert code == 2
+    assert "order must be 'random', got 'sorted'. Correct it." in " ".join(stderr.split())
+
+
 def test_check_of_a_table(tmp_path: Path, invoke: Invoke) -> None:
     """Its options are fields of the campaign; what looks odd in several tests is said once. The
     rest is held by its golden."""

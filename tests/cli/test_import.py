@@ -72,6 +72,21 @@ def test_loads_and_names(files: list[Path], tmp_path: Path, invoke: Invoke) -> N
     assert (campaign.name, campaign.mount.compensated) == ("machine 7", False)
 
 
+def test_order_and_drift_are_written(files: list[Path], tmp_path: Path, invoke: Invoke) -> None:
+    options = ("--forces-N", "100,200,300", "--order", "random", "--no-drift")
+    assert invoke("import", *files, "--out", tmp_path / "c", *options)[0] == 0
+    campaign = lb.read_campaign(tmp_path / "c")
+    assert (campaign.order, campaign.drift) == ("random", False)
+
+
+def test_the_order_listed_is_told_with_its_option(
+    files: list[Path], tmp_path: Path, invoke: Invoke
+) -> None:
+    options = ("--forces-N", "100,200,300")
+    stdout = invoke("import", *files, "--out", tmp_path / "c", *options)[1]
+    assert "order: as listed (nothing says when the tests were run): --order" in stdout
+
+
 def test_a_radius_in_metres_is_told(files: list[Path], tmp_path: Path, invoke: Invoke) -> None:
     options = ("--forces-N", "100,200,300", "--radius-mm", "0.15")
     stdout = invoke("import", *files, "--out", tmp_path / "c", *options)[1]

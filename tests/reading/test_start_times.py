@@ -65,13 +65,24 @@ def test_times_that_are_taken(above: list[str], expected: list[float], tmp_path:
 def test_times_that_are_not_taken_are_told(above: list[str], reason: str, tmp_path: Path) -> None:
     result = imported(tmp_path, above)
     assert times_s(result) == [None, None, None]
-    assert told(result) == [("time_s", "not taken", reason)]
+    assert told(result) == [("order", "as listed", reason)]
 
 
-def test_files_without_times_say_nothing_of_them(tmp_path: Path) -> None:
-    result = imported(tmp_path, ["Date: 2026-11-20", "Radius: 150 mm", ""])
+@pytest.mark.parametrize(
+    ("options", "notes"),
+    [
+        ({}, [("order", "as listed", "nothing says when the tests were run")]),
+        ({"order": "random"}, []),
+        ({"drift": False}, []),
+    ],
+)
+def test_without_times_the_order_listed_counts_and_is_told_unless_stated(
+    options: dict[str, Any], notes: list[tuple[str, str, str]], tmp_path: Path
+) -> None:
+    result = imported(tmp_path, ["Date: 2026-11-20", "Radius: 150 mm", ""], **options)
     assert times_s(result) == [None, None, None]
-    assert told(result) == []
+    assert told(result) == notes
+    assert {name: getattr(result.campaign, name) for name in options} == options
 
 
 def test_a_date_that_is_read_in_the_only_plausible_order_is_told(tmp_path: Path) -> None:
