@@ -2,11 +2,11 @@
 
 from .budgets import budget_uncertainty as budget_uncertainty
 from .calibration import Validation as Validation
-from .change_with_force import ChangeWithForce as ChangeWithForce
-from .change_with_force import change_with_force as change_with_force
 from .circularity import predict_circularity as predict_circularity
 from .comparison import Comparison as Comparison
 from .comparison import read_comparison as read_comparison
+from .compliance_change import ChangeWithForce as ChangeWithForce
+from .compliance_change import change_with_force as change_with_force
 from .conformity import Conformity as Conformity
 from .design import Design as Design
 from .design import read_design as read_design

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from ldbb_bayes import units
-from ldbb_bayes.analysis.change_with_force import change_with_force
+from ldbb_bayes.analysis.compliance_change import change_with_force
 from ldbb_bayes.analysis.conformity import assess_conformity
 from ldbb_bayes.analysis.verdicts import ParameterIdentifiability, judge_posterior, not_modelled
 from ldbb_bayes.campaign.preview import CampaignPreview, RemarkKind, check_campaign

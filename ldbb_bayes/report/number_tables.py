@@ -11,7 +11,7 @@ from dataclasses import asdict
 import numpy as np
 import pandas as pd
 
-from ldbb_bayes.analysis.change_with_force import change_with_force
+from ldbb_bayes.analysis.compliance_change import change_with_force
 from ldbb_bayes.analysis.measured_paths import measure_circularity
 from ldbb_bayes.analysis.path_contributions import decompose_deviation
 from ldbb_bayes.inference.posterior import bound_of, draws_of

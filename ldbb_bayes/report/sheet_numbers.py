@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from ldbb_bayes.analysis.change_with_force import change_with_force
 from ldbb_bayes.analysis.circularity import predict_circularity
+from ldbb_bayes.analysis.compliance_change import change_with_force
 from ldbb_bayes.analysis.conformity import draws_at
 from ldbb_bayes.analysis.usability import is_determined
 from ldbb_bayes.inference.posterior import bound_of
@@ -34,7 +34,7 @@ from ldbb_bayes.units import (
 )
 
 if TYPE_CHECKING:
-    from ldbb_bayes.analysis.change_with_force import ChangeWithForce
+    from ldbb_bayes.analysis.compliance_change import ChangeWithForce
     from ldbb_bayes.analysis.verdicts import ParameterIdentifiability
     from ldbb_bayes.model.hybrid import BoundModel
 

@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 from ldbb_bayes import units
 from ldbb_bayes.analysis.budgets import Budget
 from ldbb_bayes.analysis.calibration import Validation
-from ldbb_bayes.analysis.change_with_force import ChangeWithForce
 from ldbb_bayes.analysis.comparison import Comparison
+from ldbb_bayes.analysis.compliance_change import ChangeWithForce
 from ldbb_bayes.analysis.design import Design
 from ldbb_bayes.inference.density import LogDensity
 from ldbb_bayes.inference.fit import Fit

@@ -10,7 +10,7 @@ import xarray as xr
 from campaigns import plan, refuses, simulated
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.change_with_force import ChangeWithForce
+from ldbb_bayes.analysis.compliance_change import ChangeWithForce
 from ldbb_bayes.inference.force_curves import force_curves
 from ldbb_bayes.inference.posterior import record_of
 
