@@ -41,7 +41,7 @@ _STEPS = 3
 _FLAT_SDS = 1e6
 
 
-class _Coefficients(NamedTuple):
+class _SharedCoefficients(NamedTuple):
     """Coefficients that all tests share: of nuisances, then the parameters of interest.
 
     Nuisances are effects that are modelled but not of interest.
@@ -125,7 +125,7 @@ class ReferencePosterior:
 
     def _coefficients(
         self, setting: Setting, free: Array, terms: Sequence[Columns | BasisNoise]
-    ) -> _Coefficients:
+    ) -> _SharedCoefficients:
         """Return the coefficients that all tests share, with their columns and priors.
 
         ``setting`` are the conditions of the tests, and ``terms`` the columns and the noise of the
@@ -143,7 +143,7 @@ class ReferencePosterior:
         values.append(interest_columns(setting, self.interest.degree)[:, :, free])
         sds.append(self.interest.prior_sd(self.prior, setting)[free])
         means.append(self.interest.prior_mean(self.prior)[free])
-        return _Coefficients(
+        return _SharedCoefficients(
             np.concatenate(values, axis=2), np.concatenate(means), np.concatenate(sds)
         )
 

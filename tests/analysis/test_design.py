@@ -565,7 +565,8 @@ def test_a_pilot_that_does_not_state_its_direction(pilot: lb.Campaign) -> None:
         pilot,
         tests=tuple(replace(t, direction="CW" if k else None) for k, t in enumerate(pilot.tests)),
     )
-    assert lb.identify(LINEAR, partly).parameters
+    with pytest.raises(InputError, match=r"'f036' must state its direction.* in other tests"):
+        lb.identify(LINEAR, partly)
     # What is foreseen is no part of the readings: the design is still one after these.
     directed = replace(pilot, tests=tuple(replace(t, direction="CW") for t in pilot.tests))
     assert (
