@@ -128,6 +128,7 @@ def objects_of_results(
 ) -> list[Any]:
     conformity = lb.assess_conformity(posterior, {"G": "30 µm", "C_XXX": "80 nm/N"})
     budgets = lb.analysis.budget_uncertainty(posterior)
+    changes = lb.analysis.change_with_force(fitted(MODEL.with_degree(1), campaign))
     return [
         next(iter(lb.analysis.judge_posterior(posterior).values())),
         lb.fit_least_squares(campaign),
@@ -141,6 +142,8 @@ def objects_of_results(
         lb.analysis.Tolerance(upper=1.0),
         conformity,
         conformity["G"],
+        changes,
+        changes["C_XXX"],
         compared,
     ]
 

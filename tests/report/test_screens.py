@@ -12,7 +12,14 @@ from matplotlib.figure import Figure
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.verdicts import Verdict
 from ldbb_bayes.report import figures
-from ldbb_bayes.units import display_name, display_unit, round_like, round_uncertainty, typeset
+from ldbb_bayes.units import (
+    display_name,
+    display_unit,
+    is_slope,
+    round_like,
+    round_uncertainty,
+    typeset,
+)
 
 LINES = 45
 FORCES_N = (36.0, 238.0, 364.0, 490.0, 616.0, 742.0)
@@ -95,12 +102,26 @@ def test_identify_prints_every_cure(identified: lb.analysis.Identifiability, wid
 def test_summarize_prints_every_parameter(summary: pd.DataFrame, width: int) -> None:
     text = str(summary)
     check_screen(text, width)
-    for name, entry in summary.iterrows():
+    slopes = [name for name in summary.index if is_slope(str(name))]
+    for name, entry in summary.drop(index=slopes).iterrows():
         factor = display_unit(entry["unit"])[0] if entry["unit"] else 1.0
         sd, decimals = round_uncertainty(entry["sd"] * factor)
         row = row_of(text, str(name))
         for column in ("mean", "ci_low", "ci_high"):
             assert typeset(round_like(entry[column] * factor, decimals)) in row
+        assert sd in row
+
+
+def test_summarize_prints_changes_with_force_instead_of_slopes(
+    summary: pd.DataFrame, posterior: xr.DataTree, width: int
+) -> None:
+    text = str(summary)
+    assert "C_XXX_1" not in text
+    for name, found in lb.analysis.change_with_force(posterior).items():
+        factor, _ = display_unit(found.unit)
+        sd, decimals = round_uncertainty(found.change.sd * factor)
+        row = row_of(text, f"{name} changes by")
+        assert typeset(round_like(found.change.mean * factor, decimals)) in row
         assert sd in row
 
 
