@@ -261,6 +261,23 @@ def test_models_from_the_nodes_of_the_largest(truncated: bool) -> None:
         assert one_by_one.of(model)[0].evidence == nodes.evidence
 
 
+@pytest.mark.slow
+def test_third_edition_from_shared_nodes() -> None:
+    """Every model has an estimate Ĉ of its own; from shared nodes, which suit most of the models,
+    comes the evidence of nodes of its own."""
+    linear = lb.HybridModel.default(1).without("circle-scale")
+    models = [linear, linear.with_degree(0), linear.with_rivals(), linear.with_rivals("joint load")]
+    nodes_of_models = Evidences(UNIFORM, tolerance=4e-2).of(*models)
+    estimates = [nodes.bound.estimate.compliances[0] for nodes in nodes_of_models]
+    assert len(set(estimates)) == len(models)
+    largest = nodes_of_models[0].integral.free
+    assert sum(nodes.integral.free is largest for nodes in nodes_of_models) >= 3
+    for model, nodes in zip(models, nodes_of_models, strict=True):
+        evidence = lb.log_evidence(model, UNIFORM, tolerance=1e-2)
+        difference = nodes.evidence.log_value - evidence.log_value
+        assert abs(difference) < nodes.error + evidence.error
+
+
 def test_nodes_that_do_not_suit_are_not_used() -> None:
     """Slopes that the readings need, taken away, move the noise out of reach of the nodes of the
     largest model."""
