@@ -10,7 +10,12 @@ A source is the deviation of a nuisance coefficient from its prior mean, a noise
 the deviation of the parameters from their own prior means. As in the GUM, the share of source s in
 the variance of a parameter y is u_s²(y) / u²(y), where u_s(y) is the standard uncertainty of y due
 to s alone; the shares sum to one (`Information.shares`). Unlike in the GUM, u²(y) is the variance
-of the posterior draws, which includes the truncation and the uncertainty of φ.
+of the posterior draws, which includes the truncation and the uncertainty of φ. The shares are
+averages over values of φ from the posterior.
+
+Every source is measured here, stated or assumed (`origins`). Where what is not measured here holds
+most of the variance, the budget names the heaviest of that: no number of further circles would
+reduce it.
 """
 
 from __future__ import annotations
@@ -21,12 +26,13 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
+from ldbb_bayes.analysis.origins import Origin, is_prior_stated, origins
 from ldbb_bayes.inference.posterior import bound_of, draws_of
-from ldbb_bayes.model.bound_information import information_of
+from ldbb_bayes.model.bound_information import information_of, informations_of
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.information import Information
 from ldbb_bayes.model.terms import BasisNoise, Columns, Term
-from ldbb_bayes.model.terms.columns import NOISE
+from ldbb_bayes.model.terms.columns import NOISE, OWN
 from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array, ByName, Result
 from ldbb_bayes.units import ranked
@@ -41,9 +47,12 @@ Kind = Literal["A", "B"]
 # A nuisance coefficient whose share of a parameter's variance is below this has no line of its own
 # in the uncertainty budget of the parameter.
 _LISTED_SHARE = 1e-3
-# If the model terms of type B (GUM 2.3.3) together have more than this share of a parameter's
-# variance, the heaviest term of the budget is chosen among them.
+# If what is not measured here (stated or assumed) has more than this share of a parameter's
+# variance, the heaviest term of the budget is chosen among it.
 _MAJORITY = 0.5
+# Largest number of posterior draws of the hyper-parameters over which shares are averaged. They are
+# evenly spaced among all draws.
+_MOST_AVERAGED = 16
 
 
 @dataclass(frozen=True)
@@ -56,6 +65,7 @@ class Contribution:
     term: str  #: model term that the source belongs to, such as ``Mount``
     #: type of evaluation (GUM 2.3.2, 2.3.3): "A" from scatter of the readings, "B" by other means
     kind: Kind
+    origin: Origin  #: where the size of the source comes from: measured here, stated or assumed
     #: standard uncertainty of the source, in the unit ``unit``; None if the source has no single
     #: one, such as several coefficients together
     u: float | None
@@ -79,8 +89,8 @@ class Budget(Result):
     unit: str
     u: float  #: standard uncertainty of the parameter: its posterior standard deviation
     contributions: tuple[Contribution, ...]
-    #: model term with the largest share of the parameter's variance; if the terms of type B (GUM
-    #: 2.3.3) together have more than half of the variance, the largest of these
+    #: model term with the largest share of the parameter's variance; if sources that are not
+    #: measured here have more than half of the variance, the term with the largest share of these
     heaviest: str
     #: standard uncertainty of the parameter if the term ``heaviest`` were known exactly; None if it
     #: cannot be known (noise of the readings, or the parameters' own priors)
@@ -89,6 +99,14 @@ class Budget(Result):
     def share(self, term: str) -> float:
         """Return the share of one model term, with all its sources, in the parameter's variance."""
         return sum(line.share for line in self.contributions if line.term == term)
+
+    def origin_of(self, term: str) -> Origin:
+        """Return the origin of the largest part of a model term's share of the variance."""
+        shares = dict.fromkeys(Origin, 0.0)
+        for line in self.contributions:
+            if line.term == term:
+                shares[line.origin] += line.share
+        return ranked(shares, shares.__getitem__)[0]
 
 
 @dataclass(frozen=True)
@@ -100,7 +118,8 @@ class _PosteriorVariance:
     of the prior standard deviations. ``shares`` holds, by names of source and model term, the share
     of the source in the variance of each parameter, shape (p,). ``variance_if_known`` holds, by
     name of a model term, the variance that each parameter would have if the term were known
-    exactly, in units of the parameter's prior variance, shape (p,).
+    exactly, in units of the parameter's prior variance, shape (p,). ``origins`` holds the origin of
+    each source.
     """
 
     bound: BoundModel
@@ -109,6 +128,7 @@ class _PosteriorVariance:
     shares: Mapping[tuple[str, str], Array]
     variance_if_known: Mapping[str, Array]
     phi: Mapping[Any, float]
+    origins: Mapping[tuple[str, str], Origin]
 
 
 class _NoiseSource(NamedTuple):
@@ -130,7 +150,8 @@ def budget_uncertainty(posterior: xr.DataTree) -> dict[str, Budget]:
     u_s(y) is the standard uncertainty of y due to s alone. The variance u²(y) is that of the
     posterior draws. Unlike the GUM, it includes the truncation (compliances are not negative) and
     the uncertainty of the hyper-parameters (the scales of the noise and of other effects). The
-    shares are computed at the mean hyper-parameters.
+    shares are averages over 16 draws of the hyper-parameters; what is measured here is decided at
+    their mean.
 
     Parameters
     ----------
@@ -142,7 +163,7 @@ def budget_uncertainty(posterior: xr.DataTree) -> dict[str, Budget]:
     dict of str to Budget
         Budget of each parameter by name, in internal units (mm, N, rad). Its ``contributions`` are
         the lines, the largest share first. Its ``heaviest`` is the term with the largest share; if
-        the terms of type B have more than half of the variance, it is the largest of these.
+        what is not measured here has more than half of the variance, it is the largest of that.
 
     Raises
     ------
@@ -169,9 +190,10 @@ def budget_uncertainty(posterior: xr.DataTree) -> dict[str, Budget]:
         bound=bound,
         information=information,
         covariance=information.covariance(),
-        shares=information.shares(covariance),
+        shares=_average_shares(bound, phi, covariance),
         variance_if_known={term: information.variances([term]) for term in information.terms},
         phi=dict(zip(bound.hyper_prior.names, mean_phi.tolist(), strict=True)),
+        origins=origins(bound, information),
     )
     budgets_by_name = ByName[Budget]()
     for i, parameter in enumerate(bound.parameters):
@@ -189,28 +211,54 @@ def budget_uncertainty(posterior: xr.DataTree) -> dict[str, Budget]:
     return budgets_by_name
 
 
+def _average_shares(
+    bound: BoundModel, phi: Array, covariance: Array
+) -> dict[tuple[str, str], Array]:
+    """Return the shares of all sources, averaged over draws of the hyper-parameters φ.
+
+    ``phi``, shape (draws, h), are posterior draws of φ; ``covariance`` is the matrix to be divided,
+    see `Information.shares`. The keys are names of source and model term.
+    """
+    count = min(_MOST_AVERAGED, len(phi))
+    chosen = phi[np.linspace(0, len(phi) - 1, count).round().astype(int)]
+    average: dict[tuple[str, str], Array] = {}
+    for information in informations_of(bound, chosen):
+        for key, share in information.shares(covariance).items():
+            average[key] = average.get(key, 0.0) + share / count
+    return average
+
+
 def _contributions(variance: _PosteriorVariance, i: int, u: float) -> tuple[Contribution, ...]:
     """Return the lines of the budget of one parameter, the largest share of the variance first.
 
     ``i`` is the index of the parameter, ``u`` its standard uncertainty; ``variance`` holds the
-    shares of all sources. Coefficients of one model term with shares below 0.1 % have a common
-    line.
+    shares of all sources. Coefficients of one model term and origin with shares below 0.1 % have a
+    common line.
     """
     lines = []
-    unlisted_shares: dict[str, float] = {}
+    unlisted_shares: dict[tuple[str, Origin], float] = {}
     for (source, term), shares in variance.shares.items():
         share = float(shares[i])
+        origin = _origin_of(variance, i, source, term)
         if source == term:
             noise = _noise_source(variance.bound, term, variance.phi)
-            line = _contribution(source, term, noise.kind, share, u, noise.u, noise.unit)
+            line = _contribution(source, term, noise.kind, origin, share, u, noise.u, noise.unit)
             lines.append(line)
         elif abs(share) < _LISTED_SHARE:
-            unlisted_shares[term] = unlisted_shares.get(term, 0.0) + share
+            key = (term, origin)
+            unlisted_shares[key] = unlisted_shares.get(key, 0.0) + share
         else:
             lines.append(_coefficient_line(variance, i, source, term, share, u))
-    for term, share in unlisted_shares.items():
-        lines.append(_contribution(f"other {term}", term, "B", share, u))
+    for (term, origin), share in unlisted_shares.items():
+        lines.append(_contribution(f"other {term}", term, "B", origin, share, u))
     return tuple(ranked(lines, lambda line: line.share))
+
+
+def _origin_of(variance: _PosteriorVariance, i: int, source: str, term: str) -> Origin:
+    """Return the origin of a source in the budget of the parameter with index i."""
+    if term == OWN and is_prior_stated(variance.bound, variance.bound.names[i]):
+        return Origin.STATED
+    return variance.origins[source, term]
 
 
 def _coefficient_line(
@@ -230,13 +278,15 @@ def _coefficient_line(
     sign = -float(np.sign(variance.covariance[row, column]))
     source_u = float(information.scale[column])
     unit = Term.owner(source).unit_of(source).inside
-    return _contribution(source, term, "B", share, u, source_u, unit, sign)
+    origin = variance.origins[source, term]
+    return _contribution(source, term, "B", origin, share, u, source_u, unit, sign)
 
 
 def _contribution(
     source: str,
     term: str,
     kind: Kind,
+    origin: Origin,
     share: float,
     u: float,
     source_u: float | None = None,
@@ -247,6 +297,7 @@ def _contribution(
 
     ``u`` is the standard uncertainty of the parameter, ``source_u`` that of the source in ``unit``,
     or None if the source has no single one. ``kind`` is the type of evaluation, A or B of the GUM.
+    ``origin`` is where the size of the source comes from.
     ``sign`` is the sign of the sensitivity.
     """
     contribution = float(np.sqrt(max(share, 0.0))) * u
@@ -257,6 +308,7 @@ def _contribution(
         source=source,
         term=term,
         kind=kind,
+        origin=origin,
         u=source_u,
         unit=unit,
         sensitivity=sensitivity,
@@ -292,17 +344,18 @@ def _noise_source(bound: BoundModel, term: str, phi: Mapping[Any, float]) -> _No
 def _heaviest_term(contributions: Sequence[Contribution]) -> str:
     """Return the model term with the largest share of a parameter's variance.
 
-    Where terms of type B (GUM 2.3.3) together have more than half of the variance, return the
-    largest of these, because more circles would not reduce them. ``contributions`` are the lines of
-    the parameter's budget.
+    Where sources that are not measured here (stated or assumed) have more than half of the
+    variance, return the term with the largest share of these, because more circles would not reduce
+    them. ``contributions`` are the lines of the parameter's budget.
     """
     shares: dict[str, float] = {}
+    not_measured: dict[str, float] = {}
     for line in contributions:
         shares[line.term] = shares.get(line.term, 0.0) + line.share
-    scatter = {line.term for line in contributions if line.kind == "A"}
-    shared = {term: share for term, share in shares.items() if term not in scatter}
-    candidates = shared if sum(shared.values()) > _MAJORITY else shares
-    return ranked(candidates, shares.__getitem__)[0]
+        if line.origin != Origin.MEASURED:
+            not_measured[line.term] = not_measured.get(line.term, 0.0) + line.share
+    candidates = not_measured if sum(not_measured.values()) > _MAJORITY else shares
+    return ranked(candidates, candidates.__getitem__)[0]
 
 
 def _uncertainty_if_known(

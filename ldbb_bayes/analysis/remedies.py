@@ -197,12 +197,14 @@ def longer_plans(bound: BoundModel) -> Mapping[RemedyKind, Campaign]:
     that has been run is run once more in it.
     """
     plan = bound.campaign.plan()
-    tests = list(plan.tests)
+    tests = _timed(plan)
     plans: dict[RemedyKind, Campaign] = {}
     if bound.columns_of.get(Drift):
-        before = [] if bound.campaign.is_plan else tests
-        plans[RemedyKind.ORDER] = _extended(plan, before, _shuffled(tests))
-    directed = in_other_direction(plan)
+        if bound.campaign.is_plan:
+            plans[RemedyKind.ORDER] = replace(plan, tests=_shuffled(tests))
+        else:
+            plans[RemedyKind.ORDER] = _extended(plan, tests, _shuffled(tests))
+    directed = in_other_direction(replace(plan, tests=tests))
     if directed.further:
         plans[RemedyKind.DIRECTION] = _extended(plan, directed.stated, directed.further)
     turned = clocked(plan, (_TURN_DEG,), work_ball=True, tool_ball=True)
@@ -212,30 +214,42 @@ def longer_plans(bound: BoundModel) -> Mapping[RemedyKind, Campaign]:
     return plans
 
 
+def _timed(plan: Campaign) -> tuple[CircularTest, ...]:
+    """Return the circles of a plan with their times, as drift in it is modelled.
+
+    Where not all circles state their times, they are run as listed, one every six minutes. No
+    circle has a time if the plan states that its order is random.
+    """
+    if None not in [test.time_s for test in plan.tests]:
+        return plan.tests
+    if plan.order is not None:
+        return tuple(replace(test, time_s=None) for test in plan.tests)
+    return tuple(replace(test, time_s=k * _SECONDS_PER_CIRCLE) for k, test in enumerate(plan.tests))
+
+
 def _extended(
     plan: Campaign, before: Sequence[CircularTest], added: Sequence[CircularTest]
 ) -> Campaign:
     """Return a plan of these circles: those before, then the added ones under new names.
 
-    The added circles state times, one every six minutes after the last one before, only if all
-    circles before state theirs.
+    The added circles are run one every six minutes after the last one before, if those before have
+    times.
     """
     times = [test.time_s for test in before if test.time_s is not None]
     later = []
     for k, test in enumerate(added):
         time_s = None
-        if before and len(times) == len(before):
+        if times:
             time_s = max(times) + (k + 1) * _SECONDS_PER_CIRCLE
-        name = "" if before else test.name
-        later.append(replace(test, name=name, time_s=time_s))
+        later.append(replace(test, name="", time_s=time_s))
     return replace(plan, tests=(*before, *later))
 
 
-def _shuffled(tests: Sequence[CircularTest]) -> list[CircularTest]:
+def _shuffled(tests: Sequence[CircularTest]) -> tuple[CircularTest, ...]:
     """Return the tests in an order that has as little as possible to do with their forces.
 
     Of random orders with a fixed seed, it is the one with the smallest correlation of place and
-    force.
+    force. The k-th test of the new order is run at the k-th time.
     """
     forces = np.array([float(test.force_N or 0.0) for test in tests])
     place = np.arange(len(tests)) - 0.5 * (len(tests) - 1)
@@ -243,4 +257,7 @@ def _shuffled(tests: Sequence[CircularTest]) -> list[CircularTest]:
     orders = [rng.permutation(len(tests)) for _ in range(_ORDERS_TRIED)]
     relation = {k: -abs(float(place @ forces[order])) for k, order in enumerate(orders)}
     best = orders[ranked(relation, relation.__getitem__)[0]]
-    return [tests[k] for k in best]
+    times: list[float | None] = [None] * len(tests)
+    stated = sorted(test.time_s for test in tests if test.time_s is not None)
+    times[: len(stated)] = stated
+    return tuple(replace(tests[k], time_s=time) for k, time in zip(best, times, strict=True))

@@ -47,10 +47,12 @@ if TYPE_CHECKING:
 __all__ = [
     "CONTRACTION_LIMIT",
     "MAJORITY",
+    "SAME_COMBINATION",
     "Identifiability",
     "ParameterIdentifiability",
     "SampledSd",
     "Source",
+    "VarianceSources",
     "Verdict",
     "hyper_parameter_nodes",
     "identify",
@@ -65,6 +67,9 @@ __all__ = [
 # Effects hold a parameter if their share of its posterior variance is above this. Knowing them
 # would then reduce its standard uncertainty by 30 % or more.
 MAJORITY = 0.5
+# Two effects act on the same combination of parameters if the squared cosine of the angle between
+# the errors that they cause is at least this.
+SAME_COMBINATION = 0.5
 # A parameter β is prior-limited where its contraction, 1 − Var(β | y) / Var(β) for readings y, is
 # below this: its posterior sd is more than half of its prior sd.
 CONTRACTION_LIMIT = 0.75
@@ -89,11 +94,12 @@ class Verdict(StrEnum):
     order:
 
     1. *confounded*, when one assumed effect holds more than half of the parameter's variance, or
-       else the fewest assumed effects that do so together: those with the largest shares, none
-       below 5 %. An effect is a term of the model, or another parameter through its prior. All of
-       them act on the same combination of coefficients, the one along which the estimate of the
-       parameter errs. Knowing them would remove at least their share of the variance, and so cut
-       its standard uncertainty by 30 % or more.
+       several that act on the same combination do so together: those with the largest shares, none
+       below 5 %. An effect is a term of the model, or another parameter through its prior. With an
+       error of this parameter, an effect causes errors of all parameters; two effects act on the
+       same combination if these errors, in posterior sds, are alike (squared cosine of the angle
+       between them at least one half). Knowing the effects would remove at least their share of the
+       variance, and so cut the parameter's standard uncertainty by 30 % or more.
     2. *prior-limited*, when the posterior sd is more than half of the prior sd.
     3. *identified* otherwise.
 
@@ -378,7 +384,11 @@ class Judgement(NamedTuple):
     partners: tuple[Source, ...]
 
 
-def judge(sources: Sequence[Source], contraction: float) -> Judgement:
+def judge(
+    sources: Sequence[Source],
+    contraction: float,
+    likeness: Mapping[tuple[str, str], float] | None = None,
+) -> Judgement:
     """Return the verdict on a parameter by the rules of `Verdict`.
 
     Parameters
@@ -387,22 +397,53 @@ def judge(sources: Sequence[Source], contraction: float) -> Judgement:
         All sources of the parameter's variance, the largest share first.
     contraction
         One minus the ratio of posterior and prior variance; not a number for a flat prior.
+    likeness
+        How alike the errors are that two sources cause, from 0 to 1, by names of the sources.
+        Default: all sources act on the same combination of parameters.
     """
-    partners: list[Source] = []
-    share = 0.0
-    for source in sources:
-        if source.origin != Origin.ASSUMED or source.name == OWN or source.share < _NAMED_SHARE:
-            continue
-        partners.append(source)
-        share += source.share
-        if share > MAJORITY + _NEAR_TIE:
-            return Judgement(Verdict.CONFOUNDED, tuple(partners))
+    partners = _confounding_sources(sources, likeness)
+    if partners:
+        return Judgement(Verdict.CONFOUNDED, partners)
     if contraction < CONTRACTION_LIMIT - _NEAR_TIE:
         return Judgement(Verdict.PRIOR_LIMITED, ())
     return Judgement(Verdict.IDENTIFIED, ())
 
 
-def sources_of(bound: BoundModel, information: Information) -> dict[str, tuple[Source, ...]]:
+def _confounding_sources(
+    sources: Sequence[Source], likeness: Mapping[tuple[str, str], float] | None
+) -> tuple[Source, ...]:
+    """Return the assumed sources that hold most of a parameter's variance; empty if none do."""
+    candidates = []
+    for source in sources:
+        is_effect = source.origin == Origin.ASSUMED and source.name != OWN
+        if is_effect and source.share >= _NAMED_SHARE:
+            candidates.append(source)
+    for first in candidates:
+        partners: list[Source] = []
+        share = 0.0
+        for source in candidates:
+            if likeness is not None and likeness[first.name, source.name] < SAME_COMBINATION:
+                continue
+            partners.append(source)
+            share += source.share
+            if share > MAJORITY + _NEAR_TIE:
+                return tuple(partners)
+    return ()
+
+
+class VarianceSources(NamedTuple):
+    """Sources of the variance of one parameter.
+
+    ``sources`` are all sources, the largest share first. ``likeness`` is how alike the errors of
+    all parameters are that two assumed sources cause with an error of this parameter: the square of
+    the cosine of the angle between them, by names of the sources.
+    """
+
+    sources: tuple[Source, ...]
+    likeness: dict[tuple[str, str], float]
+
+
+def sources_of(bound: BoundModel, information: Information) -> dict[str, VarianceSources]:
     """Return all sources of the variance of every parameter, the largest share first.
 
     A model term whose coefficients have several origins is one source for each of them. The prior
@@ -415,31 +456,63 @@ def sources_of(bound: BoundModel, information: Information) -> dict[str, tuple[S
     information
         Information of the bound model, given the hyper-parameters.
     """
+    errors = _errors_by_source(bound, information)
+    variance = information.variances()
+    sd = np.sqrt(np.where(variance > 0.0, variance, 1.0))
+    sources = {}
+    for i, name in enumerate(bound.names):
+        entries = []
+        patterns = {}
+        for (source, origin), covariance in errors.items():
+            label = OWN if source == name else source
+            entries.append(Source(label, origin, float(covariance[i, i] / sd[i] ** 2)))
+            if origin == Origin.ASSUMED:
+                patterns[label] = covariance[:, i] / sd
+        ordered = ranked(entries, lambda source: source.share)
+        sources[name] = VarianceSources(tuple(ordered), _likeness(patterns))
+    return sources
+
+
+def _errors_by_source(
+    bound: BoundModel, information: Information
+) -> dict[tuple[str, Origin], Array]:
+    """Return the covariance (p, p) of the parameters' errors due to every source, by its origin.
+
+    The name of a source is that of a model term, or that of the parameter whose prior it is.
+    """
     origin_of = origins(bound, information)
-    shares: dict[tuple[str, Origin], Array] = {}
-    for key, share in information.shares().items():
+    errors: dict[tuple[str, Origin], Array] = {}
+    for key, covariance in information.error_covariances().items():
         term = key[1]
         if term != OWN:
             source = (term, origin_of[key])
-            shares[source] = shares.get(source, 0.0) + share
-    prior_shares = information.prior_shares()
-    prior_origins = []
-    for name in bound.names:
+            errors[source] = errors.get(source, 0.0) + covariance
+    if information.flat:
+        return errors
+    total = information.covariance()[np.ix_(information.interest, information.interest)]
+    for j, name in enumerate(bound.names):
         origin = Origin.ASSUMED
         if is_prior_stated(bound, name):
             origin = Origin.STATED
-        prior_origins.append(origin)
-    sources = {}
-    for i, name in enumerate(bound.names):
-        entries = [
-            Source(term, origin, float(share[i])) for (term, origin), share in shares.items()
-        ]
-        if not information.flat:
-            for j, other in enumerate(bound.names):
-                label = OWN if j == i else other
-                entries.append(Source(label, prior_origins[j], float(prior_shares[i, j])))
-        sources[name] = tuple(ranked(entries, lambda source: source.share))
-    return sources
+        errors[name, origin] = np.outer(total[:, j], total[:, j])
+    return errors
+
+
+def _likeness(patterns: Mapping[str, Array]) -> dict[tuple[str, str], float]:
+    """Return the squared cosine of the angle between every two patterns of errors, by names.
+
+    A pattern, shape (p,), are the errors of all parameters that come with an error of one parameter
+    from one source. The likeness of a pattern that is zero is zero.
+    """
+    unit = {}
+    for name, pattern in patterns.items():
+        length = float(np.linalg.norm(pattern))
+        unit[name] = pattern / length if length > 0.0 else pattern
+    likeness = {}
+    for first, pattern in unit.items():
+        for second, other in unit.items():
+            likeness[first, second] = float(pattern @ other) ** 2
+    return likeness
 
 
 def judge_parameters(
@@ -479,13 +552,13 @@ def judge_parameters(
         name = parameter.name
         variance_ratio = float(sampled_sd.posterior[i] / sampled_sd.prior[i]) ** 2
         contraction = 1.0 - variance_ratio
-        judgement = judge(sources[name], contraction)
+        judgement = judge(sources[name].sources, contraction, sources[name].likeness)
         partner_shares = _shares_by_name(judgement.partners)
         sd = float(sampled_sd.posterior[i])
         entry = ParameterIdentifiability(
             name=name,
             verdict=judgement.verdict,
-            held_by=sources[name][0],
+            held_by=sources[name].sources[0],
             partners=tuple(partner_shares),
             partner_shares=partner_shares,
             sd_if_known=_sd_if_known(information, tuple(partner_shares), i, sd),
@@ -499,7 +572,7 @@ def judge_parameters(
             information_gain=_information_gain(variance_ratio),
             confounding={term: float(share[i]) for term, share in removed_shares.items()},
             shares={source: float(share[i]) for source, share in contributions.items()},
-            origin_shares=_shares_by_origin(sources[name]),
+            origin_shares=_shares_by_origin(sources[name].sources),
         )
         if information.flat:
             entry = replace(entry, prior_mean=np.nan, contraction=np.nan, information_gain=np.nan)

@@ -255,16 +255,26 @@ class Information:
         or noise, and that of the term to which it belongs. The priors of the parameters of interest
         are one source with the key ``(OWN, OWN)``, and with flat priors there is no such source.
         """
-        joint = self.covariance()
-        interest = self.interest
-        total = joint[np.ix_(interest, interest)]
+        total = self.covariance()[np.ix_(self.interest, self.interest)]
         if covariance is None:
             variance = np.diag(total)
-            weight = np.eye(len(interest))
+            weight = np.eye(len(total))
         else:
             variance = np.diag(covariance)
             weight = np.linalg.solve(total, covariance)
         weight = weight / np.where(variance > 0.0, variance, 1.0)
+        covariances = self.error_covariances()
+        return {key: np.einsum("ij,ji->i", cov, weight) for key, cov in covariances.items()}
+
+    def error_covariances(self) -> dict[tuple[str, str], Array]:
+        """Return the covariance of the parameters' errors due to every independent source, (p, p).
+
+        The errors of the p parameters of interest are divided by their prior sds. The sum of all
+        covariances is the posterior covariance. The keys are those of `shares`.
+        """
+        joint = self.covariance()
+        interest = self.interest
+        total = joint[np.ix_(interest, interest)]
         covariances: dict[tuple[str, str], Array] = {}
         if not self.flat:
             covariances[OWN, OWN] = total @ total.T
@@ -279,7 +289,7 @@ class Information:
             for name, source_noise in sources.items():
                 previous = covariances.get((name, name), 0.0)
                 covariances[name, name] = previous + gain.T @ source_noise @ gain
-        return {key: np.einsum("ij,ji->i", cov, weight) for key, cov in covariances.items()}
+        return covariances
 
     def contributions(self) -> dict[str, Array]:
         """Return the share of every term in the variances of the p parameters of interest.
@@ -294,21 +304,6 @@ class Information:
         for (_, term), share in self.shares().items():
             by_term[term] = by_term.get(term, 0.0) + share
         return by_term
-
-    def prior_shares(self) -> Array:
-        """Return the share of each parameter's own prior in the variance of each parameter, (p, p).
-
-        The parameters are the p parameters of interest. Row i divides the part of the variance of
-        parameter i that comes from the priors of the parameters of interest; column j is due to the
-        prior of parameter j. The sum of row i is the share with the key ``(OWN, OWN)`` of `shares`.
-        With flat priors all shares are zero.
-        """
-        p = len(self.interest)
-        if self.flat:
-            return np.zeros((p, p))
-        covariance = self.covariance()[np.ix_(self.interest, self.interest)]
-        variance = np.diag(covariance)
-        return covariance**2 / np.where(variance > 0.0, variance, 1.0)[:, None]
 
     def sd_from_readings(self) -> Array:
         """Return the sd to which the readings alone narrow each nuisance coefficient, shape (m,).

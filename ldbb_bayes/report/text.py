@@ -221,7 +221,11 @@ def _largest_sources(budget: Budget) -> str:
         if share >= _LARGE_SHARE:
             shares[contribution.term] = share
     terms = units.ranked(shares, shares.__getitem__)[:_MOST_SOURCES]
-    return ", ".join(f"{wording.source_words(term)} {100 * shares[term]:.0f} %" for term in terms)
+    texts = []
+    for term in terms:
+        origin = wording.origin_words(budget.origin_of(term))
+        texts.append(f"{wording.source_words(term)} {100 * shares[term]:.0f} % ({origin})")
+    return ", ".join(texts)
 
 
 @parts_of.register
@@ -243,11 +247,12 @@ def _passages_of_budget(budget: Budget) -> tuple[Passage, ...]:
     if abs(small_share) >= _NEGLIGIBLE_SHARE:
         u_small = two_digits(max(small_share, 0.0) ** 0.5 * budget.u * factor)
         share = f"{100 * small_share:.1f} %"
-        rows.append(("all smaller ones", "", "", "", "", u_small, share))
-    rows.append(("together", "", "", "", "", two_digits(budget.u * factor), "100.0 %"))
+        rows.append(("all smaller ones", "", "", "", "", "", u_small, share))
+    rows.append(("together", "", "", "", "", "", two_digits(budget.u * factor), "100.0 %"))
     heads = (
         "source",
         "type",
+        "origin",
         "its u",
         "its unit",
         f"sensitivity ({unit} per its unit)",
@@ -255,7 +260,7 @@ def _passages_of_budget(budget: Budget) -> tuple[Passage, ...]:
         "share",
     )
     caption = f"Budget of {display_name(budget.parameter)}"
-    return (Table.of(caption, heads, rows, text=("type", "its unit")),)
+    return (Table.of(caption, heads, rows, text=("type", "origin", "its unit")),)
 
 
 def _budget_row(contribution: Any, factor: float) -> tuple[str, ...]:
@@ -271,6 +276,7 @@ def _budget_row(contribution: Any, factor: float) -> tuple[str, ...]:
     return (
         source.words,
         contribution.kind,
+        wording.origin_words(contribution.origin),
         u,
         unit,
         sensitivity,

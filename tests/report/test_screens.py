@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.verdicts import Verdict
-from ldbb_bayes.report import figures
+from ldbb_bayes.report import figures, wording
 from ldbb_bayes.units import (
     display_name,
     display_unit,
@@ -74,24 +74,40 @@ def test_a_wide_terminal_does_not_make_long_lines(
     assert max(map(len, str(identified).splitlines())) <= 100
 
 
-def test_identify_prints_u_and_verdict_of_each(
+def test_identify_prints_a_row_for_each_parameter(
     identified: lb.analysis.Identifiability, width: int
 ) -> None:
+    """U now, verdict, what holds it and how much, cheapest cure and U then."""
     text = str(identified)
     check_screen(text, width)
     for name, entry in identified.parameters.items():
-        u = round_uncertainty(entry.sd * display_unit(entry.unit)[0])[0]
+        factor = display_unit(entry.unit)[0]
         row = row_of(text, display_name(name))
-        assert row[1] == u
-        assert str(entry.verdict) in " ".join(row)
+        assert row[1] == round_uncertainty(2.0 * entry.sd * factor)[0]
+        assert f"{entry.verdict}:" in row
+        largest = next(iter(entry.partner_shares.values()), entry.held_by.share)
+        assert f"{100.0 * largest:.0f} %" in " ".join(row)
+        if entry.remedy is None:
+            assert row[-1] == "–"
+        else:
+            assert row[-1] == round_uncertainty(2.0 * entry.remedy.sd * factor)[0]
+            assert wording.cure_in_words(entry.remedy) in " ".join(row)
     first_lines = " ".join(text.splitlines()[:2])
     for verdict in Verdict:
         number = sum(entry.verdict == verdict for entry in identified.parameters.values())
         assert f"{number} " in first_lines.partition(str(verdict))[0]
 
 
-def test_identify_prints_every_cure(identified: lb.analysis.Identifiability, width: int) -> None:
-    text = " ".join(str(identified).split())
+def test_identify_prints_every_certificate(
+    identified: lb.analysis.Identifiability, width: int
+) -> None:
+    text = str(identified)
+    for name, _ in wording.certificate_rows(identified):
+        assert f"\n{wording.certificate_words(name)}  " in text
+
+
+def test_details_of_identify_hold_every_cure(identified: lb.analysis.Identifiability) -> None:
+    text = " ".join(identified.details().split())
     for sentence in lb.report.with_words(identified)["notes"]:
         assert sentence in text
     for entry in lb.report.with_words(identified)["degeneracies"]:

@@ -1,0 +1,156 @@
+"""The cheapest cure of every parameter, against the campaign that is really bound."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from campaigns import plan, simulated
+
+import ldbb_bayes as lb
+from ldbb_bayes.analysis.remedies import Remedy, RemedyKind, longer_plans
+from ldbb_bayes.analysis.value_of_certificates import CERTIFICATES
+from ldbb_bayes.analysis.verdicts import hyper_parameter_nodes
+from ldbb_bayes.model.bound_information import information_of
+from ldbb_bayes.model.hybrid import BoundModel
+
+FORCES_N = (36.0, 136.0, 238.0, 364.0, 490.0, 616.0, 678.0, 742.0)
+ANGLE = np.arange(72) * 5.0
+DEFAULT = lb.HybridModel.default(0)
+
+
+def one_way(forces_N: tuple[float, ...] = FORCES_N) -> lb.Campaign:
+    """Circles in one direction, in the order of these forces."""
+    return lb.Campaign(tuple(lb.CircularTest(force, ANGLE, direction="CW") for force in forces_N))
+
+
+def sd_of(model: lb.HybridModel, campaign: lb.Campaign, parameter: str) -> float:
+    """Return the standard uncertainty that `identify` states for a plan."""
+    return lb.identify(model, campaign).parameters[parameter].sd
+
+
+def remedy_of(identified: lb.analysis.Identifiability, parameter: str) -> Remedy:
+    remedy = identified.parameters[parameter].remedy
+    assert remedy is not None
+    return remedy
+
+
+@pytest.fixture(scope="module")
+def planned() -> lb.analysis.Identifiability:
+    return lb.identify(DEFAULT, one_way())
+
+
+def test_the_other_direction_as_a_longer_plan_has_it(planned: lb.analysis.Identifiability) -> None:
+    """Lost motion looks like C_XYX until every circle is also run the other way."""
+    remedy = remedy_of(planned, "C_XYX")
+    assert remedy.kind == RemedyKind.DIRECTION
+    assert remedy.circles == len(FORCES_N)
+    tests = one_way().tests
+    other = [replace(test, direction="CCW", name="") for test in tests]
+    longer = lb.Campaign((*tests, *other))
+    assert remedy.sd == pytest.approx(sd_of(DEFAULT, longer, "C_XYX"), rel=1e-9)
+    assert remedy.ratio == pytest.approx(remedy.sd / planned.parameters["C_XYX"].sd, rel=1e-9)
+
+
+def test_turned_balls_as_a_longer_plan_has_them(planned: lb.analysis.Identifiability) -> None:
+    remedy = remedy_of(planned, "E_YX2")
+    assert remedy.kind == RemedyKind.BALLS
+    tests = one_way().tests
+    further = [replace(t, work_ball_deg=45.0, tool_ball_deg=45.0, name="") for t in tests]
+    longer = lb.Campaign((*tests, *further))
+    assert remedy.sd == pytest.approx(sd_of(DEFAULT, longer, "E_YX2"), rel=1e-9)
+
+
+def test_a_certificate_as_a_certified_plan_has_it() -> None:
+    first = lb.HybridModel.first(0)
+    remedy = remedy_of(lb.identify(first, one_way()), "E_XX1")
+    assert remedy.kind == RemedyKind.CERTIFICATE
+    assert remedy.certificate == "bar ± 1 µm"
+    assert remedy.circles == 0
+    instrument = lb.Instrument(**CERTIFICATES[remedy.certificate])
+    certified = replace(one_way(), instrument=instrument)
+    assert remedy.sd == pytest.approx(sd_of(first, certified, "E_XX1"), rel=1e-9)
+
+
+def test_hyper_parameters_of_readings_are_carried_over_by_name() -> None:
+    """With readings, φ is the posterior mean; what only the longer plan has is at its median."""
+    campaign = simulated(one_way())
+    identified = lb.identify(DEFAULT, campaign)
+    bound = DEFAULT.bind(campaign)
+    weight, nodes = hyper_parameter_nodes(bound)
+    known = dict(zip(bound.hyper_prior.names, weight @ nodes, strict=True))
+    plan_both_ways = longer_plans(bound)[RemedyKind.DIRECTION]
+    longer = BoundModel(DEFAULT, plan_both_ways, pilot=campaign)
+    names = longer.hyper_prior.names
+    assert "eta" in names
+    assert "eta" not in known
+    median = longer.hyper_prior.quantile(np.full(len(names), 0.5))
+    phi = np.array([known.get(name, median[k]) for k, name in enumerate(names)])
+    information = information_of(longer, phi)
+    sd = np.sqrt(information.variances()) * information.scale[information.interest]
+    remedy = remedy_of(identified, "C_XYX")
+    assert remedy.kind == RemedyKind.DIRECTION
+    assert remedy.sd == pytest.approx(sd[longer.names.index("C_XYX")], rel=1e-6)
+
+
+def test_nothing_but_the_plan_changes_with_a_pilot() -> None:
+    """A plan with the readings as pilot has the uncertainties of the campaign itself."""
+    campaign = simulated(one_way())
+    bound = DEFAULT.bind(campaign)
+    phi = bound.hyper_prior.quantile(np.full(len(bound.hyper_prior.names), 0.5))
+    timed = [replace(test, time_s=360.0 * k) for k, test in enumerate(campaign.plan().tests)]
+    same = BoundModel(DEFAULT, replace(campaign.plan(), tests=tuple(timed)), pilot=campaign)
+    np.testing.assert_allclose(
+        information_of(same, phi).variances(), information_of(bound, phi).variances(), rtol=1e-6
+    )
+
+
+@pytest.mark.parametrize("degree", [0, 1])
+@pytest.mark.parametrize(
+    "campaign", [one_way(), one_way(FORCES_N[::2]), plan()], ids=["eight", "four", "unstated"]
+)
+def test_more_circles_are_for_what_is_measured_here(campaign: lb.Campaign, degree: int) -> None:
+    for entry in lb.identify(lb.HybridModel.default(degree), campaign).parameters.values():
+        if entry.remedy is not None and entry.remedy.kind == RemedyKind.CIRCLES:
+            assert entry.verdict != "confounded"
+            assert entry.origin_shares["measured here"] > 0.5  # type: ignore[index]
+
+
+def test_circles_of_a_scattering_campaign_are_to_be_repeated() -> None:
+    model = lb.HybridModel.first(0)
+    remedy = remedy_of(lb.identify(model, plan()), "C_XYX")
+    assert remedy.kind == RemedyKind.CIRCLES
+    twice = lb.Campaign((*plan().tests, *(replace(test, name="") for test in plan().tests)))
+    assert remedy.sd == pytest.approx(sd_of(model, replace(plan(), tests=twice.tests), "C_XYX"))
+
+
+def test_both_directions_need_no_other_one() -> None:
+    tests = one_way().tests
+    both = lb.Campaign((*tests, *(replace(test, direction="CCW", name="") for test in tests)))
+    assert RemedyKind.DIRECTION not in longer_plans(DEFAULT.bind(both))
+    assert RemedyKind.DIRECTION in longer_plans(DEFAULT.bind(one_way()))
+
+
+def test_a_plan_is_shuffled_without_further_circles() -> None:
+    shuffled = longer_plans(DEFAULT.bind(one_way()))[RemedyKind.ORDER]
+    forces = [test.force_N for test in shuffled.tests]
+    assert sorted(forces) == list(FORCES_N)
+    assert abs(np.corrcoef(forces, np.arange(8))[0, 1]) < 0.02
+    assert RemedyKind.ORDER not in longer_plans(DEFAULT.without("drift").bind(one_way()))
+
+
+def test_hyper_parameters_carried_to_another_campaign() -> None:
+    """Those of the same name keep their values, new ones have their prior median."""
+    short = DEFAULT.bind(one_way(FORCES_N[:4])).hyper_prior
+    long = DEFAULT.bind(one_way()).hyper_prior
+    phi = short.quantile(np.array([[0.2] * len(short.names), [0.7] * len(short.names)]))
+    carried = long.carried(short, phi)
+    assert carried.shape == (2, len(long.names))
+    median = long.quantile(np.full(len(long.names), 0.5))
+    for k, name in enumerate(long.names):
+        if name in short.names:
+            np.testing.assert_array_equal(carried[:, k], phi[:, short.names.index(name)])
+        else:
+            assert carried[:, k] == pytest.approx(median[k])
+    assert any(name not in short.names for name in long.names)
