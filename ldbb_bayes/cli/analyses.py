@@ -40,13 +40,14 @@ def identify(
     campaign: arguments.GivenCampaign,
     model: arguments.ChosenModel,
     output: arguments.OutputOptions,
+    settings: Annotated[dict[str, Any], group(**options_of("identify"))],
 ) -> None:
-    """Say which parameters the readings can separate, which are confounded, and what would help.
+    """Say what holds the uncertainty of each parameter, which are confounded, and what would help.
 
     The campaign may be a plan (without readings), so that this can be found before the experiment.
     """
-    # This module is imported here, because it loads the analysis, which takes a long time.
-    from ldbb_bayes.report import identifiability_text
+    # These modules are imported here, because they load the analysis, which takes a long time.
+    from ldbb_bayes.report import identifiability_text, screens
 
     output.check(
         "identify.json",
@@ -71,7 +72,9 @@ def identify(
         "correlation.csv": result.correlation.rename_axis("coefficient").reset_index(),
     }
     circles = [test.circle for test in campaign.tests]
-    passages = identifiability_text.parts_of(result)
+    passages = (*screens.screen_of(result)[:-1], wording.ALL_DETAILS)
+    if settings["details"]:
+        passages = identifiability_text.parts_of(result)
     output.deliver(
         record,
         (f"Compliance {_DEGREES[model.degree]} in force.", *_with_remarks(passages, campaign)),

@@ -49,6 +49,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ALIKE",
+    "ALL_DETAILS",
     "DEGREES",
     "IN_FORCE",
     "MORE",
@@ -129,6 +130,7 @@ IN_FORCE = ("constant", "linear in force", "quadratic in force")
 ALIKE = "The readings of this campaign cannot separate:"
 TO_SEPARATE = "To separate what looks exactly alike:"
 TO_NARROW = "What would narrow them:"
+ALL_DETAILS = "Priors, origins and what no reading separates: --details."
 MORE = "All of it: print(result.details()). For programs: lb.report.with_words(result)."
 NONE_ALIKE = "The readings determine every combination of what the model contains."
 

@@ -26,10 +26,13 @@ from reports import undrawn
 from typer.testing import CliRunner
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.aliases import Degeneracy, StandingKind
+from ldbb_bayes.analysis.aliases import Degeneracy
 from ldbb_bayes.analysis.comparison import Sign
 from ldbb_bayes.analysis.cures import Cure
 from ldbb_bayes.analysis.machine_description import VisibleParameter
+from ldbb_bayes.analysis.origins import Origin
+from ldbb_bayes.analysis.remedies import Remedy, RemedyKind
+from ldbb_bayes.analysis.verdicts import Source
 from ldbb_bayes.campaign.preview import Remark, RemarkKind
 from ldbb_bayes.cli import app
 from ldbb_bayes.fleet.campaign_row import Job, Settings, fit_row
@@ -246,7 +249,8 @@ def test_words_decide_nothing(
     ("words", "kinds"),
     [
         (wording._SENTENCES["cures"], set(Cure) - {Cure.CALIBRATION}),
-        (wording._SENTENCES["standing"], StandingKind),
+        (wording._SENTENCES["plans"], set(RemedyKind) - {RemedyKind.CERTIFICATE}),
+        (wording._SENTENCES["origins"], Origin),
         (wording._SENTENCES["concerns"], {*ConcernKind, "one-force"}),
         (wording._SENTENCES["remarks"] | wording._SENTENCES["choices"], RemarkKind),
         (wording._SENTENCES["signs"], Sign),
@@ -646,25 +650,104 @@ def test_no_parameter_has_changed() -> None:
 
 
 def test_what_a_certificate_would_bring() -> None:
-    """Parameters that it narrows by a tenth or more."""
+    """Parameters that it narrows by a tenth or more, the most narrowed first."""
     identifiability = SimpleNamespace(
         certificates={
-            "none of these": {"C_XXX": 1.0, "E_XX1": 1.0},
-            "bar": {"C_XXX": 0.95, "E_XX1": 0.5},
-            "mount": {"C_XXX": 0.95, "E_XX1": 1.0},
-        },
-        hyper_um={"sigma": 0.3},
-        measured=False,
-        effective_parameters=1.5,
-        parameters=("C_XXX", "E_XX1"),
+            "none of these": {"C_XXX": 1.0, "E_XX1": 1.0, "E_C0YX": 1.0},
+            "bar": {"C_XXX": 0.95, "E_XX1": 0.5, "E_C0YX": 0.2},
+            "mount": {"C_XXX": 0.95, "E_XX1": 1.0, "E_C0YX": 1.0},
+        }
+    )
+    assert wording.certificate_rows(identifiability) == [
+        ("bar", "E_C(0Y)X 20 %, E_XX1 50 %"),
+        ("mount", "none by a tenth"),
+    ]
+    assert wording.certificate_rows(identifiability, 1)[0] == ("bar", "E_C(0Y)X 20 %, …")
+
+
+def test_at_what_an_identifiability_holds() -> None:
+    identifiability = SimpleNamespace(
+        hyper_um={"sigma": 0.3}, measured=False, effective_parameters=1.5, parameters=("a", "b")
     )
     sentences = wording.identifiability_sentences(identifiability)
     assert "at sigma = 0.3 µm (prior median; no readings)." in sentences[0]
     assert sentences[1].startswith("Effective number of parameters 1.5 of 2 (")
-    assert sentences[-2:] == (
-        "A certificate (bar) would bring u of E_XX1 to 50 % of what it is.",
-        "A certificate (mount) would narrow no parameter by a tenth.",
+
+
+def judged(verdict: str, held_by: Source, **partner_shares: float) -> Any:
+    """A verdict on a parameter, with the source that holds it and its partners."""
+    return SimpleNamespace(
+        verdict=verdict,
+        held_by=held_by,
+        partners=tuple(partner_shares),
+        partner_shares=partner_shares,
+        origin_shares={"measured here": 0.25, "stated": 0.0, "assumed": 0.75},
     )
+
+
+MOUNT = Source("Mount", Origin.ASSUMED, 0.39)
+IDENTIFIED = judged("identified", MOUNT)
+CONFOUNDED = judged("confounded", MOUNT, Mount=0.39, E_YY1=0.2)
+LIMITED = judged("prior-limited", Source("Parameters", Origin.ASSUMED, 0.9))
+
+
+@pytest.mark.parametrize(
+    ("entry", "words", "short", "held_by"),
+    [
+        (
+            IDENTIFIED,
+            "identified, limited by mount (39 %, assumed)",
+            "identified: mount 39 %",
+            "mount 39 %, assumed",
+        ),
+        (
+            CONFOUNDED,
+            "confounded with mount (39 %) and prior of E_YY1 (20 %)",
+            "confounded: mount 39 %, …",
+            "mount 39 %, prior of E_YY1 20 %, assumed",
+        ),
+        (LIMITED, "prior-limited", "prior-limited: its prior 90 %", "its prior 90 %, assumed"),
+    ],
+)
+def test_verdicts_in_words(entry: Any, words: str, short: str, held_by: str) -> None:
+    assert wording.verdict_words(entry) == words
+    assert wording.short_verdict_words(entry) == short
+    assert wording.held_by_words(entry) == held_by
+    assert wording.origins_in_words(entry) == "25 / 0 / 75"
+
+
+def test_verdicts_without_shares() -> None:
+    assert wording.verdict_words(CONFOUNDED, shares=False) == (
+        "confounded with mount and prior of E_YY1"
+    )
+    assert wording.verdict_words(IDENTIFIED, shares=False) == "identified"
+
+
+def test_confounded_parameters_are_one_sentence() -> None:
+    verdicts = {"C_XXX": CONFOUNDED, "C_YYY": CONFOUNDED, "C_XYX": IDENTIFIED}
+    (sentence,) = wording.confounded_sentences(verdicts)
+    assert sentence.startswith("Confounded: C_XXX and C_YYY with mount and E_YY1. Nobody measured")
+    assert not list(wording.confounded_sentences({"C_XYX": IDENTIFIED}))
+
+
+def test_what_is_switched_off_is_named() -> None:
+    assert wording.not_modelled_sentences(("BallForm", "Drift")) == (
+        "Not modelled: ball form and drift. No interval covers what was switched off.",
+    )
+    assert wording.not_modelled_sentences(()) == ()
+
+
+@pytest.mark.parametrize(
+    ("kind", "certificate", "words"),
+    [
+        (RemedyKind.DIRECTION, "", "both ways"),
+        (RemedyKind.CERTIFICATE, "mount ± 2 %", "mount ± 2 %"),
+        (RemedyKind.CERTIFICATE, "balls of grade G10", "G10 balls"),
+    ],
+)
+def test_cures_in_words(kind: RemedyKind, certificate: str, words: str) -> None:
+    assert wording.cure_in_words(Remedy(kind, certificate, 0, 1.0, 0.5)) == words
+    assert wording.cure_in_words(None) == "–"
 
 
 def test_doubts_about_one_bar_for_all_machines() -> None:
