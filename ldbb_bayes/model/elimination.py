@@ -32,14 +32,15 @@ holds the signs ±1 of the Cholesky pivots, and |L⁻¹ Aᵀ D⁻¹ r|² is a su
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array, csr_array
+from scipy.sparse import coo_array, csr_array, diags_array
 
-from ldbb_bayes.model.ordering import Group, elimination_groups, heights
-from ldbb_bayes.model.triangular import eliminate
+from ldbb_bayes.model.ordering import PRODUCT_COLUMNS, Group, elimination_groups, heights
+from ldbb_bayes.model.triangular import eliminate, solve_columns
 from ldbb_bayes.results import Array
 
 __all__ = ["BLAS_MULTIPLE", "FEWEST_PHI", "DesignRows", "Elimination", "Front"]
@@ -48,20 +49,25 @@ __all__ = ["BLAS_MULTIPLE", "FEWEST_PHI", "DesignRows", "Elimination", "Front"]
 _MOST_PHI = 512
 # Smallest number of values of the hyper-parameters for which matrices are factorised in one pass,
 # even if the factors do not fit into the processor's cache.
-FEWEST_PHI = 128
+FEWEST_PHI = 256
 # Number of floating-point numbers that are assumed to fit into the processor's cache.
 _CACHE_SIZE = 1 << 19
 # Values of the hyper-parameters are processed in multiples of this number. The library of matrix
 # products (BLAS) rounds such multiples identically, so that results do not depend on how many
 # values are processed together.
 BLAS_MULTIPLE = 8
-# Number of columns of a border whose products with the border one call computes. A smaller number
-# wastes time in function calls; a larger one computes products twice, because the matrix of
-# products is symmetric.
-_UPDATE_COLUMNS = 8
-# Share of Gram entries that are not zero from which on the matrix of Gram entries is stored with
-# its zeros. Multiplying by such a matrix takes a third of the time for each entry (measured).
+# Share of Gram entries that are not zero from which on the Gram entries of a front are stored with
+# their zeros. Multiplying by such a matrix takes a third of the time for each entry (measured).
 _DENSE_SHARE = 0.35
+# Number of Gram entries that are not zero from which on function calls for such a matrix pay.
+_FEWEST_DENSE = 500
+# Number of terms of the products of border columns from which on the products of one column at a
+# time are computed, which takes more function calls but reads less from the processor's cache.
+_MANY_TERMS = 12
+# Number of columns whose entries one product with a dense matrix of Gram entries computes. A
+# smaller number wastes time in function calls; a larger one computes entries below the diagonal
+# that are not needed.
+_GRAM_COLUMNS = 4
 
 
 class Update(NamedTuple):
@@ -98,7 +104,45 @@ class Front(NamedTuple):
     #: all are positive. A pivot is negative where a prior variance is negative
     #: (`Observations.signs`).
     signs: Array | None
+    #: Indices of the s columns of each group in the design matrix, shape (groups, s).
+    columns: NDArray[np.intp]
+    #: Indices of the m columns of each group's border in the design matrix, shape (groups, m).
+    border: NDArray[np.intp]
     updates: list[Update]
+
+    def dense_gram(self, gram: csr_array) -> list[DenseGram]:
+        """Return the Gram entries of the groups with their zeros, or nothing if most are zero.
+
+        ``gram`` (entries of the workspace, kinds) holds the Gram entries of all groups.
+        """
+        groups = self.shape[0]
+        columns = self.shape[1]
+        length = self.shape[2]
+        own_gram = gram[self.entries].tocoo()
+        group_of_product = own_gram.row // (columns * length)
+        kinds = []
+        for group in range(groups):
+            kinds.append(np.unique(own_gram.col[group_of_product == group]))
+        most_kinds = max(len(group_kinds) for group_kinds in kinds)
+        stored = groups * columns * (length - (columns - 1) / 2)
+        blocks_needed = -(-columns // _GRAM_COLUMNS)
+        fewest = max(_DENSE_SHARE * stored * most_kinds, _FEWEST_DENSE * blocks_needed)
+        if own_gram.nnz < fewest:
+            return []
+        # Groups that have fewer kinds of rows than others get additional products of zero.
+        padded_kinds = np.zeros((groups, most_kinds), dtype=np.intp)
+        rows = np.zeros((groups, columns * length, most_kinds))
+        for group, group_kinds in enumerate(kinds):
+            padded_kinds[group, : len(group_kinds)] = group_kinds
+            first = self.entries.start + group * columns * length
+            group_gram = gram[first : first + columns * length]
+            rows[group, :, : len(group_kinds)] = group_gram[:, group_kinds].toarray()
+        products = rows.reshape(*self.shape, most_kinds)
+        blocks = []
+        for first in range(0, columns, _GRAM_COLUMNS):
+            block = products[:, first : first + _GRAM_COLUMNS, first:]
+            blocks.append(DenseGram(self, first, padded_kinds, block.copy()))
+        return blocks
 
     def eliminate(self, workspace: Array) -> None:
         """Compute the groups' columns of L, and subtract their products from later columns.
@@ -120,6 +164,49 @@ class Front(NamedTuple):
             left = signed.reshape(by_border)[:, :, update.first : update.stop]
             right = links.reshape(by_border)[:, :, update.first :]
             workspace[update.targets] -= np.einsum("akiw,akjw->aijw", left, right)
+
+    def solve(self, workspace: Array, solution: Array) -> None:
+        """Replace the groups' part of L⁻¹ Aᵀ D⁻¹ r by their part of the coefficients P⁻¹ Aᵀ D⁻¹ r.
+
+        ``workspace`` (entries, w) holds the entries of L. ``solution`` (columns of A, w) is changed
+        in place; it already holds the coefficients of columns that are eliminated later.
+        """
+        columns = self.shape[1]
+        matrix = workspace[self.entries].reshape(*self.shape, workspace.shape[1])
+        right = solution[self.columns]
+        links = matrix[:, :, columns:-1]
+        right -= np.einsum("gsmw,gmw->gsw", links, solution[self.border])
+        triangles = np.moveaxis(matrix[:, :, :columns], 0, 2)
+        solved = solve_columns(triangles, np.moveaxis(right, 0, 1))
+        solution[self.columns] = np.moveaxis(solved, 1, 0)
+
+
+class DenseGram(NamedTuple):
+    """Gram entries of some columns of every group of a front, with those that are zero.
+
+    A Gram entry is the scalar product of two columns of the design matrix, or of a column and the
+    readings, summed over the rows of one kind.
+    """
+
+    front: Front
+    #: First of the columns of every group; entries before its diagonal are left out.
+    first: int
+    #: Indices of k kinds of rows for each group, shape (groups, k).
+    kinds: NDArray[np.intp]
+    #: Gram entries, shape (groups, columns, entries of a column, k).
+    products: Array
+
+    def assemble(self, weight: Array, workspace: Array) -> None:
+        """Write the entries of P and of Aᵀ D⁻¹ r that belong to the columns into the workspace.
+
+        ``weight`` (kinds, w) is the reciprocal variance of every kind of row, and ``workspace``
+        (entries, w) is changed in place.
+        """
+        shape = self.front.shape
+        matrix = workspace[self.front.entries].reshape(*shape, weight.shape[1])
+        stop = self.first + self.products.shape[1]
+        out = matrix[:, self.first : stop, self.first :]
+        np.matmul(self.products, weight[self.kinds][:, None], out=out)
 
 
 class Elimination:
@@ -149,30 +236,39 @@ class Elimination:
         signs: Array,
     ) -> None:
         size = columns.shape[1]
-        families = _families_of_fronts(groups)
+        families_of_fronts = _families_of_fronts(groups)
         # Row of the workspace that holds the entry of column i for column j, and, as its last
         # column, the right-hand side of column i; −1 if there is no such row.
         self._place = np.full((size, size + 1), -1, dtype=np.intp)
         start = 0
-        for front in families:
-            for family in front:
+        for families in families_of_fronts:
+            for family in families:
                 for group in family:
                     start = self._place_group(group, start)
         #: Number of matrix entries that are computed for one value of the hyper-parameters, with
         #: one that takes what is not needed.
         self.entries = start + 1
-        self.fronts = [self._front(front, signs) for front in families]
+        self.fronts = [self._front(families, signs) for families in families_of_fronts]
         self._pivots = self._place[np.arange(size), np.arange(size)]
         self._right = self._place[:, size]
         self._half_signs = 0.5 * signs
-        self._gram = self._gram_entries(columns, values, kinds)
+        gram = self._gram_entries(columns, values, kinds)
+        self._dense_gram: list[DenseGram] = []
+        sparse_entries = np.ones(self.entries)
+        for front in self.fronts:
+            blocks = front.dense_gram(gram)
+            self._dense_gram += blocks
+            if blocks:
+                sparse_entries[front.entries] = 0.0
+        self._sparse_gram = (diags_array(sparse_entries) @ gram).tocsr()
+        self._sparse_gram.eliminate_zeros()
 
     @property
     def chunk_size(self) -> int:
         """Number of values of the hyper-parameters for which one pass computes the factors.
 
         It is the largest multiple of 8 for which the factors fit into the processor's cache, but at
-        least 128 and at most 512.
+        least 256 and at most 512.
         """
         fitting = _CACHE_SIZE // self.entries // BLAS_MULTIPLE * BLAS_MULTIPLE
         return max(FEWEST_PHI, min(_MOST_PHI, fitting))
@@ -204,11 +300,14 @@ class Elimination:
         LinAlgError
             If some coefficient is determined neither by readings nor by its prior.
         """
-        workspace = self._gram @ weight
+        workspace = self._sparse_gram @ weight
+        for block in self._dense_gram:
+            block.assemble(weight, workspace)
         if shift is not None:
             workspace[self._right] += shift
-        for front in self.fronts:
-            front.eliminate(workspace)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            for front in self.fronts:
+                front.eliminate(workspace)
         white_shift = workspace[self._right]
         log_determinant = np.log(workspace[self._pivots]).sum(axis=0)
         square = np.einsum("c,cw,cw->w", self._half_signs, white_shift, white_shift)
@@ -216,6 +315,16 @@ class Elimination:
         if not np.isfinite(gain).all():
             raise np.linalg.LinAlgError("readings and priors must determine every coefficient")
         return workspace, gain
+
+    def solve(self, workspace: Array) -> Array:
+        """Return the coefficients P⁻¹ Aᵀ D⁻¹ r, shape (columns of A, w).
+
+        ``workspace`` (entries, w) holds L and L⁻¹ Aᵀ D⁻¹ r, as `factorize` returns them.
+        """
+        solution = workspace[self._right]
+        for front in reversed(self.fronts):
+            front.solve(workspace, solution)
+        return np.asarray(solution)
 
     def copy_factor(
         self, workspace: Array, wanted: NDArray[np.intp], *, lower: Array, white_shift: Array
@@ -263,6 +372,8 @@ class Elimination:
             slice(int(first), int(first) + int(np.prod(shape))),
             shape,
             front_signs if (front_signs < 0.0).any() else None,
+            columns,
+            np.array([group.border for group in groups], dtype=np.intp),
             self._updates(families),
         )
 
@@ -277,8 +388,10 @@ class Elimination:
         for alike in _disjoint_families(families):
             stop = start + len(alike) * len(alike[0])
             borders = np.array([family[0].border for family in alike])
-            for first in range(0, borders.shape[1], _UPDATE_COLUMNS):
-                last = min(first + _UPDATE_COLUMNS, borders.shape[1])
+            terms = len(alike[0]) * len(alike[0][0].columns)
+            at_once = 1 if terms >= _MANY_TERMS else PRODUCT_COLUMNS
+            for first in range(0, borders.shape[1], at_once):
+                last = min(first + at_once, borders.shape[1])
                 targets = [self._targets(border, first, last) for border in borders]
                 updates.append(
                     Update(slice(start, stop), len(alike), first, last, np.array(targets))
@@ -296,37 +409,29 @@ class Elimination:
         not_needed = np.tril(np.ones(targets.shape, dtype=bool), k=-1)
         return np.where(not_needed, self.entries - 1, targets)
 
-    def _gram_entries(
-        self, columns: Array, values: Array, kinds: NDArray[np.intp]
-    ) -> Array | csr_array:
+    def _gram_entries(self, columns: Array, values: Array, kinds: NDArray[np.intp]) -> csr_array:
         """Return scalar products of columns and readings, shape (entries, kinds).
 
-        Every product is a sum over the rows of one kind. The matrix is sparse if most of its
-        elements are zero.
+        Every product is a sum over the rows of one kind.
         """
-        entries = []
-        entry_kinds = []
-        products = []
-        for kind in range(kinds.max(initial=-1) + 1):
+        entries = [np.zeros(0, dtype=np.intp)]
+        entry_kinds = [np.zeros(0, dtype=np.intp)]
+        products = [np.zeros(0)]
+        count = kinds.max(initial=-1) + 1
+        for kind in range(count):
             rows = columns[kinds == kind]
             involved = np.flatnonzero(rows.any(axis=0))
             involved = involved[np.argsort(self._pivots[involved])]
-            readings = values[kinds == kind]
-            bordered = np.column_stack([rows[:, involved], readings])
+            bordered = np.column_stack([rows[:, involved], values[kinds == kind]])
             gram = bordered[:, :-1].T @ bordered
             places = self._place[np.ix_(involved, np.append(involved, columns.shape[1]))]
             stored = np.triu(np.ones(gram.shape, dtype=bool)) & (gram != 0.0)
             entries.append(places[stored])
             products.append(gram[stored])
             entry_kinds.append(np.full(len(products[-1]), kind))
-        shape = (self.entries, len(entries))
-        if not entries:
-            return np.zeros(shape)
         place = (np.concatenate(entries), np.concatenate(entry_kinds))
-        sparse = coo_array((np.concatenate(products), place), shape=shape)
-        if sparse.nnz > _DENSE_SHARE * np.prod(shape):
-            return sparse.toarray()
-        return sparse.tocsr()
+        shape = (self.entries, count)
+        return coo_array((np.concatenate(products), place), shape=shape).tocsr()
 
 
 class DesignRows:
@@ -379,14 +484,14 @@ class DesignRows:
             self._eliminations[last] = self._eliminate(self._columns, self._signs, last_columns)
         return self._eliminations[last]
 
+    @cached_property
     def private_elimination(self) -> Elimination:
-        """Return the elimination of columns of single tests, in the order in which they stand.
+        """Elimination of the columns of single tests, if the coefficients of all others are known.
 
-        The coefficients of all other columns are known. Columns are counted from the first one of
-        the first test.
+        Columns are counted from the first one of the first test.
         """
         columns = self._columns[:, self._shared :]
-        return self._eliminate(columns, self._signs[self._shared :], np.arange(columns.shape[1]))
+        return self._eliminate(columns, self._signs[self._shared :], np.arange(0))
 
     def _eliminate(self, columns: Array, signs: Array, last: NDArray[np.intp]) -> Elimination:
         groups = elimination_groups(columns != 0.0, last)

@@ -33,6 +33,7 @@ from numpy.typing import NDArray
 from ldbb_bayes.model.elimination import BLAS_MULTIPLE, FEWEST_PHI, DesignRows
 from ldbb_bayes.model.fourier import SIZE
 from ldbb_bayes.model.gaussian import Gaussian
+from ldbb_bayes.model.linear_algebra import sparse_or_dense
 from ldbb_bayes.model.observations import observation_equations
 from ldbb_bayes.model.reduction import Reduced
 from ldbb_bayes.model.terms import BasisNoise, Columns
@@ -136,7 +137,9 @@ class StructuredGaussian:
             _round_to_ten_digits(rows.variance), axis=0, return_index=True, return_inverse=True
         )
         self._kinds = kinds.ravel()
-        self._kind_variance = rows.variance[first]
+        # Each row of variances has one sign, because negative variances come from negative priors.
+        self._kind_signs = np.where(rows.variance[first].sum(axis=1) < 0.0, -1.0, 1.0)
+        self._kind_variance = sparse_or_dense(np.abs(rows.variance[first]))
         # Rows of the observation equations that depend on the parameters of interest are evaluated
         # in every call. The products of all other rows are computed only once, here.
         depends = (rows.interest != 0.0).any(axis=1)
@@ -148,7 +151,7 @@ class StructuredGaussian:
             signs=observed.signs,
             shared=observed.shared,
         )
-        self._moving_columns = rows.columns[depends]
+        self._moving_columns = sparse_or_dense(rows.columns[depends].T)
         self._moving_interest = rows.interest[depends]
         self._moving_values = rows.values[depends]
         self._moving_kinds = self._kinds[depends]
@@ -249,19 +252,15 @@ class StructuredGaussian:
         tests = len(self._private)
         v = len(self._private[0])
         unit = self._unit[:q]
-        elimination = self._design.private_elimination()
+        elimination = self._design.private_elimination
         scaled = np.divide(shared, unit, out=np.zeros(shared.shape), where=unit > 0.0)
-        wanted = np.arange(tests * v)
         mean = np.empty((len(phi), tests * v))
         for batch in self._batches(phi, beta, FEWEST_PHI):
             explained = self._columns[:, :q] @ scaled[batch.phi_index].T
             weighted = explained * batch.weight[self._kinds]
             shift = batch.shift - self._columns.T @ weighted
             workspace, _ = elimination.factorize(batch.weight, shift[q:])
-            lower = np.zeros((tests * v, tests * v, workspace.shape[1]))
-            white_shift = np.empty((tests * v, workspace.shape[1]))
-            elimination.copy_factor(workspace, wanted, lower=lower, white_shift=white_shift)
-            mean[batch.phi_index] = solve_columns(lower, white_shift).T
+            mean[batch.phi_index] = elimination.solve(workspace).T
         return mean.reshape(len(phi), tests, v) * self._unit[q : q + v]
 
     def _batches(
@@ -292,9 +291,9 @@ class StructuredGaussian:
             rounded_size = -(-size // BLAS_MULTIPLE) * BLAS_MULTIPLE
             index = np.arange(start, start + rounded_size)
             index = np.minimum(index, len(phi) - 1)
-            variance = self._variances(phi[index])
-            weight = 1.0 / variance
-            log_variance = np.log(np.abs(variance))
+            magnitude = self._variances(phi[index])
+            weight = self._kind_signs[:, None] / magnitude
+            log_variance = np.log(magnitude)
             log_determinant = np.einsum("tk,kw->tw", self._count, log_variance)
             square = log_determinant + np.einsum("tk,kw->tw", self._squares, weight)
             shift = None
@@ -303,23 +302,22 @@ class StructuredGaussian:
                 residual = self._moving_values[:, None] - self._moving_interest @ stacked.T
                 weighted = residual * weight[self._moving_kinds]
                 square += np.ones((1, len(residual))) @ (residual * weighted)
-                shift = self._moving_columns.T @ weighted
+                shift = self._moving_columns @ weighted
             log_density = self._log_constant - 0.5 * square[0]
             yield _Batch(index, weight, shift, log_density)
 
     def _variances(self, phi: Array) -> Array:
-        """Return the noise variance of every kind of row, shape (kinds, w).
+        """Return the absolute noise variance of every kind of row, shape (kinds, w).
 
         Rows of one kind have the same variance. ``phi``, shape (w, h), are w values of the h
-        hyper-parameters, with lengths in mm. Variances with an absolute value below 1e-60 are
-        replaced by this number, with their sign.
+        hyper-parameters, with lengths in mm. Values below 1e-60 are replaced by this number.
         """
         value = dict(zip(self._hypers, np.ascontiguousarray(phi.T), strict=True))
-        sizes = [np.broadcast_to(source.at(value), len(phi)) for source in self._sources]
-        variance = self._kind_variance @ (np.stack(sizes) ** 2)
-        negative = np.minimum(variance, -_LEAST_VARIANCE)
-        positive = np.maximum(variance, _LEAST_VARIANCE)
-        return np.where(variance < 0.0, negative, positive)
+        squares = np.empty((len(self._sources), len(phi)))
+        for k, source in enumerate(self._sources):
+            squares[k] = source.at(value) ** 2
+        variance = self._kind_variance @ squares
+        return np.maximum(variance, _LEAST_VARIANCE, out=variance)
 
 
 def _round_to_ten_digits(values: Array) -> Array:

@@ -24,16 +24,20 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Group", "elimination_groups", "heights"]
+__all__ = ["PRODUCT_COLUMNS", "Group", "elimination_groups", "heights"]
 
-# Time of the function calls that eliminate one column of a group, divided by the time of one
-# multiplication for all hyper-parameters that are processed together (measured).
+# Number of columns of a border whose products with the border one call computes.
+PRODUCT_COLUMNS = 8
+# All costs are times divided by the time of one multiplication for all hyper-parameters that are
+# processed together (measured; results depend little on them).
+# Function calls that a group needs once.
+_GROUP_COST = 100.0
+# Function calls that eliminate one column of a group.
 _COLUMN_COST = 200.0
-# The same for the calls that a group needs once.
-_GROUP_COST = 300.0
-# Time of subtracting one entry of a group's contribution from the matrix of columns eliminated
-# later, divided by the time of one multiplication (measured).
-_UPDATE_COST = 2.0
+# Function calls for the products of `PRODUCT_COLUMNS` columns of a border.
+_PRODUCT_CALL_COST = 250.0
+# Subtraction of one product of two columns of a border from the entries of later columns.
+_UPDATE_COST = 1.0
 
 
 class Group(NamedTuple):
@@ -159,14 +163,18 @@ def _merge(single: list[_Node]) -> list[_Node]:
     """Return the nodes that remain when every node is merged into its parent where this is faster.
 
     The parent of a node contains the first column of its border. Nodes of equal shape are
-    eliminated together and share the time of function calls.
+    eliminated together and share the time of function calls. Merging is repeated until no node is
+    merged any more.
     """
     nodes = dict(enumerate(single))
     node_of = list(range(len(single)))
-    count = Counter(node.shape for node in single)
     merged = True
     while merged:
         merged = False
+        count = Counter(node.shape for node in nodes.values())
+        # A parent has as many nodes like it after a merge as before, because the same nodes are
+        # merged into parents that are alike.
+        alike = {k: count[node.shape] for k, node in nodes.items()}
         for k in sorted(nodes):
             node = nodes[k]
             if not node.border:
@@ -174,11 +182,9 @@ def _merge(single: list[_Node]) -> list[_Node]:
             above = node_of[min(node.border)]
             parent = nodes[above]
             union = node.into(parent)
-            apart = _cost(node.shape, count[node.shape]) + _cost(parent.shape, count[parent.shape])
-            if _cost(union.shape, count[parent.shape]) > apart:
+            apart = _cost(node.shape, alike[k]) + _cost(parent.shape, alike[above])
+            if _cost(union.shape, alike[above]) > apart:
                 continue
-            count.subtract([node.shape, parent.shape])
-            count.update([union.shape])
             for column in node.columns:
                 node_of[column] = above
             nodes[above] = union
@@ -191,12 +197,17 @@ def _cost(shape: tuple[int, int], alike: int) -> float:
     """Return the time of eliminating a node, in units of one multiplication.
 
     ``shape`` are the numbers of columns of the node and of its border; ``alike`` nodes share the
-    time of function calls.
+    time of function calls and of subtracting what they contribute to later columns.
     """
     columns = shape[0]
     border = shape[1]
-    remaining = columns + border + 1 - np.arange(columns)
-    multiplications = (remaining * (remaining + 1) / 2).sum()
-    calls = _GROUP_COST + _COLUMN_COST * columns
-    updates = _UPDATE_COST * border * (border + 3) / 2
-    return float(multiplications + updates + calls / max(alike, 1))
+    place = np.arange(columns)
+    multiplications = (place * (columns + border + 1 - place)).sum()
+    products = border * (border + 3) / 2
+    shared = (
+        _GROUP_COST
+        + _COLUMN_COST * columns
+        + _PRODUCT_CALL_COST * np.ceil(border / PRODUCT_COLUMNS)
+        + _UPDATE_COST * products
+    )
+    return float(multiplications + products * columns + shared / alike)

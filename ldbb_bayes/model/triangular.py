@@ -20,7 +20,7 @@ def eliminate(front: Array, *, signs: Array | None = None) -> None:
     The factor of a symmetric matrix P is the lower triangular matrix L with P = L S Lᵀ, where S is
     a diagonal matrix of signs ±1, by default the unit matrix. Only the first s columns of L are
     computed. Right-hand sides b, stored as further entries of the columns of P, become L⁻¹ b.
-    Entries become NaN where P has no factor with these signs.
+    Entries become NaN, with a warning of NumPy's, where P has no factor with these signs.
 
     Parameters
     ----------
@@ -34,17 +34,16 @@ def eliminate(front: Array, *, signs: Array | None = None) -> None:
     signed = front
     if signs is not None:
         signed = np.empty_like(front)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        for j in range(front.shape[1]):
-            column = front[:, j, j:]
-            if j > 0:
-                column -= np.einsum("gkw,gkiw->giw", signed[:, :j, j], front[:, :j, j:])
-            if signs is None:
-                column *= 1.0 / np.sqrt(column[:, :1])
-            else:
-                sign = signs[:, j, None, None]
-                column *= sign / np.sqrt(sign * column[:, :1])
-                signed[:, j, j:] = sign * column
+    for j in range(front.shape[1]):
+        column = front[:, j, j:]
+        if j > 0:
+            column -= np.einsum("gkw,gkiw->giw", signed[:, :j, j], front[:, :j, j:])
+        if signs is None:
+            column *= 1.0 / np.sqrt(column[:, :1])
+        else:
+            sign = signs[:, j, None, None]
+            column *= sign / np.sqrt(sign * column[:, :1])
+            signed[:, j, j:] = sign * column
 
 
 def solve_lower(
