@@ -18,7 +18,7 @@ import numpy as np
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field
 
-from ldbb_bayes.campaign.campaign import Campaign, CircularTest, MountCompensation
+from ldbb_bayes.campaign.campaign import Campaign, CircularTest, MountCompensation, Order
 from ldbb_bayes.campaign.field_types import Date
 from ldbb_bayes.campaign.folder import LARGEST_PLAN
 from ldbb_bayes.errors import InputError, check_known, placed, require
@@ -225,6 +225,8 @@ class _TruthsFile(BaseModel):
     plane: Literal["XY", "YZ", "ZX"] = "XY"
     radius_mm: float = 150.0
     resolution_um: float = 0.24
+    order: Order | None = None
+    drift: bool = True
     compensated: bool = True
     exact: bool = False
     machine_id: str | None = None
@@ -296,6 +298,8 @@ def _plan(file: _TruthsFile, name: str) -> Campaign:
         plane=file.plane,
         radius_mm=file.radius_mm,
         resolution_um=file.resolution_um,
+        order=file.order,
+        drift=file.drift,
         machine_id=file.machine_id,
         date=file.date,
     )

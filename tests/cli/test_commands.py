@@ -273,7 +273,7 @@ def test_simulate_from_truths(tmp_path: Path, invoke: Invoke) -> None:
     truths = tmp_path / "truths.toml"
     truths.write_text(
         'schema = 1\nforces_N = [50.0, 300.0, 700.0]\nreadings = 90\nmachine_id = "VMC 07"\ndate ='
-        " 2026-11-20\n[parameters]\nC_XXX = 6e-5\nC_YYY = 4e-5\n[hyper_um]\nsigma = 0.2\ndelta ="
+        " 2026-11-20\norder = 'random'\ndrift = false\n[parameters]\nC_XXX = 6e-5\nC_YYY = 4e-5\n[hyper_um]\nsigma = 0.2\ndelta ="
         " 0.0\nkappa = 0.0\ntau = 0.0\n"
     )
     options = ("--preset", "first", "--without", "bar-length,mount,force-error", "--seed", 3)
@@ -282,6 +282,7 @@ def test_simulate_from_truths(tmp_path: Path, invoke: Invoke) -> None:
     truth = json.loads((tmp_path / "c" / "truth.json").read_text())
     assert (truth["sha256"], truth["parameters"]["C_XXX"]) == (campaign.sha256, 6e-5)
     assert (campaign.machine_id, campaign.date) == ("VMC 07", "2026-11-20")
+    assert (campaign.order, campaign.drift) == ("random", False)
     angle = campaign.tests[2].angles_rad()
     expected = 700.0 * (6e-5 * np.cos(angle) ** 2 + 4e-5 * np.sin(angle) ** 2)
     assert np.std(campaign.tests[2].readings_mm() - expected) == pytest.approx(0.2e-3, rel=0.3)

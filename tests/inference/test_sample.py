@@ -203,10 +203,13 @@ def test_every_field_of_a_campaign_comes_back() -> None:
         machine_id="VMC 07",
         date="2026-11-20",
         feed_mm_per_min=2000.0,
+        order="random",
+        drift=False,
     )
     tree = lb.sample(CONSTANT.without("ball-form"), full, sampler="independent", rule=ROUGH)
     assert campaign_of(tree).sha256 == full.sha256
     assert (campaign_of(tree).machine_id, campaign_of(tree).date) == ("VMC 07", "2026-11-20")
+    assert (campaign_of(tree).order, campaign_of(tree).drift) == ("random", False)
 
 
 def test_damaged_results_are_refused(tmp_path: Path, posterior: xr.DataTree) -> None:
