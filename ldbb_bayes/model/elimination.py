@@ -118,16 +118,16 @@ class Front(NamedTuple):
         groups = self.shape[0]
         columns = self.shape[1]
         length = self.shape[2]
-        own_gram = gram[self.entries].tocoo()
-        group_of_product = own_gram.row // (columns * length)
+        front_gram = gram[self.entries].tocoo()
+        group_of_product = front_gram.row // (columns * length)
         kinds = []
         for group in range(groups):
-            kinds.append(np.unique(own_gram.col[group_of_product == group]))
+            kinds.append(np.unique(front_gram.col[group_of_product == group]))
         most_kinds = max(len(group_kinds) for group_kinds in kinds)
         stored = groups * columns * (length - (columns - 1) / 2)
         blocks_needed = -(-columns // _GRAM_COLUMNS)
         fewest = max(_DENSE_SHARE * stored * most_kinds, _FEWEST_DENSE * blocks_needed)
-        if own_gram.nnz < fewest:
+        if front_gram.nnz < fewest:
             return []
         # Groups that have fewer kinds of rows than others get additional products of zero.
         padded_kinds = np.zeros((groups, most_kinds), dtype=np.intp)
@@ -385,16 +385,16 @@ class Elimination:
         """
         updates = []
         start = 0
-        for alike in _disjoint_families(families):
-            stop = start + len(alike) * len(alike[0])
-            borders = np.array([family[0].border for family in alike])
-            terms = len(alike[0]) * len(alike[0][0].columns)
+        for disjoint in _disjoint_families(families):
+            stop = start + len(disjoint) * len(disjoint[0])
+            borders = np.array([family[0].border for family in disjoint])
+            terms = len(disjoint[0]) * len(disjoint[0][0].columns)
             at_once = 1 if terms >= _MANY_TERMS else PRODUCT_COLUMNS
             for first in range(0, borders.shape[1], at_once):
                 last = min(first + at_once, borders.shape[1])
                 targets = [self._targets(border, first, last) for border in borders]
                 updates.append(
-                    Update(slice(start, stop), len(alike), first, last, np.array(targets))
+                    Update(slice(start, stop), len(disjoint), first, last, np.array(targets))
                 )
             start = stop
         return updates
@@ -519,13 +519,13 @@ def _disjoint_families(families: list[list[Group]]) -> list[list[list[Group]]]:
     groups and come one after the other in ``families``.
     """
     lists: list[list[list[Group]]] = []
-    taken: set[int] = set()
+    used: set[int] = set()
     for family in families:
         border = set(family[0].border.tolist())
-        if lists and len(lists[-1][0]) == len(family) and not border & taken:
+        if lists and len(lists[-1][0]) == len(family) and not border & used:
             lists[-1].append(family)
-            taken |= border
+            used |= border
         else:
             lists.append([family])
-            taken = border
+            used = border
     return lists

@@ -172,9 +172,9 @@ def _merge(single: list[_Node]) -> list[_Node]:
     while merged:
         merged = False
         count = Counter(node.shape for node in nodes.values())
-        # A parent has as many nodes like it after a merge as before, because the same nodes are
-        # merged into parents that are alike.
-        alike = {k: count[node.shape] for k, node in nodes.items()}
+        # A parent has as many copies after a merge as before, because copies of the node are merged
+        # into copies of the parent.
+        copies = {k: count[node.shape] for k, node in nodes.items()}
         for k in sorted(nodes):
             node = nodes[k]
             if not node.border:
@@ -182,8 +182,8 @@ def _merge(single: list[_Node]) -> list[_Node]:
             above = node_of[min(node.border)]
             parent = nodes[above]
             union = node.into(parent)
-            apart = _cost(node.shape, alike[k]) + _cost(parent.shape, alike[above])
-            if _cost(union.shape, alike[above]) > apart:
+            apart = _cost(node.shape, copies[k]) + _cost(parent.shape, copies[above])
+            if _cost(union.shape, copies[above]) > apart:
                 continue
             for column in node.columns:
                 node_of[column] = above
@@ -193,11 +193,12 @@ def _merge(single: list[_Node]) -> list[_Node]:
     return [nodes[k] for k in sorted(nodes)]
 
 
-def _cost(shape: tuple[int, int], alike: int) -> float:
+def _cost(shape: tuple[int, int], copies: int) -> float:
     """Return the time of eliminating a node, in units of one multiplication.
 
-    ``shape`` are the numbers of columns of the node and of its border; ``alike`` nodes share the
-    time of function calls and of subtracting what they contribute to later columns.
+    ``shape`` are the numbers of columns of the node and of its border. As many nodes as ``copies``
+    have this shape; they share the time of function calls and of subtracting their products from
+    later columns.
     """
     columns = shape[0]
     border = shape[1]
@@ -210,4 +211,4 @@ def _cost(shape: tuple[int, int], alike: int) -> float:
         + _PRODUCT_CALL_COST * np.ceil(border / PRODUCT_COLUMNS)
         + _UPDATE_COST * products
     )
-    return float(multiplications + products * columns + shared / alike)
+    return float(multiplications + products * columns + shared / copies)
