@@ -84,7 +84,8 @@ def take_start_times(
         start = _start_of(recording)
         if start is not None:
             starts.append(start)
-    times = _times_of_tests(starts, len(recordings))
+    titles = [recording.title for recording in recordings]
+    times = _times_of_tests(starts, titles)
     if times.seconds is None:
         if campaign.get("order") is None and campaign.get("drift", True):
             log.add("", "order", "as listed", times.reason, _OPTIONS_LISTED)
@@ -94,15 +95,18 @@ def take_start_times(
     _note_times(starts, times, log)
 
 
-def _times_of_tests(starts: Sequence[_Start], n_tests: int) -> _Times:
+def _times_of_tests(starts: Sequence[_Start], titles: Sequence[str]) -> _Times:
     """Return the start times of the tests, or why they cannot be told.
 
-    ``starts`` are those that the files state, and ``n_tests`` is the number of tests.
+    ``starts`` are those that the files state, and ``titles`` the names of all tests.
     """
     if not starts:
         return _Times(None, "nothing says when the tests were run")
-    if len(starts) < n_tests:
-        return _Times(None, f"only {len(starts)} of {n_tests} tests state when they were run")
+    if len(starts) < len(titles):
+        stated = [start.title for start in starts]
+        lacking = [title for title in titles if title not in stated]
+        counts = f"only {len(starts)} of {len(titles)} tests state when they were run"
+        return _Times(None, f"{counts}, not {', '.join(lacking)[:_LIST_SHOWN]}")
     return _times_of([start.stamp for start in starts])
 
 

@@ -271,11 +271,24 @@ def test_check_of_a_table(tmp_path: Path, invoke: Invoke) -> None:
 
 def test_simulate_from_truths(tmp_path: Path, invoke: Invoke) -> None:
     truths = tmp_path / "truths.toml"
-    truths.write_text(
-        'schema = 1\nforces_N = [50.0, 300.0, 700.0]\nreadings = 90\nmachine_id = "VMC 07"\ndate ='
-        " 2026-11-20\norder = 'random'\ndrift = false\n[parameters]\nC_XXX = 6e-5\nC_YYY = 4e-5\n[hyper_um]\nsigma = 0.2\ndelta ="
-        " 0.0\nkappa = 0.0\ntau = 0.0\n"
-    )
+    lines = [
+        "schema = 1",
+        "forces_N = [50.0, 300.0, 700.0]",
+        "readings = 90",
+        'machine_id = "VMC 07"',
+        "date = 2026-11-20",
+        'order = "random"',
+        "drift = false",
+        "[parameters]",
+        "C_XXX = 6e-5",
+        "C_YYY = 4e-5",
+        "[hyper_um]",
+        "sigma = 0.2",
+        "delta = 0.0",
+        "kappa = 0.0",
+        "tau = 0.0",
+    ]
+    truths.write_text("\n".join(lines), encoding="utf-8")
     options = ("--preset", "first", "--without", "bar-length,mount,force-error", "--seed", 3)
     assert invoke("simulate", truths, "--out", tmp_path / "c", *options)[0] == 0
     campaign = lb.read_campaign(tmp_path / "c")
