@@ -19,8 +19,6 @@ __all__ = ["written"]
 
 HERE = Path(__file__).resolve().parent
 PAGES = HERE.parent / "docs" / "explanation"
-# A quarter of the variance is half of the standard uncertainty.
-OF_U = verdicts.OPEN_VARIANCE_SHARE**0.5
 
 
 def written() -> dict[Path, str]:
@@ -46,7 +44,6 @@ def written() -> dict[Path, str]:
         "limit": {
             "half": verdicts.MAJORITY,
             "contracted": verdicts.CONTRACTION_LIMIT,
-            "of_u": OF_U,
         },
         "rest_low": min(rest),
         "rest_high": max(rest),

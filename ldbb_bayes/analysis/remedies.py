@@ -8,10 +8,10 @@ are carried over by name; those that only the changed campaign has have their pr
 estimate of the machine that some effects need stays that of the readings.
 
 Changes of a plan whose circles are added double the number of circles, whatever their kind. What
-the mere number does is known from the plan that is run twice, and does not count as a cure by
-another direction, clocking or radius. More circles are advised only where what is measured here
-(scatter between readings and circles above all) holds most of the variance: an assumed effect is
-the same in every circle, and no number of them averages it out.
+the mere number does, all readings taken twice at the same times, does not count as a cure by
+another order, direction, clocking or radius. More circles are advised only where what is measured
+here (scatter between readings and circles above all) holds most of the variance: an assumed effect
+is the same in every circle, and no number of them averages it out.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ _MAJORITY = 0.5
 # A cure is worth its name if it leaves less than this share of the standard uncertainty.
 _NARROWER = 0.9
 # A change of the plan counts as a cure of its own only if it leaves less than this share of the
-# uncertainty that the same number of further circles without the change would leave.
+# uncertainty that twice the readings without the change would leave.
 _BETTER_THAN_REPETITION = 0.9
 # Angle by which both balls are turned in the further circles [°]. At one angle the form error of
 # orders 2, 3 and 4 already turns by 90, 135 and 180°.
@@ -114,10 +114,8 @@ def remedies(
     """
     before = _standard_uncertainties(bound, bound, phi)
     trials = list(_trials(bound, phi, before))
-    repetition = np.ones(len(before))
-    for trial in trials:
-        if trial.kind == RemedyKind.CIRCLES:
-            repetition = trial.ratio
+    information = information_of(bound, phi)
+    repetition = np.sqrt(information.variances(times=2.0) / information.variances())
     cheapest: dict[str, Remedy | None] = {}
     for i, name in enumerate(bound.names):
         helpful = []
@@ -131,7 +129,8 @@ def remedies(
 def _helps(trial: _Trial, i: int, repetition: float, measured_share: float) -> bool:
     """Return whether a cure narrows the parameter with index i by itself.
 
-    ``repetition`` is the ratio of standard uncertainties if all circles are run twice.
+    ``repetition`` is the ratio of standard uncertainties if all readings are taken twice, with
+    nothing else changed.
     """
     ratio = float(trial.ratio[i])
     if not ratio < _NARROWER:
@@ -221,7 +220,7 @@ def _timed(plan: Campaign) -> tuple[CircularTest, ...]:
     circle has a time if the plan states that its order is random.
     """
     if None not in [test.time_s for test in plan.tests]:
-        return plan.tests
+        return tuple(plan.tests)
     if plan.order is not None:
         return tuple(replace(test, time_s=None) for test in plan.tests)
     return tuple(replace(test, time_s=k * _SECONDS_PER_CIRCLE) for k, test in enumerate(plan.tests))

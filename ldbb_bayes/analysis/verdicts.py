@@ -51,8 +51,8 @@ __all__ = [
     "Identifiability",
     "ParameterIdentifiability",
     "SampledSd",
-    "Source",
-    "VarianceSources",
+    "SourcesOfVariance",
+    "VarianceSource",
     "Verdict",
     "hyper_parameter_nodes",
     "identify",
@@ -113,7 +113,7 @@ class Verdict(StrEnum):
 
 
 @dataclass(frozen=True)
-class Source(Result):
+class VarianceSource(Result):
     """A source of the uncertainty of one parameter, with its share of the variance.
 
     ``name`` is the class name of a model term, such as ``Mount``, ``ReadingNoise``, the name of
@@ -143,7 +143,7 @@ class ParameterIdentifiability(Result):
 
     name: str  #: name of the parameter
     verdict: Verdict  #: verdict: identified, prior-limited or confounded
-    held_by: Source  #: source with the largest share of the parameter's variance
+    held_by: VarianceSource  #: source with the largest share of the parameter's variance
     #: assumed effects that a confounded parameter cannot be separated from: model terms, or other
     #: parameters; those with the largest share first. Empty for other verdicts.
     partners: Annotated[tuple[str, ...], Field(alias="with")]
@@ -377,18 +377,18 @@ def not_modelled(bound: BoundModel) -> tuple[str, ...]:
     return tuple(kind.__name__ for kind in edition_terms(bound) if kind not in modelled)
 
 
-class Judgement(NamedTuple):
+class PartneredVerdict(NamedTuple):
     """A verdict on a parameter, and the sources that it cannot be separated from, if any."""
 
     verdict: Verdict
-    partners: tuple[Source, ...]
+    partners: tuple[VarianceSource, ...]
 
 
 def judge(
-    sources: Sequence[Source],
+    sources: Sequence[VarianceSource],
     contraction: float,
     likeness: Mapping[tuple[str, str], float] | None = None,
-) -> Judgement:
+) -> PartneredVerdict:
     """Return the verdict on a parameter by the rules of `Verdict`.
 
     Parameters
@@ -403,15 +403,15 @@ def judge(
     """
     partners = _confounding_sources(sources, likeness)
     if partners:
-        return Judgement(Verdict.CONFOUNDED, partners)
+        return PartneredVerdict(Verdict.CONFOUNDED, partners)
     if contraction < CONTRACTION_LIMIT - _NEAR_TIE:
-        return Judgement(Verdict.PRIOR_LIMITED, ())
-    return Judgement(Verdict.IDENTIFIED, ())
+        return PartneredVerdict(Verdict.PRIOR_LIMITED, ())
+    return PartneredVerdict(Verdict.IDENTIFIED, ())
 
 
 def _confounding_sources(
-    sources: Sequence[Source], likeness: Mapping[tuple[str, str], float] | None
-) -> tuple[Source, ...]:
+    sources: Sequence[VarianceSource], likeness: Mapping[tuple[str, str], float] | None
+) -> tuple[VarianceSource, ...]:
     """Return the assumed sources that hold most of a parameter's variance; empty if none do."""
     candidates = []
     for source in sources:
@@ -419,7 +419,7 @@ def _confounding_sources(
         if is_effect and source.share >= _NAMED_SHARE:
             candidates.append(source)
     for first in candidates:
-        partners: list[Source] = []
+        partners: list[VarianceSource] = []
         share = 0.0
         for source in candidates:
             if likeness is not None and likeness[first.name, source.name] < SAME_COMBINATION:
@@ -431,7 +431,7 @@ def _confounding_sources(
     return ()
 
 
-class VarianceSources(NamedTuple):
+class SourcesOfVariance(NamedTuple):
     """Sources of the variance of one parameter.
 
     ``sources`` are all sources, the largest share first. ``likeness`` is how alike the errors of
@@ -439,11 +439,11 @@ class VarianceSources(NamedTuple):
     the cosine of the angle between them, by names of the sources.
     """
 
-    sources: tuple[Source, ...]
+    sources: tuple[VarianceSource, ...]
     likeness: dict[tuple[str, str], float]
 
 
-def sources_of(bound: BoundModel, information: Information) -> dict[str, VarianceSources]:
+def sources_of(bound: BoundModel, information: Information) -> dict[str, SourcesOfVariance]:
     """Return all sources of the variance of every parameter, the largest share first.
 
     A model term whose coefficients have several origins is one source for each of them. The prior
@@ -465,11 +465,11 @@ def sources_of(bound: BoundModel, information: Information) -> dict[str, Varianc
         patterns = {}
         for (source, origin), covariance in errors.items():
             label = OWN if source == name else source
-            entries.append(Source(label, origin, float(covariance[i, i] / sd[i] ** 2)))
+            entries.append(VarianceSource(label, origin, float(covariance[i, i] / sd[i] ** 2)))
             if origin == Origin.ASSUMED:
                 patterns[label] = covariance[:, i] / sd
         ordered = ranked(entries, lambda source: source.share)
-        sources[name] = VarianceSources(tuple(ordered), _likeness(patterns))
+        sources[name] = SourcesOfVariance(tuple(ordered), _likeness(patterns))
     return sources
 
 
@@ -595,12 +595,12 @@ def with_remedies(
     return {name: replace(entry, remedy=found[name]) for name, entry in entries.items()}
 
 
-def _shares_by_name(sources: Sequence[Source]) -> dict[str, float]:
+def _shares_by_name(sources: Sequence[VarianceSource]) -> dict[str, float]:
     """Return the shares of sources by name."""
     return {source.name: source.share for source in sources}
 
 
-def _shares_by_origin(sources: Sequence[Source]) -> dict[Origin, float]:
+def _shares_by_origin(sources: Sequence[VarianceSource]) -> dict[Origin, float]:
     """Return the sum of the shares of all sources of each origin, in the order of `Origin`."""
     shares = dict.fromkeys(Origin, 0.0)
     for source in sources:

@@ -17,7 +17,6 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.aliases import degeneracies
 from ldbb_bayes.analysis.value_of_certificates import uncertainty_with
 from ldbb_bayes.analysis.verdicts import hyper_parameter_nodes, judge_parameters
 from ldbb_bayes.inference.checks import centre_shift, check_predictions, effects_of_failures
@@ -81,9 +80,7 @@ def analysed(kind: str, seed: int) -> dict[str, float]:
             f"{edition}/misfit": bool(fit.misfits),
             f"{edition}/centre": bool(centre_shift(bound, mean)),
         }
-        verdicts = judge_parameters(
-            bound, information_of(bound, phi.mean(axis=0)), degeneracies(bound), mean
-        )
+        verdicts = judge_parameters(bound, information_of(bound, phi.mean(axis=0)), mean)
         for j, name in enumerate(NAMES):
             row[f"{edition}/{name}/error"], row[f"{edition}/{name}/u"] = (
                 (mean[j] - truth[j]) / sd[j],

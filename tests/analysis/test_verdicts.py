@@ -12,7 +12,13 @@ from campaigns import clocked, oracle_of, plan, simulated
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.origins import Origin
-from ldbb_bayes.analysis.verdicts import Source, Verdict, judge, sources_of, variance_share_removed
+from ldbb_bayes.analysis.verdicts import (
+    VarianceSource,
+    Verdict,
+    judge,
+    sources_of,
+    variance_share_removed,
+)
 from ldbb_bayes.model.bound_information import information_of
 from ldbb_bayes.model.information import Information
 from ldbb_bayes.model.terms.columns import NOISE, OWN
@@ -124,8 +130,8 @@ def test_shares_by_dense_covariances() -> None:
 # Rules
 
 
-def assumed(name: str, share: float) -> Source:
-    return Source(name, Origin.ASSUMED, share)
+def assumed(name: str, share: float) -> VarianceSource:
+    return VarianceSource(name, Origin.ASSUMED, share)
 
 
 @pytest.mark.parametrize(
@@ -137,14 +143,14 @@ def assumed(name: str, share: float) -> Source:
         ([assumed("Mount", 0.4), assumed("Drift", 0.2)], ("Mount", "Drift")),
         ([assumed("E_YY1", 0.6)], ("E_YY1",)),
         ([assumed(OWN, 0.9)], ()),
-        ([Source("Mount", Origin.STATED, 0.9)], ()),
-        ([Source("Mount", Origin.MEASURED, 0.9)], ()),
+        ([VarianceSource("Mount", Origin.STATED, 0.9)], ()),
+        ([VarianceSource("Mount", Origin.MEASURED, 0.9)], ()),
         ([assumed("Mount", 0.47), assumed("Drift", 0.04), assumed("Angle", 0.04)], ()),
-        ([Source(NOISE, Origin.MEASURED, 0.45), assumed("Mount", 0.55)], ("Mount",)),
+        ([VarianceSource(NOISE, Origin.MEASURED, 0.45), assumed("Mount", 0.55)], ("Mount",)),
     ],
 )
 def test_assumed_effects_with_more_than_half_confound(
-    sources: list[Source], partners: tuple[str, ...]
+    sources: list[VarianceSource], partners: tuple[str, ...]
 ) -> None:
     judgement = judge(sources, contraction=0.99)
     expected = Verdict.CONFOUNDED if partners else Verdict.IDENTIFIED

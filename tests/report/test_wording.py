@@ -32,7 +32,7 @@ from ldbb_bayes.analysis.cures import Cure
 from ldbb_bayes.analysis.machine_description import VisibleParameter
 from ldbb_bayes.analysis.origins import Origin
 from ldbb_bayes.analysis.remedies import Remedy, RemedyKind
-from ldbb_bayes.analysis.verdicts import Source
+from ldbb_bayes.analysis.verdicts import VarianceSource
 from ldbb_bayes.campaign.preview import Remark, RemarkKind
 from ldbb_bayes.cli import app
 from ldbb_bayes.fleet.campaign_row import Job, Settings, fit_row
@@ -674,7 +674,7 @@ def test_at_what_an_identifiability_holds() -> None:
     assert sentences[1].startswith("Effective number of parameters 1.5 of 2 (")
 
 
-def judged(verdict: str, held_by: Source, **partner_shares: float) -> Any:
+def judged(verdict: str, held_by: VarianceSource, **partner_shares: float) -> Any:
     """A verdict on a parameter, with the source that holds it and its partners."""
     return SimpleNamespace(
         verdict=verdict,
@@ -685,10 +685,10 @@ def judged(verdict: str, held_by: Source, **partner_shares: float) -> Any:
     )
 
 
-MOUNT = Source("Mount", Origin.ASSUMED, 0.39)
+MOUNT = VarianceSource("Mount", Origin.ASSUMED, 0.39)
 IDENTIFIED = judged("identified", MOUNT)
 CONFOUNDED = judged("confounded", MOUNT, Mount=0.39, E_YY1=0.2)
-LIMITED = judged("prior-limited", Source("Parameters", Origin.ASSUMED, 0.9))
+LIMITED = judged("prior-limited", VarianceSource("Parameters", Origin.ASSUMED, 0.9))
 
 
 @pytest.mark.parametrize(
