@@ -234,23 +234,37 @@ TAKEN = {
 }
 
 
-def test_what_is_taken_for_granted_is_what_a_fit_has() -> None:
-    balls = lb.Ball(grade="G20"), lb.Ball(harmonics_um=((2, 0.21, 35.0),), U_um=0.05)
-    stated = lb.Instrument(*balls, -0.4, 2.0, 2.0, 1.0, 0.6, 1.5, 0.05)
+def bounded_orders(sphericity_mm: float) -> dict[str, float]:
+    """Of a ball whose deviation from sphericity is stated: its orders beyond those in `TAKEN`."""
+    return {f"work_form_{n}": sphericity_mm / 24**0.5 * 3 / n for n in range(4, 13)}
+
+
+@pytest.mark.parametrize("is_stated", [False, True])
+def test_what_is_taken_for_granted_is_what_a_fit_has(is_stated: bool) -> None:
+    instrument = lb.Instrument()
+    taken = {name: sds[is_stated] for name, sds in TAKEN.items()}
+    not_stated = set(TAKEN)
+    values = [2.33e-3]
+    if is_stated:
+        balls = (lb.Ball(grade="G20"), lb.Ball(harmonics_um=((2, 0.21, 35.0),), U_um=0.05))
+        instrument = lb.Instrument(*balls, -0.4, 2.0, 2.0, 1.0, 0.6, 1.5, 0.05)
+        taken |= bounded_orders(0.5e-3)
+        not_stated = {"mount_curvature", "tool_form_3"}
+        values = [0.21e-3, -0.4e-3, 2.33e-3]
+    campaign = replace(plan(work_deg=45.0, tool_deg=30.0), instrument=instrument)
+
+    assumed = lb.terms.uncertainties(campaign).assumed
+    assert {own.name: own.sd for own in assumed} == pytest.approx(taken, rel=1e-12)
+    assert {own.name for own in assumed if not own.stated} == not_stated
+    assert [own.value for own in assumed if own.value] == pytest.approx(values)
+
     model = lb.HybridModel.default()
-    for k, instrument in enumerate((lb.Instrument(), stated)):
-        campaign = replace(plan(work_deg=45.0, tool_deg=30.0), instrument=instrument)
-        assumed = lb.terms.uncertainties(campaign).assumed
-        expected = pytest.approx({name: sd[k] for name, sd in TAKEN.items()}, rel=1e-12)
-        assert {own.name: own.sd for own in assumed} == expected
-        assert {own.name for own in assumed if not own.stated} == (
-            {"mount_curvature", "tool_form_3"} if k else TAKEN.keys()
-        )
-        found = [
-            own for term in model.nuisances for own in term.columns(model.bind(campaign).setting)
-        ]
-        sds = {}
-        for own in (own for own in found if isinstance(own, lb.terms.Columns)):
-            sds |= dict(zip(own.names, own.sd if own.stated is None else own.stated, strict=True))
-        assert {name: sds[name.replace("form_", "form_cos")] for name in TAKEN} == expected
-    assert [own.value for own in assumed if own.value] == pytest.approx([0.21e-3, -0.4e-3, 2.33e-3])
+    setting = model.bind(campaign).setting
+    sds = {}
+    for term in model.nuisances:
+        for columns in term.columns(setting):
+            if isinstance(columns, lb.terms.Columns):
+                sd = columns.sd if columns.stated is None else columns.stated
+                sds |= dict(zip(columns.names, sd, strict=True))
+    in_fit = {name: sds[name.replace("form_", "form_cos")] for name in taken}
+    assert in_fit == pytest.approx(taken, rel=1e-12)
