@@ -17,10 +17,8 @@ How it works:
    columns, with the m columns of the border and, last, the right-hand side. All entries of all
    groups are rows of one array, the workspace; its second dimension, of length w, holds the values
    of φ and is contiguous.
-3. Gram entries. Rows of A with the same variance are of one kind, and there are few kinds. The
-   scalar products of the columns of A with each other and with r, summed over the rows of one kind,
-   do not depend on φ. P and Aᵀ D⁻¹ r are therefore one constant matrix, with one row for each entry
-   of the workspace and one column for each kind, times 1/D of every kind.
+3. Assembly. P and Aᵀ D⁻¹ r are sums of scalar products of columns that do not depend on φ, each
+   times 1/D of a kind of rows (`gram_entries`).
 4. Elimination. Group by group, the first s columns of L are computed in place (`eliminate`), and
    the products of their entries in the border are subtracted from the entries of P that belong to
    columns of the border. Groups of the same shape that do not depend on each other are a `Front`:
@@ -37,8 +35,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array, csr_array, diags_array
 
+from ldbb_bayes.model.gram_entries import EntryBlock, GramEntries
 from ldbb_bayes.model.ordering import PRODUCT_COLUMNS, Group, elimination_groups, heights
 from ldbb_bayes.model.triangular import eliminate, solve_columns
 from ldbb_bayes.results import Array
@@ -56,18 +54,9 @@ _CACHE_SIZE = 1 << 19
 # products (BLAS) rounds such multiples identically, so that results do not depend on how many
 # values are processed together.
 BLAS_MULTIPLE = 8
-# Share of Gram entries that are not zero from which on the Gram entries of a front are stored with
-# their zeros. Multiplying by such a matrix takes a third of the time for each entry (measured).
-_DENSE_SHARE = 0.35
-# Number of Gram entries that are not zero from which on function calls for such a matrix pay.
-_FEWEST_DENSE = 500
 # Number of terms of the products of border columns from which on the products of one column at a
 # time are computed, which takes more function calls but reads less from the processor's cache.
 _MANY_TERMS = 12
-# Number of columns whose entries one product with a dense matrix of Gram entries computes. A
-# smaller number wastes time in function calls; a larger one computes entries below the diagonal
-# that are not needed.
-_GRAM_COLUMNS = 4
 
 
 class Update(NamedTuple):
@@ -110,40 +99,6 @@ class Front(NamedTuple):
     border: NDArray[np.intp]
     updates: list[Update]
 
-    def dense_gram(self, gram: csr_array) -> list[DenseGram]:
-        """Return the Gram entries of the groups with their zeros, or nothing if most are zero.
-
-        ``gram`` (entries of the workspace, kinds) holds the Gram entries of all groups.
-        """
-        groups = self.shape[0]
-        columns = self.shape[1]
-        length = self.shape[2]
-        front_gram = gram[self.entries].tocoo()
-        group_of_product = front_gram.row // (columns * length)
-        kinds = []
-        for group in range(groups):
-            kinds.append(np.unique(front_gram.col[group_of_product == group]))
-        most_kinds = max(len(group_kinds) for group_kinds in kinds)
-        stored = groups * columns * (length - (columns - 1) / 2)
-        blocks_needed = -(-columns // _GRAM_COLUMNS)
-        fewest = max(_DENSE_SHARE * stored * most_kinds, _FEWEST_DENSE * blocks_needed)
-        if front_gram.nnz < fewest:
-            return []
-        # Groups that have fewer kinds of rows than others get additional products of zero.
-        padded_kinds = np.zeros((groups, most_kinds), dtype=np.intp)
-        rows = np.zeros((groups, columns * length, most_kinds))
-        for group, group_kinds in enumerate(kinds):
-            padded_kinds[group, : len(group_kinds)] = group_kinds
-            first = self.entries.start + group * columns * length
-            group_gram = gram[first : first + columns * length]
-            rows[group, :, : len(group_kinds)] = group_gram[:, group_kinds].toarray()
-        products = rows.reshape(*self.shape, most_kinds)
-        blocks = []
-        for first in range(0, columns, _GRAM_COLUMNS):
-            block = products[:, first : first + _GRAM_COLUMNS, first:]
-            blocks.append(DenseGram(self, first, padded_kinds, block.copy()))
-        return blocks
-
     def eliminate(self, workspace: Array) -> None:
         """Compute the groups' columns of L, and subtract their products from later columns.
 
@@ -179,34 +134,6 @@ class Front(NamedTuple):
         triangles = np.moveaxis(matrix[:, :, :columns], 0, 2)
         solved = solve_columns(triangles, np.moveaxis(right, 0, 1))
         solution[self.columns] = np.moveaxis(solved, 1, 0)
-
-
-class DenseGram(NamedTuple):
-    """Gram entries of some columns of every group of a front, with those that are zero.
-
-    A Gram entry is the scalar product of two columns of the design matrix, or of a column and the
-    readings, summed over the rows of one kind.
-    """
-
-    front: Front
-    #: First of the columns of every group; entries before its diagonal are left out.
-    first: int
-    #: Indices of k kinds of rows for each group, shape (groups, k).
-    kinds: NDArray[np.intp]
-    #: Gram entries, shape (groups, columns, entries of a column, k).
-    products: Array
-
-    def assemble(self, weight: Array, workspace: Array) -> None:
-        """Write the entries of P and of Aᵀ D⁻¹ r that belong to the columns into the workspace.
-
-        ``weight`` (kinds, w) is the reciprocal variance of every kind of row, and ``workspace``
-        (entries, w) is changed in place.
-        """
-        shape = self.front.shape
-        matrix = workspace[self.front.entries].reshape(*shape, weight.shape[1])
-        stop = self.first + self.products.shape[1]
-        out = matrix[:, self.first : stop, self.first :]
-        np.matmul(self.products, weight[self.kinds][:, None], out=out)
 
 
 class Elimination:
@@ -252,16 +179,8 @@ class Elimination:
         self._pivots = self._place[np.arange(size), np.arange(size)]
         self._right = self._place[:, size]
         self._half_signs = 0.5 * signs
-        gram = self._gram_entries(columns, values, kinds)
-        self._dense_gram: list[DenseGram] = []
-        sparse_entries = np.ones(self.entries)
-        for front in self.fronts:
-            blocks = front.dense_gram(gram)
-            self._dense_gram += blocks
-            if blocks:
-                sparse_entries[front.entries] = 0.0
-        self._sparse_gram = (diags_array(sparse_entries) @ gram).tocsr()
-        self._sparse_gram.eliminate_zeros()
+        blocks = [EntryBlock(front.entries, front.shape) for front in self.fronts]
+        self._gram = GramEntries(blocks, self._place, columns, values, kinds)
 
     @property
     def chunk_size(self) -> int:
@@ -300,9 +219,7 @@ class Elimination:
         LinAlgError
             If some coefficient is determined neither by readings nor by its prior.
         """
-        workspace = self._sparse_gram @ weight
-        for block in self._dense_gram:
-            block.assemble(weight, workspace)
+        workspace = self._gram.assemble(weight)
         if shift is not None:
             workspace[self._right] += shift
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -408,30 +325,6 @@ class Elimination:
         targets = self._place[np.ix_(border[first:stop], following)]
         not_needed = np.tril(np.ones(targets.shape, dtype=bool), k=-1)
         return np.where(not_needed, self.entries - 1, targets)
-
-    def _gram_entries(self, columns: Array, values: Array, kinds: NDArray[np.intp]) -> csr_array:
-        """Return scalar products of columns and readings, shape (entries, kinds).
-
-        Every product is a sum over the rows of one kind.
-        """
-        entries = [np.zeros(0, dtype=np.intp)]
-        entry_kinds = [np.zeros(0, dtype=np.intp)]
-        products = [np.zeros(0)]
-        count = kinds.max(initial=-1) + 1
-        for kind in range(count):
-            rows = columns[kinds == kind]
-            involved = np.flatnonzero(rows.any(axis=0))
-            involved = involved[np.argsort(self._pivots[involved])]
-            bordered = np.column_stack([rows[:, involved], values[kinds == kind]])
-            gram = bordered[:, :-1].T @ bordered
-            places = self._place[np.ix_(involved, np.append(involved, columns.shape[1]))]
-            stored = np.triu(np.ones(gram.shape, dtype=bool)) & (gram != 0.0)
-            entries.append(places[stored])
-            products.append(gram[stored])
-            entry_kinds.append(np.full(len(products[-1]), kind))
-        place = (np.concatenate(entries), np.concatenate(entry_kinds))
-        shape = (self.entries, count)
-        return coo_array((np.concatenate(products), place), shape=shape).tocsr()
 
 
 class DesignRows:

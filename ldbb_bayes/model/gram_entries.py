@@ -1,0 +1,181 @@
+"""Gram entries: scalar products of columns of the design matrix, by kinds of rows.
+
+The precision matrix of coefficients is P = Aᵀ D⁻¹ A, with the design matrix A and the diagonal
+noise covariance D. Only D depends on the hyper-parameters φ, the scales of noise and nuisances
+(effects modelled but not of interest). Rows of A with the same variance are of one kind. An entry
+of P, or of Aᵀ D⁻¹ r with the readings r, is therefore
+
+    P_ij = Σ_kinds G_ij,kind / D_kind,   G_ij,kind = Σ_rows of the kind A_row,i A_row,j,
+
+and all entries together are one constant matrix G (entries, kinds) times the reciprocal variances
+(kinds, w) of w values of φ. G is a sparse matrix, save for blocks of entries most of which are not
+zero; these are multiplied by the library of matrix products (BLAS).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array, csr_array, diags_array
+
+from ldbb_bayes.results import Array
+
+__all__ = ["EntryBlock", "GramEntries"]
+
+# Share of Gram entries that are not zero from which on those of a block are stored with their
+# zeros. Multiplying by such a matrix takes a third of the time for each entry (measured).
+_DENSE_SHARE = 0.35
+# Number of Gram entries that are not zero for each call that multiplies a matrix with zeros, from
+# which on this is faster.
+_FEWEST_DENSE = 500
+# Number of columns whose entries one product with such a matrix computes. A smaller number wastes
+# time in function calls; a larger one computes entries before the diagonal that are not needed.
+_COLUMNS_AT_ONCE = 4
+
+
+class EntryBlock(NamedTuple):
+    """Consecutive entries of P = Aᵀ D⁻¹ A and Aᵀ D⁻¹ r: those of some groups of s columns.
+
+    Each column has n entries. The first s are products with the columns of its group; of these, the
+    entries before the diagonal are not needed.
+    """
+
+    #: Places of the groups · s · n entries among all entries.
+    entries: slice
+    #: Number of groups, s, and n.
+    shape: tuple[int, int, int]
+
+
+class _DenseGram(NamedTuple):
+    """Gram entries of some columns of every group of a block, with those that are zero."""
+
+    block: EntryBlock
+    #: First of the columns of every group; entries before its diagonal are left out.
+    first: int
+    #: Indices of k kinds of rows for each group, shape (groups, k).
+    kinds: NDArray[np.intp]
+    #: Gram entries, shape (groups, columns, entries of a column, k).
+    products: Array
+
+    def assemble(self, weight: Array, entries: Array) -> None:
+        """Write the entries of the columns into ``entries``, as `GramEntries.assemble` does."""
+        matrix = entries[self.block.entries].reshape(*self.block.shape, weight.shape[1])
+        stop = self.first + self.products.shape[1]
+        out = matrix[:, self.first : stop, self.first :]
+        np.matmul(self.products, weight[self.kinds][:, None], out=out)
+
+
+class GramEntries:
+    """Scalar products of columns with each other and with readings, for each kind of rows.
+
+    Parameters
+    ----------
+    blocks
+        Blocks of entries. One more entry, the last one, belongs to no block and remains zero.
+    place
+        Place of the product of columns i and j among the entries, shape (columns, columns + 1); the
+        last column is for the readings. It must be known where i precedes j in the order of places.
+    columns
+        Design matrix A, shape (rows, columns).
+    values
+        Readings r, shape (rows,).
+    kinds
+        Index of each row's kind (rows of one kind have the same variance), shape (rows,).
+    """
+
+    def __init__(
+        self,
+        blocks: list[EntryBlock],
+        place: NDArray[np.intp],
+        columns: Array,
+        values: Array,
+        kinds: NDArray[np.intp],
+    ) -> None:
+        size = 1 + sum(block.entries.stop - block.entries.start for block in blocks)
+        gram = _sparse_gram(size, place, columns, values, kinds)
+        self._dense: list[_DenseGram] = []
+        is_sparse = np.ones(size)
+        for block in blocks:
+            dense = _dense_gram(block, gram)
+            self._dense += dense
+            if dense:
+                is_sparse[block.entries] = 0.0
+        self._sparse = (diags_array(is_sparse) @ gram).tocsr()
+        self._sparse.eliminate_zeros()
+
+    def assemble(self, weight: Array) -> Array:
+        """Return all entries of P = Aᵀ D⁻¹ A and of Aᵀ D⁻¹ r, shape (entries, w).
+
+        ``weight`` (kinds, w) is the reciprocal variance 1/D of every kind of row.
+        """
+        entries = np.asarray(self._sparse @ weight)
+        for dense in self._dense:
+            dense.assemble(weight, entries)
+        return entries
+
+
+def _sparse_gram(
+    size: int,
+    place: NDArray[np.intp],
+    columns: Array,
+    values: Array,
+    kinds: NDArray[np.intp],
+) -> csr_array:
+    """Return all Gram entries, shape (entries, kinds); the parameters are those of `GramEntries`.
+
+    ``size`` is the number of entries.
+    """
+    places = [np.zeros(0, dtype=np.intp)]
+    place_kinds = [np.zeros(0, dtype=np.intp)]
+    products = [np.zeros(0)]
+    count = kinds.max(initial=-1) + 1
+    diagonal = np.diagonal(place)
+    for kind in range(count):
+        rows = columns[kinds == kind]
+        involved = np.flatnonzero(rows.any(axis=0))
+        involved = involved[np.argsort(diagonal[involved])]
+        with_readings = np.column_stack([rows[:, involved], values[kinds == kind]])
+        gram = with_readings[:, :-1].T @ with_readings
+        stored = np.triu(gram) != 0.0
+        of_products = place[np.ix_(involved, np.append(involved, columns.shape[1]))]
+        places.append(of_products[stored])
+        products.append(gram[stored])
+        place_kinds.append(np.full(len(products[-1]), kind))
+    index = (np.concatenate(places), np.concatenate(place_kinds))
+    return coo_array((np.concatenate(products), index), shape=(size, count)).tocsr()
+
+
+def _dense_gram(block: EntryBlock, gram: csr_array) -> list[_DenseGram]:
+    """Return the Gram entries of a block with their zeros, or nothing if most are zero.
+
+    ``gram`` (entries, kinds) holds the Gram entries of all blocks.
+    """
+    groups = block.shape[0]
+    columns = block.shape[1]
+    length = block.shape[2]
+    bounds = gram.indptr[block.entries.start : block.entries.stop + 1]
+    products = gram.data[bounds[0] : bounds[-1]]
+    kind = gram.indices[bounds[0] : bounds[-1]]
+    entry = np.repeat(np.arange(len(bounds) - 1), np.diff(bounds))
+    group = entry // (columns * length)
+    has_kind = np.zeros((groups, gram.shape[1]), dtype=bool)
+    has_kind[group, kind] = True
+    most_kinds = int(has_kind.sum(axis=1).max())
+    needed = groups * columns * (length - (columns - 1) / 2)
+    calls = -(-columns // _COLUMNS_AT_ONCE)
+    if len(products) < max(_DENSE_SHARE * needed * most_kinds, _FEWEST_DENSE * calls):
+        return []
+    # Groups that have fewer kinds of rows than others get additional products of zero.
+    group_kinds = np.zeros((groups, most_kinds), dtype=np.intp)
+    rank = np.cumsum(has_kind, axis=1) - 1
+    group_kinds[group, rank[group, kind]] = kind
+    rows = np.zeros((groups * columns * length, most_kinds))
+    rows[entry, rank[group, kind]] = products
+    filled = rows.reshape(groups, columns, length, most_kinds)
+    dense = []
+    for first in range(0, columns, _COLUMNS_AT_ONCE):
+        some_columns = filled[:, first : first + _COLUMNS_AT_ONCE, first:]
+        dense.append(_DenseGram(block, first, group_kinds, some_columns.copy()))
+    return dense
