@@ -175,8 +175,8 @@ def budget_uncertainty(posterior: xr.DataTree) -> dict[str, Budget]:
     >>> budget = lb.analysis.budget_uncertainty(posterior)["C_XXX"]
     >>> budget.heaviest
     'Mount'
-    >>> round(budget.share("Mount"), 1)
-    0.4
+    >>> round(budget.share("Mount"), 1), budget.origin_of("Mount").value
+    (0.3, 'assumed')
     >>> round(sum(line.share for line in budget.contributions), 6)
     1.0
     """

@@ -264,8 +264,8 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
     --------
     >>> result = lb.identify(lb.HybridModel.first(0), campaign.plan())
     >>> result.parameters["C_XXX"].verdict.value
-    'identified'
-    >>> result.parameters["C_XXX"].held_by.name  # the mount, too, deflects with force
+    'confounded'
+    >>> result.parameters["C_XXX"].partners[0]  # the mount, too, deflects with force
     'Mount'
     """
     require_model(model)
@@ -324,8 +324,8 @@ def judge_posterior(posterior: xr.DataTree) -> dict[str, ParameterIdentifiabilit
     Examples
     --------
     >>> judged = lb.analysis.judge_posterior(posterior)
-    >>> judged["E_C0YX"].verdict.value, judged["E_C0YX"].partners[0]
-    ('confounded', 'BallForm')
+    >>> judged["E_YX2"].verdict.value, judged["E_YX2"].partners
+    ('confounded', ('BallForm',))
     >>> judged["C_XYX_1"].verdict.value
     'prior-limited'
     """

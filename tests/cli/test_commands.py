@@ -23,6 +23,7 @@ from ldbb_bayes.fleet.population_prior import digest_of
 from ldbb_bayes.inference.posterior import campaign_of
 from ldbb_bayes.model.specification import model_to_toml
 from ldbb_bayes.report.figures import style
+from ldbb_bayes.units import display_name, typeset
 
 FIT = ("--degree", 0, "--sampler", "independent")
 
@@ -327,6 +328,21 @@ def test_certificates_are_options_too(
     assert campaign_of(lb.load(tmp_path / "fit")).instrument == instrument
     assert invoke("simulate", out, "--out", tmp_path / "again", "--bar-U-um", 3)[0] == 0
     assert lb.read_campaign(tmp_path / "again").instrument == replace(instrument, bar_U_um=3.0)
+
+
+def test_identify_prints_degeneracies_on_request(planned: Path, invoke: Invoke) -> None:
+    """One screen without, and every statement with --details."""
+    plain = invoke("identify", planned, "--degree", 0)[1]
+    detailed = " ".join(invoke("identify", planned, "--degree", 0, "--details")[1].split())
+    assert len(plain.splitlines()) <= 45
+    assert "looks exactly like" not in plain
+    assert "--details" in plain
+    record = json.loads(invoke("identify", planned, "--degree", 0, "--json")[1])
+    assert record["degeneracies"]
+    for entry in record["degeneracies"]:
+        assert typeset(entry["statement"]) in detailed
+    for name in record["parameters"]:
+        assert f"\n{display_name(name)} " in plain
 
 
 def test_identify(planned: Path, tmp_path: Path, invoke: Invoke) -> None:
