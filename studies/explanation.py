@@ -29,12 +29,15 @@ def written() -> dict[Path, str]:
     }
     families = results["12_real_machines"]["families"]
     spans = {}
-    for edition in ("first", "second"):
+    for edition in ("first", "second", "third"):
         shares = [
-            share for family in families.values() for share in family[edition]["coverage"].values()
+            share
+            for family in families.values()
+            if family[edition] is not None
+            for share in family[edition]["coverage"].values()
         ]
         spans |= {f"{edition}_low": min(shares), f"{edition}_high": max(shares)}
-    rest = [family["second"]["rest_coverage"] for family in families.values()]
+    rest = [family["third"]["rest_coverage"] for family in families.values()]
     facts = {
         **results,
         **spans,
@@ -47,7 +50,7 @@ def written() -> dict[Path, str]:
         },
         "rest_low": min(rest),
         "rest_high": max(rest),
-        "marked": families["mild"]["second"]["marked"],
+        "mild": families["mild"],
     }
     templates = sorted(PAGES.glob("*.md.j2"))
     return {

@@ -7,14 +7,15 @@ tool then stands, by iteration to equilibrium:
 
     δ_X = C_XXX a_X(u_X) l(F u_X),  δ_Y likewise,  φ = C_CXY F_x + C_CYY F_y + C_CCY (x F_y),
 
-u the bar's direction, l the law (linear, contact ~ f^⅔, stiffening under its own load), a the
-change along the travel. The truth of C_XXX is the secant compliance along the axis at F0 in the
-middle of the travel, that of a slope the change of the linear spring with the bar's force.
+u the bar's direction, l the law (linear, contact ~ f^⅔, stiffening under its own load; of a seat,
+which the bar presses with its whole force, F^⅔ u_X), a the change along the travel. The truth of
+C_XXX is the secant compliance along the axis at F0 in the middle of the travel, that of a slope the
+change of the linear spring with the bar's force.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +42,7 @@ class Disturbances:
     grade: str = "G20"
     lobe: tuple[str, ...] = ()  # grades of balls of a single lobe
     contact: tuple[float, float] = (0.0, 0.0)  # share of the deflection that goes with f^⅔
+    seat: tuple[float, float] = (0.0, 0.0)  # share that a seat adds, with the bar's force F^⅔
     own_load: float = 0.0  # relative change of compliance over the largest load, sd
     travel: tuple[float, float] = (0.0, 0.0)  # relative change along the travel
     odd_um: float = 0.0  # an odd circle
@@ -79,10 +81,19 @@ FAMILIES: dict[str, Disturbances] = {
     "stiff": Disturbances(compliance=(5e-6, 1e-5)),
     "soft": Disturbances(compliance=(1e-4, 2e-4)),
 }
+# One for each term that is new in the third edition, run one way but where it says so.
+NEW: dict[str, Disturbances] = {
+    "servo mismatch, one way": Disturbances(mismatch_um=1.0),
+    "lost motion, one way": Disturbances(lost_um=2.0, lost_um_per_kN=1.0),
+    "seat": Disturbances(seat=(0.2, 0.5)),
+    "warm-up, sorted": Disturbances(warm_up_um=2.0),
+    "warm-up, shuffled": Disturbances(warm_up_um=2.0, shuffled=True),
+}
 # What certificates state, and machines of which they are true.
 CERTIFIED = lb.Instrument(
     work=lb.Ball(grade="G10"), tool=lb.Ball(grade="G10"), bar_U_um=1.0, mount_U_percent=2.0
 )
+_G10 = lb.Instrument(work=lb.Ball(grade="G10"), tool=lb.Ball(grade="G10"))
 _G20 = lb.Instrument(work=lb.Ball(grade="G20"), tool=lb.Ball(grade="G20"))
 STATED: dict[str, Disturbances] = {
     "mild, G20 stated": Disturbances(stated=_G20),
@@ -105,6 +116,23 @@ STATED: dict[str, Disturbances] = {
         friction_um_per_kN=0.5,
     ),
 }
+# The mild machines again, measured by better plans and with better balls.
+PLANS: dict[str, Disturbances] = {
+    "mild, shuffled": Disturbances(shuffled=True),
+    "mild, both ways": Disturbances(both_ways=True),
+    "mild, both ways, shuffled": Disturbances(both_ways=True, shuffled=True),
+    "mild, both ways, shuffled, G10 stated": Disturbances(
+        both_ways=True, shuffled=True, grade="G10", stated=_G10
+    ),
+    "mild, both ways, shuffled, certificates": Disturbances(
+        both_ways=True,
+        shuffled=True,
+        grade="G10",
+        length_um=0.5,
+        mount_percent=1.0,
+        stated=CERTIFIED,
+    ),
+}
 
 
 @dataclass(frozen=True)
@@ -120,6 +148,7 @@ class Machine:
     work_ball: Array  # complex amplitudes at the orders 2 … 30 [mm]
     tool_ball: Array
     instrument: dict[str, float] = field(default_factory=dict)
+    seat: tuple[float, float] = (0.0, 0.0)
 
     @property
     def truth(self) -> dict[str, float]:
@@ -135,14 +164,16 @@ class Machine:
         the travel [mm/N]."""
         k = ("C_XXX", "C_YYY").index(name)
         spring = self.compliance[name] + self.slope[name] * (force_N - MIDDLE_N)
-        return spring * self.axial_force(k, np.array(force_N)).item() / force_N
+        return spring * self.axial_force(k, np.array(force_N), force_N).item() / force_N
 
-    def axial_force(self, k: int, load: Array) -> Array:
+    def axial_force(self, k: int, load: Array, bar_N: float) -> Array:
         """The force that a linear spring of axis ``k`` would need to yield as this one does to its
-        load [N]."""
+        load [N]; a seat, unlike a joint, is pressed by the whole force of the bar ``bar_N``."""
         size = np.abs(load)
         share = self.contact[k]
         law = (1.0 - share) * load + share * np.sign(load) * np.cbrt(size**2 * MIDDLE_N)
+        if self.seat[k]:
+            law = law + self.seat[k] * load * (np.cbrt(MIDDLE_N / bar_N) - 1.0)
         return np.asarray(law + self.own_load[k] * load * (size - MIDDLE_N) / LARGEST_N)
 
 
@@ -207,6 +238,14 @@ def draw_machine(family: Disturbances, rng: np.random.Generator) -> Machine:
     return Machine(compliance, slope, geometry, *load, pair, *forms, instrument)  # type: ignore[arg-type]
 
 
+def with_seats(machine: Machine, family: Disturbances, rng: np.random.Generator) -> Machine:
+    """The machine with seats of balls and spindle that yield to the bar's whole force; nothing else
+    of it changes with force."""
+    first = float(rng.uniform(*family.seat))
+    second = float(rng.uniform(*family.seat))
+    return replace(machine, seat=(first, second), slope=dict.fromkeys(machine.slope, 0.0))
+
+
 def deflection_mm(
     machine: Machine, force_N: float, bar_N: float, angle: Array
 ) -> tuple[Array, Array]:
@@ -227,7 +266,7 @@ def deflection_mm(
             axial.append(
                 c[name]
                 * (1.0 + linear * place + quadratic * (place**2 - 0.5))
-                * machine.axial_force(k, load[k])
+                * machine.axial_force(k, load[k], force_N)
             )
         turn = c["C_CXY"] * load[0] + c["C_CYY"] * load[1] + c["C_CCY"] * x * load[1]
         moved = np.array(
@@ -256,6 +295,8 @@ def simulate(
     """A campaign of one machine, with what its certificates state, and the machine."""
     rng = np.random.default_rng(seed)
     machine = draw_machine(family, rng)
+    if family.seat[1]:
+        machine = with_seats(machine, family, np.random.default_rng([seed, 2]))
     ways = ("CW", "CCW") if family.both_ways else ("CW",)
     runs = [(force, way) for force in forces_N for way in ways]
     order = (

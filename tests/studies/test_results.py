@@ -119,6 +119,45 @@ def test_a_broken_evidence_would_be_seen() -> None:
     assert abs(honest["spiegelhalter_z"]) < 3.0 < abs(sure["spiegelhalter_z"])
 
 
+def test_a_seat_yields_to_the_whole_force_of_the_bar_at_every_angle() -> None:
+    """Deflection over that of a linear spring: 1 + share ((F0/F)^⅓ − 1), at every angle alike."""
+    sys.modules.pop("machines", None)
+    machines = module_of("12_real_machines", "machines")
+    mild = machines.draw_machine(machines.FAMILIES["mild"], np.random.default_rng(3))
+    compliance = dict.fromkeys(mild.compliance, 0.0) | {"C_XXX": 5e-5, "C_YYY": 4e-5}
+    linear = replace(mild, compliance=compliance, slope=dict.fromkeys(compliance, 0.0))
+    seated = replace(linear, seat=(0.3, 0.5))
+    angle = np.deg2rad(np.array([20.0, 60.0, 200.0]))
+    for force in (36.0, 742.0):
+        moved = np.array(machines.deflection_mm(seated, force, force, angle))
+        moved_linearly = np.array(machines.deflection_mm(linear, force, force, angle))
+        softer = (machines.MIDDLE_N / force) ** (1.0 / 3.0) - 1.0
+        expected = np.array([[1.0 + 0.3 * softer], [1.0 + 0.5 * softer]]) * np.ones(3)
+        assert moved / moved_linearly == pytest.approx(expected, rel=1e-3)
+        secants = [seated.secant(name, force) for name in ("C_XXX", "C_YYY")]
+        assert secants == pytest.approx(np.array([5e-5, 4e-5]) * expected[:, 0], rel=1e-12)
+
+
+def test_sorted_and_shuffled_warm_ups_list_the_tests_as_they_ran() -> None:
+    """The same machine and drift; forces rise, or come in an order of chance."""
+    sys.modules.pop("machines", None)
+    machines = module_of("12_real_machines", "machines")
+    kinds = machines.NEW
+    rising, machine = machines.simulate(kinds["warm-up, sorted"], 5)
+    mixed, same_machine = machines.simulate(kinds["warm-up, shuffled"], 5)
+    assert rising.forces_N.tolist() == sorted(mixed.forces_N.tolist())
+    assert mixed.forces_N.tolist() != rising.forces_N.tolist()
+    assert machine.truth == same_machine.truth
+    for campaign in (rising, mixed):
+        resting = replace(machines.FAMILIES["mild"], shuffled=campaign is mixed)
+        still, _ = machines.simulate(resting, 5)
+        pairs = zip(campaign.tests, still.tests, strict=True)
+        drift_um = [np.mean(test.reading_um - other.reading_um) for test, other in pairs]
+        steps = np.diff(drift_um)
+        assert steps == pytest.approx(np.full(6, steps.mean()), abs=0.05)
+        assert abs(drift_um[-1] - drift_um[0]) > 0.5
+
+
 def test_machines_as_they_are_in_the_limits() -> None:
     """Rigid: the exact forward model; linear springs: Eq. 20, but for deflection over radius; a
     lobe: its order alone."""
