@@ -297,6 +297,7 @@ class Campaign(CampaignFields):
     def without(self, *names: str) -> Campaign:
         """Return the campaign without the tests of these names.
 
+        If the tests state no times, the remaining ones count as run one right after the other.
         Raise an `InputError` for an unknown name, or if no test is left.
         """
         check_known("test", names, [test.name for test in self.tests])

@@ -9,6 +9,7 @@ import numpy as np
 
 from ldbb_bayes.analysis.conformity import Conformity
 from ldbb_bayes.analysis.usability import Use, state_of
+from ldbb_bayes.campaign.run_times import TimeSource, time_source
 from ldbb_bayes.inference.posterior import bound_of, campaign_of, fit_of
 from ldbb_bayes.model.terms import uncertainties
 from ldbb_bayes.model.terms.base import Uncertainty
@@ -30,6 +31,13 @@ _LONGEST_CERTIFICATE = 32  # largest number of characters of the name of a calib
 _DEGREES = ("constant", "linear", "quadratic")
 _CAMPAIGN_ENTRIES = ("machine_type", "serial_number", "date", "operator", "place")
 _DEVICE_ENTRIES = ("ball_bar", "ball_bar_calibrated", "force_device")
+# Entry of the sheet that says in which order the tests were run, by what tells it.
+_ORDER_ENTRIES = {
+    TimeSource.TIMES: "entries.by_times",
+    TimeSource.LISTED: "entries.as_listed",
+    TimeSource.RANDOM: "entries.random_order",
+    TimeSource.NO_DRIFT: "entries.no_drift",
+}
 
 
 def sheets(
@@ -425,6 +433,8 @@ def _entries(findings: Findings, words: Words) -> Iterator[tuple[str, str]]:
     directions = dict.fromkeys(str(test.direction) for test in campaign.tests if test.direction)
     if directions:
         path.append("/".join(directions))
+    if len(campaign.tests) > 1:
+        path.append(words(_ORDER_ENTRIES[time_source(campaign)]))
     yield words("fields.path"), ", ".join(path)
 
     stated = []

@@ -67,6 +67,18 @@ def test_what_a_campaign_does_not_state_is_a_line_to_write_on(findings: Findings
     assert entries["Operator"] == ""
 
 
+@pytest.mark.parametrize(
+    ("language", "field", "entry"),
+    [("en", "Feed, direction, order", "as listed"), ("de", "Vorschub, Richtung, Folge", "wie auf")],
+)
+def test_the_certificate_states_the_order_of_the_tests(
+    language: str, field: str, entry: str, findings: Findings
+) -> None:
+    first, _ = sheets(findings, language=language)
+    fields = next(block for block in first.blocks if isinstance(block, Fields))
+    assert entry in dict(fields.entries)[field]
+
+
 def test_every_compliance_and_error_stands_on_sheet_2(findings: Findings) -> None:
     _, second = sheets(findings)
     (table,) = tables_of(second)
