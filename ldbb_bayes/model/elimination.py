@@ -37,7 +37,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldbb_bayes.model.gram_entries import EntryBlock, GramEntries
-from ldbb_bayes.model.ordering import PRODUCT_COLUMNS, Group, elimination_groups, heights
+from ldbb_bayes.model.ordering import PRODUCT_COLUMNS, ColumnGroup, elimination_groups, heights
 from ldbb_bayes.model.triangular import eliminate, solve_columns
 from ldbb_bayes.results import Array
 
@@ -136,6 +136,13 @@ class Front(NamedTuple):
         solution[self.columns] = np.moveaxis(solved, 1, 0)
 
 
+class _Family(NamedTuple):
+    """Groups of columns with the same border: columns eliminated later that they change."""
+
+    border: tuple[int, ...]
+    groups: list[ColumnGroup]
+
+
 class Elimination:
     """Elimination of columns of a design matrix, for many values of the hyper-parameters.
 
@@ -155,7 +162,7 @@ class Elimination:
 
     def __init__(
         self,
-        groups: list[Group],
+        groups: list[ColumnGroup],
         columns: Array,
         values: Array,
         kinds: NDArray[np.intp],
@@ -170,7 +177,7 @@ class Elimination:
         start = 0
         for families in families_of_fronts:
             for family in families:
-                for group in family:
+                for group in family.groups:
                     start = self._place_group(group, start)
         #: Number of matrix entries that are computed for one value of the hyper-parameters, with
         #: one that takes what is not needed.
@@ -265,7 +272,7 @@ class Elimination:
         lower[stored] = workspace[places[stored], :w]
         white_shift[...] = workspace[self._right[wanted], :w]
 
-    def _place_group(self, group: Group, start: int) -> int:
+    def _place_group(self, group: ColumnGroup, start: int) -> int:
         """Give the entries of a group rows of the workspace, from ``start`` on.
 
         Return the row after the last of them.
@@ -278,9 +285,9 @@ class Elimination:
             self._place[column, -1] = first + len(members)
         return start + len(group.columns) * width
 
-    def _front(self, families: list[list[Group]], signs: Array) -> Front:
-        """Return the front of groups of equal shape, sorted by the families they belong to."""
-        groups = [group for family in families for group in family]
+    def _front(self, families: list[_Family], signs: Array) -> Front:
+        """Return the front of groups of equal shape, in the order of ``families``."""
+        groups = [group for family in families for group in family.groups]
         columns = np.array([group.columns for group in groups])
         first = self._place[columns[0, 0], columns[0, 0]]
         shape = (*columns.shape, columns.shape[1] + len(groups[0].border) + 1)
@@ -294,7 +301,7 @@ class Elimination:
             self._updates(families),
         )
 
-    def _updates(self, families: list[list[Group]]) -> list[Update]:
+    def _updates(self, families: list[_Family]) -> list[Update]:
         """Return how the groups of a front change the entries of later columns.
 
         Groups of one family have the same border. Consecutive families with the same number of
@@ -303,16 +310,15 @@ class Elimination:
         updates = []
         start = 0
         for disjoint in _disjoint_families(families):
-            stop = start + len(disjoint) * len(disjoint[0])
-            borders = np.array([family[0].border for family in disjoint])
-            terms = len(disjoint[0]) * len(disjoint[0][0].columns)
+            members = len(disjoint[0].groups)
+            stop = start + len(disjoint) * members
+            borders = np.array([family.border for family in disjoint], dtype=np.intp)
+            terms = members * len(disjoint[0].groups[0].columns)
             at_once = 1 if terms >= _MANY_TERMS else PRODUCT_COLUMNS
             for first in range(0, borders.shape[1], at_once):
                 last = min(first + at_once, borders.shape[1])
-                targets = [self._targets(border, first, last) for border in borders]
-                updates.append(
-                    Update(slice(start, stop), len(disjoint), first, last, np.array(targets))
-                )
+                targets = np.array([self._targets(border, first, last) for border in borders])
+                updates.append(Update(slice(start, stop), len(disjoint), first, last, targets))
             start = stop
         return updates
 
@@ -391,34 +397,38 @@ class DesignRows:
         return Elimination(groups, columns, self._values, self._kinds, signs=signs)
 
 
-def _families_of_fronts(groups: list[Group]) -> list[list[list[Group]]]:
+def _families_of_fronts(groups: list[ColumnGroup]) -> list[list[_Family]]:
     """Return for every front, in the order of elimination, its groups, divided into families.
 
     Groups of a front have the same height in the elimination tree and equal numbers of columns.
-    Groups of a family also have the same border. Families with more groups come first.
+    Families with more groups come first.
     """
-    fronts: dict[tuple[int, int, int], dict[tuple[int, ...], list[Group]]] = {}
+    fronts: dict[tuple[int, int, int], dict[tuple[int, ...], _Family]] = {}
     for group, height in zip(groups, heights(groups), strict=True):
-        key = (height, len(group.columns), len(group.border))
-        families = fronts.setdefault(key, {})
-        families.setdefault(tuple(group.border.tolist()), []).append(group)
-    return [sorted(fronts[key].values(), key=len, reverse=True) for key in sorted(fronts)]
+        border = tuple(group.border.tolist())
+        families = fronts.setdefault((height, len(group.columns), len(border)), {})
+        families.setdefault(border, _Family(border, [])).groups.append(group)
+    result = []
+    for key in sorted(fronts):
+        families_of_front = fronts[key].values()
+        result.append(sorted(families_of_front, key=lambda family: -len(family.groups)))
+    return result
 
 
-def _disjoint_families(families: list[list[Group]]) -> list[list[list[Group]]]:
-    """Return families of groups in lists, in which no two families have a column in common.
+def _disjoint_families(families: list[_Family]) -> list[list[_Family]]:
+    """Return families in lists, in which no two families have a column of the border in common.
 
-    A family is a list of groups with the same border. The families of a list have equal numbers of
-    groups and come one after the other in ``families``.
+    The families of a list have equal numbers of groups and follow each other in ``families``.
     """
-    lists: list[list[list[Group]]] = []
-    used: set[int] = set()
+    lists: list[list[_Family]] = []
+    used_columns: set[int] = set()
     for family in families:
-        border = set(family[0].border.tolist())
-        if lists and len(lists[-1][0]) == len(family) and not border & used:
+        size = len(family.groups)
+        fits = used_columns.isdisjoint(family.border)
+        if lists and fits and len(lists[-1][0].groups) == size:
             lists[-1].append(family)
-            used |= border
+            used_columns.update(family.border)
         else:
             lists.append([family])
-            used = border
+            used_columns = set(family.border)
     return lists

@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["PRODUCT_COLUMNS", "Group", "elimination_groups", "heights"]
+__all__ = ["PRODUCT_COLUMNS", "ColumnGroup", "elimination_groups", "heights"]
 
 # Number of columns of a border whose products with the border one call computes.
 PRODUCT_COLUMNS = 8
@@ -40,7 +40,7 @@ _PRODUCT_CALL_COST = 250.0
 _UPDATE_COST = 1.0
 
 
-class Group(NamedTuple):
+class ColumnGroup(NamedTuple):
     """Columns of the design matrix that are eliminated together.
 
     Both fields hold indices of columns, in the order of their elimination.
@@ -70,7 +70,7 @@ class _Node(NamedTuple):
         return _Node(self.columns | parent.columns, border)
 
 
-def elimination_groups(pattern: NDArray[np.bool_], last: NDArray[np.intp]) -> list[Group]:
+def elimination_groups(pattern: NDArray[np.bool_], last: NDArray[np.intp]) -> list[ColumnGroup]:
     """Return groups of columns in the order of their elimination.
 
     Parameters
@@ -83,7 +83,7 @@ def elimination_groups(pattern: NDArray[np.bool_], last: NDArray[np.intp]) -> li
 
     Returns
     -------
-    list of Group
+    list of ColumnGroup
         Every column is in one group. A group precedes those in which the columns of its border are.
     """
     columns = pattern.astype(np.float32)
@@ -94,11 +94,11 @@ def elimination_groups(pattern: NDArray[np.bool_], last: NDArray[np.intp]) -> li
     for node in nodes:
         places = np.array(sorted(node.columns), dtype=np.intp)
         border = np.array(sorted(node.border), dtype=np.intp)
-        groups.append(Group(order[places], order[border]))
+        groups.append(ColumnGroup(order[places], order[border]))
     return groups
 
 
-def heights(groups: list[Group]) -> list[int]:
+def heights(groups: list[ColumnGroup]) -> list[int]:
     """Return the height of each group in the elimination tree: 0 for groups without children.
 
     A group is higher than every group in whose border it is, so that groups of one height can be
