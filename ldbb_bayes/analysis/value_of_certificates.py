@@ -36,10 +36,10 @@ CERTIFICATES: Mapping[str, Mapping[str, Any]] = {
 def uncertainty_with(bound: BoundModel, instrument: Instrument, weight: Array, phi: Array) -> Array:
     """Return the standard uncertainty of every parameter, given an instrument's certificates.
 
-    The variance of each parameter, given the hyper-parameters φ (the scales of the noise and of
-    other effects), is averaged over values of φ. These values are those for the instrument of
-    ``bound``, not for ``instrument``; they are carried over by name, and those that only the
-    certified campaign has have their prior median.
+    The variance of each parameter is the mean, over values of the hyper-parameters φ (the scales of
+    the noise and of other effects), of its variance given φ, plus the variance of its mean given φ.
+    These values are those for the instrument of ``bound``, not for ``instrument``; they are carried
+    over by name, and those that only the certified campaign has have their prior median.
 
     Parameters
     ----------
@@ -60,7 +60,9 @@ def uncertainty_with(bound: BoundModel, instrument: Instrument, weight: Array, p
     certified_campaign = replace(bound.campaign, instrument=instrument)
     certified = BoundModel(bound.model, certified_campaign, pilot=bound.pilot)
     carried = certified.hyper_prior.carried(bound.hyper_prior, phi)
-    return np.asarray(np.sqrt(weight @ certified.given(carried)[1].sd ** 2))
+    given = certified.given(carried)[1]
+    error_of_mean = given.mean - weight @ given.mean
+    return np.asarray(np.sqrt(weight @ (given.sd**2 + error_of_mean**2)))
 
 
 def worth_of_certificates(

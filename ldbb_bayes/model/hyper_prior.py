@@ -6,6 +6,7 @@ readings, and the power by which the amplitude of form error falls with its orde
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -37,6 +38,11 @@ _SHAPE = 1.5
 # Rate b of the inverse gamma prior InvGamma(a, b) of λ², where λ is the factor that multiplies the
 # noise of one circle.
 _RATE = 1.5
+
+
+# Hyper-parameters that take over from others: the pattern of the machine from the form of the
+# balls. The same harmonics are the form's until the balls are stated or turned.
+_PREDECESSORS: Mapping[Hyper, Hyper] = {"omega": "tau"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,13 +96,18 @@ class HyperPrior:
         """Return values of these h hyper-parameters, carried over by name, shape (..., h).
 
         Those that ``other`` has too keep their values in ``phi``, whose last axis is that of
-        ``other``; those that it lacks have their prior median. Lengths are in mm.
+        ``other``. Where ``other`` lacks the size ω of the machine's pattern, this is the size τ of
+        the balls' form, which held the same harmonics before the balls were stated or turned. The
+        rest of those that ``other`` lacks have their prior median. Lengths are in mm.
         """
         median = self.quantile(np.full(len(self.names), 0.5))
         values = np.broadcast_to(median, (*phi.shape[:-1], len(self.names))).copy()
         for k, name in enumerate(self.names):
-            if name in other.names:
-                values[..., k] = phi[..., other.names.index(name)]
+            source = name
+            if name not in other.names:
+                source = _PREDECESSORS.get(name, name)
+            if source in other.names:
+                values[..., k] = phi[..., other.names.index(source)]
         return values
 
     @cached_property

@@ -19,16 +19,33 @@ CAMPAIGN = simulated(plan())
 CERTIFIED_BAR = lb.Instrument(bar_U_um=1.0)
 
 
-def test_variances_are_averaged_over_phi() -> None:
+def test_the_variance_over_phi_is_the_mean_of_variances_and_the_variance_of_means() -> None:
     """With a bar certified to 1 µm, by the oracle."""
     weight = np.array([0.5, 0.3, 0.2])
     bound = MODEL.bind(CAMPAIGN)
     phi = hyper_parameter_nodes(bound)[1][[0, 7, -1]]
     oracle = oracle_of(CAMPAIGN, 1, stated=Stated(length_U_um=1.0))
-    variances = [np.diag(oracle.given(node)[2]) for node in phi]
+    conditionals = [oracle.given(node) for node in phi]
+    variances = np.array([np.diag(conditional[2]) for conditional in conditionals])
+    means = np.array([conditional[1] for conditional in conditionals])
+    total = weight @ (variances + (means - weight @ means) ** 2)
     np.testing.assert_allclose(
-        uncertainty_with(bound, CERTIFIED_BAR, weight, phi), np.sqrt(weight @ variances), rtol=1e-6
+        uncertainty_with(bound, CERTIFIED_BAR, weight, phi), np.sqrt(total), rtol=1e-6
     )
+
+
+def test_the_pattern_of_the_machine_is_as_large_as_the_form_was() -> None:
+    """Stating the balls, ω takes the place of τ; every other scale keeps its value."""
+    model = lb.HybridModel.default(1)
+    balls = lb.Instrument(work=lb.Ball(grade="G10"), tool=lb.Ball(grade="G10"))
+    before = model.bind(CAMPAIGN).hyper_prior
+    after = model.bind(replace(CAMPAIGN, instrument=balls)).hyper_prior
+    phi = np.linspace(1.0, 2.0, len(before.names)) * 1e-3
+    carried = dict(zip(after.names, after.carried(before, phi), strict=True))
+    known = dict(zip(before.names, phi, strict=True))
+    assert set(carried) - set(known) == {"omega"}
+    assert carried.pop("omega") == known["tau"]
+    assert carried == {name: known[name] for name in carried}
 
 
 @pytest.mark.slow
