@@ -77,6 +77,7 @@ PROBLEMS = {
     "sparse": random_problem(2, size=40, density=0.02),
     "less sparse": random_problem(3, size=60, density=0.05),
     "dense": random_problem(4, size=25, density=1.0),
+    "large and dense": random_problem(7, size=70, density=1.0),
     "negative": random_problem(5, size=40, density=0.04, negative=6),
     "dense and negative": random_problem(6, size=25, density=0.8, negative=4),
 }
@@ -153,6 +154,14 @@ def test_blocks_that_have_no_row_in_common_are_eliminated_together() -> None:
     _, gain = elimination.factorize(problem.weight, np.tile(problem.shift, (12, 1)))
     _, expected = problem.design.elimination(0).factorize(problem.weight, problem.shift)
     np.testing.assert_allclose(gain, 12.0 * expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize(("name", "dense"), [("less sparse", 0), ("large and dense", 18)])
+def test_gram_entries_without_zeros_are_dense(name: str, dense: int) -> None:
+    """Four columns of the one group at a time."""
+    elimination = PROBLEMS[name].design.elimination(0)
+    assert len(elimination._gram._dense) == dense
+    assert (elimination._gram._sparse.nnz == 0) == (dense > 0)
 
 
 def test_a_coefficient_without_reading_and_prior_is_refused() -> None:
