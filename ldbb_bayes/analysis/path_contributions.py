@@ -89,8 +89,8 @@ def decompose_deviation(
     >>> table = lb.analysis.decompose_deviation(posterior, force_N=500.0).set_index("source")
     >>> table.index.to_list()[:4]
     ['compliance and geometry', 'compliance', 'geometry', 'C_XXX']
-    >>> round(table.loc["C_YYY", "maximum"])  # µm, C_YYY times 500 N
-    20
+    >>> round(table.loc["C_XXX", "maximum"])  # µm, C_XXX times 500 N
+    27
     """
     check_probability(prob)
     bound = bound_of(posterior)

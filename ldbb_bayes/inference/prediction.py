@@ -79,7 +79,7 @@ def predict(
 
     Examples
     --------
-    >>> circle = lb.CircularTest(300.0, np.arange(0.0, 360.0, 5.0))
+    >>> circle = lb.CircularTest(300.0, np.arange(0.0, 360.0, 5.0), direction="CW")
     >>> table = lb.predict(posterior, lb.Plan((circle,)))
     >>> len(table)
     72
