@@ -1,24 +1,35 @@
-"""What each belief of the model's second edition does to the recovered experiment: one at a time,
-and all together."""
+"""What each new belief of the model's third edition does to the recovered experiment: one at a time
+on top of the second edition, and all together.
+
+The second edition's own numbers, and what each of its beliefs did to the first, are kept as they
+were when that edition was the default (``second_edition.json``).
+"""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import xarray as xr
 from matplotlib.figure import Figure
 from study import DATA
 
 import ldbb_bayes as lb
 
 FIRST = lb.HybridModel.first(1)
-TOGETHER = lb.HybridModel.default(1)
-TERMS = {type(term).__name__: term for term in TOGETHER.nuisances}
+THIRD = lb.HybridModel.default(1)
 GRADE = "G20"
 STATED = f"balls of grade {GRADE}"
+KEPT = Path(__file__).resolve().parent / "second_edition.json"
+# Prior sd of the second edition's joint load, as a share of the compliance.
+SECOND_SHARE = 0.2
 TOLERANCE = 1e-2
+# Direct compliances whose curve C(F) is shown.
+CURVES = ("C_XXX", "C_YYY")
 # By inside unit: factor and label for reading.
 SHOWN = {"mm/N": (1e6, "nm/N"), "rad/N": (1e9, "nrad/N"), "rad/(N mm)": (1e9, "µrad/(N m)")}
 SHOWN |= {f"{unit}/N": (1e3 * factor, f"{label} per kN") for unit, (factor, label) in SHOWN.items()}
@@ -26,33 +37,39 @@ SHOWN |= {"1": (1e6, "µm/m"), "1/mm": (1e9, "µm/m²"), "rad": (1e6, "µrad"), 
 Change = Callable[[lb.HybridModel], lb.HybridModel]
 
 
-def adding(term: str) -> Change:
-    """The second edition's term, in place of the first's where that has it."""
-    return lambda model: model.with_term(TERMS[term])
+@dataclass(frozen=True)
+class SecondJointLoad(lb.terms.JointLoad):
+    """The second edition's joint load: half the prior sd, and no column for a seat."""
+
+    relative_sd: float = SECOND_SHARE
+
+    def columns(self, setting: Any) -> tuple[lb.terms.Columns, ...]:
+        """Columns of preload and of contact of every driven axis."""
+        own = super().columns(setting)
+        return tuple(lb.terms.Columns(c.names[:2], c.values[..., :2], c.sd[:2]) for c in own)
 
 
-def form_falls(model: lb.HybridModel) -> lb.HybridModel:
-    """The second edition's form and the prior of its size."""
-    return replace(
-        model.with_term(TERMS["BallForm"]), prior=replace(model.prior, tau_um=TOGETHER.prior.tau_um)
-    )
+def adding(term: lb.terms.Term) -> Change:
+    """This term beside those of the model."""
+    return lambda model: model.with_term(term)
 
 
+def joints_with_seats(model: lb.HybridModel) -> lb.HybridModel:
+    """The third edition's joint load in place of the second's."""
+    return model.without("second-joint-load").with_term(lb.terms.JointLoad())
+
+
+# The second edition's terms, with Ĉ as the third finds it.
+SECOND_TERMS = THIRD.without("drift", "hysteresis", "joint-load").with_term(SecondJointLoad())
 BELIEFS: Mapping[str, Change] = {
-    "first edition": lambda model: model,
-    "form falls as it may": form_falls,
-    f"the same, {STATED}": form_falls,
-    "joint load": adding("JointLoad"),
-    "position": adding("Position"),
-    "angle": adding("Angle"),
-    "mount curved": adding("Mount"),
-    "force law curved": adding("ForceError"),
-    "a scale per circle": adding("CircleScale"),
-    "slopes against Ĉ": lambda model: replace(
-        model, prior=replace(model.prior, slopes_of_estimate=True)
-    ),
-    "all together": lambda model: TOGETHER,
-    f"all, {STATED}": lambda model: TOGETHER,
+    "first edition": lambda model: FIRST,
+    "Ĉ with its uncertainty": lambda model: model,
+    "drift in the order listed": adding(lb.terms.Drift()),
+    "hysteresis in one direction": adding(lb.terms.Hysteresis()),
+    "joint load twice as wide, and a seat": joints_with_seats,
+    STATED: lambda model: model,
+    "all together": lambda model: THIRD,
+    f"all, {STATED}": lambda model: THIRD,
 }
 # What `--quick` measures again.
 AGAIN = ("first edition", "all together")
@@ -76,21 +93,44 @@ def log_bayes_factor(linear: lb.HybridModel, campaign: lb.Campaign) -> float:
     return lb.inference.log_bayes_factor(own, least)[0]
 
 
+def curve(posterior: xr.DataTree) -> dict[str, dict[str, Any]]:
+    """Deflection over force at the smallest and the largest force, and the change, by compliance
+    [nm/N]."""
+    changes = lb.analysis.change_with_force(posterior)
+    factor = SHOWN["mm/N"][0]
+    found = {}
+    for name in CURVES:
+        own = changes[name]
+        parts = {"low": own.at_smallest, "high": own.at_largest, "change": own.change}
+        found[name] = {
+            part: {"mean": factor * value.mean, "sd": factor * value.sd}
+            for part, value in parts.items()
+        }
+    return found
+
+
+def kept() -> dict[str, Any]:
+    """What was measured when the second edition was the default, by belief."""
+    return dict(json.loads(KEPT.read_text(encoding="utf-8"))["beliefs"]["by_belief"])
+
+
 def measure(beliefs: Sequence[str]) -> dict[str, Any]:
     """By belief: mean and sd of every parameter [unit for reading], mean δ [µm], ln B over
-    constant, and the evidence over the first edition's [nat], all with linear compliance."""
+    constant, the evidence over the first edition's [nat] and C(F), all with linear compliance."""
     plain = lb.read_campaign(DATA / "recovered_experiment")
     ball = lb.Ball(grade=GRADE)
     stated = replace(plain, instrument=replace(plain.instrument, work=ball, tool=ball))
     names = FIRST.bind(plain).names
     first = lb.log_evidence(FIRST, plain, tolerance=TOLERANCE).log_value
     found: dict[str, Any] = {}
+    posteriors = {}
     for belief in beliefs:
         campaign = stated if STATED in belief else plain
-        model = BELIEFS[belief](FIRST)
+        model = BELIEFS[belief](SECOND_TERMS)
         table = lb.inference.marginalize(model, campaign, tolerance=TOLERANCE)
         own = table.loc[list(names)]
         factor = own["unit"].map(lambda unit: SHOWN[unit][0])
+        posteriors[belief] = lb.sample(model, campaign, sampler="independent", seed=1)
         found[belief] = {
             "mean": (factor * own["mean"]).to_dict(),
             "sd": (factor * own["sd"]).to_dict(),
@@ -98,23 +138,26 @@ def measure(beliefs: Sequence[str]) -> dict[str, Any]:
             "log_bayes_factor": log_bayes_factor(model, campaign),
             "log_bayes_factor_zero_kept": log_bayes_factor(zero_kept(model), campaign),
             "evidence": lb.log_evidence(model, campaign, tolerance=TOLERANCE).log_value - first,
+            "curve": curve(posteriors[belief]),
         }
-    acting = TOGETHER.bind(plain).terms
+    acting = THIRD.bind(plain).terms
     return {
         "by_belief": found,
         "units": {name: SHOWN[unit][1] for name, unit in own["unit"].items()},
-        "not_here": [kind for kind in TERMS if kind not in acting],
-        "elsewhere": elsewhere(found["all together"], factor.to_dict(), plain),
+        "not_here": [name for name in THIRD.terms if name not in acting],
+        "forces_N": [float(plain.forces_N.min()), float(plain.forces_N.max())],
+        "elsewhere": elsewhere(
+            found["all together"], factor.to_dict(), posteriors["all together"]["posterior"]
+        ),
     }
 
 
 def elsewhere(
-    own: Mapping[str, Any], factor: Mapping[str, float], campaign: lb.Campaign
+    own: Mapping[str, Any], factor: Mapping[str, float], posterior: Any
 ) -> dict[str, float]:
     """Largest difference of all beliefs together from independent draws: of means in u, and of the
     ratio of sds from one."""
-    tree = lb.sample(TOGETHER, campaign, sampler="independent", seed=1)["posterior"]
-    draws = {name: factor[name] * tree[name].to_numpy().ravel() for name in factor}
+    draws = {name: factor[name] * posterior[name].to_numpy().ravel() for name in factor}
     return {
         "draws": next(iter(draws.values())).size,
         "mean_in_u": max(
@@ -127,25 +170,26 @@ def elsewhere(
 
 @lb.figures.styled
 def widths_and_shifts(results: Mapping[str, Any]) -> Figure:
-    """Of every parameter, by belief: u over the first edition's, and how far the mean moves in the
-    first edition's u."""
+    """Of every parameter, by belief: u over the second edition's, and how far the mean moves in the
+    second edition's u."""
     beliefs = dict(results["by_belief"])
-    first = beliefs.pop("first edition")
-    names = list(first["mean"])
+    del beliefs["first edition"]
+    second = kept()["all together"]
+    names = list(second["mean"])
     wider = np.array(
-        [[own["sd"][name] / first["sd"][name] for own in beliefs.values()] for name in names]
+        [[own["sd"][name] / second["sd"][name] for own in beliefs.values()] for name in names]
     )
     moved = np.array(
         [
-            [(own["mean"][n] - first["mean"][n]) / first["sd"][n] for own in beliefs.values()]
+            [(own["mean"][n] - second["mean"][n]) / second["sd"][n] for own in beliefs.values()]
             for n in names
         ]
     )
     figure = lb.figures.new_figure(10.5, 6.0)
     panels = figure.subplots(1, 2, sharey=True)
     shown = (
-        (np.log2(wider), wider, ".2g", "u over that of the first edition"),
-        (moved, moved.round(1) + 0.0, "+.1f", "shift in u of the first edition"),
+        (np.log2(wider), wider, ".2g", "u over that of the second edition"),
+        (moved, moved.round(1) + 0.0, "+.1f", "shift in u of the second edition"),
     )
     for axes, (colour, values, form, title) in zip(panels, shown, strict=True):
         axes.imshow(colour, cmap="RdBu_r", vmin=-2.5, vmax=2.5, aspect="auto")

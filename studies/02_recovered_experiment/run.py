@@ -127,7 +127,7 @@ def _determined_to(found: Recovered) -> float:
 
 
 def completions(found: Recovered) -> dict[str, Any]:
-    """Posterior of what depends most on the completion, under the default model with constant
+    """Posterior of what depends most on the completion, under the first edition with constant
     compliance."""
     named = named_directions(found)
     made = {
@@ -400,6 +400,7 @@ def main() -> None:
         "beliefs/*/mean/C_[XY]*": 0.05,
         "beliefs/*/mean/C_C[XY]*": 0.2,
         "beliefs/*/mean/E_*": 0.5,
+        "beliefs/*/curve/*": 0.5,
         "*/delta_um": 0.005,
     }
     long = tuple(

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, null_space
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal, norm
+from study import DATA
 
 import ldbb_bayes as lb
 
@@ -58,6 +59,15 @@ RIVALS = ("joint load", "curved mount", "curved force law")
 CURVE_MM = 0.5e-3
 CURVE_OF_FORCE = 0.01
 OWN_LOAD = 0.2
+# The third edition's joint load, and what it lets act in every model: drift in the order listed,
+# and what changes its sign with the direction of travel where only one is run.
+THIRD_OWN_LOAD = 0.4
+LISTED_H = 0.1
+DRIFT_OF_LENGTH_MM_PER_H = 2e-3
+DRIFT_OF_CENTRE_MM_PER_H = 5e-3
+ONE_WAY_MM = 2e-3
+ONE_WAY_MM_PER_N = 1.2e-6
+ONE_WAY_LAST_ORDER = 3
 MIDDLE_N = 0.5 * (FORCES_N.min() + FORCES_N.max())
 RANGE_N = float(np.ptp(FORCES_N))
 # Points of the grid below the best by more [nat] do not count.
@@ -170,6 +180,48 @@ def estimate() -> dict[str, float]:
     return {name: numbers[k].value for k, name in enumerate(COMPLIANCES)}
 
 
+@dataclass(frozen=True)
+class Sizes:
+    """What slopes and joint load are measured against, by compliance, and which they are.
+
+    Attributes
+    ----------
+    slope : dict of str to float
+        Prior sd of a slope times the range of force, per ``slope_scale``.
+    joint : dict of str to float
+        Compliance that the joint load's prior sd is a share of.
+    third : bool
+        Whether joint load, drift and hysteresis are the third edition's.
+    """
+
+    slope: Mapping[str, float]
+    joint: Mapping[str, float]
+    third: bool = False
+
+
+def of_first() -> Sizes:
+    """Slopes of the first edition: measured against what any machine's compliance may be."""
+    return Sizes(PRIOR_SD, estimate())
+
+
+def of_second() -> Sizes:
+    """Slopes of the second edition: measured against their own compliance, Ĉ of Table 5."""
+    slope = {
+        name: max(abs(value), PRIOR_SD[name] / LEAST_SHARE) for name, value in estimate().items()
+    }
+    return Sizes(slope, estimate())
+
+
+def of_third() -> Sizes:
+    """The third edition: Ĉ and u(Ĉ) as `lb` finds them from the shipped readings, added in
+    squares."""
+    campaign = lb.read_campaign(DATA / "recovered_experiment")
+    setting = lb.HybridModel.default(1).bind(campaign).setting
+    size = dict(zip(COMPLIANCES, setting.compliance_size_estimate.tolist(), strict=True))
+    slope = {name: max(value, PRIOR_SD[name] / LEAST_SHARE) for name, value in size.items()}
+    return Sizes(slope, size, third=True)
+
+
 @dataclass(frozen=True, eq=False)
 class Model:
     """The first edition of the model, of a linear map of harmonics, for every subset of slopes at
@@ -189,9 +241,9 @@ class Model:
         Added to what is known of every harmonic of every circle [mm].
     rivals : tuple of str
         Which of `RIVALS` it has.
-    of_estimate : bool
-        Whether a slope is measured against its own compliance, max(|Ĉ|, sd(C)/20), not against
-        sd(C): the second edition's.
+    sizes : Sizes
+        What slopes and joint load are measured against; the third edition's bring its drift and
+        hysteresis along.
     """
 
     data: Data
@@ -201,17 +253,12 @@ class Model:
     decay: float = 1.0
     unexplained_mm: float = 0.0
     rivals: tuple[str, ...] = ()
-    of_estimate: bool = False
+    sizes: Sizes = field(default_factory=of_first)
     grid: Mapping[str, Array] = field(default_factory=lambda: GRID)
 
     def slope_size(self, name: str) -> float:
         """Prior sd of a slope times the range of force."""
-        own = (
-            max(abs(estimate()[name]), PRIOR_SD[name] / LEAST_SHARE)
-            if self.of_estimate
-            else PRIOR_SD[name]
-        )
-        return self.slope_scale * own
+        return self.slope_scale * self.sizes.slope[name]
 
     @cached_property
     def parameters(self) -> Array:
@@ -251,20 +298,48 @@ class Model:
             columns.append(CURVE_OF_FORCE * FORCES_N.max() * (bow / FORCES_N)[:, None] * deflection)
         if "joint load" in self.rivals:
             columns += self._own_load()
+        if self.sizes.third:
+            columns += self._drift() + self._one_way()
         own = _square(self.data.jacobian @ np.array([c.ravel() for c in columns]).T)
         return own + self.unexplained_mm**2 * _square(self.data.jacobian)
 
     def _own_load(self) -> list[Array]:
         """One sd of what yields to the load of its own axis: stiffening and contact of X and of Y,
-        each (6, k) [mm]."""
+        and the third edition's seats, each (6, k) [mm]."""
         force = FORCES_N[:, None]
+        share = THIRD_OWN_LOAD if self.sizes.third else OWN_LOAD
         found = []
         for name, u in (("C_XXX", np.cos(angles())), ("C_YYY", np.sin(angles()))):
             stiffening = force * u**2 * (force * np.abs(u) - MIDDLE_N) / FORCES_N.max()
-            contact = np.cbrt(force**2 * MIDDLE_N) * np.abs(u) ** (5.0 / 3.0) - force * u**2
-            for trace in (stiffening, contact):
+            cube_root = np.cbrt(force**2 * MIDDLE_N)
+            contact = cube_root * np.abs(u) ** (5.0 / 3.0) - force * u**2
+            traces = [stiffening, contact]
+            if self.sizes.third:
+                traces.append((cube_root - force) * u**2)
+            for trace in traces:
                 fitted = np.linalg.lstsq(self.data.basis, trace.T, rcond=None)[0].T
-                found.append(OWN_LOAD * estimate()[name] * fitted)
+                found.append(share * self.sizes.joint[name] * fitted)
+        return found
+
+    def _drift(self) -> list[Array]:
+        """One sd of a drift of the bar's length and of the centre in the order listed, each (6, k)
+        [mm]."""
+        hours = LISTED_H * np.arange(len(FORCES_N))
+        hours = hours - hours.mean()
+        first = np.flatnonzero(self.data.order == 1.0)
+        unit = np.eye(len(self.data.order))
+        length = DRIFT_OF_LENGTH_MM_PER_H * np.outer(hours, unit[0])
+        return [length, *(DRIFT_OF_CENTRE_MM_PER_H * np.outer(hours, unit[k]) for k in first)]
+
+    def _one_way(self) -> list[Array]:
+        """One sd of what changes its sign with the direction of travel, constant and in proportion
+        to force, each (6, k) [mm]."""
+        found = []
+        for k, order in enumerate(self.data.order):
+            if order <= ONE_WAY_LAST_ORDER:
+                unit = np.eye(len(self.data.order))[k] / max(order, 1.0)
+                found.append(ONE_WAY_MM * np.outer(np.ones(len(FORCES_N)), unit))
+                found.append(ONE_WAY_MM_PER_N * np.outer(FORCES_N, unit))
         return found
 
     @cached_property

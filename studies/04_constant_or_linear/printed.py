@@ -6,6 +6,7 @@ They are a linear map of 48 harmonics, each number known to its half-unit/√3.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any
@@ -19,7 +20,11 @@ from harmonics import (
     RIVALS,
     Data,
     Model,
+    Sizes,
     all_harmonics,
+    of_first,
+    of_second,
+    of_third,
     printed_numbers,
 )
 from make_campaign import recover
@@ -32,6 +37,8 @@ ZERO_AND_CENTRE = "zero and centre move"
 CENTRE = "the centre alone moves"
 FIRST = "slopes of the first edition"
 SECOND = "slopes of the second"
+THIRD = "the third"
+EDITIONS: Mapping[str, Callable[[], Sizes]] = {FIRST: of_first, SECOND: of_second, THIRD: of_third}
 SCALES = (0.0, 0.25, 0.5, 1.0, 2.0)
 SLOPE_SCALES = (0.03, 0.1, 0.3, 1.0, 3.0)
 SUBSETS = tuple(
@@ -158,12 +165,10 @@ def measure_long(data: Data, found: Answer) -> dict[str, Any]:
         "scaled": {f"{factor:g}": with_scaled(factor) for factor in SCALES},
         "explanations": {
             size: {
-                label: explanations(
-                    Model(data, zero_moves=label == ZERO_AND_CENTRE, of_estimate=size == SECOND)
-                )
+                label: explanations(Model(data, zero_moves=label == ZERO_AND_CENTRE, sizes=sizes()))
                 for label in (ZERO_AND_CENTRE, CENTRE)
             }
-            for size in (FIRST, SECOND)
+            for size, sizes in EDITIONS.items()
         },
     }
 
@@ -238,12 +243,28 @@ def parts(model: Model) -> dict[str, float]:
     }
 
 
-def of_readings() -> dict[str, float]:
-    """ln B by the dense model, given all 150 harmonics of the shipped readings."""
+def of_readings() -> dict[str, Any]:
+    """ln B by the dense model, given all 150 harmonics of the shipped readings; with the third
+    edition's drift, hysteresis and joint load as well, beside the same by `lb.log_evidence`."""
     data = all_harmonics(recovered())
+    third = Model(
+        data,
+        grid=GRID_OF_READINGS,
+        sizes=replace(of_first(), third=True),
+        rivals=RIVALS[:1],
+    )
+    linear = lb.HybridModel.first(1)
+    for term in (lb.terms.Drift(), lb.terms.Hysteresis(), lb.terms.JointLoad()):
+        linear = linear.with_term(term)
+    least, most = (
+        lb.log_evidence(model, recovered(), tolerance=1e-2)
+        for model in (linear.with_degree(0), linear)
+    )
     return {
         "harmonics": len(data.values),
         "log_bayes_factor": Model(data, grid=GRID_OF_READINGS).log_bayes_factor(),
+        "with_terms_of_third": third.log_bayes_factor(),
+        "with_terms_of_third_by_lb": lb.inference.log_bayes_factor(most, least)[0],
     }
 
 

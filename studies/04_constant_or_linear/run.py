@@ -8,6 +8,7 @@ python studies/04_constant_or_linear/run.py --write    # states anew
 
 from __future__ import annotations
 
+import json
 import sys
 from functools import cache
 from pathlib import Path
@@ -92,7 +93,7 @@ def compared() -> dict[str, Any]:
 
 
 def explained(label: str) -> dict[str, Any]:
-    """The second edition's answer from the readings: ln B with no rival of slopes and averaged over
+    """The third edition's answer from the readings: ln B with no rival of slopes and averaged over
     all combinations of rivals, and how probable each explanation is."""
     linear = gain.ASSUMPTIONS[label](lb.HybridModel.default(degree=1))
     models = {"constant": linear.with_degree(0), "linear": linear}
@@ -219,17 +220,20 @@ def answer_figure(results: dict[str, Any]) -> Figure:
 
 
 def explanations_figure(results: dict[str, Any]) -> Figure:
-    """Left: ln B with slopes alone, by both editions, and averaged over rivals; right: how probable
-    every explanation is."""
-    first, second = (
-        results["printed"]["explanations"][size] for size in (printed.FIRST, printed.SECOND)
-    )
+    """Left: ln B with slopes alone and averaged over rivals, by edition; right: how probable every
+    explanation is by the third."""
+    of_printed = results["printed"]["explanations"]
+    first = of_printed[printed.FIRST]
+    kept = json.loads((HERE / "second_edition.json").read_text(encoding="utf-8"))["explained"]
+    second = [of_printed[printed.SECOND][label] for label in MOVES]
+    second += [kept[label] for label in MOVES]
     shipped = (
         results["compared"]["log_bayes_factor"],
         results["compared"]["assumptions"]["set-up shift of order 1 (centre) only"],
     )
     old = [*(first[label]["alone"] for label in MOVES), shipped[0], shipped[1]["log_bayes_factor"]]
-    new = [*(second[label] for label in MOVES), *(results["explained"][label] for label in MOVES)]
+    new = [of_printed[printed.THIRD][label] for label in MOVES]
+    new += [results["explained"][label] for label in MOVES]
     labels = [
         f"{of};\n{label}"
         for of in ("printed", "readings")
@@ -239,15 +243,16 @@ def explanations_figure(results: dict[str, Any]) -> Figure:
     left, right = figure.subplots(1, 2, width_ratios=[1.2, 1.0])
     bars = {
         "slopes alone, first edition": (old, GREY),
-        "slopes alone, second": ([own["alone"] for own in new], BLUE),
-        "averaged over rivals, second": ([own["averaged"] for own in new], ORANGE),
+        "slopes alone, third": ([own["alone"] for own in new], BLUE),
+        "averaged over rivals, second": ([own["averaged"] for own in second], GREEN),
+        "averaged over rivals, third": ([own["averaged"] for own in new], ORANGE),
     }
     place = np.arange(len(labels))
     for k, (label, (values, colour)) in enumerate(bars.items()):
         left.bar_label(
-            left.bar(place + 0.27 * (k - 1), values, width=0.25, color=colour, label=label),
+            left.bar(place + 0.21 * (k - 1.5), values, width=0.2, color=colour, label=label),
             fmt="%+.1f",
-            fontsize=7,
+            fontsize=6,
         )
     left.axhline(0.0, color="black", linewidth=0.8)
     left.set_xticks(place, labels, fontsize=8)
@@ -269,7 +274,8 @@ def explanations_figure(results: dict[str, Any]) -> Figure:
     right.set_yticks(range(len(names)), names)
     right.invert_yaxis()
     right.set(xlabel="probability that it explains a change with force (1)", xlim=(0.0, 1.0))
-    right.legend(fontsize=8, loc="upper right")
+    # Beside the bars of joint load, which are short.
+    right.legend(fontsize=8, loc="center right", bbox_to_anchor=(1.0, 0.62))
     return figure
 
 
