@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -9,9 +10,13 @@ from campaigns import plan, refuses, simulated
 from reports import NOT_COMPARED, fitted, undrawn
 
 import ldbb_bayes as lb
+from ldbb_bayes.analysis.origins import Origin
+from ldbb_bayes.analysis.verdicts import VarianceSource
 from ldbb_bayes.report.blocks import Banner, Fields, Pair, ReportSheet
 from ldbb_bayes.report.findings import Findings, find
+from ldbb_bayes.report.sheet_numbers import StatedQuantity, remark
 from ldbb_bayes.report.sheets import sheets
+from ldbb_bayes.report.translation import words_of
 from ldbb_bayes.results import Table
 
 
@@ -181,3 +186,30 @@ def test_a_long_name_is_shortened() -> None:
 
 def test_a_language_without_words_is_refused(findings: Findings) -> None:
     refuses("language", sheets, findings, language="xx")
+
+
+def judged(verdict: str, *partners: str) -> Any:
+    """A verdict on a parameter that the mount limits, or that is confounded with these effects."""
+    held_by = VarianceSource("Mount", Origin.ASSUMED, 0.39)
+    return SimpleNamespace(verdict=verdict, held_by=held_by, partners=partners, contraction=0.5)
+
+
+@pytest.mark.parametrize(
+    ("language", "entry", "text"),
+    [
+        ("en", judged("identified"), "identified; limited by mount (39 %, assumed)"),
+        ("de", judged("identified"), "bestimmt; begrenzt durch Aufnahme (39 %, angenommen)"),
+        ("en", judged("confounded", "Mount", "Drift"), "confounded with mount and drift"),
+        ("de", judged("confounded", "Mount", "Drift"), "vermengt mit Aufnahme und Drift"),
+        ("en", judged("prior-limited"), "prior-limited"),
+        ("de", judged("prior-limited"), "durch Vorwissen begrenzt"),
+    ],
+)
+def test_verdicts_on_sheets(language: str, entry: Any, text: str) -> None:
+    quantity = StatedQuantity("Compliance", "C_XXX", 1.0, 0.1, (0.8, 1.2), "mm/N", entry)
+    assert remark(quantity, words_of(language)) == text
+
+
+@pytest.mark.parametrize("language", ["en", "de"])
+def test_every_origin_has_its_words(language: str) -> None:
+    assert set(words_of(language).table["origins"]) == set(map(str, Origin))
