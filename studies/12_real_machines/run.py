@@ -81,15 +81,14 @@ G10 = "balls of grade G10"
 
 
 def job(kind: str, seed: int) -> Row:
-    """One campaign by the third edition; with certificates, u without them and u foretold."""
+    """One campaign by the third edition; with certificates, u without them, u foretold and u if no
+    compliance were held at zero or above."""
     campaign, machine = simulate(ALL[kind], seed)
-    row = {
-        f"third/{name}": value
-        for name, value in analysed(MODELS["third"], campaign, machine, seed).items()
-    }
+    found = analysed(MODELS["third"], campaign, machine, seed)
+    row = {f"third/{name}": value for name, value in found.items()}
     certified = certificates_foretold(campaign) if kind in CERTIFIED_KINDS else {}
     for name in NAMES:
-        for column in (f"before/{name}", f"foretold/{name}"):
+        for column in (f"before/{name}", f"foretold/{name}", f"unbounded/{name}"):
             row[column] = certified.get(column, np.nan)
     return row
 
@@ -157,16 +156,23 @@ def covers(draws: Array, truth: float) -> bool:
 
 
 def certificates_foretold(campaign: lb.Campaign) -> Row:
-    """u of these readings without the certificates, and u that these were to leave, as `identify`
-    works it out before they are bought."""
+    """u of these readings without the certificates; u that these were to leave, as `identify` works
+    it out before they are bought; and u that they leave if compliances may be negative."""
     bound = MODELS["third"].bind(replace(campaign, instrument=lb.Instrument()))
-    before = HyperPosterior(bound, truncated=True).nodes(TOLERANCE).moments()[1]
+    before = standard_uncertainties(bound, truncated=True)
     expected = uncertainty_with(bound, CERTIFIED, *hyper_parameter_nodes(bound))
+    unbounded = standard_uncertainties(MODELS["third"].bind(campaign), truncated=False)
     row: Row = {}
     for j, name in enumerate(NAMES):
         row[f"before/{name}"] = float(before[j])
         row[f"foretold/{name}"] = float(expected[j])
+        row[f"unbounded/{name}"] = float(unbounded[j])
     return row
+
+
+def standard_uncertainties(bound: BoundModel, *, truncated: bool) -> Array:
+    """u of every parameter, shape (p,)."""
+    return HyperPosterior(bound, truncated=truncated).nodes(TOLERANCE).moments()[1]
 
 
 def of_family(rows: pd.DataFrame) -> dict[str, Any]:
@@ -284,6 +290,9 @@ def worth_of_certificates(rows: pd.DataFrame) -> dict[str, Any]:
                 "after": float(after.median()),
                 "foretold": float(of_kind[f"foretold/{name}"].median()),
                 "over_foretold": float((after / of_kind[f"foretold/{name}"]).median()),
+                "unbounded_over_foretold": float(
+                    (of_kind[f"unbounded/{name}"] / of_kind[f"foretold/{name}"]).median()
+                ),
             }
     return found
 
@@ -311,7 +320,7 @@ def published_both_ways() -> dict[str, dict[str, float]]:
     readings = simulated.campaign
     unstated = replace(readings, instrument=published.instrument)
     foretold = lb.identify(model, unstated).certificates
-    u_stated = HyperPosterior(model.bind(readings), truncated=True).nodes(TOLERANCE).moments()[1]
+    u_stated = standard_uncertainties(model.bind(readings), truncated=True)
     found = {}
     for name in FOLDED:
         found[name] = {
