@@ -29,9 +29,9 @@ DECISIONS = {
     "C_XYX_1: there": 200,
     "C_XYX_1: equal slopes": 200,
 }
-# Of the second edition, fewer: a campaign takes several times as long.
-SECOND_WIDTHS = {"recommended six": 20, "nine, both balls clocked": 12}
-SECOND_DECISIONS = {"settling: constant": 20, "settling: slopes": 20}
+# Of the third edition, fewer: a campaign takes several times as long.
+THIRD_WIDTHS = {"recommended six": 20, "nine, both balls clocked": 12}
+THIRD_DECISIONS = {"settling: constant": 20, "settling: slopes": 20}
 SHORT = lb.inference.StoppingRule(ess=400.0, rhat=1.05, max_steps=1000)
 DECISIVE = 5.0
 HYPERS = ("sigma", "delta", "kappa", "tau")
@@ -73,7 +73,7 @@ def equal_slope() -> float:
 @cache
 def plan_of(kind: str, edition: designs.Edition = "first") -> lb.Plan:
     """The plan of a kind of simulated campaign."""
-    if edition == "second":
+    if edition == "third":
         found: dict[str, Callable[[], lb.analysis.Design]] = {
             "recommended six": lambda: designs.six(edition),
             "nine, both balls clocked": lambda: designs.nine("both balls clocked", edition),
@@ -111,9 +111,9 @@ def width_row(kind: str, seed: int, edition: designs.Edition = "first") -> dict[
     return row
 
 
-def second_width_row(kind: str, seed: int) -> dict[str, float]:
-    """The same by the second edition."""
-    return width_row(kind, seed, "second")
+def third_width_row(kind: str, seed: int) -> dict[str, float]:
+    """The same by the third edition."""
+    return width_row(kind, seed, "third")
 
 
 def decision_row(kind: str, seed: int, edition: designs.Edition = "first") -> dict[str, float]:
@@ -144,9 +144,9 @@ def decision_row(kind: str, seed: int, edition: designs.Edition = "first") -> di
     return {"ln B": lb.inference.log_bayes_factor(with_, without)[0]}
 
 
-def second_decision_row(kind: str, seed: int) -> dict[str, float]:
-    """The same by the second edition."""
-    return decision_row(kind, seed, "second")
+def third_decision_row(kind: str, seed: int) -> dict[str, float]:
+    """The same by the third edition."""
+    return decision_row(kind, seed, "third")
 
 
 def zero_kept(model: lb.HybridModel) -> lb.HybridModel:

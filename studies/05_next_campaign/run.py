@@ -26,7 +26,7 @@ import designs
 from study import Effort, Study, replicated, run
 
 AGAIN: dict[Effort, int] = {"quick": 1, "usual": 6}
-SECOND_AGAIN: dict[Effort, int] = {"quick": 1, "usual": 3}
+THIRD_AGAIN: dict[Effort, int] = {"quick": 1, "usual": 3}
 SEPARATED = {
     "E_C0YX": (1e6, "E_C(0Y)X (µrad)"),
     "E_YX2": (1e9, "E_YX2 (µm/m²)"),
@@ -54,10 +54,10 @@ def measure(effort: Effort) -> dict[str, Any]:
     decisions = replicated(
         HERE / "decisions.csv", campaigns.decision_row, campaigns.DECISIONS, effort, again=AGAIN
     )
-    kept = (("second_widths.csv", campaigns.second_width_row, campaigns.SECOND_WIDTHS),)
-    kept += (("second_decisions.csv", campaigns.second_decision_row, campaigns.SECOND_DECISIONS),)
+    kept = (("third_widths.csv", campaigns.third_width_row, campaigns.THIRD_WIDTHS),)
+    kept += (("third_decisions.csv", campaigns.third_decision_row, campaigns.THIRD_DECISIONS),)
     again = [
-        replicated(HERE / name, job, kinds, effort, again=SECOND_AGAIN) for name, job, kinds in kept
+        replicated(HERE / name, job, kinds, effort, again=THIRD_AGAIN) for name, job, kinds in kept
     ]
     return {
         "six": six(),
@@ -76,27 +76,38 @@ def measure(effort: Effort) -> dict[str, Any]:
         "papers_step_N": designs.PAPER_N[-1] - designs.PAPER_N[-2],
         "equal_slope": 1e9 * campaigns.equal_slope(),
         "simulated": simulated(widths, decisions),
-        "second": second(*again),
+        "third": third(*again, quick=effort == "quick"),
     }
 
 
-def second(widths: pd.DataFrame, decisions: pd.DataFrame) -> dict[str, Any]:
-    """What the second edition makes of it: six circles, nine, squareness, and constant or linear of
-    so many and of very many."""
+def third(widths: pd.DataFrame, decisions: pd.DataFrame, *, quick: bool = False) -> dict[str, Any]:
+    """What the third edition makes of it: six circles, nine, squareness, and constant or linear of
+    so many and of very many.
+
+    ``quick``: without what `LONG` names.
+    """
     few = len(designs.settling().tests)
-    return {
-        "six": six("second"),
-        "nine": {choice: nine(choice, "second") for choice in designs.NINE},
-        "squareness": {name: square(found) for name, found in designs.squareness("second").items()},
+    choices = [choice for choice in designs.THIRD_NINE if choice != designs.BOTH_WAYS or not quick]
+    found = {
+        "six": six("third"),
+        "nine": {choice: nine(choice, "third") for choice in choices},
         "settling": {
             how: {**circles(own), **decided(own)}
             for how, own in {
-                "few": designs.deciding(few, "second"),
-                "many": designs.deciding(designs.MOST_TO_FIND, "second"),
+                "few": designs.deciding(few, "third"),
+                "many": designs.deciding(designs.MOST_TO_FIND, "third"),
             }.items()
         },
-        "simulated": simulated(widths, decisions, "second"),
+        "simulated": simulated(widths, decisions, "third"),
     }
+    if quick:
+        return found
+    return found | {
+        "squareness": {name: square(own) for name, own in designs.squareness("third").items()}
+    }
+
+
+LONG = ("third/squareness", f"third/nine/{designs.BOTH_WAYS}")
 
 
 def simulated(
@@ -283,7 +294,7 @@ def _evidence(axes: Axes) -> None:
 def main() -> None:
     """Measure and compare with what is stated; ``--write`` states anew."""
     near = {"*expected_without": 0.02, "*decisive*": 0.01, "*misleading*": 0.01, "*power*": 0.01}
-    run(Study(HERE, measure, draw, tolerance=0.02, absolute=near))
+    run(Study(HERE, measure, draw, tolerance=0.02, absolute=near, long=LONG))
 
 
 if __name__ == "__main__":
