@@ -69,7 +69,7 @@ __all__ = [
 MAJORITY = 0.5
 # Two effects act on the same combination of parameters if the squared cosine of the angle between
 # the errors that they cause is at least this.
-SAME_COMBINATION = 0.5
+SAME_COMBINATION = 0.95
 # A parameter β is prior-limited where its contraction, 1 − Var(β | y) / Var(β) for readings y, is
 # below this: its posterior sd is more than half of its prior sd.
 CONTRACTION_LIMIT = 0.75
@@ -97,8 +97,8 @@ class Verdict(StrEnum):
        several that act on the same combination do so together: those with the largest shares, none
        below 5 %. An effect is a term of the model, or another parameter through its prior. With an
        error of this parameter, an effect causes errors of all parameters; two effects act on the
-       same combination if these errors, in posterior sds, are alike (squared cosine of the angle
-       between them at least one half). Knowing the effects would remove at least their share of the
+       same combination if these errors, in posterior sds, are proportional, or nearly so (squared
+       cosine of the angle between them at least 0.95). Knowing the effects would remove at least their share of the
        variance, and so cut the parameter's standard uncertainty by 30 % or more.
     2. *prior-limited*, when the posterior sd is more than half of the prior sd.
     3. *identified* otherwise.

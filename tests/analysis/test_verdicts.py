@@ -172,7 +172,7 @@ def test_more_than_half_of_the_prior_sd_is_prior_limited(contraction: float, ver
     assert judge([assumed(OWN, 1.0)], contraction).verdict == verdict
 
 
-@pytest.mark.parametrize(("alike", "verdict"), [(0.9, "confounded"), (0.1, "identified")])
+@pytest.mark.parametrize(("alike", "verdict"), [(0.96, "confounded"), (0.9, "identified")])
 def test_several_effects_confound_if_they_act_on_the_same_combination(
     alike: float, verdict: str
 ) -> None:
