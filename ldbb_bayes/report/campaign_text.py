@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.campaign.preview import CampaignPreview, TestPreview
-from ldbb_bayes.model.terms import Term, Uncertainties
+from ldbb_bayes.model.terms import BallForm, Term, Uncertainties
+from ldbb_bayes.model.terms.base import Uncertainty
 from ldbb_bayes.report import wording
 from ldbb_bayes.results import Passage, Table, parts_of
 from ldbb_bayes.units import value_and_uncertainty
@@ -135,7 +136,7 @@ def _passages_of_uncertainties(result: Uncertainties) -> tuple[Passage, ...]:
 
     Every row of the table states a quantity, its nominal value, its standard uncertainty u, the
     source of u, and the place in campaign.toml where the quantity can be stated. The note is on
-    lobes of the balls.
+    lobes of the balls that are assumed.
     """
     rows = []
     for assumed in result.assumed:
@@ -149,4 +150,11 @@ def _passages_of_uncertainties(result: Uncertainties) -> tuple[Passage, ...]:
     certificates = [
         f"Certificate of the {piece}: {name}" for piece, name in result.certificates.items()
     ]
-    return (table, *certificates, wording.PAGE["lobes"])
+    if any(_is_assumed_lobe(assumed) for assumed in result.assumed):
+        return (table, *certificates, wording.PAGE["lobes"])
+    return (table, *certificates)
+
+
+def _is_assumed_lobe(assumed: Uncertainty) -> bool:
+    """Return whether the size of a ball's lobe is assumed, and by no certificate stated."""
+    return Term.owner(assumed.name) is BallForm and not assumed.stated

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -128,6 +129,16 @@ def instrument_shown(*arguments: str) -> str:
     """What `check` prints of the instrument."""
     text = CliRunner().invoke(app, ["check", *arguments]).stdout
     return text[text.index("What a fit assumes of the instrument") :]
+
+
+def test_a_note_on_assumed_lobes_stands_only_where_lobes_are_assumed(
+    recovered: lb.Campaign,
+) -> None:
+    stated = lb.Ball(grade="G20")
+    both_stated = replace(recovered, instrument=lb.Instrument(work=stated, tool=stated))
+    one_stated = replace(recovered, instrument=lb.Instrument(work=stated))
+    assert "Assumed lobes" not in str(lb.terms.uncertainties(both_stated))
+    assert "Assumed lobes" in str(lb.terms.uncertainties(one_stated))
 
 
 def test_a_campaign_takes_its_instrument_from_it(tmp_path: Path) -> None:
