@@ -98,8 +98,9 @@ class Verdict(StrEnum):
        below 5 %. An effect is a term of the model, or another parameter through its prior. With an
        error of this parameter, an effect causes errors of all parameters; two effects act on the
        same combination if these errors, in posterior sds, are proportional, or nearly so (squared
-       cosine of the angle between them at least 0.95). Knowing the effects would remove at least their share of the
-       variance, and so cut the parameter's standard uncertainty by 30 % or more.
+       cosine of the angle between them at least 0.95). Knowing the effects would remove at least
+       their share of the variance, and so cut the parameter's standard uncertainty by 30 % or
+       more.
     2. *prior-limited*, when the posterior sd is more than half of the prior sd.
     3. *identified* otherwise.
 
