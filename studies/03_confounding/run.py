@@ -51,6 +51,16 @@ PLANS = {
     "work ball alone": lambda plan: turned(plan, work=True, tool=False),
     "both balls, length calibrated": lambda plan: turned(plan, work=True, tool=True),
 }
+# What the default model, the third edition, foretells of the same circles.
+THIRD = lb.HybridModel.default(degree=0)
+GRADE = "G10"
+THIRD_PLANS = {
+    "as run": lambda plan: plan,
+    "both balls turned": lambda plan: turned(plan, work=True, tool=True),
+    "both directions": lambda plan: both_ways(plan),
+    "both, balls turned": lambda plan: turned(both_ways(plan), work=True, tool=True),
+    f"both, balls of grade {GRADE}": lambda plan: graded(both_ways(plan)),
+}
 RECOVERED = HERE.parent / "02_recovered_experiment" / "results.json"
 FROM_DIGITS = HERE.parent / "04_constant_or_linear" / "results.json"
 # Synthetic form of orders 5 to 12, as a multiple of that in the recovered experiment.
@@ -71,6 +81,33 @@ def turned(plan: lb.Campaign, *, work: bool, tool: bool) -> lb.Campaign:
             )
         )
     return replace(plan, tests=tuple(tests))
+
+
+def both_ways(plan: lb.Campaign) -> lb.Campaign:
+    """The same circles, by turns clockwise and counterclockwise."""
+    tests = [replace(test, direction="CCW" if i % 2 else "CW") for i, test in enumerate(plan.tests)]
+    return replace(plan, tests=tuple(tests))
+
+
+def graded(plan: lb.Campaign) -> lb.Campaign:
+    """The same circles, with balls of a stated grade."""
+    ball = lb.Ball(grade=GRADE)
+    return replace(plan, instrument=replace(plan.instrument, work=ball, tool=ball))
+
+
+def foretold(plan: lb.Campaign) -> dict[str, Any]:
+    """Expected sd and verdict of every parameter under the third edition, by plan."""
+    found = {}
+    for label, change in THIRD_PLANS.items():
+        parameters = lb.identify(THIRD, change(plan)).parameters
+        found[label] = {
+            name: {
+                "sd": parameters[name].sd * SHOWN[name][0],
+                "verdict": parameters[name].verdict,
+            }
+            for name in NAMES
+        }
+    return found
 
 
 def calibrated(model: lb.HybridModel) -> lb.HybridModel:
@@ -269,6 +306,7 @@ def measure() -> dict[str, Any]:
             "tau_um"
         ]["constant"],
         "plans": plans,
+        "third": foretold(campaign.plan()),
         "too_narrow": {
             n: fitted[n]["with form"]["sd"] / fitted[n]["least squares"]["sd"] for n in NAMES
         },
