@@ -29,6 +29,7 @@ from ldbb_bayes.results import Array
 from ldbb_bayes.units import display_unit
 
 __all__ = [
+    "MODEL_EDITION",
     "bound_of",
     "build_tree",
     "campaign_of",
@@ -79,6 +80,10 @@ _ANY_CIRCLE_DEG = np.arange(0.0, 360.0, 10.0)
 # ``_LARGEST_EXPANSION`` times the size of the file plus ``_SMALL_FILE_BYTES``.
 _LARGEST_EXPANSION = 20
 _SMALL_FILE_BYTES = 2**20
+# Edition of the default model. The record of a posterior states it, because draws of another
+# edition do not fit the columns and priors of this one. The presets ``first`` and ``paper`` do not
+# change.
+MODEL_EDITION = 3
 # Largest number of characters that are quoted from a library's error message on an unreadable file.
 _LONGEST_REASON = 120
 
@@ -178,7 +183,8 @@ def load(path: str | os.PathLike[str]) -> xr.DataTree:
     ------
     InputError
         For a file that is missing, damaged (its digest then differs), not written by this package,
-        or written by another version of it.
+        or written by another version of it; also for a fit of an earlier edition of the default
+        model.
 
     Examples
     --------
@@ -211,8 +217,24 @@ def load(path: str | os.PathLike[str]) -> xr.DataTree:
             f"{source} must be as ldbb-bayes wrote it, got numbers that are not those of its"
             " digest. Fit again."
         )
+    _require_edition(tree, source)
     fit_of(tree)
     return tree
+
+
+def _require_edition(tree: xr.DataTree, source: Path) -> None:
+    """Raise an `InputError` for a fit of another edition of the default model.
+
+    Everything that is computed from a posterior uses the model of this edition, and would be wrong
+    for draws of another one. ``source`` is the name of the file for the message.
+    """
+    record = record_of(tree)
+    edition = record.get("model_edition", "an earlier one")
+    require(
+        record["model"]["preset"] != "default" or edition == MODEL_EDITION,
+        f"{source} must be a fit of edition {MODEL_EDITION} of the default model, got {edition}."
+        " Fit again.",
+    )
 
 
 def _read_tree(source: Path) -> xr.DataTree:

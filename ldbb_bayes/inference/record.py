@@ -18,7 +18,7 @@ from ldbb_bayes.inference.coefficients import ModelDraws
 from ldbb_bayes.inference.density import JointDensity
 from ldbb_bayes.inference.fit import Fit
 from ldbb_bayes.inference.integrals import in_chunks
-from ldbb_bayes.inference.posterior import campaign_record
+from ldbb_bayes.inference.posterior import MODEL_EDITION, campaign_record
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.specification import model_sha256, model_to_toml
 from ldbb_bayes.model.terms import Drift
@@ -131,6 +131,7 @@ def record_from(
     system = f"Python {platform.python_version()}, {platform.system()} {platform.machine()}"
     return {
         "schema": 1,
+        "model_edition": MODEL_EDITION,
         "campaign": campaign_record(bound.campaign),
         "model": _model_record(bound),
         "sampler": dict(sampler),

@@ -3,6 +3,7 @@ a third to one posterior."""
 
 from __future__ import annotations
 
+import json
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -231,6 +232,35 @@ def test_results_of_another_edition_are_refused(tmp_path: Path, posterior: xr.Da
         r"must be of this edition of ldbb-bayes, got a fit of another \(its concerns\). Fit again"
     )
     refuses(words, lb.load, lb.save(older, tmp_path / "posterior.nc"))
+
+
+def of_edition(posterior: xr.DataTree, preset: str, edition: int | None) -> xr.DataTree:
+    """Return a posterior whose record states a preset and the edition of the default model."""
+    changed = posterior.copy()
+    record = json.loads(changed["provenance"].attrs["json"])
+    record["model"]["preset"] = preset
+    del record["model_edition"]
+    if edition is not None:
+        record["model_edition"] = edition
+    changed["provenance"] = xr.DataTree(xr.Dataset(attrs={"json": json.dumps(record)}))
+    return changed
+
+
+@pytest.mark.parametrize(("edition", "got"), [(None, "an earlier one"), (2, "2")])
+def test_fits_of_an_earlier_edition_of_the_default_model_are_refused(
+    tmp_path: Path, posterior: xr.DataTree, edition: int | None, got: str
+) -> None:
+    """Version 0.2.0 stated no edition; the columns of its joints are not those of today."""
+    file = lb.save(of_edition(posterior, "default", edition), tmp_path / "posterior.nc")
+    words = rf"must be a fit of edition 3 of the default model, got {got}\. Fit again"
+    refuses(words, lb.load, file)
+
+
+def test_fits_of_a_preset_that_does_not_change_are_read(
+    tmp_path: Path, posterior: xr.DataTree
+) -> None:
+    file = lb.save(of_edition(posterior, "first", None), tmp_path / "posterior.nc")
+    assert lb.load(file)["posterior"].equals(posterior["posterior"])
 
 
 def test_paper_preset_is_least_squares_with_intervals(recovered: lb.Campaign) -> None:
