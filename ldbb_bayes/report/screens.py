@@ -74,12 +74,12 @@ def _(design: Design) -> tuple[Passage, ...]:
 def _expected_table(design: Design) -> Table:
     """Return a table of the standard uncertainties expected from a design, and of the prior sds.
 
-    It has one row per parameter of interest, and columns for at most two other designs with which
-    the recommended one is compared.
+    It has one row per parameter of interest except slopes, and columns for at most two other
+    designs with which the recommended one is compared.
     """
     others = design.compared[:_MOST_DESIGNS]
     rows = []
-    for name in design.parameters:
+    for name in wording.shown_parameters(design):
         expected = design.expected[name]
         factor, unit = display_unit(expected.unit)
         prior = "flat"

@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from ldbb_bayes.analysis.aliases import degeneracies
+from ldbb_bayes.analysis.budgets import Budget
 from ldbb_bayes.analysis.circle_columns import squareness_name
 from ldbb_bayes.analysis.circularity import BIDIRECTIONAL, QUANTITIES
 from ldbb_bayes.analysis.comparison import Comparison
@@ -24,10 +25,11 @@ from ldbb_bayes.report import fit_tables, text, wording
 from ldbb_bayes.report.findings import Beside, Findings
 from ldbb_bayes.report.pictures import Picture, picture
 from ldbb_bayes.report.text import parts_of
-from ldbb_bayes.results import Passage, Table
+from ldbb_bayes.results import ByName, Passage, Table
 from ldbb_bayes.units import (
     display_name,
     display_unit,
+    is_slope,
     ranked,
     round_like,
     round_uncertainty,
@@ -103,14 +105,15 @@ def limits(findings: Findings) -> Iterator[Part]:
     """
     bound = bound_of(findings.posterior)
     alike = degeneracies(bound)
-    items = list(wording.degeneracy_items(alike, cures(bound, alike)))
+    cures_of_alike = cures(bound, alike)
+    items = wording.degeneracy_items(alike, cures_of_alike)
     if items:
-        yield wording.ALIKE
+        yield wording.TO_SEPARATE
+        yield wording.cure_items(alike, cures_of_alike)
+        yield Details(wording.PAGE["alike_hint"], (wording.ALIKE, items))
     else:
         yield wording.NONE_ALIKE
-    items += wording.not_modelled_sentences(not_modelled(bound))
-    if items:
-        yield tuple(items)
+    yield from wording.not_modelled_sentences(not_modelled(bound))
 
 
 def degree(findings: Findings) -> Iterator[Part]:
@@ -133,14 +136,24 @@ def degree(findings: Findings) -> Iterator[Part]:
 
 
 def uncertainty(findings: Findings) -> Iterator[Part]:
-    """Yield the section on uncertainty budgets, with what would reduce each uncertainty most."""
-    yield wording.PAGE["budget"]
-    yield from parts_of(findings.budgets)
-    yield picture("budget", findings.budgets)
+    """Yield the section on uncertainty budgets, with what would reduce each uncertainty most.
+
+    Those of slopes are shown only on demand.
+    """
+    budgets = ByName[Budget]()
+    of_slopes = ByName[Budget]()
     for name, budget in findings.budgets.items():
+        kind = of_slopes if is_slope(name) else budgets
+        kind[name] = budget
+    yield wording.PAGE["budget"]
+    yield from parts_of(budgets)
+    yield picture("budget", budgets)
+    for name, budget in budgets.items():
         factor, unit = display_unit(budget.unit)
         heading = f"{display_name(name)}: u = {two_digits(budget.u, factor)} {unit}"
         yield Details(heading, parts_of(budget))
+    if of_slopes:
+        yield Details(wording.PAGE["coefficients_budget_hint"], parts_of(of_slopes))
 
 
 def path(findings: Findings) -> Iterator[Part]:
@@ -333,7 +346,7 @@ def beside(
     """Yield the section on the differences of other campaigns from the first campaign.
 
     The difference of every parameter is stated with its credible interval and the probability that
-    the other campaign's value is larger.
+    the other campaign's value is larger. Those of slopes are shown only on demand.
 
     Parameters
     ----------
@@ -355,13 +368,18 @@ def beside(
     yield tuple(
         wording.change_sentence(name, other.name, other.differences, prob) for other in others
     )
+    percent = f"{100 * prob:g} %"
     for other in others:
-        yield _differences_table(name, other, f"{100 * prob:g} %")
+        is_of_slope = other.differences.index.map(is_slope).to_numpy(dtype=bool)
+        yield _differences_table(name, other, other.differences[~is_of_slope], percent)
+        if is_of_slope.any():
+            coefficients = _differences_table(name, other, other.differences[is_of_slope], percent)
+            yield Details(wording.PAGE["coefficients_differences_hint"], (coefficients,))
 
 
-def _differences_table(first: str, other: Beside, percent: str) -> Table:
+def _differences_table(first: str, other: Beside, differences: pd.DataFrame, percent: str) -> Table:
     rows = []
-    for parameter, row in other.differences.iterrows():
+    for parameter, row in differences.iterrows():
         difference = state(
             row["difference"], row["sd"], (row["ci_low"], row["ci_high"]), row["unit"]
         )

@@ -26,6 +26,7 @@ from ldbb_bayes.results import registered_function
 from ldbb_bayes.units import (
     display_name,
     display_unit,
+    is_slope,
     plus_minus,
     ranked,
     round_uncertainty,
@@ -107,7 +108,9 @@ __all__ = [
     "remark_words",
     "remedy_words",
     "sampler_words",
+    "sensitive_words",
     "short_verdict_words",
+    "shown_parameters",
     "source_words",
     "statement",
     "strength_words",
@@ -185,6 +188,7 @@ def _environment() -> jinja2.Environment:
         look_sentences,
         probability_words,
         strength_words,
+        sensitive_words,
         repr,
     ):
         environment.filters[function.__name__] = function
@@ -433,7 +437,7 @@ def confounded_sentences(
     """
     parameters_by_partners: dict[str, list[str]] = {}
     for name, entry in verdicts.items():
-        if str(entry.verdict) == "confounded":
+        if str(entry.verdict) == "confounded" and not is_slope(name):
             partners = joined([term_words(partner) for partner in entry.partners])
             parameters_by_partners.setdefault(partners, []).append(name)
     if parameters_by_partners:
@@ -464,6 +468,23 @@ def not_modelled_sentences(terms: Sequence[str]) -> tuple[str, ...]:
 def fit_verdict(fit: Fit) -> str:
     """Return a sentence on whether the numbers of a fit can be used."""
     return _sentence("fit_verdict", fit)
+
+
+def sensitive_words(names: Sequence[str]) -> str:
+    """Return in words which parameters are sensitive to their prior, the most sensitive first.
+
+    ``names`` are their names. At most three are named. Coefficients of the change of compliances
+    with force are not named but counted.
+    """
+    named = [display_name(name) for name in names if not is_slope(name)]
+    count = len(names) - len(named)
+    text = ", ".join(named[:_MOST_CHECKS])
+    if len(named) > _MOST_CHECKS:
+        text += ", …"
+    if not count:
+        return text
+    coefficients = f"{count} coefficient{'' if count == 1 else 's'} of the change with force"
+    return f"{text} and {coefficients}" if text else coefficients
 
 
 def expectation(fit: Fit) -> str:
@@ -888,7 +909,7 @@ def design_sentences(design: Design) -> tuple[str, ...]:
     """Return sentences on the tests that a design recommends, followed by notes."""
     ratio = {}
     gain = {}
-    for name in design.parameters:
+    for name in shown_parameters(design):
         ratio[name] = design.expected[name].sd / design.baseline[name].sd
         gain[name] = -ratio[name]
     most_improved = ranked(ratio, gain.__getitem__, tolerance=_EQUAL_RATIOS)[0]
@@ -902,6 +923,15 @@ def design_sentences(design: Design) -> tuple[str, ...]:
         least_improved,
         design_notes(design),
     )
+
+
+def shown_parameters(design: Design) -> list[str]:
+    """Return the names of the parameters that a design is said to narrow, without slopes.
+
+    Slopes are named only if the design aims at nothing else.
+    """
+    names = [name for name in design.parameters if not is_slope(name)]
+    return names or list(design.parameters)
 
 
 def design_screen(design: Design) -> tuple[str, ...]:
@@ -1172,12 +1202,14 @@ def change_sentence(first: str, other: str, table: pd.DataFrame, prob: float) ->
 
     ``first`` and ``other`` are the names of the campaigns; ``table`` holds the differences of all
     parameters. A parameter is named if the credible interval of its difference, with the
-    probability ``prob``, excludes zero.
+    probability ``prob``, excludes zero. Slopes are not named.
     """
     tail = 0.5 - 0.5 * prob
     probability = table["probability_of_increase"]
     sizes = []
     for name, row in table[(probability > 1.0 - tail) | (probability < tail)].iterrows():
+        if is_slope(str(name)):
+            continue
         interval = (row["ci_low"], row["ci_high"])
         size = plus_minus(row["difference"], row["sd"], interval, row["unit"])
         sizes.append(f"{display_name(str(name))} {size}")

@@ -14,7 +14,7 @@ from ldbb_bayes.analysis.design import Design
 from ldbb_bayes.report.figures import style
 from ldbb_bayes.report.figures.style import ACCENT, GREY, LIGHT, styled
 from ldbb_bayes.results import Array
-from ldbb_bayes.units import display_name, display_unit, round_uncertainty
+from ldbb_bayes.units import display_name, display_unit, is_slope, round_uncertainty
 
 __all__ = ["expected_widths"]
 
@@ -39,7 +39,8 @@ def expected_widths(design: Design, today: Mapping[str, float] = MappingProxyTyp
     """Draw bars of each parameter's expected standard uncertainty under each plan of tests.
 
     Plans are the recommended tests, the tests compared with them, and the limit of ever more
-    repetitions of the recommended tests. Each parameter has its own scale of bars.
+    repetitions of the recommended tests. Each parameter has its own scale of bars. Slopes are left
+    out, unless the design aims at nothing else.
 
     Parameters
     ----------
@@ -61,14 +62,15 @@ def expected_widths(design: Design, today: Mapping[str, float] = MappingProxyTyp
     >>> sorted({text.get_text() for text in figure.axes[0].texts} & {"3 recommended", "today"})
     ['3 recommended']
     """
+    expected_by_name = _drawn(design)
     plans = _plans(design, today)
     step = len(plans) + 1.8
-    number = len(design.expected)
+    number = len(expected_by_name)
     figure = style.new_figure(style.WIDTH, 0.4 + 0.15 * step * -(-number // _COLUMNS))
     axes = figure.subplots()
     left = np.arange(number) % _COLUMNS
     top = -step * (np.arange(number) // _COLUMNS)
-    sizes = _sizes(design, plans)
+    sizes = _sizes(expected_by_name, plans)
     lengths = np.where(np.isfinite(sizes), sizes, 0.0)
     lengths *= _LONGEST_BAR / np.maximum(lengths.max(axis=0), np.finfo(float).tiny)
     for k, plan in enumerate(plans):
@@ -86,7 +88,7 @@ def expected_widths(design: Design, today: Mapping[str, float] = MappingProxyTyp
         _write_sizes(axes, left + lengths[k] + 0.02, height, sizes[k])
         for y in np.unique(height):
             axes.text(-0.03, y, plan.name, fontsize=7, ha="right", va="center")
-    for k, (name, expected) in enumerate(design.expected.items()):
+    for k, (name, expected) in enumerate(expected_by_name.items()):
         label = f"{display_name(name)} ({display_unit(expected.unit)[1]})"
         if name not in design.parameters:
             label += ", not aimed at"
@@ -117,15 +119,28 @@ def _expected_sd(expected: Mapping[str, Any]) -> dict[str, float]:
     return {name: entry.sd for name, entry in expected.items()}
 
 
-def _sizes(design: Design, plans: list[_PlanBars]) -> Array:
+def _drawn(design: Design) -> dict[str, Any]:
+    """Return what is expected of every parameter that the figure shows, by name.
+
+    Slopes are left out, unless the design aims at nothing else.
+    """
+    aims_at_slopes = all(is_slope(name) for name in design.parameters)
+    drawn = {}
+    for name, expected in design.expected.items():
+        if aims_at_slopes or not is_slope(name):
+            drawn[name] = expected
+    return drawn
+
+
+def _sizes(expected_by_name: Mapping[str, Any], plans: list[_PlanBars]) -> Array:
     """Return the expected standard uncertainties of all plans, shape (plans, parameters).
 
     The uncertainties are in the units that the figure shows, such as nm/N.
     """
-    factors = [display_unit(expected.unit)[0] for expected in design.expected.values()]
+    factors = [display_unit(expected.unit)[0] for expected in expected_by_name.values()]
     rows = []
     for plan in plans:
-        rows.append([plan.sd[name] for name in design.expected])
+        rows.append([plan.sd[name] for name in expected_by_name])
     return np.array(rows) * factors
 
 

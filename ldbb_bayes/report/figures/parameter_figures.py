@@ -7,7 +7,7 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -15,13 +15,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ldbb_bayes.errors import check_known
+from ldbb_bayes.inference.force_curves import force_curves
 from ldbb_bayes.inference.posterior import bound_of, curves_of, record_of
 from ldbb_bayes.inference.summary import interval_numbers, priors_of
 from ldbb_bayes.model.prior import compliance_unit
 from ldbb_bayes.report.figures import style
 from ldbb_bayes.report.figures.style import ACCENT, FAINT, GREY, band, panels, styled
 from ldbb_bayes.results import Array
-from ldbb_bayes.units import display_unit, inside_name, plus_minus
+from ldbb_bayes.units import display_name, display_unit, inside_name, is_slope, plus_minus
 
 __all__ = ["WORDS", "compliance_against_force", "corner", "forest"]
 
@@ -42,12 +43,22 @@ _CURVE_DRAWS = 1500
 # ---- figure of credible intervals
 
 
+class _Row(NamedTuple):
+    """One row of the figure of credible intervals, in internal units (mm, N, rad)."""
+
+    label: str
+    unit: str
+    draws: Array  #: draws from the posterior, shape (draws,)
+    prior_draws: Array | None  #: draws from the prior; None if it is flat, or not drawn
+
+
 @styled
 def forest(posterior: xr.DataTree) -> Figure:
     """Draw the 95 % and 50 % credible intervals of every parameter, in one panel for each unit.
 
-    Faint lines show the 95 % intervals of the priors. The texts at the right state value ± U
-    (k = 2), or the 95 % interval of a skewed distribution.
+    The change of each compliance C(F) over the tested forces F is drawn in the place of its slopes,
+    in panels of its own. Faint lines show the 95 % intervals of the priors. The texts at the right
+    state value ± U (k = 2), or the 95 % interval of a skewed distribution.
 
     Parameters
     ----------
@@ -67,59 +78,81 @@ def forest(posterior: xr.DataTree) -> Figure:
     >>> [label.get_text() for label in figure.axes[0].get_yticklabels()]
     ['C_XXX', 'C_XYX', 'C_YYY']
     """
-    group = posterior["posterior"]
-    parameters = list(record_of(posterior)["model"]["groups"])
-    names_by_unit: dict[tuple[float, str], list[str]] = {}
-    for name in parameters:
-        names_by_unit.setdefault(display_unit(group[name].attrs["unit"]), []).append(name)
-    heights = [len(names) + 0.2 for names in names_by_unit.values()]
+    rows_by_panel = _forest_panels(posterior)
+    heights = [len(rows) + 0.2 for rows in rows_by_panel.values()]
     figure = style.new_figure(style.WIDTH, 0.35 + 0.19 * sum(heights) + 0.4 * len(heights))
     all_axes = figure.subplots(len(heights), 1, squeeze=False, height_ratios=heights)[:, 0]
-    for axes, ((factor, label), names) in zip(all_axes, names_by_unit.items(), strict=True):
-        _draw_intervals(axes, posterior, names, factor)
-        axes.set_xlabel(f"value ({label})")
+    has_prior = False
+    for axes, (label, rows) in zip(all_axes, rows_by_panel.items(), strict=True):
+        _draw_intervals(axes, rows)
+        axes.set_xlabel(label)
+        has_prior = has_prior or any(row.prior_draws is not None for row in rows)
     title = "95 % and 50 % intervals; dot: mean; right: value ± U (k = 2) or 95 % interval"
-    prior_sd, _ = priors_of(posterior)
-    if any(prior_sd[name] is not None for name in parameters):
+    if has_prior:
         title += "\nFaint line: 95 % of the prior, as far as the panel goes"
     figure.suptitle(title)
     return figure
 
 
-def _draw_intervals(
-    axes: Axes, posterior: xr.DataTree, names: Sequence[str], factor: float
-) -> None:
-    """Draw the credible intervals of parameters that have the same unit, one row per parameter.
+def _forest_panels(posterior: xr.DataTree) -> dict[str, list[_Row]]:
+    """Return the rows of every panel of the figure of credible intervals, by label of its axis.
 
-    ``factor`` converts the internal unit of the parameters ``names`` to the unit shown. ``axes`` is
-    the panel.
+    The panels are those of compliances, of their changes with force and of geometric errors.
     """
+    compliances: dict[str, list[_Row]] = {}
+    geometry: dict[str, list[_Row]] = {}
     group = posterior["posterior"]
-    rows = style.name_rows(axes, names)
-    texts = []
-    for row, name in zip(rows, names, strict=True):
-        draws = np.asarray(group[name]).ravel()
-        summary = interval_numbers(draws, 0.95)
-        interval = (summary["ci_low"], summary["ci_high"])
-        quartiles = np.quantile(draws, [0.25, 0.75]) * factor
-        ends = [interval[0] * factor, interval[1] * factor]
-        axes.plot(ends, [row, row], color=ACCENT, linewidth=1.4)
-        axes.plot(quartiles, [row, row], color=ACCENT, linewidth=4.0, solid_capstyle="butt")
-        mean = summary["mean"] * factor
-        axes.plot(mean, row, "o", color="white", markeredgecolor=ACCENT, markersize=3.6)
+    prior_sd, _ = priors_of(posterior)
+    for name in record_of(posterior)["model"]["groups"]:
+        if is_slope(name):
+            continue
+        prior_draws = None
+        if prior_sd[name] is not None:
+            prior_draws = np.asarray(posterior["prior"][name]).ravel()
         unit = group[name].attrs["unit"]
-        texts.append(plus_minus(summary["mean"], summary["sd"], interval, unit))
+        row = _Row(display_name(name), unit, np.asarray(group[name]).ravel(), prior_draws)
+        panels_of_kind = compliances if name.startswith("C") else geometry
+        label = f"value ({display_unit(unit)[1]})"
+        panels_of_kind.setdefault(label, []).append(row)
+    changes: dict[str, list[_Row]] = {}
+    curves = force_curves(posterior)
+    forces = f"{curves.smallest_force_N:.4g} N to {curves.largest_force_N:.4g} N"
+    for name, curve in curves.compliances.items():
+        label = f"change from {forces} ({display_unit(curve.unit)[1]})"
+        row = _Row(f"Δ{display_name(name)}", curve.unit, curve.change, None)
+        changes.setdefault(label, []).append(row)
+    return compliances | changes | geometry
+
+
+def _draw_intervals(axes: Axes, rows: Sequence[_Row]) -> None:
+    """Draw the credible intervals of quantities that have the same unit, one row for each.
+
+    ``axes`` is the panel.
+    """
+    heights = style.name_rows(axes, [row.label for row in rows])
+    texts = []
+    for height, row in zip(heights, rows, strict=True):
+        factor, _ = display_unit(row.unit)
+        summary = interval_numbers(row.draws, 0.95)
+        interval = (summary["ci_low"], summary["ci_high"])
+        quartiles = np.quantile(row.draws, [0.25, 0.75]) * factor
+        ends = [interval[0] * factor, interval[1] * factor]
+        axes.plot(ends, [height, height], color=ACCENT, linewidth=1.4)
+        axes.plot(quartiles, [height, height], color=ACCENT, linewidth=4.0, solid_capstyle="butt")
+        mean = summary["mean"] * factor
+        axes.plot(mean, height, "o", color="white", markeredgecolor=ACCENT, markersize=3.6)
+        texts.append(plus_minus(summary["mean"], summary["sd"], interval, row.unit))
     axes.axvline(0.0, color=GREY, linewidth=0.8)
     # Keep the limits of the scale that suit the posterior's intervals, because intervals of priors
     # may be much wider.
     axes.set_xlim(axes.get_xlim())
-    prior_sd, _ = priors_of(posterior)
-    for row, name in zip(rows, names, strict=True):
-        if prior_sd[name] is not None:
-            prior_draws = np.asarray(posterior["prior"][name])
-            prior_interval = np.quantile(prior_draws, [0.025, 0.975]) * factor
-            axes.plot(prior_interval, [row, row], color=FAINT, linewidth=0.8, zorder=1)
-    style.right_labels(axes, rows, texts)
+    for height, row in zip(heights, rows, strict=True):
+        if row.prior_draws is not None:
+            prior_interval = (
+                np.quantile(row.prior_draws, [0.025, 0.975]) * display_unit(row.unit)[0]
+            )
+            axes.plot(prior_interval, [height, height], color=FAINT, linewidth=0.8, zorder=1)
+    style.right_labels(axes, heights, texts)
 
 
 # ---- figure of compliance against force
