@@ -15,7 +15,7 @@ from contextlib import redirect_stdout
 from pathlib import Path
 
 BLOCK = re.compile(
-    r"^(<!-- not executed: .* -->\n+)?```(python|sh)\n(.*?)^```$(?:\n+```text\n(.*?)^```$)?",
+    r"^(<!-- not executed: [^\n]* -->\n+)?```(python|sh)\n(.*?)^```$(?:\n+```text\n(.*?)^```$)?",
     re.M | re.S,
 )
 NUMBER = re.compile(r"(?<![\w.])[-−+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?!\w)")

@@ -51,6 +51,13 @@ def test_what_is_not_printed_is_seen() -> None:
         assert run_page.missing(expected, printed), expected
 
 
+def test_a_block_between_two_that_are_not_executed_is_found() -> None:
+    skipped = "<!-- not executed: it takes long -->\n```python\nraise ValueError\n```\n"
+    page = skipped + "\n```python\nprint(1)\n```\n\n" + skipped
+    blocks = run_page.BLOCK.findall(page)
+    assert [code for comment, _, code, _ in blocks if not comment] == ["print(1)\n"]
+
+
 @pytest.mark.parametrize("page", LESSONS, ids=str)
 def test_no_sentence_is_long(page: Path) -> None:
     """Of the text, list items and table cells; code, links' addresses and comments count as a

@@ -69,8 +69,8 @@ class Remedy(Result):
     """The cheapest cure for one parameter, and the uncertainty that it would leave."""
 
     kind: RemedyKind  #: kind of cure
-    #: what is certified, by its key in `CERTIFICATES`, such as "mount ± 2 %"; empty for a change of
-    #: the plan
+    #: what is certified, by its key in ``CERTIFICATES``, such as "mount ± 2 %"; empty for a change
+    #: of the plan
     certificate: str
     circles: int  #: number of circles that the cure adds to those of the campaign
     sd: float  #: standard uncertainty of the parameter with the cure, in internal units
@@ -96,7 +96,7 @@ def remedies(
 ) -> dict[str, Remedy | None]:
     """Return the cheapest cure of every parameter; None where none narrows it by a tenth.
 
-    The cures are tried in the order of `RemedyKind`, certificates in that of `CERTIFICATES`. The
+    The cures are tried in the order of `RemedyKind`, certificates in that of ``CERTIFICATES``. The
     first one that leaves at most 71 % of the standard uncertainty (half of the variance) is
     returned; if none does, the one that leaves least, if that is less than 90 %.
 
