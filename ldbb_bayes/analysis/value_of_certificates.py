@@ -20,8 +20,11 @@ __all__ = [
 ]
 
 # Certificates that the instrument could have, and the fields of the instrument that each states.
+# Those of a single ball are for instruments of which the other ball is stated.
 CERTIFICATES: Mapping[str, Mapping[str, Any]] = {
     "balls of grade G10": {"work": Ball(grade="G10"), "tool": Ball(grade="G10")},
+    "work ball of grade G10": {"work": Ball(grade="G10")},
+    "tool ball of grade G10": {"tool": Ball(grade="G10")},
     "bar ± 1 µm": {"bar_U_um": 1.0},
     "mount ± 2 %": {"mount_U_percent": 2.0},
     "force ± 0.5 %, linearity 0.2 %, random 1 N": {
@@ -108,12 +111,16 @@ def worth_of_certificates(
 def missing_certificates(instrument: Instrument) -> dict[str, Mapping[str, Any]]:
     """Return the certificates of `CERTIFICATES` that the instrument does not have yet.
 
-    The result holds, by name of the certificate, the fields of the instrument that it states.
+    The result holds, by name of the certificate, the fields of the instrument that it states. No
+    field is in two of them: the certificate of one ball is missing only if the other is stated.
     """
     uncertified = Instrument()
     missing = {}
+    named: set[str] = set()
     for name, statements in CERTIFICATES.items():
         fields = list(statements)
-        if all(getattr(instrument, key) == getattr(uncertified, key) for key in fields):
+        lacking = all(getattr(instrument, key) == getattr(uncertified, key) for key in fields)
+        if lacking and named.isdisjoint(fields):
             missing[name] = statements
+            named.update(fields)
     return missing

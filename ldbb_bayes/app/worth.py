@@ -22,6 +22,7 @@ _SMALLEST_EFFECT = 0.05  # smallest relative reduction of an uncertainty U that 
 # Part of the instrument that a certificate covers, by the field of the instrument that it states.
 _PARTS = {
     "work": "balls",
+    "tool": "balls",
     "bar_U_um": "bar",
     "mount_U_percent": "mount",
     "force_U_percent": "force",

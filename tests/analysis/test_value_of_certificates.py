@@ -10,7 +10,7 @@ from campaigns import oracle_of, plan, simulated
 from oracle import Stated
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.value_of_certificates import uncertainty_with
+from ldbb_bayes.analysis.value_of_certificates import missing_certificates, uncertainty_with
 from ldbb_bayes.analysis.verdicts import hyper_parameter_nodes
 from ldbb_bayes.inference.nodes import HyperPosterior
 
@@ -46,6 +46,21 @@ def test_the_pattern_of_the_machine_is_as_large_as_the_form_was() -> None:
     assert set(carried) - set(known) == {"omega"}
     assert carried.pop("omega") == known["tau"]
     assert carried == {name: known[name] for name in carried}
+
+
+def test_the_other_ball_is_missing_where_one_is_stated() -> None:
+    for stated, other in (("work", "tool"), ("tool", "work")):
+        missing = missing_certificates(lb.Instrument(**{stated: lb.Ball(grade="G20")}))
+        of_balls = [name for name in missing if "ball" in name]
+        assert of_balls == [f"{other} ball of grade G10"]
+        assert missing[of_balls[0]] == {other: lb.Ball(grade="G10")}
+
+
+def test_both_balls_are_one_certificate_where_none_is_stated() -> None:
+    missing = missing_certificates(lb.Instrument(bar_U_um=1.0))
+    assert [name for name in missing if "ball" in name] == ["balls of grade G10"]
+    stated = lb.Instrument(work=lb.Ball(grade="G10"), tool=lb.Ball(sphericity_um=0.2))
+    assert not [name for name in missing_certificates(stated) if "ball" in name]
 
 
 @pytest.mark.slow
