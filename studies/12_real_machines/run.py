@@ -364,6 +364,7 @@ def measure(effort: Effort) -> dict[str, Any]:
         },
         "travel": list(FAMILIES["travel"].travel),
         "travel_expected": lb.terms.Position().quadratic_sd,
+        "seat_expected": lb.terms.JointLoad().relative_sd,
         "mismatch_of_both_ways_um": FAMILIES["both ways"].mismatch_um,
         "new": list(NEW),
         "plans": list(PLANS),
