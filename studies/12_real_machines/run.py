@@ -46,7 +46,7 @@ from study import DATA, Effort, Study, replicated, run
 Array = NDArray[np.float64]
 Row = dict[str, float]
 
-CAMPAIGNS = 37
+CAMPAIGNS = 45
 # Of the mild machines measured by other plans.
 CAMPAIGNS_OF_PLANS = 20
 CAMPAIGNS_OF_FIRST = 60
