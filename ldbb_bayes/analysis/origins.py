@@ -20,7 +20,9 @@ a fixed size, such as the random error of the force, is stated or assumed.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from enum import StrEnum
+from typing import Any, cast
 
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.information import Information
@@ -78,13 +80,51 @@ def origins(bound: BoundModel, information: Information) -> dict[tuple[str, str]
 def is_size_stated(bound: BoundModel, coefficient: str, term: Term | None) -> bool:
     """Return whether the size of a nuisance coefficient is stated.
 
-    The size is stated by a certificate, or by a term that the user has changed. ``term`` is the
+    The size is stated by a certificate, or by the user: if the prior sd of the coefficient is not
+    the package's own, or the term is a class of the user. Other settings of the term do not state
+    it: a mount without curvature deflects by as uncertain an amount as one with it. ``term`` is the
     model term that the coefficient belongs to; the answer is false if it is None (not modelled).
     """
     if term is None:
         return False
-    is_edited = edition_terms(bound).get(type(term)) != term
-    return is_edited or term.is_stated(coefficient, bound.campaign)
+    return _is_size_edited(bound, coefficient, term) or term.is_stated(coefficient, bound.campaign)
+
+
+def _is_size_edited(bound: BoundModel, coefficient: str, term: Term) -> bool:
+    """Return whether the prior sd of a coefficient is not the one that the package gives it."""
+    if type(term).on_demand:
+        return True
+    usual = _with_usual_sizes(bound, term)
+    if usual == term:
+        return False
+    size = _prior_size(term, bound, coefficient)
+    return size != _prior_size(usual, bound, coefficient)
+
+
+def _with_usual_sizes(bound: BoundModel, term: Term) -> Term:
+    """Return a term of the package with the package's own numbers, and all else unchanged.
+
+    The numbers are those of the model's preset, or the defaults of the class for a term that the
+    preset does not have. What is not a number, such as the covariate of a drift, says which effect
+    is modelled, not how large it is.
+    """
+    usual = edition_terms(bound).get(type(term), type(term)())
+    kinds_of_effect = {name: value for name, value in vars(term).items() if isinstance(value, str)}
+    with_usual_sizes: Term = replace(cast("Any", usual), **kinds_of_effect)
+    return with_usual_sizes
+
+
+def _prior_size(term: Term, bound: BoundModel, coefficient: str) -> tuple[object, ...] | None:
+    """Return what determines the prior sd of a coefficient; None if the term does not have it.
+
+    These are the sd or its factor, the hyper-parameters that multiply it and the stated part.
+    """
+    for columns in term.columns(bound.setting):
+        if isinstance(columns, Columns) and coefficient in columns.names:
+            k = columns.names.index(coefficient)
+            stated = 0.0 if columns.stated is None else float(columns.stated[k])
+            return float(columns.sd[k]), columns.sources[k], stated
+    return None
 
 
 def is_prior_stated(bound: BoundModel, parameter: str) -> bool:

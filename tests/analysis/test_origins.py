@@ -143,6 +143,58 @@ def test_a_term_that_the_user_changed_is_stated() -> None:
     assert origins_of(changed, plan())["bar_length", "BarLength"] == Origin.STATED
 
 
+DEFAULT = lb.HybridModel.default(1)
+
+
+@pytest.mark.parametrize(
+    ("model", "coefficient", "stated"),
+    [
+        # Curvature switched off: the rest of the term is as large as nobody stated.
+        (DEFAULT.with_rivals(), ("mount", "Mount"), False),
+        (DEFAULT.with_rivals(), ("force_gain", "ForceError"), False),
+        (DEFAULT.with_rivals(), ("ForceError", "ForceError"), False),
+        (DEFAULT.with_term(lb.terms.Mount(relative_sd=0.02)), ("mount", "Mount"), True),
+        (DEFAULT.with_term(lb.terms.Mount(relative_sd=0.02)), ("mount_curvature", "Mount"), False),
+        (
+            DEFAULT.with_term(lb.terms.Position(linear_sd=0.02)),
+            ("position_X_linear", "Position"),
+            True,
+        ),
+        (
+            DEFAULT.with_term(lb.terms.Position(linear_sd=0.02)),
+            ("position_X_quadratic", "Position"),
+            False,
+        ),
+        # A term of the default model in the preset `first`, with the sizes of the package.
+        (
+            FIRST.with_term(lb.terms.JointLoad()),
+            ("joint_load_X_slope", "JointLoad"),
+            False,
+        ),
+        # Another covariate is another effect; nobody stated its size.
+        (
+            DEFAULT.with_term(lb.terms.Drift(over="temperature")),
+            ("drift_temperature_length", "Drift"),
+            False,
+        ),
+        (
+            DEFAULT.with_term(lb.terms.Drift(over="temperature", length_um=1.0)),
+            ("drift_temperature_length", "Drift"),
+            True,
+        ),
+    ],
+)
+def test_only_sizes_that_the_user_gave_are_stated(
+    model: lb.HybridModel, coefficient: tuple[str, str], stated: bool
+) -> None:
+    planned = plan()
+    tests = []
+    for k, test in enumerate(planned.tests):
+        tests.append(replace(test, temperature_C=20.0 + k))
+    origin = origins_of(model, replace(planned, tests=tuple(tests)))[coefficient]
+    assert (origin == Origin.STATED) == stated
+
+
 @pytest.mark.parametrize(
     ("model", "stated"),
     [
