@@ -548,6 +548,7 @@ def judge_parameters(
     }
     contributions = information.contributions()
     sources = sources_of(bound, information)
+    origin_of = origins(bound, information)
     entries = {}
     for i, parameter in enumerate(bound.parameters):
         name = parameter.name
@@ -562,7 +563,7 @@ def judge_parameters(
             held_by=sources[name].sources[0],
             partners=tuple(partner_shares),
             partner_shares=partner_shares,
-            sd_if_known=_sd_if_known(information, tuple(partner_shares), i, sd),
+            sd_if_known=_sd_if_known(information, origin_of, tuple(partner_shares), i, sd),
             remedy=None,
             unit=parameter.unit,
             prior_mean=parameter.prior_mean,
@@ -610,17 +611,40 @@ def _shares_by_origin(sources: Sequence[VarianceSource]) -> dict[Origin, float]:
 
 
 def _sd_if_known(
-    information: Information, partners: tuple[str, ...], i: int, sd: float
+    information: Information,
+    origin_of: Mapping[tuple[str, str], Origin],
+    partners: Sequence[str],
+    i: int,
+    sd: float,
 ) -> float | None:
-    """Return the standard uncertainty of parameter i if some effects were known exactly.
+    """Return the standard uncertainty of parameter i if some assumed effects were known exactly.
 
-    ``partners`` are model terms or other parameters, ``sd`` the present standard uncertainty.
-    Return None if there are no partners.
+    Only what is assumed of an effect counts as known then: a deflection of the mount that a
+    certificate states stays uncertain where its curvature, which nobody measured, becomes known.
+    ``origin_of`` are the origins of all sources, ``partners`` model terms or other parameters, and
+    ``sd`` is the present standard uncertainty. Return None if there are no partners.
     """
     if not partners:
         return None
-    removed = float(variance_share_removed(information, partners)[i])
-    return sd * float(np.sqrt(1.0 - removed))
+    known = [name for name in partners if name in information.names]
+    for name, owner in zip(information.names, information.owners, strict=True):
+        if owner in partners and origin_of[name, owner] == Origin.ASSUMED:
+            known.append(name)
+    known_noise = [name for name in partners if origin_of.get((name, name)) == Origin.ASSUMED]
+    variance = _without_noise(information, known_noise).variances(known)[i]
+    ratio = float(variance / information.variances()[i])
+    return sd * float(np.sqrt(np.clip(ratio, 0.0, 1.0)))
+
+
+def _without_noise(information: Information, known: Sequence[str]) -> Information:
+    """Return the information of readings without the noise of some terms, by their class names."""
+    if not known:
+        return information
+    # Tests with the same noise share one dictionary of its sources, and do so in the result.
+    remaining: dict[int, dict[str, Array]] = {}
+    for sources in information.noise:
+        remaining[id(sources)] = {name: sources[name] for name in sources if name not in known}
+    return replace(information, noise=tuple(remaining[id(item)] for item in information.noise))
 
 
 def _gaussian_sd(bound: BoundModel, information: Information) -> SampledSd:

@@ -16,6 +16,7 @@ from ldbb_bayes.analysis.verdicts import (
     VarianceSource,
     Verdict,
     judge,
+    judge_parameters,
     sources_of,
     variance_share_removed,
 )
@@ -207,6 +208,28 @@ def test_knowing_the_partners_cuts_u_by_thirty_percent(
         assert sum(entry.partner_shares.values()) > 0.5
         assert entry.sd_if_known is not None
         assert entry.sd_if_known < 0.5**0.5 * entry.sd
+
+
+def test_knowing_what_is_assumed_leaves_what_is_stated() -> None:
+    """The random force of circles is assumed, the gain of the load cell stated: one term has both.
+
+    Were the random force known, the gain would still hold the compliance. By a model whose random
+    force is as good as zero.
+    """
+    certified = replace(plan(), instrument=lb.Instrument(force_U_percent=0.6, mount_U_percent=0.1))
+    model = lb.HybridModel.first(0)
+
+    def judged(campaign: lb.Campaign) -> lb.analysis.ParameterIdentifiability:
+        bound = model.bind(campaign)
+        phi = 1e-3 * bound.hyper_prior.quantile(np.full(len(bound.hyper_prior.names), 0.5))
+        return judge_parameters(bound, information_of(bound, phi), bound.prior_mean)["C_XXX"]
+
+    with_random_force = judged(certified)
+    known = replace(certified.instrument, force_random_N=1e-6)
+    assert with_random_force.partners == ("ForceError",)
+    assert with_random_force.sd_if_known == pytest.approx(
+        judged(replace(certified, instrument=known)).sd, rel=1e-6
+    )
 
 
 def test_every_share_is_counted_once(identified: lb.analysis.Identifiability) -> None:
