@@ -36,6 +36,7 @@ __all__ = [
     "two_digits",
     "typeset",
     "value_and_uncertainty",
+    "without_slopes",
 ]
 
 T = TypeVar("T")
@@ -269,6 +270,12 @@ def is_slope(name: str) -> bool:
     A slope is a coefficient of the change of a compliance with force, linear (1) or quadratic (2).
     """
     return re.fullmatch(r"C_.*_\d", name) is not None
+
+
+def without_slopes(names: Iterable[str]) -> list[str]:
+    """Return names of parameters without those of slopes; all, if they are slopes alone."""
+    listed = list(names)
+    return [name for name in listed if not is_slope(name)] or listed
 
 
 def display_name(name: str) -> str:

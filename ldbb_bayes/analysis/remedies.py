@@ -23,10 +23,12 @@ from enum import StrEnum
 import numpy as np
 
 from ldbb_bayes.analysis.cures import at_other_radius, clocked, in_other_direction
+from ldbb_bayes.analysis.curve_changes import curve_changes
 from ldbb_bayes.analysis.value_of_certificates import missing_certificates
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest
 from ldbb_bayes.model.bound_information import information_of
 from ldbb_bayes.model.hybrid import BoundModel
+from ldbb_bayes.model.information import Information
 from ldbb_bayes.model.terms import Drift
 from ldbb_bayes.results import Array, Result
 from ldbb_bayes.units import ranked
@@ -94,7 +96,11 @@ class _Trial:
 def remedies(
     bound: BoundModel, phi: Array, sd: Array, measured_share: Array
 ) -> dict[str, Remedy | None]:
-    """Return the cheapest cure of every parameter; None where none narrows it by a tenth.
+    """Return the cheapest cure of every parameter and change with force.
+
+    It is None where no cure narrows the parameter by a tenth. Changes are those of compliances over
+    the tested forces (`curve_changes`). They follow the parameters, under names such as "change of
+    C_XXX".
 
     The cures are tried in the order of `RemedyKind`, certificates in that of ``CERTIFICATES``. The
     first one that leaves at most 71 % of the standard uncertainty (half of the variance) is
@@ -107,20 +113,23 @@ def remedies(
     phi
         Values of the h hyper-parameters, shape (h,) [mm].
     sd
-        Standard uncertainties of the p parameters without any cure, shape (p,), in internal units.
+        Standard uncertainties of the p parameters and changes without any cure, shape (p,), in
+        internal units.
     measured_share
         Share of what is measured here, such as scatter between readings and circles, in the
-        variance of each parameter, shape (p,).
+        variance of each of them, shape (p,).
     """
     before = _standard_uncertainties(bound, bound, phi)
     trials = list(_trials(bound, phi, before))
     information = information_of(bound, phi)
-    repetition = np.sqrt(information.variances(times=2.0) / information.variances())
+    once = _sd_by_name(bound, information)
+    twice = _sd_by_name(bound, information, times=2.0)
+    repetition = [twice[name] / once[name] for name in once]
     cheapest: dict[str, Remedy | None] = {}
-    for i, name in enumerate(bound.names):
+    for i, name in enumerate(once):
         helpful = []
         for trial in trials:
-            if _helps(trial, i, float(repetition[i]), float(measured_share[i])):
+            if _helps(trial, i, repetition[i], float(measured_share[i])):
                 helpful.append(trial)
         cheapest[name] = _cheapest(helpful, i, float(sd[i]))
     return cheapest
@@ -177,15 +186,31 @@ def _trials(bound: BoundModel, phi: Array, before: Array) -> Iterator[_Trial]:
 
 
 def _standard_uncertainties(bound: BoundModel, changed: BoundModel, phi: Array) -> Array:
-    """Return the standard uncertainties of the parameters of ``bound`` in a changed campaign, (p,).
+    """Return the standard uncertainties of what `remedies` judges, in a changed campaign, (p,).
 
     ``phi`` are the hyper-parameters of ``bound``; they are carried over by name.
     """
     carried = changed.hyper_prior.carried(bound.hyper_prior, phi)
-    information = information_of(changed, carried)
-    scale = information.scale[information.interest]
-    sd = dict(zip(changed.names, np.sqrt(information.variances()) * scale, strict=True))
-    return np.array([sd[name] for name in bound.names])
+    sd = _sd_by_name(changed, information_of(changed, carried))
+    names = _sd_by_name(bound, information_of(bound, phi))
+    return np.array([sd[name] for name in names])
+
+
+def _sd_by_name(
+    bound: BoundModel, information: Information, *, times: float = 1.0
+) -> dict[str, float]:
+    """Return the standard uncertainty of every parameter, then of every change with force, by name.
+
+    ``times`` is the number of repetitions of all readings.
+    """
+    covariance = information.covariance(times=times)
+    interest = information.interest
+    sd = np.sqrt(np.diag(covariance)[interest]) * information.scale[interest]
+    by_name = dict(zip(bound.names, sd.tolist(), strict=True))
+    for name, change in curve_changes(bound, information).items():
+        variance = float(change.weights @ covariance @ change.weights)
+        by_name[f"change of {name}"] = float(np.sqrt(variance))
+    return by_name
 
 
 def longer_plans(bound: BoundModel) -> Mapping[RemedyKind, Campaign]:

@@ -26,6 +26,7 @@ from pydantic import Field
 
 from ldbb_bayes.analysis.aliases import Degeneracy, degeneracies
 from ldbb_bayes.analysis.cures import Cure, cures
+from ldbb_bayes.analysis.curve_changes import CurveChange, curve_changes
 from ldbb_bayes.analysis.origins import Origin, edition_terms, is_prior_stated, origins
 from ldbb_bayes.analysis.remedies import Remedy, remedies
 from ldbb_bayes.analysis.value_of_certificates import worth_of_certificates
@@ -48,6 +49,7 @@ __all__ = [
     "CONTRACTION_LIMIT",
     "MAJORITY",
     "SAME_COMBINATION",
+    "ChangeIdentifiability",
     "Identifiability",
     "ParameterIdentifiability",
     "SampledSd",
@@ -179,6 +181,38 @@ class ParameterIdentifiability(Result):
 
 
 @dataclass(frozen=True, eq=False)
+class ChangeIdentifiability(Result):
+    """How well the change of one compliance C(F) over the tested forces is known.
+
+    The numbers are in internal units (mm, N, rad); the rules of the verdict are those of `Verdict`.
+
+    Examples
+    --------
+    >>> result = lb.identify(lb.HybridModel.default(1), campaign.plan())
+    >>> change = result.changes["C_XYX"]
+    >>> change.smallest_force_N, change.largest_force_N
+    (36.0, 742.0)
+    >>> change.held_by.name  # its own prior
+    'Parameters'
+    """
+
+    compliance: str  #: name of the compliance, such as C_XXX
+    unit: str  #: internal unit of the compliance and of its change
+    smallest_force_N: float  #: smallest force tested, F_min [N]
+    largest_force_N: float  #: largest force tested, F_max [N]
+    verdict: Verdict  #: verdict on the change C(F_max) − C(F_min)
+    held_by: VarianceSource  #: source with the largest share of the change's variance
+    #: share of each assumed effect that the change is confounded with, by name of the effect
+    partner_shares: dict[str, float]
+    #: cheapest cure, as for a parameter; None where none narrows the change by a tenth
+    remedy: Remedy | None
+    prior_sd: Finite  #: prior standard deviation of the change; infinite for a flat prior
+    sd: float  #: posterior standard deviation of the change
+    #: share of all sources of one origin in the change's variance, by origin; they sum to one
+    origin_shares: dict[Origin, float]
+
+
+@dataclass(frozen=True, eq=False)
 class Identifiability(Result):
     """How well a campaign or plan determines the parameters of a model.
 
@@ -194,6 +228,8 @@ class Identifiability(Result):
 
     #: verdict on each parameter, by name
     parameters: dict[str, ParameterIdentifiability]
+    #: verdict on the change of each compliance over the tested forces, by name of the compliance
+    changes: dict[str, ChangeIdentifiability]
     degeneracies: tuple[Degeneracy, ...]  #: combinations of coefficients that no reading resolves
     #: remedies for each item of ``degeneracies``: further tests that resolve it when added to the
     #: plan, or a calibration
@@ -283,8 +319,15 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
     if not information.flat:
         effective_parameters -= float(information.variances().sum())
         certificates = worth_of_certificates(bound, weight, nodes)
+    parameters = judge_parameters(bound, information, mean)
+    changes = _judge_changes(bound, information)
+    found = _remedies_of(bound, phi, parameters, changes)
     return Identifiability(
-        parameters=with_remedies(bound, phi, judge_parameters(bound, information, mean)),
+        parameters={name: replace(entry, remedy=found[name]) for name, entry in parameters.items()},
+        changes={
+            name: replace(entry, remedy=found[f"change of {name}"])
+            for name, entry in changes.items()
+        },
         degeneracies=combinations,
         cures=cures(bound, combinations),
         not_modelled=not_modelled(bound),
@@ -457,40 +500,85 @@ def sources_of(bound: BoundModel, information: Information) -> dict[str, Sources
     information
         Information of the bound model, given the hyper-parameters.
     """
-    errors = _errors_by_source(bound, information)
-    variance = information.variances()
-    sd = np.sqrt(np.where(variance > 0.0, variance, 1.0))
+    weights = np.eye(len(information.names))[information.interest]
+    errors = _errors_by_source(bound, information, weights)
     sources = {}
     for i, name in enumerate(bound.names):
-        entries = []
-        patterns = {}
-        for (source, origin), covariance in errors.items():
-            label = OWN if source == name else source
-            entries.append(VarianceSource(label, origin, float(covariance[i, i] / sd[i] ** 2)))
-            if origin == Origin.ASSUMED:
-                patterns[label] = covariance[:, i] / sd
-        ordered = ranked(entries, lambda source: source.share)
-        sources[name] = SourcesOfVariance(tuple(ordered), _likeness(patterns))
+        sources[name] = _sources_of_quantity(errors, i, len(bound.names), (name,))
     return sources
 
 
+def _sources_of_changes(
+    bound: BoundModel, information: Information, changes: Mapping[str, CurveChange]
+) -> dict[str, SourcesOfVariance]:
+    """Return all sources of the variance of every change with force, the largest share first.
+
+    The priors of the compliance's slopes are the change's own prior.
+    """
+    weights = np.eye(len(information.names))[information.interest]
+    for change in changes.values():
+        weights = np.concatenate([weights, change.weights[None]])
+    errors = _errors_by_source(bound, information, weights)
+    number = len(bound.names)
+    sources = {}
+    for k, (name, change) in enumerate(changes.items()):
+        sources[name] = _sources_of_quantity(errors, number + k, number, change.slopes)
+    return sources
+
+
+def _sources_of_quantity(
+    errors: Mapping[tuple[str, Origin], Array], i: int, number: int, own: Sequence[str]
+) -> SourcesOfVariance:
+    """Return the sources of the variance of one quantity, the largest share first.
+
+    Parameters
+    ----------
+    errors
+        Covariances of the errors of all quantities by source and origin, see `_errors_by_source`.
+    i
+        Place of the quantity among them.
+    number
+        Number p of parameters, which are the first of the quantities.
+    own
+        Names of the parameters whose priors are the quantity's own prior.
+    """
+    total = sum(errors.values(), np.zeros(()))
+    variance = np.diag(total)
+    sd = np.sqrt(np.where(variance > 0.0, variance, 1.0))
+    shares: dict[tuple[str, Origin], float] = {}
+    patterns: dict[str, Array] = {}
+    for (source, origin), covariance in errors.items():
+        label = OWN if source in own else source
+        share = float(covariance[i, i] / sd[i] ** 2)
+        shares[label, origin] = shares.get((label, origin), 0.0) + share
+        if origin == Origin.ASSUMED:
+            pattern = covariance[:number, i] / sd[:number]
+            patterns[label] = patterns.get(label, 0.0) + pattern
+    entries = []
+    for (label, origin), share in shares.items():
+        entries.append(VarianceSource(label, origin, share))
+    ordered = ranked(entries, lambda source: source.share)
+    return SourcesOfVariance(tuple(ordered), _likeness(patterns))
+
+
 def _errors_by_source(
-    bound: BoundModel, information: Information
+    bound: BoundModel, information: Information, weights: Array
 ) -> dict[tuple[str, Origin], Array]:
-    """Return the covariance (p, p) of the parameters' errors due to every source, by its origin.
+    """Return the covariance (q, q) of the errors of q quantities due to every source and origin.
 
     The name of a source is that of a model term, or that of the parameter whose prior it is.
+    ``weights``, shape (q, m), are those of the m coefficients in the quantities.
     """
     origin_of = origins(bound, information)
     errors: dict[tuple[str, Origin], Array] = {}
-    for key, covariance in information.error_covariances().items():
+    for key, covariance in information.error_covariances(weights).items():
         term = key[1]
         if term != OWN:
             source = (term, origin_of[key])
             errors[source] = errors.get(source, 0.0) + covariance
     if information.flat:
         return errors
-    total = information.covariance()[np.ix_(information.interest, information.interest)]
+    total = weights @ information.covariance()[:, information.interest]
     for j, name in enumerate(bound.names):
         origin = Origin.ASSUMED
         if is_prior_stated(bound, name):
@@ -582,19 +670,51 @@ def judge_parameters(
     return entries
 
 
-def with_remedies(
-    bound: BoundModel, phi: Array, entries: Mapping[str, ParameterIdentifiability]
-) -> dict[str, ParameterIdentifiability]:
-    """Return the verdicts on all parameters, each with its cheapest cure.
+def _judge_changes(bound: BoundModel, information: Information) -> dict[str, ChangeIdentifiability]:
+    """Return the verdict on the change of every compliance with force, without cures."""
+    changes = curve_changes(bound, information)
+    sources = _sources_of_changes(bound, information, changes)
+    covariance = information.covariance()
+    entries = {}
+    for name, change in changes.items():
+        variance = float(change.weights @ covariance @ change.weights)
+        prior_sd = np.inf
+        if not information.flat:
+            prior_sd = float(np.linalg.norm(change.weights))
+        contraction = 1.0 - variance / prior_sd**2
+        judgement = judge(sources[name].sources, contraction, sources[name].likeness)
+        entries[name] = ChangeIdentifiability(
+            compliance=name,
+            unit=change.unit,
+            smallest_force_N=change.smallest_force_N,
+            largest_force_N=change.largest_force_N,
+            verdict=judgement.verdict,
+            held_by=sources[name].sources[0],
+            partner_shares=_shares_by_name(judgement.partners),
+            remedy=None,
+            prior_sd=prior_sd,
+            sd=float(np.sqrt(variance)),
+            origin_shares=_shares_by_origin(sources[name].sources),
+        )
+    return entries
+
+
+def _remedies_of(
+    bound: BoundModel,
+    phi: Array,
+    parameters: Mapping[str, ParameterIdentifiability],
+    changes: Mapping[str, ChangeIdentifiability],
+) -> dict[str, Remedy | None]:
+    """Return the cheapest cure of every parameter and change, by names as those of `remedies`.
 
     ``phi``, shape (h,), are the hyper-parameters [mm] at which the verdicts were found.
     """
-    sd = np.array([entry.sd for entry in entries.values()])
-    scatter = np.array(
-        [entry.origin_shares.get(Origin.MEASURED, 0.0) for entry in entries.values()]
-    )
-    found = remedies(bound, phi, sd, scatter)
-    return {name: replace(entry, remedy=found[name]) for name, entry in entries.items()}
+    entries: list[ParameterIdentifiability | ChangeIdentifiability] = []
+    entries += parameters.values()
+    entries += changes.values()
+    sd = np.array([entry.sd for entry in entries])
+    scatter = np.array([entry.origin_shares.get(Origin.MEASURED, 0.0) for entry in entries])
+    return remedies(bound, phi, sd, scatter)
 
 
 def _shares_by_name(sources: Sequence[VarianceSource]) -> dict[str, float]:

@@ -266,26 +266,33 @@ class Information:
         covariances = self.error_covariances()
         return {key: np.einsum("ij,ji->i", cov, weight) for key, cov in covariances.items()}
 
-    def error_covariances(self) -> dict[tuple[str, str], Array]:
+    def error_covariances(self, weights: Array | None = None) -> dict[tuple[str, str], Array]:
         """Return the covariance of the parameters' errors due to every independent source, (p, p).
 
         The errors of the p parameters of interest are divided by their prior sds. The sum of all
         covariances is the posterior covariance. The keys are those of `shares`.
+
+        Parameters
+        ----------
+        weights
+            Weights of the m coefficients, divided by their prior sds, in q sums, shape (q, m). The
+            covariances are then those of the errors of these sums, shape (q, q). Default: the
+            parameters of interest.
         """
         joint = self.covariance()
         interest = self.interest
-        total = joint[np.ix_(interest, interest)]
+        errors = joint[interest] if weights is None else weights @ joint
         covariances: dict[tuple[str, str], Array] = {}
         if not self.flat:
-            covariances[OWN, OWN] = total @ total.T
+            covariances[OWN, OWN] = errors[:, interest] @ errors[:, interest].T
         for k, (name, owner) in enumerate(zip(self.names, self.owners, strict=True)):
             if owner != OWN:
-                covariances[name, owner] = np.outer(joint[interest, k], joint[interest, k])
+                covariances[name, owner] = np.outer(errors[:, k], errors[:, k])
         for design, sources in zip(self.design, self.noise, strict=True):
             noise = sum(sources.values(), np.zeros((len(design), len(design))))
             root = np.linalg.cholesky(noise)
             solved = scipy.linalg.cho_solve((root, True), design * self.scale)
-            gain = solved @ joint[:, interest]
+            gain = solved @ errors.T
             for name, source_noise in sources.items():
                 previous = covariances.get((name, name), 0.0)
                 covariances[name, name] = previous + gain.T @ source_noise @ gain

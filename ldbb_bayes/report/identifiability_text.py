@@ -6,31 +6,54 @@ from typing import Any
 
 import numpy as np
 
-from ldbb_bayes.analysis.verdicts import Identifiability
+from ldbb_bayes.analysis.verdicts import (
+    ChangeIdentifiability,
+    Identifiability,
+    ParameterIdentifiability,
+)
 from ldbb_bayes.report import wording
 from ldbb_bayes.results import Passage, Table, parts_of
-from ldbb_bayes.units import display_name, display_unit, three_digits, two_digits
+from ldbb_bayes.units import display_name, display_unit, is_slope, three_digits, two_digits
 
-__all__ = ["certificates_table", "parts_of", "verdicts_table"]
+__all__ = ["certificates_table", "judged_quantities", "parts_of", "verdicts_table"]
 
 # Largest number of parameters that a row of the short table of certificates names.
 _MOST_NARROWED = 4
 
 
+def judged_quantities(
+    result: Identifiability,
+) -> dict[str, ParameterIdentifiability | ChangeIdentifiability]:
+    """Return the verdicts on parameters and on changes with force, by names as people read them.
+
+    The change of each compliance, such as ΔC_XXX, stands in the place of its slopes.
+    """
+    compliances: dict[str, ParameterIdentifiability | ChangeIdentifiability] = {}
+    others: dict[str, ParameterIdentifiability | ChangeIdentifiability] = {}
+    for name, entry in result.parameters.items():
+        kind = compliances if name.startswith("C") else others
+        if not is_slope(name):
+            kind[display_name(name)] = entry
+    for name, change in result.changes.items():
+        compliances[f"Δ{display_name(name)}"] = change
+    return compliances | others
+
+
 def verdicts_table(result: Identifiability) -> Table:
     """Return the table of all parameters: U, verdict, what holds U, and the cheapest cure.
 
-    U is the expanded uncertainty (k = 2). The last column is U with the cheapest cure.
+    U is the expanded uncertainty (k = 2). The last column is U with the cheapest cure. The change
+    of each compliance over the tested forces stands in the place of its slopes.
     """
     rows = []
-    for name, entry in result.parameters.items():
+    for label, entry in judged_quantities(result).items():
         factor, unit = display_unit(entry.unit)
         cured = ""
         if entry.remedy is not None:
             cured = two_digits(2.0 * entry.remedy.sd, factor)
         rows.append(
             (
-                display_name(name),
+                label,
                 f"{two_digits(2.0 * entry.sd, factor)} {unit.replace(' per ', '/')}",
                 wording.short_verdict_words(entry),
                 wording.cure_in_words(entry.remedy),

@@ -16,7 +16,13 @@ from ldbb_bayes.report import wording
 from ldbb_bayes.report.comparison_tables import assumptions_table, models_table
 from ldbb_bayes.report.identifiability_text import certificates_table, verdicts_table
 from ldbb_bayes.results import Passage, Table, screen_of
-from ldbb_bayes.units import display_name, display_unit, three_digits, two_digits
+from ldbb_bayes.units import (
+    display_name,
+    display_unit,
+    three_digits,
+    two_digits,
+    without_slopes,
+)
 
 __all__ = ["screen_of"]
 
@@ -79,7 +85,7 @@ def _expected_table(design: Design) -> Table:
     """
     others = design.compared[:_MOST_DESIGNS]
     rows = []
-    for name in wording.shown_parameters(design):
+    for name in without_slopes(design.parameters):
         expected = design.expected[name]
         factor, unit = display_unit(expected.unit)
         prior = "flat"

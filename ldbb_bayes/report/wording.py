@@ -31,6 +31,7 @@ from ldbb_bayes.units import (
     ranked,
     round_uncertainty,
     typeset,
+    without_slopes,
 )
 
 if TYPE_CHECKING:
@@ -44,7 +45,11 @@ if TYPE_CHECKING:
     from ldbb_bayes.analysis.design import Design
     from ldbb_bayes.analysis.machine_description import VisibleParameter
     from ldbb_bayes.analysis.remedies import Remedy
-    from ldbb_bayes.analysis.verdicts import Identifiability, ParameterIdentifiability
+    from ldbb_bayes.analysis.verdicts import (
+        ChangeIdentifiability,
+        Identifiability,
+        ParameterIdentifiability,
+    )
     from ldbb_bayes.inference.checks import Check
     from ldbb_bayes.inference.fit import Concern, Fit
 
@@ -110,7 +115,6 @@ __all__ = [
     "sampler_words",
     "sensitive_words",
     "short_verdict_words",
-    "shown_parameters",
     "source_words",
     "statement",
     "strength_words",
@@ -710,7 +714,7 @@ def held_by_words(entry: ParameterIdentifiability) -> str:
     return f"{', '.join(_sources_with_shares(entry))}, {origin}"
 
 
-def short_verdict_words(entry: ParameterIdentifiability) -> str:
+def short_verdict_words(entry: ParameterIdentifiability | ChangeIdentifiability) -> str:
     """Return the verdict on a parameter and what holds it, as in "confounded: mount 39 %, …".
 
     Only the largest source is named; the ellipsis stands for further effects that a parameter is
@@ -721,7 +725,9 @@ def short_verdict_words(entry: ParameterIdentifiability) -> str:
     return f"{entry.verdict}: {sources[0]}{ending}"
 
 
-def _sources_with_shares(entry: ParameterIdentifiability) -> list[str]:
+def _sources_with_shares(
+    entry: ParameterIdentifiability | ChangeIdentifiability,
+) -> list[str]:
     shares = {entry.held_by.name: entry.held_by.share}
     if str(entry.verdict) == "confounded":
         shares = entry.partner_shares
@@ -794,19 +800,21 @@ def identifiability_sentences(result: Identifiability) -> tuple[str, ...]:
 def identifiability_screen(result: Identifiability) -> tuple[str, ...]:
     """Return the most important sentences on the result of an identifiability analysis.
 
-    The first sentence states how many parameters have each verdict. The verdict on a parameter
-    states how far the readings determine it.
+    The first sentence states how many parameters and changes with force have each verdict, which
+    states how far the readings determine them. Slopes are not counted.
     """
-    verdicts = [str(entry.verdict) for entry in result.parameters.values()]
-    return _sentences("identifiability_screen", result, Counter(verdicts))
+    parameters = [entry for name, entry in result.parameters.items() if not is_slope(name)]
+    verdicts = Counter(str(entry.verdict) for entry in parameters)
+    verdicts.update(str(change.verdict) for change in result.changes.values())
+    return _sentences("identifiability_screen", result, verdicts, len(parameters))
 
 
 def certificate_rows(result: Identifiability, most: int | None = None) -> list[tuple[str, str]]:
     """Return rows of a table of certificates: name, and the parameters that each would narrow.
 
     The parameters are those whose standard uncertainty the certificate would reduce by more than a
-    tenth, as in "C_XXX 60 %", the most narrowed first. ``most`` limits their number; an ellipsis
-    stands for the rest.
+    tenth, as in "C_XXX 60 %", the most narrowed first. Slopes are left out. ``most`` limits their
+    number; an ellipsis stands for the rest.
     """
     sd_by_certificate = dict(result.certificates)
     sd_without = sd_by_certificate.pop("none of these", {})
@@ -816,7 +824,7 @@ def certificate_rows(result: Identifiability, most: int | None = None) -> list[t
         gain = {name: -share for name, share in ratio.items()}
         narrowed = []
         for name in ranked(ratio, gain.__getitem__):
-            if ratio[name] < _NARROWER:
+            if ratio[name] < _NARROWER and not is_slope(name):
                 narrowed.append(f"{display_name(name)} {100.0 * ratio[name]:.0f} %")
         if most is not None and len(narrowed) > most:
             narrowed = [*narrowed[:most], "…"]
@@ -909,7 +917,7 @@ def design_sentences(design: Design) -> tuple[str, ...]:
     """Return sentences on the tests that a design recommends, followed by notes."""
     ratio = {}
     gain = {}
-    for name in shown_parameters(design):
+    for name in without_slopes(design.parameters):
         ratio[name] = design.expected[name].sd / design.baseline[name].sd
         gain[name] = -ratio[name]
     most_improved = ranked(ratio, gain.__getitem__, tolerance=_EQUAL_RATIOS)[0]
@@ -923,15 +931,6 @@ def design_sentences(design: Design) -> tuple[str, ...]:
         least_improved,
         design_notes(design),
     )
-
-
-def shown_parameters(design: Design) -> list[str]:
-    """Return the names of the parameters that a design is said to narrow, without slopes.
-
-    Slopes are named only if the design aims at nothing else.
-    """
-    names = [name for name in design.parameters if not is_slope(name)]
-    return names or list(design.parameters)
 
 
 def design_screen(design: Design) -> tuple[str, ...]:

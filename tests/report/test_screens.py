@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.verdicts import Verdict
 from ldbb_bayes.report import figures, wording
+from ldbb_bayes.report.identifiability_text import judged_quantities
 from ldbb_bayes.units import (
     display_name,
     display_unit,
@@ -80,9 +81,10 @@ def test_identify_prints_a_row_for_each_parameter(
     """U now, verdict, what holds it and how much, cheapest cure and U then."""
     text = str(identified)
     check_screen(text, width)
-    for name, entry in identified.parameters.items():
+    shown = judged_quantities(identified)
+    for name, entry in shown.items():
         factor = display_unit(entry.unit)[0]
-        row = row_of(text, display_name(name))
+        row = row_of(text, name)
         assert row[1] == round_uncertainty(2.0 * entry.sd * factor)[0]
         assert f"{entry.verdict}:" in row
         largest = next(iter(entry.partner_shares.values()), entry.held_by.share)
@@ -94,8 +96,21 @@ def test_identify_prints_a_row_for_each_parameter(
             assert wording.cure_in_words(entry.remedy) in " ".join(row)
     first_lines = " ".join(text.splitlines()[:2])
     for verdict in Verdict:
-        number = sum(entry.verdict == verdict for entry in identified.parameters.values())
+        number = sum(entry.verdict == verdict for entry in shown.values())
         assert f"{number} " in first_lines.partition(str(verdict))[0]
+
+
+def test_identify_prints_changes_with_force_instead_of_slopes(
+    identified: lb.analysis.Identifiability, width: int
+) -> None:
+    text = str(identified)
+    assert "C_XXX_1" not in text
+    assert "Δ: change of a compliance from 36 N to 742 N." in " ".join(text.split())
+    for name in ("C_XXX", "C_XYX", "C_YYY", "C_CXY", "C_CYY", "C_CCY"):
+        u_now = row_of(text, f"Δ{name}")[1]
+        change = identified.changes[name]
+        assert u_now == round_uncertainty(2.0 * change.sd * display_unit(change.unit)[0])[0]
+    assert "C_XXX_1  " in identified.details()
 
 
 def test_identify_prints_every_certificate(

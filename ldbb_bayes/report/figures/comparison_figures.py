@@ -147,13 +147,15 @@ def _stretches(value: Array, allowed: Array) -> list[_Stretch]:
     right = value[value > near]
     stretches = []
     if len(left):
-        stretches.append(_stretch(left.min(), left.max(), is_outer=True))
+        outer = _stretch(left.min(), left.max(), is_outer=True)
+        stretches.append(outer._replace(high=min(outer.high, -near)))
     if len(middle):
         low = middle.min(initial=0.0)
         high = middle.max(initial=0.0)
         stretches.append(_stretch(low, high, is_outer=False))
     if len(right):
-        stretches.append(_stretch(right.min(), right.max(), is_outer=True))
+        outer = _stretch(right.min(), right.max(), is_outer=True)
+        stretches.append(outer._replace(low=max(outer.low, near)))
     return stretches
 
 

@@ -14,7 +14,7 @@ from ldbb_bayes.analysis.design import Design
 from ldbb_bayes.report.figures import style
 from ldbb_bayes.report.figures.style import ACCENT, GREY, LIGHT, styled
 from ldbb_bayes.results import Array
-from ldbb_bayes.units import display_name, display_unit, is_slope, round_uncertainty
+from ldbb_bayes.units import display_name, display_unit, is_slope, round_uncertainty, without_slopes
 
 __all__ = ["expected_widths"]
 
@@ -124,10 +124,10 @@ def _drawn(design: Design) -> dict[str, Any]:
 
     Slopes are left out, unless the design aims at nothing else.
     """
-    aims_at_slopes = all(is_slope(name) for name in design.parameters)
+    aims = without_slopes(design.parameters)
     drawn = {}
     for name, expected in design.expected.items():
-        if aims_at_slopes or not is_slope(name):
+        if name in aims or not is_slope(name):
             drawn[name] = expected
     return drawn
 

@@ -1,0 +1,94 @@
+"""Changes C(F_max) − C(F_min) of compliances over the tested forces, as linear functions.
+
+C(F) of a compliance follows from its slopes, and for a direct one also from the coefficients of the
+term `JointLoad` (joints that yield to their own load). The change is therefore a weighted sum of
+coefficients of the linear model, whose uncertainty is known without readings.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ldbb_bayes.model.hybrid import BoundModel
+from ldbb_bayes.model.information import Information
+from ldbb_bayes.model.prior import compliance_unit
+from ldbb_bayes.model.terms import JointLoad
+from ldbb_bayes.results import Array
+
+__all__ = ["CurveChange", "curve_changes"]
+
+
+@dataclass(frozen=True, eq=False)
+class CurveChange:
+    """Change of one compliance C(F) from the smallest tested force F to the largest."""
+
+    compliance: str  #: name of the compliance, such as C_XXX
+    unit: str  #: internal unit of the compliance and of its change
+    smallest_force_N: float  #: smallest force tested, F_min [N]
+    largest_force_N: float  #: largest force tested, F_max [N]
+    slopes: tuple[str, ...]  #: names of the slopes that the change depends on
+    #: change per prior sd of each of the m coefficients of the model, shape (m,), in ``unit``
+    weights: Array
+
+
+def curve_changes(bound: BoundModel, information: Information) -> dict[str, CurveChange]:
+    """Return the change of every compliance that may change with force, by its name.
+
+    The compliances are those with a slope, or with a part of the term `JointLoad`. There are none
+    if all tests have one force.
+
+    Parameters
+    ----------
+    bound
+        Model bound to a campaign or plan.
+    information
+        Information of the bound model, given the hyper-parameters.
+    """
+    force_N = bound.setting.force_N
+    smallest_N = float(force_N.min())
+    largest_N = float(force_N.max())
+    changes: dict[str, CurveChange] = {}
+    if not largest_N > smallest_N > 0.0:
+        return changes
+    rows = bound.compliance_at(largest_N) - bound.compliance_at(smallest_N)
+    interest = information.interest
+    for index, compliance in enumerate(bound.compliances):
+        weights = np.zeros(len(information.names))
+        weights[interest] = rows[index]
+        if compliance.kind == "direct":
+            weights += _joint_load_weights(bound, information, compliance.twist)
+        if not weights.any():
+            continue
+        slopes = [
+            parameter.name
+            for parameter in bound.parameters
+            if parameter.degree > 0 and parameter.compliance == compliance.label
+        ]
+        changes[compliance.label] = CurveChange(
+            compliance=compliance.label,
+            unit=compliance_unit(compliance),
+            smallest_force_N=smallest_N,
+            largest_force_N=largest_N,
+            slopes=tuple(slopes),
+            weights=weights * information.scale,
+        )
+    return changes
+
+
+def _joint_load_weights(bound: BoundModel, information: Information, axis: str) -> Array:
+    """Return the change of an axis' compliance per unit of every coefficient, shape (m,).
+
+    Only the part of the term `JointLoad` counts; the weights are zero without this term.
+    """
+    weights = np.zeros(len(information.names))
+    prefix = f"joint_load_{axis}_"
+    places = [k for k, name in enumerate(information.names) if name.startswith(prefix)]
+    for term in bound.model.nuisances:
+        if isinstance(term, JointLoad):
+            force_N = bound.setting.force_N
+            ends_N = np.array([force_N.min(), force_N.max()])
+            secants = term.secants(bound.setting, ends_N)
+            weights[places] = (secants[1] - secants[0])[: len(places)]
+    return weights
