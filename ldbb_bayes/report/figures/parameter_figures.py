@@ -43,7 +43,7 @@ _CURVE_DRAWS = 1500
 # ---- figure of credible intervals
 
 
-class _Row(NamedTuple):
+class _FigureRow(NamedTuple):
     """One row of the figure of credible intervals, in internal units (mm, N, rad)."""
 
     label: str
@@ -94,13 +94,13 @@ def forest(posterior: xr.DataTree) -> Figure:
     return figure
 
 
-def _forest_panels(posterior: xr.DataTree) -> dict[str, list[_Row]]:
+def _forest_panels(posterior: xr.DataTree) -> dict[str, list[_FigureRow]]:
     """Return the rows of every panel of the figure of credible intervals, by label of its axis.
 
     The panels are those of compliances, of their changes with force and of geometric errors.
     """
-    compliances: dict[str, list[_Row]] = {}
-    geometry: dict[str, list[_Row]] = {}
+    compliances: dict[str, list[_FigureRow]] = {}
+    geometry: dict[str, list[_FigureRow]] = {}
     group = posterior["posterior"]
     prior_sd, _ = priors_of(posterior)
     for name in record_of(posterior)["model"]["groups"]:
@@ -110,21 +110,21 @@ def _forest_panels(posterior: xr.DataTree) -> dict[str, list[_Row]]:
         if prior_sd[name] is not None:
             prior_draws = np.asarray(posterior["prior"][name]).ravel()
         unit = group[name].attrs["unit"]
-        row = _Row(display_name(name), unit, np.asarray(group[name]).ravel(), prior_draws)
+        row = _FigureRow(display_name(name), unit, np.asarray(group[name]).ravel(), prior_draws)
         panels_of_kind = compliances if name.startswith("C") else geometry
         label = f"value ({display_unit(unit)[1]})"
         panels_of_kind.setdefault(label, []).append(row)
-    changes: dict[str, list[_Row]] = {}
+    changes: dict[str, list[_FigureRow]] = {}
     curves = force_curves(posterior)
     forces = f"{curves.smallest_force_N:.4g} N to {curves.largest_force_N:.4g} N"
     for name, curve in curves.compliances.items():
         label = f"change from {forces} ({display_unit(curve.unit)[1]})"
-        row = _Row(f"Δ{display_name(name)}", curve.unit, curve.change, None)
+        row = _FigureRow(f"Δ{display_name(name)}", curve.unit, curve.change, None)
         changes.setdefault(label, []).append(row)
     return compliances | changes | geometry
 
 
-def _draw_intervals(axes: Axes, rows: Sequence[_Row]) -> None:
+def _draw_intervals(axes: Axes, rows: Sequence[_FigureRow]) -> None:
     """Draw the credible intervals of quantities that have the same unit, one row for each.
 
     ``axes`` is the panel.
