@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ldbb_bayes.campaign.campaign import Ball, Instrument
 from ldbb_bayes.model.hybrid import BoundModel
@@ -34,6 +35,9 @@ CERTIFICATES: Mapping[str, Mapping[str, Any]] = {
     },
     "angle ± 0.05°": {"angle_U_deg": 0.05},
 }
+# Largest number of values of the hyper-parameters at which the uncertainties with certificates are
+# computed. More values are replaced by a systematic sample of this size.
+_MOST_VALUES = 1024
 
 
 def uncertainty_with(bound: BoundModel, instrument: Instrument, weight: Array, phi: Array) -> Array:
@@ -95,6 +99,9 @@ def worth_of_certificates(
     """
     missing = missing_certificates(bound.campaign.instrument)
     cases: dict[str, Mapping[str, Any]] = {"none of these": {}, **missing}
+    if len(weight) > _MOST_VALUES:
+        phi = phi[_systematic_sample(weight)]
+        weight = np.full(_MOST_VALUES, 1.0 / _MOST_VALUES)
     if len(missing) > 1:
         all_statements: dict[str, Any] = {}
         for statements in missing.values():
@@ -124,3 +131,13 @@ def missing_certificates(instrument: Instrument) -> dict[str, Mapping[str, Any]]
             missing[name] = statements
             named.update(fields)
     return missing
+
+
+def _systematic_sample(weight: Array) -> NDArray[np.intp]:
+    """Return indices of values drawn in equal steps of the cumulative weight, shape (1024,).
+
+    The number of times that each index occurs is its weight times 1024, rounded up or down.
+    """
+    steps = (np.arange(_MOST_VALUES) + 0.5) / _MOST_VALUES
+    cumulative = np.cumsum(weight) / np.sum(weight)
+    return np.searchsorted(cumulative, steps)

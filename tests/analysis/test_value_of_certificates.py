@@ -10,7 +10,11 @@ from campaigns import oracle_of, plan, simulated
 from oracle import Stated
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.value_of_certificates import missing_certificates, uncertainty_with
+from ldbb_bayes.analysis.value_of_certificates import (
+    missing_certificates,
+    uncertainty_with,
+    worth_of_certificates,
+)
 from ldbb_bayes.analysis.verdicts import hyper_parameter_nodes
 from ldbb_bayes.inference.nodes import HyperPosterior
 
@@ -77,3 +81,13 @@ def test_uncertainties_are_those_of_a_certified_campaign(
     expected = lb.identify(MODEL, CAMPAIGN).certificates[certificate]
     sd = HyperPosterior(MODEL.bind(campaign), truncated=False).nodes(0.1).moments()[1]
     np.testing.assert_allclose(list(expected.values()), sd, rtol=0.02)
+
+
+def test_many_nodes_are_thinned() -> None:
+    """Three circles have no noise factors and so many nodes; a sample of them says the same."""
+    bound = MODEL.bind(simulated(plan((30,) * 3, forces_N=(36.0, 400.0, 742.0)), seed=4))
+    nodes = hyper_parameter_nodes(bound)
+    assert len(nodes[0]) > 5000
+    worth = worth_of_certificates(bound, *nodes)["bar ± 1 µm"]
+    exact = uncertainty_with(bound, CERTIFIED_BAR, *nodes)
+    np.testing.assert_allclose([worth[name] for name in bound.names], exact, rtol=0.01)
