@@ -26,7 +26,7 @@ from ldbb_bayes.report.figures import FIGURES, corner, save_figures
 from ldbb_bayes.report.figures.parameter_figures import WORDS
 from ldbb_bayes.report.pictures import Picture
 from ldbb_bayes.report.text import parts_of
-from ldbb_bayes.units import display_name, display_unit, plus_minus, round_uncertainty
+from ldbb_bayes.units import display_name, display_unit, is_slope, plus_minus, round_uncertainty
 
 QUICK = lb.inference.StoppingRule(ess=100.0, rhat=1.5, lengths=0.2)
 LEVELS = tuple(np.linspace(36.0, 742.0, 9))
@@ -137,13 +137,19 @@ def test_readings_far_above_zero_are_drawn_without_the_nominal_circle() -> None:
 
 @pytest.mark.slow
 def test_figures_say_the_numbers_of_the_tables(posterior: xr.DataTree) -> None:
-    """Intervals and texts of the forest are those of the summary; peaks to peak above the
-    contributions those of their table."""
+    """Intervals and texts of the forest are those of the summary and of the changes with force;
+    peaks to peak above the contributions those of their table."""
     table = lb.summarize(posterior)
+    drawn = []
+    for name, found in lb.analysis.change_with_force(posterior).items():
+        change = {**found.change.as_dict(), "unit": found.unit}
+        table.loc[f"Δ{name}"] = pd.Series(change).reindex(table.columns)
     for axes in FIGURES["forest"](posterior).axes:
         names = [label.get_text().replace("(0Y)", "0Y") for label in axes.get_yticklabels()]
         factor, unit = display_unit(str(table.loc[names[0], "unit"]))
-        assert axes.get_xlabel() == f"value ({unit})"
+        assert axes.get_xlabel().endswith(f" ({unit})")
+        assert axes.get_xlabel().startswith("change from " if names[0][0] == "Δ" else "value ")
+        drawn += names
         bars = [line.get_xdata() for line in axes.lines if line.get_linewidth() == 1.4]
         for name, bar, text in zip(names, bars, axes.texts, strict=True):
             row = table.loc[name]
@@ -151,6 +157,7 @@ def test_figures_say_the_numbers_of_the_tables(posterior: xr.DataTree) -> None:
             assert text.get_text() == plus_minus(
                 row["mean"], row["sd"], (row["ci_low"], row["ci_high"]), row["unit"]
             )
+    assert set(drawn) == {name for name in table.index if name[0] in "CEΔ" and not is_slope(name)}
     swings = lb.analysis.decompose_deviation(posterior).set_index("source")
     contributions = FIGURES["contributions"](posterior).axes[-1]
     above = {TOGETHER: contributions.get_title().split(": ")[1]}

@@ -145,8 +145,8 @@ def test_no_sheet_states_the_coefficient_of_a_change(varying: Findings, language
 @pytest.mark.parametrize(
     ("language", "words"),
     [
-        ("en", "C_XXX: change from 36 N to 742 N"),
-        ("de", "C_XXX: Änderung von 36 N bis 742 N"),
+        ("en", "C_XXX: change from 36\u00a0N to 742\u00a0N"),
+        ("de", "C_XXX: Änderung von 36\u00a0N bis 742\u00a0N"),
     ],
 )
 def test_sheet_2_states_the_change_over_the_tested_forces(
