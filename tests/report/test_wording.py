@@ -667,7 +667,11 @@ def test_what_a_certificate_would_bring() -> None:
 
 def test_at_what_an_identifiability_holds() -> None:
     identifiability = SimpleNamespace(
-        hyper_um={"sigma": 0.3}, measured=False, effective_parameters=1.5, parameters=("a", "b")
+        hyper_um={"sigma": 0.3},
+        measured=False,
+        effective_parameters=1.5,
+        parameters=("a", "b"),
+        changes={"a": SimpleNamespace(smallest_force_N=36.0, largest_force_N=742.0)},
     )
     sentences = wording.identifiability_sentences(identifiability)
     assert "at sigma = 0.3 µm (prior median; no readings)." in sentences[0]
