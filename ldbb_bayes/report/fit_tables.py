@@ -113,7 +113,7 @@ def describe_fit(posterior: xr.DataTree) -> FitWords:
     >>> words["state"]
     'usable'
     >>> [warning for warning in words["warnings"] if warning.startswith("Confounded")]
-    ['Confounded: C_XXX with mount, ...']
+    ['Confounded: C_XYX ... with hysteresis; ...']
     """
     fit = fit_of(posterior)
     bound = bound_of(posterior)
