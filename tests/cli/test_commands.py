@@ -127,7 +127,7 @@ def test_fit_and_summarize(folder: Path, tmp_path: Path, invoke: Invoke) -> None
         "C_XXX",
         "nm/N",
         "E_C(0Y)X",
-        "bar length with E_XX1 and E_YY1; mount with C_XXX and C_YYY",
+        "E_XX1 and E_YY1 with bar length",
         "± 20",
     ):
         assert words in table.replace("\n", " ")
