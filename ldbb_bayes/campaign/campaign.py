@@ -10,7 +10,7 @@ from functools import cached_property
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, BeforeValidator, SkipValidation
+from pydantic import AfterValidator, BeforeValidator, SkipValidation, StrictBool
 from pydantic.dataclasses import dataclass
 
 from ldbb_bayes.campaign.certified_instrument import Ball, Instrument
@@ -153,7 +153,7 @@ class CampaignFields(Shown):
     order: Order | None = None
     #: whether length of the bar and centre of the circle may have drifted from test to test, as
     #: they do while a machine warms up
-    drift: bool = True
+    drift: StrictBool = True
     #: deflection of the work ball's mount, and whether the readings are compensated for it
     mount: MountCompensation = field(default_factory=MountCompensation)
     #: force of the bar as a linear function of the regulator's pressure, used for tests that state

@@ -13,6 +13,7 @@ from typing import Annotated, Any
 import typer
 
 import ldbb_bayes as lb
+from ldbb_bayes.campaign.directions import planes_run_both_ways
 from ldbb_bayes.campaign.folder import IMPORT_NAME, TRUTH_NAME, files_of, write_campaign_into
 from ldbb_bayes.cli import arguments
 from ldbb_bayes.cli.arguments import campaign_fields, campaign_from
@@ -82,6 +83,7 @@ def _size(campaign: lb.Campaign) -> str:
 @command
 def check(campaign: arguments.GivenCampaign, as_json: Annotated[bool, arguments.JSON]) -> None:
     """Show what is in a campaign, what looks odd, and what a fit will assume. Fits nothing."""
+    planes_run_both_ways(campaign)  # refuses directions that only some tests state, as a fit does
     preview = lb.check_campaign(campaign)
     uncertainties = lb.terms.uncertainties(campaign)
     record = lb.report.with_words(preview) | {

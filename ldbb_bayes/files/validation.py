@@ -128,6 +128,7 @@ def _describe_invalid(subject: str, error: Any) -> str:
     """
     message = error["msg"].removeprefix("Value error, ")
     message = re.sub(r"dictionary or an instance of _\w+", "table", message)
+    message = re.sub(r"a valid boolean(, unable to interpret input)?", "true or false", message)
     value = error["input"]
     if message.startswith(_EXPECTATION):
         expected = message.removeprefix(_EXPECTATION)

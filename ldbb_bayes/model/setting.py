@@ -17,9 +17,9 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Instrument
+from ldbb_bayes.campaign.campaign import Campaign, Instrument
+from ldbb_bayes.campaign.directions import planes_run_both_ways
 from ldbb_bayes.campaign.run_times import SECONDS_PER_TEST
-from ldbb_bayes.errors import InputError
 from ldbb_bayes.machine.linear import compliance_jacobian, geometric_jacobian
 from ldbb_bayes.machine.parameters import ComplianceName, GeometricName, geometric_names
 from ldbb_bayes.model.fourier import MAX_ORDER, ORDERS, SIZE, basis, coefficients, harmonic_index
@@ -384,7 +384,7 @@ def setting_of(
         drifts=campaign.drift,
         setups=tuple(sorted({*setup.tolist()})),
         planes=tuple(machine.planes),
-        both_ways=_planes_run_both_ways(campaign),
+        both_ways=planes_run_both_ways(campaign),
         largest_force_N=float(forces.max()),
         circle=np.array([""] * len(tests)),
         compliance_estimate=np.zeros(len(compliances)),
@@ -513,36 +513,3 @@ def _recorded(field: str, campaign: Campaign) -> Array:
     """
     values = [getattr(test, field) for test in campaign.tests]
     return np.array([np.nan if value is None else value for value in values], dtype=float)
-
-
-def _planes_run_both_ways(campaign: Campaign) -> tuple[str, ...]:
-    """Return the planes in which circles run, or are planned, in both directions of travel.
-
-    Raise an `InputError` if a test in such a plane does not state its direction, or if some tests
-    of a plane state their direction and others do not.
-    """
-    both = []
-    for plane in dict.fromkeys(str(test.plane) for test in campaign.scope):
-        directions = {test.direction for test in campaign.scope if test.plane == plane}
-        if {"CW", "CCW"} <= directions:
-            _check_directions_stated(campaign, plane, "run, or are to run, both ways")
-            both.append(plane)
-        elif any(test.direction for test in campaign.tests if test.plane == plane):
-            _check_directions_stated(campaign, plane, "state theirs in other tests")
-    return tuple(both)
-
-
-def _check_directions_stated(campaign: Campaign, plane: str, reason: str) -> None:
-    """Raise an `InputError` if a test in the plane ``plane`` states no direction of travel.
-
-    ``reason`` says in the message why it must: what circles of the plane do.
-    """
-    undirected: list[CircularTest] = [
-        test for test in campaign.tests if test.plane == plane and test.direction is None
-    ]
-    if undirected:
-        raise InputError(
-            f"{undirected[0].label} must state its direction, CW or CCW, as circles of plane"
-            f" {plane} {reason}, got none. Give direction in every test of"
-            f" {campaign.name!r}."
-        )

@@ -125,7 +125,8 @@ def test_forces_that_no_regulator_sets_apart_are_one_level() -> None:
             "topology must hold the axes of plane YZ, got 'wFYXt' without Z",
         ),
         ((make(),), {"order": "randm"}, "order must be 'random', got 'randm'. Correct it"),
-        ((make(),), {"drift": "some"}, "drift must be a valid boolean"),
+        ((make(),), {"drift": "some"}, "drift must be true or false, got 'some'"),
+        ((make(),), {"drift": "no"}, "drift must be true or false, got 'no'"),
         ((make(),), {"frames_mm": {"W": (0.0, 0.0, 0.0)}}, "frames_mm must name linear axes"),
     ],
 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import json
 import re
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -232,6 +233,17 @@ def test_an_unknown_order_of_a_table_is_refused(
     code, _, stderr = invoke("check", table, "--order", "sorted")
     assert code == 2
     assert "order must be 'random', got 'sorted'. Correct it." in " ".join(stderr.split())
+
+
+def test_check_refuses_directions_that_some_tests_state(tmp_path: Path, invoke: Invoke) -> None:
+    """As every fit does: unstated directions among stated ones are no campaign."""
+    recovered = lb.embedded_campaign()
+    shutil.copytree(recovered, tmp_path / "c")
+    description = (recovered / "campaign.toml").read_text()
+    (tmp_path / "c" / "campaign.toml").write_text(description.replace('direction = "CW"\n', "", 1))
+    code, stdout, err = invoke("check", tmp_path / "c")
+    assert (code, stdout) == (2, "")
+    assert "test 'f036' must state its direction, CW or CCW" in err
 
 
 def test_check_of_a_table(tmp_path: Path, invoke: Invoke) -> None:

@@ -1,0 +1,41 @@
+"""Directions of travel of a campaign's circles: stated by all tests of a plane, or by none."""
+
+from __future__ import annotations
+
+from ldbb_bayes.campaign.campaign import Campaign, CircularTest
+from ldbb_bayes.errors import InputError
+
+__all__ = ["planes_run_both_ways"]
+
+
+def planes_run_both_ways(campaign: Campaign) -> tuple[str, ...]:
+    """Return the planes in which circles run, or are planned, in both directions of travel.
+
+    Raise an `InputError` if a test in such a plane does not state its direction, or if some tests
+    of a plane state their direction and others do not.
+    """
+    both = []
+    for plane in dict.fromkeys(str(test.plane) for test in campaign.scope):
+        directions = {test.direction for test in campaign.scope if test.plane == plane}
+        if {"CW", "CCW"} <= directions:
+            _check_directions_stated(campaign, plane, "run, or are to run, both ways")
+            both.append(plane)
+        elif any(test.direction for test in campaign.tests if test.plane == plane):
+            _check_directions_stated(campaign, plane, "state theirs in other tests")
+    return tuple(both)
+
+
+def _check_directions_stated(campaign: Campaign, plane: str, reason: str) -> None:
+    """Raise an `InputError` if a test in the plane ``plane`` states no direction of travel.
+
+    ``reason`` says in the message why it must: what circles of the plane do.
+    """
+    undirected: list[CircularTest] = [
+        test for test in campaign.tests if test.plane == plane and test.direction is None
+    ]
+    if undirected:
+        raise InputError(
+            f"{undirected[0].label} must state its direction, CW or CCW, as circles of plane"
+            f" {plane} {reason}, got none. Give direction in every test of"
+            f" {campaign.name!r}."
+        )
