@@ -19,7 +19,7 @@ from pydantic import TypeAdapter
 from test_readme import pages
 
 import ldbb_bayes as lb
-from ldbb_bayes.inference.summary import result_json
+from ldbb_bayes.report.fit_tables import full_result
 
 # What the start of the reference of Python says once for all.
 COMMON = {
@@ -129,11 +129,8 @@ def test_json_has_the_keys_of_the_reference(root: Path, recovered: lb.Campaign) 
         .split("```")[0]
     )
     posterior = lb.sample(lb.HybridModel.default(degree=0), recovered, sampler="independent")
-    assert {
-        key
-        for key in re.findall(r'"(\w+)"', fit)
-        if f'"{key}"' not in json.dumps(result_json(posterior))
-    } == set()
+    written = json.dumps(full_result(posterior, 0.95))
+    assert {key for key in re.findall(r'"(\w+)"', fit) if f'"{key}"' not in written} == set()
     found = lb.identify(lb.HybridModel.default(degree=0), recovered)
     schema = TypeAdapter(lb.analysis.Identifiability).json_schema(mode="serialization")
     assert set(schema["properties"]) == set(found.as_dict())
