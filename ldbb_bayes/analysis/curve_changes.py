@@ -90,5 +90,6 @@ def _joint_load_weights(bound: BoundModel, information: Information, axis: str) 
             force_N = bound.setting.force_N
             ends_N = np.array([force_N.min(), force_N.max()])
             secants = term.secants(bound.setting, ends_N)
-            weights[places] = (secants[1] - secants[0])[: len(places)]
+            if places:  # one for each law of the axis; none where no circle drives it
+                weights[places] = secants[1] - secants[0]
     return weights

@@ -4,8 +4,8 @@ A cure is a change of the plan (another order, the other direction of travel, tu
 circles, a second radius) or a certificate of the instrument. Each one is tried: the longer plan, or
 the certified campaign, is bound to the same model, and its `Information` gives the standard
 uncertainty of every parameter. Hyper-parameters φ (the scales of the noise and of other effects)
-are carried over by name; those that only the changed campaign has have their prior median. The
-estimate of the machine that some effects need stays that of the readings.
+are carried over by name (`HyperPrior.carried`). The estimate of the machine that some effects need
+stays that of the readings.
 
 Changes of a plan whose circles are added double the number of circles, whatever their kind. What
 the mere number does, all readings taken twice at the same times, does not count as a cure by
@@ -26,6 +26,7 @@ from ldbb_bayes.analysis.cures import at_other_radius, clocked, in_other_directi
 from ldbb_bayes.analysis.curve_changes import curve_changes
 from ldbb_bayes.analysis.value_of_certificates import missing_certificates
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest
+from ldbb_bayes.campaign.run_times import SECONDS_PER_TEST
 from ldbb_bayes.model.bound_information import information_of
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.information import Information
@@ -49,8 +50,6 @@ _BETTER_THAN_REPETITION = 0.9
 # Angle by which both balls are turned in the further circles [°]. At one angle the form error of
 # orders 2, 3 and 4 already turns by 90, 135 and 180°.
 _TURN_DEG = 45.0
-# Time from one added circle to the next [s].
-_SECONDS_PER_CIRCLE = 360.0
 # Number of random orders of which the one least correlated with force is taken.
 _ORDERS_TRIED = 200
 
@@ -119,10 +118,9 @@ def remedies(
         Share of what is measured here, such as scatter between readings and circles, in the
         variance of each of them, shape (p,).
     """
-    before = _standard_uncertainties(bound, bound, phi)
-    trials = list(_trials(bound, phi, before))
     information = information_of(bound, phi)
     once = _sd_by_name(bound, information)
+    trials = list(_trials(bound, phi, once))
     twice = _sd_by_name(bound, information, times=2.0)
     repetition = [twice[name] / once[name] for name in once]
     cheapest: dict[str, Remedy | None] = {}
@@ -164,36 +162,36 @@ def _cheapest(helpful: Sequence[_Trial], i: int, sd: float) -> Remedy | None:
     return Remedy(best.kind, best.certificate, best.circles, ratio * sd, ratio)
 
 
-def _trials(bound: BoundModel, phi: Array, before: Array) -> Iterator[_Trial]:
+def _trials(bound: BoundModel, phi: Array, before: Mapping[str, float]) -> Iterator[_Trial]:
     """Yield all cures that can be tried for a campaign, the cheapest first.
 
-    ``before``, shape (p,), are the standard uncertainties without any.
+    ``before`` are the standard uncertainties without any, by name.
     """
     for kind, plan in longer_plans(bound).items():
         pilot = bound.pilot
         if pilot is None and not bound.campaign.is_plan:
             pilot = bound.campaign
         longer = BoundModel(bound.model, plan, pilot=pilot)
-        after = _standard_uncertainties(bound, longer, phi)
         circles = len(plan.tests) - len(bound.campaign.tests)
-        yield _Trial(kind, "", circles, after / before)
+        yield _Trial(kind, "", circles, _narrowing(bound, longer, phi, before))
     for name, statements in missing_certificates(bound.campaign.instrument).items():
         instrument = replace(bound.campaign.instrument, **statements)
         campaign = replace(bound.campaign, instrument=instrument)
         certified = BoundModel(bound.model, campaign, pilot=bound.pilot)
-        after = _standard_uncertainties(bound, certified, phi)
-        yield _Trial(RemedyKind.CERTIFICATE, name, 0, after / before)
+        ratio = _narrowing(bound, certified, phi, before)
+        yield _Trial(RemedyKind.CERTIFICATE, name, 0, ratio)
 
 
-def _standard_uncertainties(bound: BoundModel, changed: BoundModel, phi: Array) -> Array:
-    """Return the standard uncertainties of what `remedies` judges, in a changed campaign, (p,).
+def _narrowing(
+    bound: BoundModel, changed: BoundModel, phi: Array, before: Mapping[str, float]
+) -> Array:
+    """Return the standard uncertainties in a changed campaign, divided by those before, shape (p,).
 
     ``phi`` are the hyper-parameters of ``bound``; they are carried over by name.
     """
     carried = changed.hyper_prior.carried(bound.hyper_prior, phi)
-    sd = _sd_by_name(changed, information_of(changed, carried))
-    names = _sd_by_name(bound, information_of(bound, phi))
-    return np.array([sd[name] for name in names])
+    after = _sd_by_name(changed, information_of(changed, carried))
+    return np.array([after[name] / sd for name, sd in before.items()])
 
 
 def _sd_by_name(
@@ -248,7 +246,7 @@ def _timed(plan: Campaign) -> tuple[CircularTest, ...]:
         return tuple(plan.tests)
     if plan.order is not None:
         return tuple(replace(test, time_s=None) for test in plan.tests)
-    return tuple(replace(test, time_s=k * _SECONDS_PER_CIRCLE) for k, test in enumerate(plan.tests))
+    return tuple(replace(test, time_s=k * SECONDS_PER_TEST) for k, test in enumerate(plan.tests))
 
 
 def _extended(
@@ -264,7 +262,7 @@ def _extended(
     for k, test in enumerate(added):
         time_s = None
         if times:
-            time_s = max(times) + (k + 1) * _SECONDS_PER_CIRCLE
+            time_s = max(times) + (k + 1) * SECONDS_PER_TEST
         later.append(replace(test, name="", time_s=time_s))
     return replace(plan, tests=(*before, *later))
 

@@ -46,7 +46,7 @@ def uncertainty_with(bound: BoundModel, instrument: Instrument, weight: Array, p
     The variance of each parameter is the mean, over values of the hyper-parameters φ (the scales of
     the noise and of other effects), of its variance given φ, plus the variance of its mean given φ.
     These values are those for the instrument of ``bound``, not for ``instrument``; they are carried
-    over by name, and those that only the certified campaign has have their prior median.
+    over by name (`HyperPrior.carried`).
 
     Parameters
     ----------
