@@ -12,7 +12,7 @@ from pathlib import Path
 import study
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis import verdicts
+from ldbb_bayes.analysis import origins, verdicts
 from ldbb_bayes.model.terms import Term
 
 __all__ = ["written"]
@@ -45,7 +45,7 @@ def written() -> dict[Path, str]:
         "prior": lb.Prior.default(),
         "rule": lb.inference.StoppingRule(),
         "limit": {
-            "half": verdicts.MAJORITY,
+            "half": origins.MAJORITY,
             "contracted": verdicts.CONTRACTION_LIMIT,
         },
         "rest_low": min(rest),

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
-from ldbb_bayes.analysis.origins import Origin, is_prior_stated, origins
+from ldbb_bayes.analysis.origins import MAJORITY, Origin, is_prior_stated, origins
 from ldbb_bayes.inference.posterior import bound_of, draws_of
 from ldbb_bayes.model.bound_information import information_of, informations_of
 from ldbb_bayes.model.hybrid import BoundModel
@@ -47,9 +47,6 @@ Kind = Literal["A", "B"]
 # A nuisance coefficient whose share of a parameter's variance is below this has no line of its own
 # in the uncertainty budget of the parameter.
 _LISTED_SHARE = 1e-3
-# If what is not measured here (stated or assumed) has more than this share of a parameter's
-# variance, the heaviest term of the budget is chosen among it.
-_MAJORITY = 0.5
 # Largest number of posterior draws of the hyper-parameters over which shares are averaged. They are
 # evenly spaced among all draws.
 _MOST_AVERAGED = 16
@@ -354,7 +351,7 @@ def _heaviest_term(contributions: Sequence[Contribution]) -> str:
         shares[line.term] = shares.get(line.term, 0.0) + line.share
         if line.origin != Origin.MEASURED:
             not_measured[line.term] = not_measured.get(line.term, 0.0) + line.share
-    candidates = not_measured if sum(not_measured.values()) > _MAJORITY else shares
+    candidates = not_measured if sum(not_measured.values()) > MAJORITY else shares
     return ranked(candidates, candidates.__getitem__)[0]
 
 

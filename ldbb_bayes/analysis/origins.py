@@ -30,8 +30,11 @@ from ldbb_bayes.model.prior import settings_of_sd
 from ldbb_bayes.model.terms import BasisNoise, Columns, Term
 from ldbb_bayes.model.terms.columns import NOISE, OWN
 
-__all__ = ["Origin", "edition_terms", "is_prior_stated", "is_size_stated", "origins"]
+__all__ = ["MAJORITY", "Origin", "edition_terms", "is_prior_stated", "is_size_stated", "origins"]
 
+# Sources hold a parameter if their share of its posterior variance is above this. Knowing them
+# would then reduce its standard uncertainty by 30 % or more.
+MAJORITY = 0.5
 # An effect counts as measured here if the readings alone, its own prior flattened, narrow it to
 # less than this share of its prior standard deviation.
 MEASURED_SD_RATIO = 0.5

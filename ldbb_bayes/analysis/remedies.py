@@ -24,6 +24,7 @@ import numpy as np
 
 from ldbb_bayes.analysis.cures import at_other_radius, clocked, in_other_direction
 from ldbb_bayes.analysis.curve_changes import curve_changes
+from ldbb_bayes.analysis.origins import MAJORITY
 from ldbb_bayes.analysis.value_of_certificates import missing_certificates
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest
 from ldbb_bayes.campaign.run_times import SECONDS_PER_TEST
@@ -39,9 +40,6 @@ __all__ = ["CURED_RATIO", "Remedy", "RemedyKind", "remedies"]
 # A cure is enough if it leaves at most this share of the standard uncertainty: half of the
 # variance, as if an effect that held half of it were known.
 CURED_RATIO = 0.5**0.5
-# More circles help a parameter only if what is measured here holds more than this share of its
-# variance.
-_MAJORITY = 0.5
 # A cure is worth its name if it leaves less than this share of the standard uncertainty.
 _NARROWER = 0.9
 # A change of the plan counts as a cure of its own only if it leaves less than this share of the
@@ -143,7 +141,7 @@ def _helps(trial: _Trial, i: int, repetition: float, measured_share: float) -> b
     if not ratio < _NARROWER:
         return False
     if trial.kind == RemedyKind.CIRCLES:
-        return measured_share > _MAJORITY
+        return measured_share > MAJORITY
     if trial.circles:
         return ratio < _BETTER_THAN_REPETITION * repetition
     return True

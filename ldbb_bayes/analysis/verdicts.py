@@ -27,7 +27,7 @@ from pydantic import Field
 from ldbb_bayes.analysis.aliases import Degeneracy, degeneracies
 from ldbb_bayes.analysis.cures import Cure, cures
 from ldbb_bayes.analysis.curve_changes import CurveChange, curve_changes
-from ldbb_bayes.analysis.origins import Origin, edition_terms, is_prior_stated, origins
+from ldbb_bayes.analysis.origins import MAJORITY, Origin, edition_terms, is_prior_stated, origins
 from ldbb_bayes.analysis.remedies import Remedy, remedies
 from ldbb_bayes.analysis.value_of_certificates import worth_of_certificates
 from ldbb_bayes.campaign.campaign import Campaign
@@ -47,7 +47,6 @@ if TYPE_CHECKING:
 
 __all__ = [
     "CONTRACTION_LIMIT",
-    "MAJORITY",
     "SAME_COMBINATION",
     "ChangeIdentifiability",
     "Identifiability",
@@ -66,9 +65,6 @@ __all__ = [
     "variance_share_removed",
 ]
 
-# Effects hold a parameter if their share of its posterior variance is above this. Knowing them
-# would then reduce its standard uncertainty by 30 % or more.
-MAJORITY = 0.5
 # Two effects act on the same combination of parameters if the squared cosine of the angle between
 # the errors that they cause is at least this.
 SAME_COMBINATION = 0.95
