@@ -30,7 +30,7 @@ holds the signs ±1 of the Cholesky pivots, and |L⁻¹ Aᵀ D⁻¹ r|² is a su
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -41,7 +41,7 @@ from ldbb_bayes.model.ordering import PRODUCT_COLUMNS, ColumnGroup, elimination_
 from ldbb_bayes.model.triangular import eliminate, solve_columns
 from ldbb_bayes.results import Array
 
-__all__ = ["BLAS_MULTIPLE", "FEWEST_PHI", "DesignRows", "Elimination", "Front"]
+__all__ = ["BLAS_MULTIPLE", "FEWEST_PHI", "DesignRows", "Elimination", "EliminationPlan", "Front"]
 
 # Largest number of values of the hyper-parameters for which matrices are factorised in one pass.
 _MOST_PHI = 512
@@ -54,6 +54,9 @@ _CACHE_SIZE = 1 << 19
 # products (BLAS) rounds such multiples identically, so that results do not depend on how many
 # values are processed together.
 BLAS_MULTIPLE = 8
+# Largest number of orders of elimination that are kept for design matrices with zeros in the same
+# places. A comparison has a hundred models of fewer patterns.
+_KEPT_PLANS = 64
 # Number of terms of the products of border columns from which on the products of one column at a
 # time are computed, which takes more function calls but reads less from the processor's cache.
 _MANY_TERMS = 12
@@ -143,37 +146,26 @@ class _Family(NamedTuple):
     groups: list[ColumnGroup]
 
 
-class Elimination:
-    """Elimination of columns of a design matrix, for many values of the hyper-parameters.
+class EliminationPlan:
+    """Order of elimination of the columns of a design matrix, and the places of their entries.
+
+    It depends only on which elements of the design matrix are zero, and on the signs of the prior
+    variances. Models of one campaign, and campaigns that were run alike, therefore share plans.
 
     Parameters
     ----------
     groups
         Groups of columns in the order of their elimination. They contain every column once.
-    columns
-        Design matrix A, shape (rows, columns).
-    values
-        Readings r, shape (rows,).
-    kinds
-        Index of each row's kind (rows of one kind have the same variance), shape (rows,).
     signs
         Signs ±1 of the prior variances of the coefficients, shape (columns,).
     """
 
-    def __init__(
-        self,
-        groups: list[ColumnGroup],
-        columns: Array,
-        values: Array,
-        kinds: NDArray[np.intp],
-        *,
-        signs: Array,
-    ) -> None:
-        size = columns.shape[1]
+    def __init__(self, groups: list[ColumnGroup], signs: Array) -> None:
+        size = len(signs)
         families_of_fronts = _families_of_fronts(groups)
-        # Row of the workspace that holds the entry of column i for column j, and, as its last
-        # column, the right-hand side of column i; −1 if there is no such row.
-        self._place = np.full((size, size + 1), -1, dtype=np.intp)
+        #: Row of the workspace that holds the entry of column i for column j, and, as its last
+        #: column, the right-hand side of column i; −1 if there is no such row.
+        self.place = np.full((size, size + 1), -1, dtype=np.intp)
         start = 0
         for families in families_of_fronts:
             for family in families:
@@ -183,11 +175,102 @@ class Elimination:
         #: one that takes what is not needed.
         self.entries = start + 1
         self.fronts = [self._front(families, signs) for families in families_of_fronts]
-        self._pivots = self._place[np.arange(size), np.arange(size)]
-        self._right = self._place[:, size]
-        self._half_signs = 0.5 * signs
-        blocks = [EntryBlock(front.entries, front.shape) for front in self.fronts]
-        self._gram = GramEntries(blocks, self._place, columns, values, kinds)
+        self.pivots = self.place[np.arange(size), np.arange(size)]
+        self.right = self.place[:, size]
+        self.half_signs = 0.5 * signs
+
+    def _place_group(self, group: ColumnGroup, start: int) -> int:
+        """Give the entries of a group rows of the workspace, from ``start`` on.
+
+        Return the row after the last of them.
+        """
+        members = np.concatenate([group.columns, group.border])
+        width = len(members) + 1
+        for k, column in enumerate(group.columns):
+            first = start + k * width
+            self.place[column, members[k:]] = first + np.arange(k, len(members))
+            self.place[column, -1] = first + len(members)
+        return start + len(group.columns) * width
+
+    def _front(self, families: list[_Family], signs: Array) -> Front:
+        """Return the front of groups of equal shape, in the order of ``families``."""
+        groups = [group for family in families for group in family.groups]
+        columns = np.array([group.columns for group in groups])
+        first = self.place[columns[0, 0], columns[0, 0]]
+        shape = (*columns.shape, columns.shape[1] + len(groups[0].border) + 1)
+        front_signs = signs[columns]
+        return Front(
+            slice(int(first), int(first) + int(np.prod(shape))),
+            shape,
+            front_signs if (front_signs < 0.0).any() else None,
+            columns,
+            np.array([group.border for group in groups], dtype=np.intp),
+            self._updates(families),
+        )
+
+    def _updates(self, families: list[_Family]) -> list[Update]:
+        """Return how the groups of a front change the entries of later columns.
+
+        Groups of one family have the same border. Consecutive families with the same number of
+        groups, whose borders have no column in common, are updated by the same calls.
+        """
+        updates = []
+        start = 0
+        for disjoint in _disjoint_families(families):
+            members = len(disjoint[0].groups)
+            stop = start + len(disjoint) * members
+            borders = np.array([family.border for family in disjoint], dtype=np.intp)
+            terms = members * len(disjoint[0].groups[0].columns)
+            at_once = 1 if terms >= _MANY_TERMS else PRODUCT_COLUMNS
+            for first in range(0, borders.shape[1], at_once):
+                last = min(first + at_once, borders.shape[1])
+                targets = np.array([self._targets(border, first, last) for border in borders])
+                updates.append(Update(slice(start, stop), len(disjoint), first, last, targets))
+            start = stop
+        return updates
+
+    def _targets(self, border: NDArray[np.intp], first: int, stop: int) -> NDArray[np.intp]:
+        """Return the rows of the workspace for products of a border, as `Update.targets`.
+
+        The products are those of the rows from ``first`` to ``stop`` with all from ``first`` on.
+        """
+        following = np.append(border[first:], self.place.shape[1] - 1)
+        targets = self.place[np.ix_(border[first:stop], following)]
+        not_needed = np.tril(np.ones(targets.shape, dtype=bool), k=-1)
+        return np.where(not_needed, self.entries - 1, targets)
+
+
+class Elimination:
+    """Elimination of columns of a design matrix, for many values of the hyper-parameters.
+
+    Parameters
+    ----------
+    plan
+        Order of elimination of the columns.
+    columns
+        Design matrix A, shape (rows, columns).
+    values
+        Readings r, shape (rows,).
+    kinds
+        Index of each row's kind (rows of one kind have the same variance), shape (rows,).
+    """
+
+    def __init__(
+        self, plan: EliminationPlan, columns: Array, values: Array, kinds: NDArray[np.intp]
+    ) -> None:
+        self._plan = plan
+        blocks = [EntryBlock(front.entries, front.shape) for front in plan.fronts]
+        self._gram = GramEntries(blocks, plan.place, columns, values, kinds)
+
+    @property
+    def fronts(self) -> list[Front]:
+        """Groups of columns that are eliminated together, in the order of their elimination."""
+        return self._plan.fronts
+
+    @property
+    def entries(self) -> int:
+        """Number of matrix entries that are computed for one value of the hyper-parameters."""
+        return self._plan.entries
 
     @property
     def chunk_size(self) -> int:
@@ -228,13 +311,13 @@ class Elimination:
         """
         workspace = self._gram.assemble(weight)
         if shift is not None:
-            workspace[self._right] += shift
+            workspace[self._plan.right] += shift
         with np.errstate(divide="ignore", invalid="ignore"):
             for front in self.fronts:
                 front.eliminate(workspace)
-        white_shift = workspace[self._right]
-        log_determinant = np.log(workspace[self._pivots]).sum(axis=0)
-        square = np.einsum("c,cw,cw->w", self._half_signs, white_shift, white_shift)
+        white_shift = workspace[self._plan.right]
+        log_determinant = np.log(workspace[self._plan.pivots]).sum(axis=0)
+        square = np.einsum("c,cw,cw->w", self._plan.half_signs, white_shift, white_shift)
         gain = square - log_determinant
         if not np.isfinite(gain).all():
             raise np.linalg.LinAlgError("readings and priors must determine every coefficient")
@@ -245,7 +328,7 @@ class Elimination:
 
         ``workspace`` (entries, w) holds L and L⁻¹ Aᵀ D⁻¹ r, as `factorize` returns them.
         """
-        solution = workspace[self._right]
+        solution = workspace[self._plan.right]
         for front in reversed(self.fronts):
             front.solve(workspace, solution)
         return np.asarray(solution)
@@ -267,70 +350,10 @@ class Elimination:
             Array (q, w) that receives L⁻¹ Aᵀ D⁻¹ r.
         """
         w = white_shift.shape[1]
-        places = self._place[np.ix_(wanted, wanted)]
+        places = self._plan.place[np.ix_(wanted, wanted)]
         stored = np.nonzero(np.triu(places >= 0))
         lower[stored] = workspace[places[stored], :w]
-        white_shift[...] = workspace[self._right[wanted], :w]
-
-    def _place_group(self, group: ColumnGroup, start: int) -> int:
-        """Give the entries of a group rows of the workspace, from ``start`` on.
-
-        Return the row after the last of them.
-        """
-        members = np.concatenate([group.columns, group.border])
-        width = len(members) + 1
-        for k, column in enumerate(group.columns):
-            first = start + k * width
-            self._place[column, members[k:]] = first + np.arange(k, len(members))
-            self._place[column, -1] = first + len(members)
-        return start + len(group.columns) * width
-
-    def _front(self, families: list[_Family], signs: Array) -> Front:
-        """Return the front of groups of equal shape, in the order of ``families``."""
-        groups = [group for family in families for group in family.groups]
-        columns = np.array([group.columns for group in groups])
-        first = self._place[columns[0, 0], columns[0, 0]]
-        shape = (*columns.shape, columns.shape[1] + len(groups[0].border) + 1)
-        front_signs = signs[columns]
-        return Front(
-            slice(int(first), int(first) + int(np.prod(shape))),
-            shape,
-            front_signs if (front_signs < 0.0).any() else None,
-            columns,
-            np.array([group.border for group in groups], dtype=np.intp),
-            self._updates(families),
-        )
-
-    def _updates(self, families: list[_Family]) -> list[Update]:
-        """Return how the groups of a front change the entries of later columns.
-
-        Groups of one family have the same border. Consecutive families with the same number of
-        groups, whose borders have no column in common, are updated by the same calls.
-        """
-        updates = []
-        start = 0
-        for disjoint in _disjoint_families(families):
-            members = len(disjoint[0].groups)
-            stop = start + len(disjoint) * members
-            borders = np.array([family.border for family in disjoint], dtype=np.intp)
-            terms = members * len(disjoint[0].groups[0].columns)
-            at_once = 1 if terms >= _MANY_TERMS else PRODUCT_COLUMNS
-            for first in range(0, borders.shape[1], at_once):
-                last = min(first + at_once, borders.shape[1])
-                targets = np.array([self._targets(border, first, last) for border in borders])
-                updates.append(Update(slice(start, stop), len(disjoint), first, last, targets))
-            start = stop
-        return updates
-
-    def _targets(self, border: NDArray[np.intp], first: int, stop: int) -> NDArray[np.intp]:
-        """Return the rows of the workspace for products of a border, as `Update.targets`.
-
-        The products are those of the rows from ``first`` to ``stop`` with all from ``first`` on.
-        """
-        following = np.append(border[first:], self._place.shape[1] - 1)
-        targets = self._place[np.ix_(border[first:stop], following)]
-        not_needed = np.tril(np.ones(targets.shape, dtype=bool), k=-1)
-        return np.where(not_needed, self.entries - 1, targets)
+        white_shift[...] = workspace[self._plan.right[wanted], :w]
 
 
 class DesignRows:
@@ -393,8 +416,23 @@ class DesignRows:
         return self._eliminate(columns, self._signs[self._shared :], np.arange(0))
 
     def _eliminate(self, columns: Array, signs: Array, last: NDArray[np.intp]) -> Elimination:
-        groups = elimination_groups(columns != 0.0, last)
-        return Elimination(groups, columns, self._values, self._kinds, signs=signs)
+        pattern = columns != 0.0
+        plan = _plan(np.packbits(pattern).tobytes(), pattern.shape, last.tobytes(), signs.tobytes())
+        return Elimination(plan, columns, self._values, self._kinds)
+
+
+@lru_cache(maxsize=_KEPT_PLANS)
+def _plan(pattern: bytes, shape: tuple[int, int], last: bytes, signs: bytes) -> EliminationPlan:
+    """Return the order of elimination of columns, worked out once for each pattern of zeros.
+
+    ``pattern`` holds, as packed bits, whether each element of the design matrix of this ``shape``
+    is not zero. ``last`` are the indices of the columns that are eliminated last, ``signs`` the
+    signs of the prior variances, both as the bytes of an array.
+    """
+    bits = np.unpackbits(np.frombuffer(pattern, dtype=np.uint8), count=shape[0] * shape[1])
+    is_not_zero = bits.reshape(shape).astype(bool)
+    groups = elimination_groups(is_not_zero, np.frombuffer(last, dtype=np.intp))
+    return EliminationPlan(groups, np.frombuffer(signs))
 
 
 def _families_of_fronts(groups: list[ColumnGroup]) -> list[list[_Family]]:

@@ -125,26 +125,27 @@ def _sparse_gram(
 ) -> csr_array:
     """Return all Gram entries, shape (entries, kinds); the parameters are those of `GramEntries`.
 
-    ``size`` is the number of entries.
+    ``size`` is the number of entries. Each row of the design matrix adds the products of all pairs
+    of its elements that are not zero. Readings are the last column.
     """
-    places = [np.zeros(0, dtype=np.intp)]
-    place_kinds = [np.zeros(0, dtype=np.intp)]
-    products = [np.zeros(0)]
-    count = kinds.max(initial=-1) + 1
-    diagonal = np.diagonal(place)
-    for kind in range(count):
-        rows = columns[kinds == kind]
-        involved = np.flatnonzero(rows.any(axis=0))
-        involved = involved[np.argsort(diagonal[involved])]
-        with_readings = np.column_stack([rows[:, involved], values[kinds == kind]])
-        gram = with_readings[:, :-1].T @ with_readings
-        stored = np.triu(gram) != 0.0
-        of_products = place[np.ix_(involved, np.append(involved, columns.shape[1]))]
-        places.append(of_products[stored])
-        products.append(gram[stored])
-        place_kinds.append(np.full(len(products[-1]), kind))
-    index = (np.concatenate(places), np.concatenate(place_kinds))
-    return coo_array((np.concatenate(products), index), shape=(size, count)).tocsr()
+    order = np.argsort(np.diagonal(place))
+    table = np.column_stack([columns[:, order], values])
+    place_in_order = place[np.ix_(order, np.append(order, len(order)))]
+    row, column = np.nonzero(table)
+    element = table[row, column]
+    # Elements stand row by row. Each one is multiplied by itself and by those after it in its row,
+    # except for readings, which are multiplied by nothing further.
+    end_of_row = np.cumsum(np.bincount(row, minlength=len(table)))
+    number = np.arange(len(row))
+    factors = np.where(column < len(order), end_of_row[row] - number, 0)
+    first = np.repeat(number, factors)
+    second = first + np.arange(len(first)) - np.repeat(np.cumsum(factors) - factors, factors)
+    index = (place_in_order[column[first], column[second]], kinds[row[first]])
+    shape = (size, kinds.max(initial=-1) + 1)
+    # The conversion adds up products of rows of one kind.
+    gram = coo_array((element[first] * element[second], index), shape=shape).tocsr()
+    gram.eliminate_zeros()
+    return gram
 
 
 def _dense_gram(block: EntryBlock, gram: csr_array) -> list[_DenseGram]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -162,6 +162,18 @@ def test_gram_entries_without_zeros_are_dense(name: str, dense: int) -> None:
     elimination = PROBLEMS[name].design.elimination(0)
     assert len(elimination._gram._dense) == dense
     assert (elimination._gram._sparse.nnz == 0) == (dense > 0)
+
+
+def test_designs_with_zeros_in_the_same_places_share_their_plan() -> None:
+    problem = PROBLEMS["sparse"]
+    other = replace(problem, columns=2.0 * problem.columns)
+    plan = problem.design.elimination(7)._plan
+    assert other.design.elimination(7)._plan is plan
+
+
+def test_plans_differ_where_other_columns_are_eliminated_last() -> None:
+    design = PROBLEMS["sparse"].design
+    assert design.elimination(7)._plan is not design.elimination(0)._plan
 
 
 def test_a_coefficient_without_reading_and_prior_is_refused() -> None:
