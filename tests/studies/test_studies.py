@@ -30,6 +30,7 @@ BEHIND_THE_SCENES = {
     "12_real_machines",
     "91_fleet",
     "92_peers",
+    "93_guides",
 }
 PARTS = ("**Question.**", "**Method.**", "**Answer.**", "**Limits.**")
 BY_HAND = re.compile(
