@@ -12,11 +12,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
+from ldbb_bayes.model.fourier import SIZE
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.interest import ParametersOfInterest, interest_columns
 from ldbb_bayes.model.linearisation import (
@@ -51,6 +52,15 @@ class _SharedCoefficients(NamedTuple):
     values: Array
     mean: Array  #: prior means of the q coefficients, shape (q,)
     sd: Array  #: prior sds of the q coefficients, shape (q,); infinite for a flat prior
+
+
+class _StackedReadings(NamedTuple):
+    """Reduced readings of all tests, m of each test."""
+
+    #: Triangular factors of the Fourier functions, which turn Fourier coefficients into reduced
+    #: readings, shape (tests, m, 25).
+    factors: Array
+    readings: Array  #: reduced readings [mm], shape (tests, m, 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,27 +111,29 @@ class ReferencePosterior:
             terms += term.columns(setting)
         coefficients = self._coefficients(setting, free, terms)
         offset = nominal_mount_offset(setting) + coefficients.values @ coefficients.mean
-        rows = []
-        values = []
-        for r, test in enumerate(self.reduced):
-            root = np.linalg.cholesky(self._noise_covariance(terms, r))
-            residual = np.asarray(test.reading_mm) - test.factor @ offset[r]
-            equations = np.column_stack([test.factor @ coefficients.values[r], residual])
-            whitened = solve_triangular(root, equations, lower=True)
-            rows.append(whitened[:, :-1])
-            values.append(whitened[:, -1])
-        whitened_rows = np.concatenate(rows)
-        norms = np.linalg.norm(whitened_rows, axis=0)
+        residuals = self._stacked.readings - self._stacked.factors @ offset[..., None]
+        equations = np.concatenate([self._stacked.factors @ coefficients.values, residuals], axis=2)
+        roots = np.linalg.cholesky(self._noise_covariance(terms))
+        whitened = np.concatenate([*np.linalg.solve(roots, equations)])
+        norms = np.linalg.norm(whitened[:, :-1], axis=0)
         flat_sd = _FLAT_SDS / np.where(norms > 0.0, norms, 1.0)
         sd = np.where(np.isinf(coefficients.sd), flat_sd, coefficients.sd)
-        uncertain = sd > 0.0
-        prior = Gaussian.of(np.zeros(int(uncertain.sum())), sd[uncertain] ** 2)
-        joint = prior.observe(whitened_rows[:, uncertain], np.concatenate(values))
-        # The parameters of interest come last, and none of them has the prior sd zero.
+        scale = np.append(sd, 1.0)
+        prior_rows = np.eye(len(sd), len(scale))
+        stack = np.concatenate([whitened * scale, prior_rows])
+        triangle = np.asarray(np.linalg.qr(stack, mode="r"))
+        # The parameters of interest come last. Their rows of the triangular factor are equations
+        # from which all nuisance coefficients have been eliminated.
         size = int(free.sum())
-        of_interest = joint.marginal(range(len(prior.mean) - size, len(prior.mean)))
-        mean = of_interest.mean + coefficients.mean[-size:]
-        return Gaussian.factored(mean, of_interest.root, of_interest.scale)
+        of_interest = slice(len(sd) - size, len(sd))
+        posterior = Gaussian.from_rows(
+            triangle[of_interest, of_interest], triangle[of_interest, -1]
+        )
+        return Gaussian.factored(
+            coefficients.mean[of_interest] + sd[of_interest] * posterior.mean,
+            posterior.root,
+            sd[of_interest] * posterior.scale,
+        )
 
     def _coefficients(
         self, setting: Setting, free: Array, terms: Sequence[Columns | BasisNoise]
@@ -147,23 +159,41 @@ class ReferencePosterior:
             np.concatenate(values, axis=2), np.concatenate(means), np.concatenate(sds)
         )
 
-    def _noise_covariance(self, terms: Sequence[Columns | BasisNoise], r: int) -> Array:
-        """Return the covariance of the m reduced readings of one test, shape (m, m) [mm²].
+    @cached_property
+    def _stacked(self) -> _StackedReadings:
+        """Reduced readings of all tests in arrays of one shape.
+
+        Tests with fewer reduced readings than others get further ones that are zero, and that no
+        coefficient changes.
+        """
+        most = max(len(test.factor) for test in self.reduced)
+        factors = np.zeros((len(self.reduced), most, SIZE))
+        readings = np.zeros((len(self.reduced), most, 1))
+        for r, test in enumerate(self.reduced):
+            size = len(test.factor)
+            factors[r, :size] = test.factor
+            readings[r, :size, 0] = test.reading_mm
+        return _StackedReadings(factors, readings)
+
+    def _noise_covariance(self, terms: Sequence[Columns | BasisNoise]) -> Array:
+        """Return the covariance of the m reduced readings of every test, (tests, m, m) [mm²].
 
         It is that of the white noise, and of the effects in ``terms`` that differ from test to
-        test. ``r`` is the index of the test, from 0.
+        test.
         """
-        factor = self.reduced[r].factor
-        covariance: Array = self.phi["sigma"] ** 2 * np.eye(len(factor))
+        factors = self._stacked.factors
+        tests = range(len(factors))
+        white: Array = self.phi["sigma"] * np.eye(factors.shape[1])
+        roots = [np.broadcast_to(white, (len(factors), *white.shape))]
         for term in terms:
             if isinstance(term, BasisNoise):
-                root = factor * term.sd_at(self.phi, r)
+                sd = np.stack([term.sd_at(self.phi, r) for r in tests])
+                roots.append(factors * sd[:, None])
             elif term.private:
-                root = factor @ (term.values[r] * term.sd_at(self.phi, r))
-            else:
-                continue
-            covariance = covariance + root @ root.T
-        return covariance
+                sd = np.stack([term.sd_at(self.phi, r) for r in tests])
+                roots.append(factors @ (term.values * sd[:, None]))
+        root = np.concatenate(roots, axis=2)
+        return np.asarray(root @ np.swapaxes(root, 1, 2))
 
 
 def fixed_point(

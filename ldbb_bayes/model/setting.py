@@ -10,9 +10,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 from math import gamma
 from typing import Any, Literal, NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +48,8 @@ _SAME_TIME_H = 1e-9
 # Fourier coefficients of powers |u|^a of a component u of the bar's direction are set to zero if
 # they are below this size, because they are then rounding errors.
 _POWER_ROUNDING = 1e-12
+# Largest number of powers of components of the bar's direction that are kept.
+_KEPT_POWERS = 256
 # Fourier coefficients of rotated harmonics cos n(θ − ψ), sin n(θ − ψ) are set to zero if they are
 # below this size, because they are then rounding errors.
 _ROTATION_ROUNDING = 1e-14
@@ -218,18 +221,9 @@ class Setting:
         -------
         Fourier coefficients, shape (tests, 25).
         """
-        first = int(signed)
-        series = np.zeros(MAX_ORDER + 1)
-        series[first] = 2.0 ** (1.0 - power) * gamma(power + 1.0)
-        series[first] /= gamma(1.0 + (power + first) / 2.0) * gamma(1.0 + (power - first) / 2.0)
-        for n in range(first, MAX_ORDER - 1, 2):
-            series[n + 2] = series[n] * (power - n) / (power + n + 2)
-        series[0] /= 2.0
-        cosine = self.direction[:, 1, axis]
-        sine = self.direction[:, 2, axis]
-        amplitude = np.hypot(cosine, sine)[:, None] ** power
-        values = amplitude * series[ORDERS] * basis(np.arctan2(sine, cosine))
-        return np.where(np.abs(values) > _POWER_ROUNDING, values, 0.0)
+        first_harmonics = self.direction[:, 1:3, axis]
+        values = _power_of_cosine(first_harmonics.tobytes(), power, signed=signed)
+        return values.copy()
 
     def groups_by(self, kind: Literal["plane", "radius", "setup"]) -> Iterator[GroupOfTests]:
         """Yield one group of tests for every plane, radius or set-up of the campaign.
@@ -300,6 +294,29 @@ class Setting:
         return columns
 
 
+@lru_cache(maxsize=_KEPT_POWERS)
+def _power_of_cosine(first_harmonics: bytes, power: float, *, signed: bool) -> Array:
+    """Return Fourier coefficients of |u|^a for every test, as `Setting.along` does, (tests, 25).
+
+    ``first_harmonics`` are the bytes of an array of shape (tests, 2): the coefficients of cos θ and
+    sin θ of u, which is a component of the unit vector along the bar. The models of a campaign ask
+    for the same powers hundreds of times.
+    """
+    first = int(signed)
+    series = np.zeros(MAX_ORDER + 1)
+    series[first] = 2.0 ** (1.0 - power) * gamma(power + 1.0)
+    series[first] /= gamma(1.0 + (power + first) / 2.0) * gamma(1.0 + (power - first) / 2.0)
+    for n in range(first, MAX_ORDER - 1, 2):
+        series[n + 2] = series[n] * (power - n) / (power + n + 2)
+    series[0] /= 2.0
+    harmonics = np.frombuffer(first_harmonics).reshape(-1, 2)
+    cosine = harmonics[:, 0]
+    sine = harmonics[:, 1]
+    amplitude = np.hypot(cosine, sine)[:, None] ** power
+    values = amplitude * series[ORDERS] * basis(np.arctan2(sine, cosine))
+    return np.where(np.abs(values) > _POWER_ROUNDING, values, 0.0)
+
+
 class _MachineColumns(NamedTuple):
     """Fourier coefficients of functions of the angle on a circle, each of shape (..., 25, columns).
 
@@ -311,6 +328,13 @@ class _MachineColumns(NamedTuple):
     direction: Array
     elastic: Array
     geometric: Array
+
+
+# Cache of the effects of compliances and geometric errors on every campaign's readings, by the
+# names of the compliances. A comparison combines one campaign with hundreds of models.
+_MACHINE_COLUMNS: WeakKeyDictionary[Campaign, dict[tuple[ComplianceName, ...], _MachineColumns]] = (
+    WeakKeyDictionary()
+)
 
 
 def geometric_errors_of(campaign: Campaign) -> tuple[GeometricName, ...]:
@@ -403,20 +427,24 @@ def _machine_columns(campaign: Campaign, compliances: Sequence[ComplianceName]) 
     The parameters are the named compliances and all geometric errors of the machine. Results are
     Fourier coefficients of shape (tests, 25, columns).
     """
-    machine = campaign.machine()
-    by_circle = {}
-    for circle in {test.circle for test in campaign.tests}:
-        by_circle[circle] = _MachineColumns(
-            coefficients(circle.direction),
-            coefficients(partial(compliance_jacobian, machine, circle, names=compliances)),
-            coefficients(partial(geometric_jacobian, machine, circle)),
+    of_campaign = _MACHINE_COLUMNS.setdefault(campaign, {})
+    names = tuple(compliances)
+    if names not in of_campaign:
+        machine = campaign.machine()
+        by_circle = {}
+        for circle in {test.circle for test in campaign.tests}:
+            by_circle[circle] = _MachineColumns(
+                coefficients(circle.direction),
+                coefficients(partial(compliance_jacobian, machine, circle, names=names)),
+                coefficients(partial(geometric_jacobian, machine, circle)),
+            )
+        of_tests = [by_circle[test.circle] for test in campaign.tests]
+        of_campaign[names] = _MachineColumns(
+            np.stack([columns.direction for columns in of_tests]),
+            np.stack([columns.elastic for columns in of_tests]),
+            np.stack([columns.geometric for columns in of_tests]),
         )
-    of_tests = [by_circle[test.circle] for test in campaign.tests]
-    return _MachineColumns(
-        np.stack([columns.direction for columns in of_tests]),
-        np.stack([columns.elastic for columns in of_tests]),
-        np.stack([columns.geometric for columns in of_tests]),
-    )
+    return of_campaign[names]
 
 
 def _by_setup(campaign: Campaign, columns: Array) -> Array:

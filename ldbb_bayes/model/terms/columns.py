@@ -213,13 +213,13 @@ class Columns(Shown):
         the part ``stated`` and, for private columns, the noise factor λ of the circle of the test
         with the index ``test``; without ``test``, it contains no λ.
         """
-        sources = self.sources
+        circle = None
         if test is not None:
-            sources = self.sources_of(test)
-        scaled: Array = self.sd * 1.0
-        if self.names:
-            sizes = np.broadcast_arrays(*(source.at(value) for source in sources))
-            scaled = self.sd * np.stack(sizes, axis=-1)
+            circle = _circle_of(self.circle, test)
+        scaled = np.multiply.outer(Source(self.hyper, circle).at(value), self.sd)
+        if self.decay is not None and self.orders is not None:
+            power = -np.asarray(value[self.decay])
+            scaled = scaled * (self.orders / FORM_ORDER) ** power[..., None]
         return scaled if self.stated is None else np.hypot(scaled, self.stated)
 
     def draw(self, phi: Mapping[Hyper, float], tests: int, rng: np.random.Generator) -> Array:
