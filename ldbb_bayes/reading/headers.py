@@ -62,6 +62,8 @@ class Heading:
     #: indices (from 0) of the columns of readings; if there are several, each is a separate test
     readings: list[int]
     label: str = ""  #: name of the test, if the sheet has one column of readings for each test
+    #: indices (from 0) of the columns that hold the unit of each row
+    unit_columns: frozenset[int] = frozenset()
 
     def column_title(self, role: str, column: int) -> str:
         """Return the role of a column with its name or number, for error messages.
@@ -448,7 +450,7 @@ def _unused_headers(heading: Heading) -> list[str]:
     A column is not used if it has no role, such as angle, and its header is not the name of a field
     of a test, such as setup.
     """
-    columns_in_use = {*heading.roles.values(), *heading.readings}
+    columns_in_use = {*heading.roles.values(), *heading.readings, *heading.unit_columns}
     unused = []
     for column, header in enumerate(heading.headers):
         if header and column not in columns_in_use and header not in PER_TEST:

@@ -33,6 +33,7 @@ from ldbb_bayes.reading.spreadsheet import read_sheets
 from ldbb_bayes.reading.start_times import take_start_times
 from ldbb_bayes.reading.stated_values import direction_of, loads_of, quantity_of
 from ldbb_bayes.reading.trace import trace_of
+from ldbb_bayes.reading.unit_guess import assume_units
 from ldbb_bayes.results import Result
 
 __all__ = ["Imported", "import_campaign"]
@@ -137,10 +138,11 @@ def import_campaign(
     loads = _stated_loads(recordings, layout)
     take_stated_fields(campaign, recordings)
     take_start_times(campaign, recordings, log)
-    arcs = []
     for k, recording in enumerate(recordings):
         loads_of_test = {key: values[k] for key, values in loads.items()}
-        arcs.append(_measured_arc(recording, loads_of_test))
+        _take_conditions(recording, loads_of_test)
+    assume_units(recordings, campaign)
+    arcs = [_measured_arc(recording) for recording in recordings]
     tests = _name_tests(join_half_circles(arcs))
     _check_names_differ(tests, paths)
     _note_unused_entries(recordings, layout, log)
@@ -209,8 +211,8 @@ def _stated_loads(recordings: Sequence[Recording], layout: Layout) -> dict[str, 
     return loads
 
 
-def _measured_arc(recording: Recording, loads: Mapping[str, float]) -> MeasuredArc:
-    """Return the angles and readings of one test with its stated fields, such as its force.
+def _take_conditions(recording: Recording, loads: Mapping[str, float]) -> None:
+    """Set the fields of a test, such as force, radius and direction, from all that states them.
 
     ``loads`` holds the force or pressure of this test from the layout's lists. It replaces those
     that an entry [[test]] of the layout states.
@@ -228,6 +230,11 @@ def _measured_arc(recording: Recording, loads: Mapping[str, float]) -> MeasuredA
     fields["direction"] = direction_of(recording)
     fields |= loads_of(recording)
     fields["radius_mm"] = quantity_of(recording, "radius_mm", fields.get("radius_mm"))
+
+
+def _measured_arc(recording: Recording) -> MeasuredArc:
+    """Return the angles and readings of one test with its stated fields, such as its force."""
+    fields = recording.fields
     trace = trace_of(recording, fields["direction"])
     fields["direction"] = trace.direction
     stated_fields = {key: value for key, value in fields.items() if value is not None}

@@ -17,7 +17,7 @@ from ldbb_bayes.campaign.campaign import TestFields
 from ldbb_bayes.campaign.field_types import Number
 from ldbb_bayes.errors import check_known
 from ldbb_bayes.files import read_toml, validated
-from ldbb_bayes.reading.words import ROLES, UNITS, unit_named
+from ldbb_bayes.reading.words import ROLES, UNITS, scaled_unit, size_of_unit
 from ldbb_bayes.results import Shown
 
 __all__ = ["Layout", "TestLayout", "layout_to_toml", "read_layout"]
@@ -113,7 +113,8 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     #: pressures of all tests, in the order of files, sheets and rows; they replace pressures that
     #: entries [[test]] state
     pressures_bar: list[Number] = Field(default_factory=list)
-    reading_unit: str | None = None  #: unit of the readings, such as um or mm
+    #: unit of the readings, such as um or mm; with a factor for counts, such as 0.1 um
+    reading_unit: str | None = None
     angle_unit: str | None = None  #: unit of the angles, such as deg or rad
     time_unit: str | None = None  #: unit of times, such as s or ms
     force_unit: str | None = None  #: unit of forces, such as N or kN
@@ -144,8 +145,8 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
         if value is None:
             return None
         role = str(info.field_name).removesuffix("_unit")
-        unit = unit_named(value)
-        if unit not in UNITS[role]:
+        unit = scaled_unit(value)
+        if size_of_unit(role, unit) is None:
             raise ValueError(f"it should be one of {', '.join(UNITS[role])}")
         return unit
 

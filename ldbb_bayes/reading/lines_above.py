@@ -20,6 +20,7 @@ from ldbb_bayes.reading.numerals import (
     may_be_thousands,
     number_in_text,
 )
+from ldbb_bayes.reading.unit_lines import units_stated
 from ldbb_bayes.reading.words import (
     LONGEST_TEXT,
     OTHER_QUANTITY,
@@ -153,7 +154,7 @@ def statements_in(lines: Lines) -> dict[str, list[LineStatement]]:
                 statement = _stated_number(key, quantity, match, line)
                 if statement is not None:
                     statements.setdefault(key, []).append(statement)
-        for key, words in _stated_in_words(text):
+        for key, words in (*_stated_in_words(text), *units_stated(text).items()):
             statements.setdefault(key, []).append(LineStatement(words, "", line))
     return statements
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 from ldbb_bayes.reading.assumptions import AssumptionLog
 from ldbb_bayes.reading.headers import Heading
@@ -14,7 +14,15 @@ from ldbb_bayes.reading.lines_above import LineStatement
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.results import Array
 
-__all__ = ["LOAD_LISTS", "LOAD_ROLES", "UNITS_SHOWN", "Recording", "option_for"]
+__all__ = [
+    "LOAD_LISTS",
+    "LOAD_ROLES",
+    "UNITS_SHOWN",
+    "AssumedUnit",
+    "Recording",
+    "RowUnits",
+    "option_for",
+]
 
 # For each field of a test that states its force or pressure: role of the column that may hold it.
 LOAD_ROLES = {"force_N": "force", "pressure_bar": "pressure"}
@@ -44,6 +52,20 @@ def option_for(key: str) -> str:
     return f"--{name}".replace("_", "-")
 
 
+class RowUnits(NamedTuple):
+    """Units that one source in a file states for the rows of a column."""
+
+    units: Sequence[str]  #: unit of each row as the file writes it; empty for none
+    source: str  #: source in words, such as "a column of units"
+
+
+class AssumedUnit(NamedTuple):
+    """Unit that is assumed for a column, because nothing states it."""
+
+    unit: str
+    reason: str  #: reason why this unit is assumed
+
+
 @dataclass
 class Recording:
     """Rows of one test in a file, and everything that is stated about the test."""
@@ -57,6 +79,8 @@ class Recording:
     #: numbers of the test's n rows in each column, by the role of the column (angle, reading, …),
     #: in the units of the file, shape (n,)
     numbers: dict[str, Array]
+    #: units that sources such as a column of units state row by row, by the role of the column
+    row_units: Mapping[str, Sequence[RowUnits]]
     #: text of every cell in the first row of the test, by the header of its column
     first_cells: Mapping[str, str]
     #: different words in the column of directions, each with the number of its first line
@@ -72,6 +96,8 @@ class Recording:
     #: place (line number and sheet) and text of each line that concerns all tests, from sheets
     #: without a table
     lines_of_all_tests: Sequence[tuple[str, str]]
+    #: units that are assumed for columns without one, by the role of the column
+    assumed_units: dict[str, AssumedUnit] = field(default_factory=dict)
 
     @property
     def place(self) -> str:

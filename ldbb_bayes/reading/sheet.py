@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from ldbb_bayes.campaign.text_table import Row
@@ -22,6 +22,16 @@ class Sheet:
     separator: str = ""  #: separator of cells in a text file; empty for a workbook
     #: whether this is the only table of readings in the file; tests are then named after the file
     is_only_table: bool = False
+    #: unit that stood behind the number in a cell, by line number and index of the column
+    cell_units: Mapping[tuple[int, int], str] = field(default_factory=dict)
+    #: unit in the number format of a cell, by line number and index of the column
+    format_units: Mapping[tuple[int, int], str] = field(default_factory=dict)
+    #: line number and index of the column of formulas without a stored value
+    formulas_without_value: Collection[tuple[int, int]] = ()
+    #: whether number formats and hidden rows of the workbook are known
+    is_examined: bool = False
+    hidden_rows: int = 0  #: number of hidden rows, which are left out
+    hidden_sheets: Sequence[str] = ()  #: names of hidden sheets of the file, which are left out
 
     @property
     def name_in_file(self) -> str:

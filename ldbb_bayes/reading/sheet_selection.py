@@ -16,6 +16,7 @@ from ldbb_bayes.reading.layout import Layout
 from ldbb_bayes.reading.numerals import looks_like_number
 from ldbb_bayes.reading.overview import LONGEST_OVERVIEW
 from ldbb_bayes.reading.sheet import Sheet
+from ldbb_bayes.reading.words import LONGEST_NAME
 
 __all__ = ["HeadedSheet", "SheetSelection", "select_sheets"]
 
@@ -58,6 +59,7 @@ def select_sheets(
     matched
         Files that were found by a pattern and not named by the user.
     """
+    _note_hidden(sheets, log)
     selection = SheetSelection()
     incomplete: list[HeadedSheet] = []  # tables without a column of angles or of readings
     errors: list[InputError] = []
@@ -92,6 +94,29 @@ def select_sheets(
         kind = "the sheet" if sheet.name else "the file"
         log.add(sheet.place, "left out", kind, reason, "--sheets")
     return _mark_only_tables(selection, selection.tables)
+
+
+def _note_hidden(sheets: Sequence[Sheet], log: AssumptionLog) -> None:
+    """Add hidden sheets and rows, which are left out, to the log.
+
+    Hidden rows and the formats of cells are not seen in workbooks other than XLSX; this is noted.
+    """
+    paths = set()
+    for sheet in sheets:
+        if sheet.hidden_rows:
+            rows = f"{sheet.hidden_rows} hidden rows"
+            remedy = "show them in the spreadsheet program"
+            log.add(sheet.place, "left out", rows, "hidden or filtered", remedy)
+        if sheet.path in paths:
+            continue
+        paths.add(sheet.path)
+        if sheet.hidden_sheets:
+            names = ", ".join(repr(name) for name in sheet.hidden_sheets)[:LONGEST_NAME]
+            log.add(str(sheet.path), "left out", f"hidden sheets: {names}", "hidden", "--sheets")
+        if sheet.name and not sheet.is_examined:
+            subject = "hidden rows and number formats"
+            reason = "this kind of workbook does not show them"
+            log.add(str(sheet.path), subject, "not looked at", reason, "save it as XLSX")
 
 
 def _workbooks_of_several_sheets(sheets: Sequence[Sheet]) -> set[Path]:

@@ -25,8 +25,11 @@ from ldbb_bayes.reading.numerals import (
     seconds_of,
 )
 from ldbb_bayes.reading.overview import overview_lines
-from ldbb_bayes.reading.recording import Recording
+from ldbb_bayes.reading.recording import Recording, RowUnits
 from ldbb_bayes.reading.sheet import Sheet
+from ldbb_bayes.reading.unit_columns import unit_columns
+from ldbb_bayes.reading.unit_lines import UNIT_KEYS
+from ldbb_bayes.reading.words import LONGEST_NAME, UNITS
 from ldbb_bayes.results import Array
 
 __all__ = ["FIELDS_OF_ALL_TESTS", "layout_names", "split_sheet"]
@@ -42,6 +45,7 @@ FIELDS_OF_ALL_TESTS = {
     "feed_mm_per_min",
     "radius_mm",
     "temperature_C",
+    *UNIT_KEYS,
     *LABELS,
 }
 
@@ -56,6 +60,31 @@ class _SheetColumns:
     cells: list[list[str]]  # cells of each column
     clock_column: int | None  # index of the column with times of day; None without one
     decimal: str | None  # decimal mark of the table; None if no number has one
+    # index of the column that holds the unit of each row, by the index of the column of numbers
+    unit_columns: Mapping[int, int]
+
+    def row_units(self, roles: Mapping[str, int], rows: Sequence[int]) -> dict[str, list[RowUnits]]:
+        """Return the units that sources state row by row, by the role of the column.
+
+        ``roles`` are the columns by role, and ``rows`` the indices of the rows of a test.
+        """
+        units = {}
+        for role, column in roles.items():
+            if role in UNITS:
+                units[role] = [entry for entry in self._units(column, rows) if any(entry.units)]
+        return units
+
+    def _units(self, column: int, rows: Sequence[int]) -> Iterator[RowUnits]:
+        """Yield the units of the rows of one column from each source."""
+        if column in self.unit_columns:
+            cells = self.cells[self.unit_columns[column]]
+            yield RowUnits([cells[row] for row in rows], "a column of units")
+        places = [(self.lines[row], column) for row in rows]
+        cell_units = self.sheet.cell_units
+        yield RowUnits([cell_units.get(place, "") for place in places], "its cells")
+        format_units = self.sheet.format_units
+        source = "the number format of its cells"
+        yield RowUnits([format_units.get(place, "") for place in places], source)
 
     def numbers(self, role: str, column: int) -> Array:
         """Return the numbers in a column as an array, one for each of the n rows, shape (n,).
@@ -173,6 +202,7 @@ def split_sheet(
                 label=title,
                 lines=[columns.lines[row] for row in rows],
                 numbers={role: column_numbers[rows] for role, column_numbers in numbers.items()},
+                row_units=columns.row_units(test_heading.roles, rows),
                 first_cells=columns.cells_by_header(rows[0]),
                 direction_words=columns.direction_words(rows),
                 statements=statements,
@@ -205,15 +235,14 @@ def _read_columns(
     Assumptions about its header and its decimal mark are added to the log.
     """
     lines, cells = columns_of(sheet.place, _table_rows(sheet, heading), len(heading.headers))
+    columns_of_units = unit_columns(heading.headers, cells, _numeric_columns(heading))
+    heading = replace(heading, unit_columns=frozenset(columns_of_units.values()))
     note_heading(sheet, heading, layout, log)
     clock_column = None
     if "time" in heading.roles and is_clock(cells[heading.roles["time"]][0]):
         clock_column = heading.roles["time"]
-    number_columns = []
-    for role, column in heading.roles.items():
-        if role not in _NOT_SHARED and column != clock_column:
-            number_columns.append(column)
-    number_columns += heading.readings
+    number_columns = [column for column in _numeric_columns(heading) if column != clock_column]
+    _check_formulas(sheet, heading, lines, number_columns)
     cells_by_line: list[tuple[int, str]] = []
     for k, line in enumerate(lines):
         cells_by_line += [(line, cells[column][k]) for column in number_columns]
@@ -222,7 +251,31 @@ def _read_columns(
         units = list(heading.units)
         units[clock_column] = "s"
         heading = replace(heading, units=units)
-    return _SheetColumns(sheet, heading, lines, cells, clock_column, decimal)
+    return _SheetColumns(sheet, heading, lines, cells, clock_column, decimal, columns_of_units)
+
+
+def _check_formulas(
+    sheet: Sheet, heading: Heading, lines: Sequence[int], columns: Sequence[int]
+) -> None:
+    """Raise an `InputError` for a formula without a stored value in a column of numbers."""
+    for line in lines:
+        for column in columns:
+            if (line, column) in sheet.formulas_without_value:
+                name = heading.headers[column][:LONGEST_NAME] or column + 1
+                raise InputError(
+                    f"{sheet.place}, line {line}: column {name!r} must hold values, got a formula"
+                    " without a stored value. Open the file in a spreadsheet program and save it"
+                    " once, or export the sheet as CSV."
+                )
+
+
+def _numeric_columns(heading: Heading) -> list[int]:
+    """Return the indices of the columns that hold numbers: all with a role, except words."""
+    columns = []
+    for role, column in heading.roles.items():
+        if role not in _NOT_SHARED:
+            columns.append(column)
+    return columns + heading.readings
 
 
 def _table_rows(sheet: Sheet, heading: Heading) -> list[Row]:

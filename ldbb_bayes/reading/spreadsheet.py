@@ -4,23 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 from ldbb_bayes.campaign.text_table import (
     ARCHIVE_SIGNATURE,
     BYTE_ORDER_MARKS,
     COMPOUND_SIGNATURE,
+    Row,
     decode_text,
     rows_of_text,
     table_bytes,
 )
 from ldbb_bayes.errors import InputError, require
-from ldbb_bayes.reading.numerals import looks_like_number
+from ldbb_bayes.reading.cell_units import number_in_cell, split_units
 from ldbb_bayes.reading.sheet import Sheet
 from ldbb_bayes.reading.workbook import WORKBOOK_SUFFIXES, read_workbook
 
 __all__ = ["read_sheets"]
 
+# Signs of double width that East Asian text has for those of ASCII, and the wide blank.
+_NARROW = {code: code - 0xFEE0 for code in range(0xFF01, 0xFF5F)} | {0x3000: 0x20}
 # First bytes of PDF files and pictures, which hold no table that can be read.
 _PICTURE_SIGNATURES = (b"%PDF-", b"\x89PNG\r\n", b"\xff\xd8\xff", b"GIF8")
 # Number of bytes at the beginning of a text file that are searched for zeros, which indicate the
@@ -69,7 +73,7 @@ def read_sheets(
     )
     is_workbook = raw.startswith((ARCHIVE_SIGNATURE, COMPOUND_SIGNATURE))
     if is_workbook or path.suffix.lower() in WORKBOOK_SUFFIXES:
-        return read_workbook(path, raw, sheets)
+        return [_with_plain_cells(sheet) for sheet in read_workbook(path, raw, sheets)]
     if raw.startswith(_PICTURE_SIGNATURES):
         return [Sheet(path, "", [])]
     if sheets:
@@ -82,7 +86,17 @@ def read_sheets(
     text = decode_text(path, raw, encoding)
     if separator is None:
         separator = _find_separator(text.split("\n"))
-    return [Sheet(path, "", rows_of_text(path, text, separator), encoding, separator)]
+    rows = rows_of_text(path, text, separator)
+    return [_with_plain_cells(Sheet(path, "", rows, encoding, separator))]
+
+
+def _with_plain_cells(sheet: Sheet) -> Sheet:
+    """Return a sheet without signs of double width, and without units behind its numbers."""
+    rows = []
+    for row in sheet.rows:
+        rows.append(Row(row.line, [cell.translate(_NARROW).strip() for cell in row.cells]))
+    split = split_units(rows)
+    return replace(sheet, rows=split.rows, cell_units=split.units)
 
 
 def _find_encoding(raw: bytes) -> str:
@@ -145,7 +159,7 @@ def _separator_score(sample: Sequence[str], separator: str) -> float:
         widths.append(len(cells))
         filled = [cell for cell in cells if cell]
         n_filled += len(filled)
-        n_numbers += sum(looks_like_number(cell) for cell in filled)
+        n_numbers += sum(number_in_cell(cell) is not None for cell in filled)
     usual_width = max(sorted(set(widths)), key=widths.count)
     if usual_width == 1:
         return 0.0

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ldbb_bayes.errors import InputError, require
+from ldbb_bayes.reading.column_units import unit_size
 from ldbb_bayes.reading.lines_above import directions_stated
 from ldbb_bayes.reading.names import load_in_name, load_is_ambiguous, radius_in_name
 from ldbb_bayes.reading.recording import (
@@ -22,9 +23,9 @@ from ldbb_bayes.reading.recording import (
     Recording,
     option_for,
 )
-from ldbb_bayes.reading.words import UNITS, WORDS
+from ldbb_bayes.reading.words import WORDS
 
-__all__ = ["direction_of", "loads_of", "quantity_of", "unit_size"]
+__all__ = ["direction_of", "loads_of", "quantity_of"]
 
 # Two values of a quantity agree if their relative difference is at most this.
 _ROUNDED_IN_LINE = 1e-3
@@ -36,8 +37,6 @@ _ROUNDED_IN_NAME = 0.02
 _CONSTANT = 1e-9
 # An error message shows at most this number of characters of a text from a file.
 _TEXT_SHOWN = 60
-# An error message shows at most this number of characters of a unit from a file.
-_UNIT_SHOWN = 40
 
 
 class _Evidence(NamedTuple):
@@ -211,52 +210,6 @@ def _constant_load(recording: Recording, key: str) -> float | None:
             f" ({option_for(key)})."
         )
     return float(values[0])
-
-
-def unit_size(
-    recording: Recording, role: str, usual: str, reason: str = "no unit in the header"
-) -> float:
-    """Return the factor from the unit of a column to the unit that this package uses.
-
-    The unit of the column is the one that the user states, or else the one in its header. If
-    neither states a unit, the usual unit is assumed and the assumption is noted.
-
-    Parameters
-    ----------
-    recording
-        The test as the file holds it.
-    role
-        Role of the column, such as reading.
-    usual
-        Unit that is assumed if none is stated.
-    reason
-        Reason that the note gives for the usual unit.
-
-    Raises
-    ------
-    InputError
-        For a unit that is unknown for this role.
-    """
-    header_line = recording.heading.line
-    header_unit = recording.heading.units[recording.heading.roles[role]]
-    stated_unit: str | None = getattr(recording.layout, f"{role}_unit")
-    unit = stated_unit or header_unit or usual
-    option = f"--{role}-unit"
-    if role == "reading":
-        option = "--unit"
-    if unit not in UNITS[role]:
-        raise InputError(
-            f"{recording.place}: the {role} must be in {', '.join(UNITS[role])}, got"
-            f" {unit[:_UNIT_SHOWN]!r} in line {header_line}. Correct the header, or give {option}."
-        )
-    subject = f"unit of the {role}"
-    if not stated_unit and not header_unit:
-        recording.note(subject, usual, reason, option)
-    elif header_unit not in ("", unit):
-        contradiction = f"line {header_line} says {header_unit}"
-        recording.note(subject, f"{unit}, as given", contradiction, option)
-    recording.log.keep(**{f"{role}_unit": None if header_unit else unit})
-    return UNITS[role][unit]
 
 
 def _senses_by_word() -> dict[str, str]:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldbb_bayes.errors import InputError, placed, require
+from ldbb_bayes.reading.column_units import unit_size
 from ldbb_bayes.reading.laps import (
     TURN_DEG,
     angles_from_time,
@@ -15,29 +16,24 @@ from ldbb_bayes.reading.laps import (
     direction_of_travel,
     on_the_circle,
 )
-from ldbb_bayes.reading.recording import Recording, option_for
-from ldbb_bayes.reading.stated_values import quantity_of, unit_size
+from ldbb_bayes.reading.recording import AssumedUnit, Recording, option_for
+from ldbb_bayes.reading.stated_values import quantity_of
 from ldbb_bayes.results import Array
 
 __all__ = ["Trace", "trace_of"]
 
-# Angles without a unit are taken as degrees if their range is larger than this number; otherwise
-# they are taken as radians.
-_LARGEST_SPAN_RAD = 7.0
 # Readings are taken as distances of the balls if their median differs from the nominal radius by
 # less than this [mm]. A bar cannot measure larger deviations from the radius.
 _LARGEST_DEVIATION_MM = 1.5
-# Readings without a unit are taken as mm if their median in mm would differ from the radius by less
-# than this share of the radius.
-_NEAR_RADIUS = 0.05
-# Readings without a unit are taken as mm if the absolute values of all are below this number.
-_LARGEST_IN_MM = 0.5
 # Readings seem to be distances of the balls, not deviations from the radius, if their median is
 # larger than this [mm] and their scatter is small.
 _SMALLEST_RADIUS_MM = 20.0
 # The scatter of readings is small if their median absolute deviation from the median is below this
 # share of the median.
 _SMALLEST_SCATTER = 0.01
+# Units of columns whose unit the user or the file states; they are not used.
+_DEGREES = AssumedUnit("deg", "")
+_MICROMETRES = AssumedUnit("um", "")
 # A test whose angles cover more than this number of turns holds several laps, or a run-in and
 # run-out in addition to its circle.
 _MORE_THAN_A_TURN = 1.02
@@ -116,11 +112,8 @@ def _angles_of_column(recording: Recording) -> Array:
     raw = recording.numbers.get("angle")
     if raw is None:
         raise _missing_column(recording, "angle", "angle, or the time")
-    span = float(np.ptp(raw))
-    usual_unit = "rad"
-    if span > _LARGEST_SPAN_RAD:
-        usual_unit = "deg"
-    size = unit_size(recording, "angle", usual_unit, f"it spans {span:.4g}")
+    assumed = recording.assumed_units.get("angle", _DEGREES)
+    size = unit_size(recording, "angle", assumed.unit, assumed.reason)
     layout = recording.layout
     angle = layout.angle_sign * (raw * size - layout.angle_offset_deg)
     return np.unwrap(angle, period=TURN_DEG)
@@ -196,12 +189,8 @@ def _deviations(recording: Recording, raw: Array) -> Array:
         f"{recording.place}: the reading must change from row to row, got {raw[0]:g} in all. Say"
         " which column it is: --reading-column.",
     )
-    largest = float(np.abs(raw).max())
-    is_near_radius = abs(np.median(raw) / recording.radius_mm - 1.0) < _NEAR_RADIUS
-    usual_unit = "um"
-    if is_near_radius or largest < _LARGEST_IN_MM:
-        usual_unit = "mm"
-    reading = raw * unit_size(recording, "reading", usual_unit, f"the largest is {largest:.4g}")
+    assumed = recording.assumed_units.get("reading", _MICROMETRES)
+    reading = raw * unit_size(recording, "reading", assumed.unit, assumed.reason)
     if _zero_of(recording, reading) == "distance":
         reading = reading - 1e3 * recording.radius_mm
     return recording.layout.sign * reading

@@ -5,6 +5,7 @@ The words themselves are in the file ``words.toml``.
 
 from __future__ import annotations
 
+import math
 import re
 import tomllib
 import unicodedata
@@ -20,6 +21,8 @@ __all__ = [
     "UNITS",
     "WORDS",
     "comparable",
+    "scaled_unit",
+    "size_of_unit",
     "unit_named",
 ]
 
@@ -29,6 +32,10 @@ LONGEST_TEXT = 300
 LONGEST_NAME = 200
 # Longest unit [characters]; a longer text is no unit.
 _LONGEST_UNIT = 40
+# Pattern of a unit with a factor, such as 0.1 µm for readings in counts of 0.1 µm.
+_SCALED_UNIT = re.compile(
+    r"(?P<factor>\d+(?:[.,]\d+)?(?:e[+\-]?\d+)?)\s*[x×*]?\s*(?P<unit>\D+)", re.I
+)
 
 # Content of ``words.toml``: words and units that foreign files use.
 WORDS: Mapping[str, Any] = tomllib.loads(
@@ -96,3 +103,39 @@ def unit_named(text: str) -> str:
     if len(text) > _LONGEST_UNIT:
         return ""
     return _UNITS_BY_WORD.get(comparable(text), "")
+
+
+def scaled_unit(text: str) -> str:
+    """Return this package's name of a unit that may have a factor: ``0.1 um`` for ``0,1 µm``.
+
+    Readings in counts of 0.1 µm have the unit ``0.1 um``. Return an empty text if the text names no
+    known unit, or if the factor is zero.
+    """
+    unit = unit_named(text)
+    match = _SCALED_UNIT.fullmatch(text.strip())
+    if unit or match is None:
+        return unit
+    factor = float(match["factor"].replace(",", "."))
+    unit = unit_named(match["unit"])
+    if not unit or not 0.0 < factor < math.inf:
+        return ""
+    return f"{factor:.12g} {unit}"
+
+
+def size_of_unit(role: str, unit: str) -> float | None:
+    """Return the size of a unit, with or without a factor, in the unit of this package for a role.
+
+    For the role of reading the package's unit is µm: the size of ``mm`` is 1000, and that of ``0.1
+    um`` is 0.1. Return None for a unit that is unknown for this role.
+
+    Parameters
+    ----------
+    role
+        Role of a column, such as reading.
+    unit
+        Unit as `scaled_unit` returns it.
+    """
+    factor, _, name = unit.rpartition(" ")
+    if name not in UNITS[role] or scaled_unit(unit) != unit:
+        return None
+    return float(factor or 1.0) * UNITS[role][name]

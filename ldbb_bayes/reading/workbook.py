@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import re
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from ldbb_bayes.campaign.text_table import (
 )
 from ldbb_bayes.errors import InputError, check_known, require
 from ldbb_bayes.reading.sheet import Sheet
+from ldbb_bayes.reading.workbook_parts import SheetParts, parts_of_sheets
 
 __all__ = ["WORKBOOK_SUFFIXES", "read_workbook"]
 
@@ -71,7 +72,7 @@ def read_workbook(path: Path, raw: bytes, wanted: Sequence[str]) -> list[Sheet]:
     source: Any = path if is_compound else io.BytesIO(raw)
     try:
         with python_calamine.load_workbook(source) as book:
-            sheets = _sheets_of(path, book, wanted)
+            sheets = _sheets_of(path, book, wanted, parts_of_sheets(raw))
     except python_calamine.PasswordError:
         raise InputError(
             f"{path} must be a workbook without a password, got one with. Save it without."
@@ -100,19 +101,43 @@ def _unreadable(path: Path, state: str) -> InputError:
 
 
 def _sheets_of(
-    path: Path, book: python_calamine.CalamineWorkbook, wanted: Sequence[str]
+    path: Path,
+    book: python_calamine.CalamineWorkbook,
+    wanted: Sequence[str],
+    parts: Mapping[str, SheetParts],
 ) -> list[Sheet]:
+    """Return the sheets that are wanted; without wanted sheets, all that are not hidden.
+
+    Hidden rows are left out of each sheet. ``parts`` is what the values of each sheet do not show.
+    """
     check_known(f"{path}: sheet", wanted, book.sheet_names)
+    hidden = []
+    for metadata in book.sheets_metadata:
+        if metadata.visible != python_calamine.SheetVisibleEnum.Visible:
+            hidden.append(metadata.name)
+    visible = [name for name in book.sheet_names if name not in hidden]
     sheets = []
-    for name in wanted or book.sheet_names:
+    for name in wanted or visible or hidden:
         cells = book.get_sheet_by_name(name).to_python(skip_empty_area=False)
         rows = []
+        sheet_parts = parts.get(name, SheetParts())
         for line, values in enumerate(cells, start=1):
             texts = [_cell_text(value) for value in values]
-            if any(texts):
+            if line not in sheet_parts.hidden_lines and any(texts):
                 rows.append(Row(line, texts))
         if rows:
-            sheets.append(Sheet(path, name, rows))
+            sheets.append(
+                Sheet(
+                    path,
+                    name,
+                    rows,
+                    format_units=sheet_parts.units,
+                    formulas_without_value=sheet_parts.formulas_without_value,
+                    is_examined=name in parts,
+                    hidden_rows=len(sheet_parts.hidden_lines),
+                    hidden_sheets=tuple(hidden) if not wanted and visible else (),
+                )
+            )
     return sheets
 
 

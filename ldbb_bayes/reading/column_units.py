@@ -1,0 +1,169 @@
+"""Unit of a column of numbers, from all sources that state it.
+
+The sources are the user, a column of units, the header, and lines above the table. Those in the
+file must not contradict each other, unless the user states the unit.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.reading.recording import Recording
+from ldbb_bayes.reading.unit_lines import COUNT
+from ldbb_bayes.reading.words import UNITS, comparable, scaled_unit, size_of_unit
+from ldbb_bayes.results import Array
+
+__all__ = ["is_unit_stated", "unit_size"]
+
+# An error message shows at most this number of characters of a unit from a file.
+_UNIT_SHOWN = 40
+
+
+class _UnitEvidence(NamedTuple):
+    """Units that one source in a file states for a column."""
+
+    units: Sequence[str]  # unit of each row, or one unit for all rows; unknown units as written
+    source: str  # source in words, such as "line 3"
+
+
+def is_unit_stated(recording: Recording, role: str) -> bool:
+    """Return whether the user or the file states the unit of the column with a role."""
+    if getattr(recording.layout, f"{role}_unit") is not None:
+        return True
+    return bool(_evidence(recording, role))
+
+
+def unit_size(
+    recording: Recording, role: str, usual: str, reason: str = "no unit in the header"
+) -> float | Array:
+    """Return the factor from the unit of a column to the unit that this package uses.
+
+    The factor is an array of shape (n,) if the unit changes from row to row. The unit is the one
+    that the user states, or else the one that the file states. If neither states a unit, the usual
+    unit is assumed and the assumption is noted.
+
+    Parameters
+    ----------
+    recording
+        The test as the file holds it.
+    role
+        Role of the column, such as reading.
+    usual
+        Unit that is assumed if none is stated.
+    reason
+        Reason that the note gives for the usual unit.
+
+    Raises
+    ------
+    InputError
+        For a unit that is unknown for this role, and for sources in the file that contradict each
+        other if the user states no unit.
+    """
+    stated_unit: str | None = getattr(recording.layout, f"{role}_unit")
+    evidence = _evidence(recording, role)
+    subject = f"unit of the {role}"
+    option = _option(role)
+    if stated_unit is not None:
+        for other in evidence:
+            if set(other.units) != {stated_unit}:
+                contradiction = f"{other.source} says {_listed(other.units)}"
+                recording.note(subject, f"{stated_unit}, as given", contradiction, option)
+        recording.log.keep(**{f"{role}_unit": stated_unit})
+        return _size_in(recording, role, stated_unit, "as given")
+    if not evidence:
+        recording.note(subject, usual, reason, option)
+        recording.log.keep(**{f"{role}_unit": usual})
+        return UNITS[role][usual]
+    recording.log.keep(**{f"{role}_unit": None})
+    first, *further_evidence = evidence
+    for other in further_evidence:
+        if set(other.units) != set(first.units):
+            raise InputError(
+                f"{recording.place}: the unit of the {role} must be said once, got"
+                f" {_listed(first.units)} in {first.source} and {_listed(other.units)} in"
+                f" {other.source}. Correct the file, or give {option}."
+            )
+    _note_source(recording, role, first)
+    return _size_of_rows(recording, role, first)
+
+
+def _note_source(recording: Recording, role: str, evidence: _UnitEvidence) -> None:
+    """Note a unit that does not stand in the header of its column."""
+    if evidence.source == _header_source(recording):
+        return
+    subject = f"unit of the {role}"
+    recording.note(subject, _listed(evidence.units), evidence.source, _option(role))
+
+
+def _size_of_rows(recording: Recording, role: str, evidence: _UnitEvidence) -> float | Array:
+    """Return the size of the unit that a source states, for each row if it changes."""
+    sizes = {}
+    for unit in dict.fromkeys(evidence.units):
+        source = evidence.source
+        if len(evidence.units) > 1:
+            line = recording.lines[list(evidence.units).index(unit)]
+            source = f"line {line}"
+        sizes[unit] = _size_in(recording, role, unit, source)
+    if len(sizes) == 1:
+        return next(iter(sizes.values()))
+    return np.array([sizes[unit] for unit in evidence.units])
+
+
+def _size_in(recording: Recording, role: str, unit: str, source: str) -> float:
+    size = size_of_unit(role, unit)
+    if size is None:
+        cure = _option(role)
+        if role == "reading":
+            cure += " (--unit '0.1 um' for counts of 0.1 µm)"
+        raise InputError(
+            f"{recording.place}: the {role} must be in {', '.join(UNITS[role])}, got"
+            f" {unit[:_UNIT_SHOWN]!r} in {source}. Correct the header, or give {cure}."
+        )
+    return size
+
+
+def _option(role: str) -> str:
+    return "--unit" if role == "reading" else f"--{role}-unit"
+
+
+def _listed(units: Sequence[str]) -> str:
+    return " and ".join(dict.fromkeys(units))[:_UNIT_SHOWN]
+
+
+def _header_source(recording: Recording) -> str:
+    return f"line {recording.heading.line}"
+
+
+def _evidence(recording: Recording, role: str) -> list[_UnitEvidence]:
+    """Return the units that the file states for the column with a role, by their sources.
+
+    If a unit is that of a count, a line that states the size of a count replaces it. Lines do not
+    state the unit of a time of day.
+    """
+    evidence = []
+    for row_units in recording.row_units.get(role, ()):
+        units = []
+        for text in row_units.units:
+            units.append(scaled_unit(text.strip("[]() ")) or text or "none")
+        evidence.append(_UnitEvidence(units, row_units.source))
+    header_unit = recording.heading.units[recording.heading.roles[role]]
+    if header_unit:
+        # A factor in a header, as in 10 µm, may be a range: it is no known unit.
+        factor = " …" if re.search(r"\d", header_unit) else ""
+        evidence.append(_UnitEvidence([header_unit + factor], _header_source(recording)))
+    for statement in recording.statements.get(f"{role}_unit", ()):
+        evidence.append(_UnitEvidence([statement.value], f"line {statement.line}"))
+    scales = recording.statements.get("reading_scale", ())
+    known = [other for other in evidence if not _is_count(other.units)]
+    if role == "reading" and scales and not known:
+        return [_UnitEvidence([scale.value], f"line {scale.line}") for scale in scales]
+    return evidence
+
+
+def _is_count(units: Sequence[str]) -> bool:
+    return all(COUNT.fullmatch(comparable(unit)) is not None for unit in units)

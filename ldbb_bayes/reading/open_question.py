@@ -1,0 +1,29 @@
+"""Error for files that leave a question open, which the user can answer in one of a few ways."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ldbb_bayes.errors import InputError
+
+__all__ = ["OpenQuestionError"]
+
+
+class OpenQuestionError(InputError):
+    """Error for files that may be read in several ways.
+
+    Parameters
+    ----------
+    message
+        Message, which names the option that answers the question.
+    field
+        Field of the layout that answers the question, such as reading_unit.
+    answers
+        Values of the field that are possible.
+    """
+
+    def __init__(self, message: str, field: str, answers: Sequence[str]) -> None:
+        """Store the message, the field of the layout and its possible values."""
+        super().__init__(message)
+        self.field = field
+        self.answers = tuple(answers)

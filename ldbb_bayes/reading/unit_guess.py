@@ -1,0 +1,182 @@
+"""Units of readings and angles that no file states: one for a whole campaign, tested on all of it.
+
+A unit of the readings fits if the bar can measure readings of this size, and if machines can be as
+stiff or as soft as they would then be.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ldbb_bayes.campaign.campaign import ForceLaw
+from ldbb_bayes.reading.column_units import is_unit_stated
+from ldbb_bayes.reading.open_question import OpenQuestionError
+from ldbb_bayes.reading.recording import AssumedUnit, Recording
+from ldbb_bayes.reading.words import UNITS
+
+__all__ = ["assume_units"]
+
+# Readings are taken as distances of the balls if their median in mm would differ from the radius by
+# less than this share of the radius.
+_NEAR_RADIUS = 0.05
+# Largest deviation from the radius that a bar can measure [µm].
+_LARGEST_DEVIATION_UM = 1500.0
+# Smallest share of the largest force in the largest reading [µm/N]: no machine is stiffer.
+_STIFFEST_UM_PER_N = 0.003
+# Largest change of the readings with the force [µm/N]: no machine is softer.
+_SOFTEST_UM_PER_N = 1.0
+# Units that are tried for readings without a unit.
+_USUAL_UNITS = ("um", "mm")
+# Angles without a unit are taken as degrees if their range is larger than this number; otherwise
+# they are taken as radians.
+_LARGEST_SPAN_RAD = 7.0
+# Turn in each unit of angle that is tried besides degrees and radians.
+_OTHER_TURNS = {"gon": 400.0, "mrad": 2e3 * np.pi, "arcmin": 21_600.0}
+_TURN_DEG = 360.0
+# Angles cover whole turns if they do so within this number of steps.
+_STEPS_OF_TURN = 1.5
+
+
+class _ReadingSize(NamedTuple):
+    """How large the readings of tests without a unit are, as numbers in the files."""
+
+    largest: float  # largest absolute value
+    change: float  # change of the median from the smallest force to the largest
+    forces_N: tuple[float, float]  # smallest and largest force
+
+
+def assume_units(recordings: Sequence[Recording], campaign: Mapping[str, Any]) -> None:
+    """Decide on one unit for all readings, and one for all angles, that no file states a unit for.
+
+    The units are put into ``assumed_units`` of the recordings. ``campaign`` are the fields of the
+    campaign that options or files state.
+
+    Raises
+    ------
+    OpenQuestionError
+        If several units fit, or none.
+    """
+    unstated = [entry for entry in recordings if _lacks_unit(entry, "reading")]
+    distances = [recording for recording in unstated if _is_distance(recording)]
+    for recording in distances:
+        middle = float(np.median(recording.numbers["reading"]))
+        recording.assumed_units["reading"] = AssumedUnit("mm", f"its median is {middle:.4g}")
+    deviations = [recording for recording in unstated if not _is_distance(recording)]
+    if deviations:
+        _assume_reading_unit(deviations, campaign)
+    unstated = [entry for entry in recordings if _lacks_unit(entry, "angle")]
+    if unstated:
+        _assume_angle_unit(unstated)
+
+
+def _lacks_unit(recording: Recording, role: str) -> bool:
+    return role in recording.numbers and not is_unit_stated(recording, role)
+
+
+def _is_distance(recording: Recording) -> bool:
+    median = float(np.median(recording.numbers["reading"]))
+    return abs(median / recording.radius_mm - 1.0) < _NEAR_RADIUS
+
+
+def _assume_reading_unit(recordings: Sequence[Recording], campaign: Mapping[str, Any]) -> None:
+    size = _size_of(recordings, campaign)
+    if size.largest == 0.0:
+        return
+    fitting = [unit for unit in _USUAL_UNITS if _fits(size, UNITS["reading"][unit])]
+    if len(fitting) != 1:
+        softness = [f"{_um_per_N(size, unit):.2g} µm/N in {unit}" for unit in _USUAL_UNITS]
+        raise OpenQuestionError(
+            f"{recordings[0].place}: readings must have a unit, got none, and numbers up to"
+            f" {size.largest:.4g}: {' or '.join(softness)}. Say which: --unit.",
+            "reading_unit",
+            list(UNITS["reading"]),
+        )
+    reason = f"numbers up to {size.largest:.4g} fit no other unit"
+    for recording in recordings:
+        recording.assumed_units["reading"] = AssumedUnit(fitting[0], reason)
+
+
+def _um_per_N(size: _ReadingSize, unit: str) -> float:
+    """Return how much the readings change with the force, or their size over the largest force."""
+    lightest, heaviest = size.forces_N
+    if size.change > 0.0 and heaviest > lightest:
+        return size.change * UNITS["reading"][unit] / (heaviest - lightest)
+    return size.largest * UNITS["reading"][unit] / heaviest
+
+
+def _size_of(recordings: Sequence[Recording], campaign: Mapping[str, Any]) -> _ReadingSize:
+    """Return how large the readings are in all tests, and how much they change with the force."""
+    law = campaign.get("force_law") or ForceLaw()
+    forces = []
+    medians = []
+    largest = 0.0
+    for recording in recordings:
+        readings = recording.numbers["reading"]
+        force = recording.fields.get("force_N")
+        if force is None:
+            force = law.force_N(recording.fields["pressure_bar"])
+        forces.append(float(force))
+        medians.append(float(np.median(readings)))
+        largest = max(largest, float(np.abs(readings).max()))
+    lightest = int(np.argmin(forces))
+    heaviest = int(np.argmax(forces))
+    change = abs(medians[heaviest] - medians[lightest])
+    return _ReadingSize(largest, change, (forces[lightest], forces[heaviest]))
+
+
+def _fits(size: _ReadingSize, um_per_unit: float) -> bool:
+    """Return whether readings of this size can be in a unit of ``um_per_unit`` µm."""
+    lightest, heaviest = size.forces_N
+    largest_um = size.largest * um_per_unit
+    if largest_um > _LARGEST_DEVIATION_UM or largest_um < _STIFFEST_UM_PER_N * heaviest:
+        return False
+    return size.change * um_per_unit <= _SOFTEST_UM_PER_N * max(heaviest - lightest, 1.0)
+
+
+def _assume_angle_unit(recordings: Sequence[Recording]) -> None:
+    spans = {}
+    for recording in recordings:
+        spans[recording.place] = float(np.ptp(recording.numbers["angle"]))
+    units = {place: _angle_unit_of_span(span) for place, span in spans.items()}
+    other = _other_turn(recordings[0])
+    if len(set(units.values())) > 1 or other:
+        candidates = list(dict.fromkeys([*units.values(), *other]))
+        place = recordings[0].place
+        raise OpenQuestionError(
+            f"{place}: angles must have a unit, got none, and they span {min(spans.values()):.4g}"
+            f" to {max(spans.values()):.4g}, which may be {' or '.join(candidates)}. Say which:"
+            " --angle-unit.",
+            "angle_unit",
+            candidates,
+        )
+    for recording in recordings:
+        span = spans[recording.place]
+        unit = units[recording.place]
+        recording.assumed_units["angle"] = AssumedUnit(unit, f"it spans {span:.4g}")
+
+
+def _angle_unit_of_span(span: float) -> str:
+    return "deg" if span > _LARGEST_SPAN_RAD else "rad"
+
+
+def _other_turn(recording: Recording) -> list[str]:
+    """Return units other than degrees in which the angles of a test cover a whole turn.
+
+    Return none if they cover whole turns in degrees.
+    """
+    angles = recording.numbers["angle"]
+    if len(angles) < 2:
+        return []
+    step = float(np.median(np.abs(np.diff(angles))))
+    covered = float(np.ptp(angles)) + step
+    n_turns = round(covered / _TURN_DEG)
+    if abs(covered - n_turns * _TURN_DEG) <= _STEPS_OF_TURN * step:
+        return []
+    units = []
+    for unit, turn in _OTHER_TURNS.items():
+        if abs(covered - turn) <= _STEPS_OF_TURN * step:
+            units.append(unit)
+    return units

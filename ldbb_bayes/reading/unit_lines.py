@@ -1,0 +1,118 @@
+"""Units that lines above a table state, such as ``Units: inch`` or ``1 count = 0.1 µm``."""
+
+from __future__ import annotations
+
+import re
+
+from ldbb_bayes.reading.numerals import NUMBER_IN_TEXT
+from ldbb_bayes.reading.words import (
+    LONGEST_TEXT,
+    ROLES,
+    UNITS,
+    WORDS,
+    comparable,
+    scaled_unit,
+    unit_named,
+)
+
+__all__ = ["COUNT", "UNIT_COLUMN", "UNIT_KEYS", "mentions_scale", "units_stated"]
+
+_WORDS = WORDS["unit_lines"]
+# Keys of the statements of a line about units: one for each role, and one for the size of a count.
+UNIT_KEYS = (*(f"{role}_unit" for role in UNITS), "reading_scale")
+# Pattern of a line that states units: a label with "unit", a mark, and the units.
+_LINE = re.compile(
+    rf"(?:^|[;,|\t])\s*(?P<label>[^:=;,|\t]*?(?<!\w)(?:{_WORDS['label']})(?!\w)[^:=;,|\t]*)"
+    r"[:=;,|\t]\s*(?P<units>.+)",
+    re.IGNORECASE,
+)
+# Pattern of a unit in the second half of such a line.
+_UNIT = re.compile(r"[^\s;,|:=()\[\]/]+")
+_LABEL_WORD = re.compile(r"[^\W\d_]+")
+_UNIT_WORD = re.compile(_WORDS["label"], re.IGNORECASE)
+_FILLING = re.compile(_WORDS["filling"], re.IGNORECASE)
+_OTHER = re.compile(rf"\b(?:{_WORDS['other']})\b", re.IGNORECASE)
+# Pattern of a word for one count of an instrument, such as "digit".
+COUNT = re.compile(_WORDS["count"], re.IGNORECASE)
+# Pattern of the header of a column that holds the unit of each row.
+UNIT_COLUMN = re.compile(_WORDS["column"], re.IGNORECASE)
+# Patterns of the size of one count: "0.1 µm per count", "1 count = 0.1 µm".
+_SIZE = rf"(?P<size>{NUMBER_IN_TEXT}[\s;|]*[^\W\d]+)"
+_SCALES = (
+    re.compile(rf"{_SIZE}\s*(?:{_WORDS['per']})\s*(?:{_WORDS['count']})(?!\w)", re.IGNORECASE),
+    re.compile(
+        rf"(?<!\w)(?:1\s*)?(?:{_WORDS['count']})\s*(?:{_WORDS['equals']})\s*{_SIZE}", re.IGNORECASE
+    ),
+)
+_SCALE = re.compile(rf"(?<!\w)(?:{_WORDS['scale']})(?!\w)", re.IGNORECASE)
+# Units that are also words of running text; they do not count beside another unit of their kind.
+_ALSO_WORDS = ("in",)
+
+
+def units_stated(text: str) -> dict[str, str]:
+    """Return the units that a line states, by key: ``reading_unit``, ``angle_unit``, and so on.
+
+    The key ``reading_scale`` holds the size of one count, such as ``0.1 um``. A unit that is not
+    known, and several units of one kind, are returned as written; they lead to an error only if the
+    table itself does not state the unit.
+    """
+    text = text[:LONGEST_TEXT]
+    stated = {}
+    scale = _size_of_count(text)
+    if scale:
+        stated["reading_scale"] = scale
+    match = _LINE.search(text)
+    if match is None or _OTHER.search(match["label"]):
+        return stated
+    role = _role_of_label(match["label"])
+    if role is None:
+        return stated
+    return stated | _units_of_roles(match["units"].strip(), role)
+
+
+def _size_of_count(text: str) -> str:
+    """Return the size of one count that a line states, such as ``0.1 um``; empty without any."""
+    for pattern in _SCALES:
+        match = pattern.search(text)
+        if match is not None:
+            return scaled_unit(re.sub(r"[;|]", " ", match["size"]))
+    return ""
+
+
+def _role_of_label(label: str) -> str | None:
+    """Return the role whose unit a label such as ``Force unit`` announces; empty for all roles.
+
+    Return None for a label with words of something else.
+    """
+    words = []
+    for word in _LABEL_WORD.findall(comparable(label)):
+        if not (_UNIT_WORD.fullmatch(word) or _FILLING.fullmatch(word)):
+            words.append(word)
+    if not words:
+        return ""
+    for role in UNITS:
+        if all(any(word.startswith(role_word) for role_word in ROLES[role]) for word in words):
+            return role
+    return None
+
+
+def _units_of_roles(text: str, role: str) -> dict[str, str]:
+    """Return the units in a text by key, as far as they are units of ``role`` (empty: of any)."""
+    roles = [role] if role else list(UNITS)
+    names: dict[str, list[str]] = {}
+    for word in _UNIT.findall(text):
+        unit = unit_named(word.strip("."))
+        for unit_role in roles:
+            if unit in UNITS[unit_role] and unit not in names.get(unit_role, []):
+                names.setdefault(unit_role, []).append(unit)
+                if comparable(word) in _ALSO_WORDS and len(names[unit_role]) > 1:
+                    names[unit_role].pop()
+    if not names:
+        return {f"{role or 'reading'}_unit": text}
+    return {f"{unit_role}_unit": " and ".join(units) for unit_role, units in names.items()}
+
+
+def mentions_scale(text: str) -> bool:
+    """Return whether a line mentions a scale or factor, without the size of a count."""
+    text = text[:LONGEST_TEXT]
+    return _SCALE.search(text) is not None and not _size_of_count(text)

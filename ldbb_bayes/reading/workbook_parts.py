@@ -1,0 +1,145 @@
+"""Contents of a workbook (XLSX) that its values do not show.
+
+These are units in the number formats of cells, hidden rows, and formulas without a stored value.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+import zipfile
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import IO
+from xml.etree import ElementTree
+
+from ldbb_bayes.reading.unit_lines import COUNT
+from ldbb_bayes.reading.words import unit_named
+
+__all__ = ["SheetParts", "parts_of_sheets"]
+
+_MAIN = "{http://schemas.openxmlformats.org/spreadsheetml/2006/main}"
+_RELATIONS = "{http://schemas.openxmlformats.org/officeDocument/2006/relationships}"
+_PACKAGE = "{http://schemas.openxmlformats.org/package/2006/relationships}"
+# Texts in a number format: in quotes, or a single character after a backslash.
+_TEXT_IN_FORMAT = re.compile(r'"([^"]*)"|\\(.)')
+_CELL_NAME = re.compile(r"([A-Z]+)(\d+)")
+_LETTERS = 26
+# Largest size [bytes] of a part that is examined.
+_LARGEST_PART = 64 * 2**20
+
+
+@dataclass
+class SheetParts:
+    """What the values of one sheet of a workbook do not show."""
+
+    #: unit in the number format of a cell, by line number and index of the column
+    units: dict[tuple[int, int], str] = field(default_factory=dict)
+    hidden_lines: set[int] = field(default_factory=set)  #: line numbers of hidden rows
+    #: line number and index of the column of formulas without a stored value
+    formulas_without_value: set[tuple[int, int]] = field(default_factory=set)
+
+
+def parts_of_sheets(raw: bytes) -> dict[str, SheetParts]:
+    """Return what the values do not show for each sheet of an XLSX workbook, by sheet name.
+
+    The result is empty for a workbook of another format, and for one whose parts cannot be read.
+    ``raw`` is the content of the file.
+    """
+    try:
+        with zipfile.ZipFile(io.BytesIO(raw)) as archive:
+            units = _units_of_styles(archive)
+            parts = {}
+            for name, path in _paths_of_sheets(archive).items():
+                with archive.open(path) as stream:
+                    parts[name] = _parts_of_sheet(stream, units)
+            return parts
+    except (KeyError, ValueError, ElementTree.ParseError, zipfile.BadZipFile):
+        return {}
+
+
+def _root(archive: zipfile.ZipFile, path: str) -> ElementTree.Element:
+    if archive.getinfo(path).file_size > _LARGEST_PART:
+        raise ValueError(path)
+    return ElementTree.fromstring(archive.read(path))
+
+
+def _paths_of_sheets(archive: zipfile.ZipFile) -> dict[str, str]:
+    """Return the path of each sheet inside the workbook, by the name of the sheet."""
+    targets = {}
+    for relation in _root(archive, "xl/_rels/workbook.xml.rels").iter(f"{_PACKAGE}Relationship"):
+        target = relation.get("Target", "")
+        targets[relation.get("Id")] = target.lstrip("/") if target[:1] == "/" else f"xl/{target}"
+    paths = {}
+    for sheet in _root(archive, "xl/workbook.xml").iter(f"{_MAIN}sheet"):
+        path = targets.get(sheet.get(f"{_RELATIONS}id"))
+        if path in archive.namelist():
+            paths[sheet.get("name", "")] = str(path)
+    return paths
+
+
+def _units_of_styles(archive: zipfile.ZipFile) -> dict[str, str]:
+    """Return the unit in the number format of each style of cells, by the number of the style."""
+    if "xl/styles.xml" not in archive.namelist():
+        return {}
+    root = _root(archive, "xl/styles.xml")
+    unit_by_format = {}
+    for number_format in root.iter(f"{_MAIN}numFmt"):
+        unit = _unit_in_format(number_format.get("formatCode", ""))
+        if unit:
+            unit_by_format[number_format.get("numFmtId")] = unit
+    units = {}
+    styles = root.find(f"{_MAIN}cellXfs")
+    if styles is not None:
+        for number, style in enumerate(styles):
+            format_id = style.get("numFmtId")
+            if format_id in unit_by_format:
+                units[str(number)] = unit_by_format[format_id]
+    return units
+
+
+def _unit_in_format(code: str) -> str:
+    """Return the unit that a number format shows behind numbers, such as mm for ``0.000" mm"``."""
+    positive = code.split(";")[0]
+    text = "".join(quoted or escaped for quoted, escaped in _TEXT_IN_FORMAT.findall(positive))
+    text = text.strip("[]() ")
+    if COUNT.fullmatch(text):
+        return text
+    return unit_named(text)
+
+
+def _parts_of_sheet(stream: IO[bytes], units: Mapping[str, str]) -> SheetParts:
+    parts = SheetParts()
+    for element in _elements(stream):
+        if element.tag == f"{_MAIN}row":
+            if element.get("hidden") in ("1", "true"):
+                parts.hidden_lines.add(int(element.get("r", "0")))
+            element.clear()
+            continue
+        place = _place_of(element.get("r", ""))
+        if place is None:
+            continue
+        unit = units.get(element.get("s", ""))
+        if unit is not None:
+            parts.units[place] = unit
+        if element.find(f"{_MAIN}f") is not None and not element.findtext(f"{_MAIN}v"):
+            parts.formulas_without_value.add(place)
+    return parts
+
+
+def _elements(stream: IO[bytes]) -> Iterator[ElementTree.Element]:
+    """Yield the cells and rows of a sheet, each at its end."""
+    for _, element in ElementTree.iterparse(stream):
+        if element.tag in (f"{_MAIN}c", f"{_MAIN}row"):
+            yield element
+
+
+def _place_of(name: str) -> tuple[int, int] | None:
+    """Return line number and index of the column of a cell such as B2; None for other names."""
+    match = _CELL_NAME.fullmatch(name)
+    if match is None:
+        return None
+    column = 0
+    for letter in match[1]:
+        column = _LETTERS * column + ord(letter) - ord("A") + 1
+    return int(match[2]), column - 1

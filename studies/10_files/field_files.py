@@ -1,0 +1,516 @@
+"""One campaign of three circles as people of the field hand it over: units beside, above and in
+cell formats, diameters, other angles, logs, masks, hidden sheets, other languages and programs.
+
+Each case reads to the campaign, or is refused with a step; done that step, it reads.
+
+python studies/10_files/field_files.py FOLDER    # writes all cases, one folder each
+"""
+
+from __future__ import annotations
+
+import io
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from openpyxl import Workbook
+
+import ldbb_bayes as lb
+
+__all__ = ["CASES", "Circle", "FieldCase", "differences", "truth"]
+
+Array = NDArray[np.float64]
+FORCES_N = (100.0, 300.0, 600.0)
+ANGLES_DEG = np.arange(0.0, 360.0, 5.0)
+RADIUS_MM = 150.0
+FEED_MM_PER_MIN = 2000.0
+# Readings agree if they differ by less than this [µm]: they are written with three decimals.
+LARGEST_DIFFERENCE_UM = 6e-3
+# Angles agree if they differ by less than this [deg]: times are written with four decimals.
+LARGEST_DIFFERENCE_DEG = 0.02
+
+
+@dataclass(frozen=True)
+class Circle:
+    """One circle as it truly is: force, angles from +X counter-clockwise, readings, radius."""
+
+    force_N: float
+    angle_deg: Array
+    reading_um: Array
+    radius_mm: float = RADIUS_MM
+    direction: str | None = None
+
+
+def truth() -> tuple[Circle, ...]:
+    """Return the three circles that all files hold; no exchange of axes or signs leaves them."""
+    theta = np.deg2rad(ANGLES_DEG)
+    cosine = np.cos(theta)
+    sine = np.sin(theta)
+    circles = []
+    for force in FORCES_N:
+        reading = force * (0.045 * cosine**2 + 0.021 * sine**2 + 0.006 * cosine * sine)
+        reading += -8.0 + 3.1 * cosine - 4.7 * sine + 1.3 * np.sin(3.0 * theta + 0.4)
+        circles.append(Circle(force, ANGLES_DEG, np.round(reading, 3)))
+    return tuple(circles)
+
+
+TRUTH = truth()
+
+
+@dataclass(frozen=True)
+class FieldCase:
+    """Files of one kind, what is in them, and the step that the refusal of them names."""
+
+    kind: str
+    what: str
+    files: Mapping[str, bytes]
+    #: words of the refusal; empty if the files are read at once
+    refusal: str = ""
+    #: options of the step that the refusal names
+    step: tuple[str, ...] = ()
+    #: files after the step, where it changes them
+    mended: Mapping[str, bytes] | None = None
+    #: options of the import besides the step
+    options: tuple[str, ...] = ()
+    #: words of a note that the import must make
+    told: str = ""
+    circles: Sequence[Circle] = field(default=TRUTH)
+
+
+def differences(campaign: lb.Campaign, circles: Sequence[Circle]) -> dict[str, float]:
+    """Return the largest differences of angle, reading, force and radius from the truth."""
+    if len(campaign.tests) != len(circles):
+        return {"tests": float(abs(len(campaign.tests) - len(circles)))}
+    largest = {"angle_deg": 0.0, "reading_um": 0.0, "force_N": 0.0, "radius_mm": 0.0}
+    ordered = sorted(campaign.tests, key=_order_of_test)
+    for test, circle in zip(ordered, sorted(circles, key=_order_of_circle), strict=True):
+        if len(test.angle_deg) != len(circle.angle_deg):
+            return {"readings": float(abs(len(test.angle_deg) - len(circle.angle_deg)))}
+        if circle.direction is not None and test.direction != circle.direction:
+            return {"direction": 1.0}
+        by_angle = np.argsort(np.mod(np.round(test.angle_deg, 1), 360.0))
+        true_by_angle = np.argsort(np.mod(circle.angle_deg, 360.0))
+        angle = np.asarray(test.angle_deg)[by_angle] - circle.angle_deg[true_by_angle]
+        angle = np.mod(angle + 180.0, 360.0) - 180.0
+        reading = np.asarray(test.reading_um)[by_angle] - circle.reading_um[true_by_angle]
+        off = {
+            "angle_deg": float(np.abs(angle).max()),
+            "reading_um": float(np.abs(reading).max()),
+            "force_N": abs(float(test.force_N or 0.0) - circle.force_N),
+            "radius_mm": abs(float(test.radius_mm or 0.0) - circle.radius_mm),
+        }
+        largest = {key: max(value, off[key]) for key, value in largest.items()}
+    return largest
+
+
+def _order_of_test(test: lb.CircularTest) -> tuple[float, str]:
+    return (float(test.force_N or 0.0), test.direction or "")
+
+
+def _order_of_circle(circle: Circle) -> tuple[float, str]:
+    return (circle.force_N, circle.direction or "")
+
+
+def agrees(off: Mapping[str, float]) -> bool:
+    """Return whether differences are within the digits that the files hold."""
+    limits = {
+        "angle_deg": LARGEST_DIFFERENCE_DEG,
+        "reading_um": LARGEST_DIFFERENCE_UM,
+        "force_N": 1e-6,
+        "radius_mm": 1e-3,
+    }
+    return all(value <= limits.get(key, 0.0) for key, value in off.items())
+
+
+# ---- files of text, one for each test
+
+Row = Callable[[Circle, int], Sequence[object]]
+
+
+def plain(circle: Circle, k: int) -> list[object]:
+    return [f"{circle.angle_deg[k]:g}", f"{circle.reading_um[k]:.3f}"]
+
+
+def scaled(size: float, digits: int = 9) -> Row:
+    """Return rows with readings in a unit of ``size`` µm."""
+
+    def row(circle: Circle, k: int) -> list[object]:
+        return [f"{circle.angle_deg[k]:g}", f"{circle.reading_um[k] / size:.{digits}f}"]
+
+    return row
+
+
+def beside(unit: str, size: float) -> Row:
+    def row(circle: Circle, k: int) -> list[object]:
+        return [*scaled(size)(circle, k), unit]
+
+    return row
+
+
+def changing(circle: Circle, k: int) -> list[object]:
+    """Readings in mm from 10 µm on, else in µm, with the unit beside."""
+    if abs(circle.reading_um[k]) >= 10.0:
+        return beside("mm", 1e3)(circle, k)
+    return beside("um", 1.0)(circle, k)
+
+
+def turned(zero_deg: float, sense: int) -> Row:
+    """Return rows whose angle counts from another axis, and clockwise for −1."""
+
+    def row(circle: Circle, k: int) -> list[object]:
+        angle = np.mod(sense * (circle.angle_deg[k] - zero_deg), 360.0)
+        return [f"{angle:g}", f"{circle.reading_um[k]:.3f}"]
+
+    return row
+
+
+def logged(stamp: Callable[[float], str]) -> Row:
+    """Return rows over time; ``stamp`` writes the seconds since the start of the circle."""
+
+    def row(circle: Circle, k: int) -> list[object]:
+        seconds = np.deg2rad(circle.angle_deg[k]) * RADIUS_MM / (FEED_MM_PER_MIN / 60.0)
+        return [stamp(float(seconds)), f"{circle.reading_um[k]:.3f}"]
+
+    return row
+
+
+def texts(
+    header: str,
+    row: Row = plain,
+    above: str = "",
+    separator: str = ",",
+    encoding: str = "utf-8",
+    suffix: str = ".csv",
+    circles: Sequence[Circle] = TRUTH,
+) -> dict[str, bytes]:
+    """Return one file for each circle, named after its force; ``{F}`` in a line is the force."""
+    files = {}
+    for circle in circles:
+        lines = [*above.split("\n"), header]
+        lines = [line.replace("{F}", f"{circle.force_N:g}") for line in lines if line]
+        for k in range(len(circle.angle_deg)):
+            lines.append(separator.join(str(cell) for cell in row(circle, k)))
+        name = f"{circle.force_N:g}N{suffix}"
+        files[name] = "\n".join([*lines, ""]).encode(encoding)
+    return files
+
+
+def tidy(header: str, row: Callable[[Circle, int], Sequence[object]]) -> dict[str, bytes]:
+    """Return one file with a row for each reading of all circles."""
+    lines = [header]
+    for circle in TRUTH:
+        for k in range(len(circle.angle_deg)):
+            lines.append(",".join(str(cell) for cell in row(circle, k)))
+    return {"all.csv": "\n".join([*lines, ""]).encode()}
+
+
+def wide(header: str, row: Callable[[int], Sequence[object]], above: str = "") -> dict[str, bytes]:
+    """Return one file with columns for each circle."""
+    lines = [line for line in (*above.split("\n"), header) if line]
+    for k in range(len(ANGLES_DEG)):
+        lines.append(";".join(str(cell) for cell in row(k)))
+    return {"wide.csv": "\n".join([*lines, ""]).encode()}
+
+
+def readings_of(k: int) -> list[str]:
+    return [f"{circle.reading_um[k]:.3f}" for circle in TRUTH]
+
+
+def shifted_pairs(k: int) -> list[str]:
+    """Angle and reading of each circle; each circle begins 90° after the one before."""
+    cells = []
+    for number, circle in enumerate(TRUTH):
+        cells += plain(circle, (k + 18 * number) % len(ANGLES_DEG))
+    return [str(cell) for cell in cells]
+
+
+# ---- workbooks
+
+
+def workbook(fill: Callable[[Workbook], None]) -> bytes:
+    book = Workbook()
+    fill(book)
+    if "Sheet" in book.sheetnames:
+        del book["Sheet"]
+    stream = io.BytesIO()
+    book.save(stream)
+    return stream.getvalue()
+
+
+def sheets(
+    header: Sequence[str] = ("Angle [deg]", "Reading [um]"),
+    size: float = 1.0,
+    number_format: str = "",
+    change: Callable[[Any, Circle], None] | None = None,
+) -> dict[str, bytes]:
+    """Return a workbook with a sheet for each circle; ``change`` alters each sheet."""
+
+    def fill(book: Workbook) -> None:
+        for circle in TRUTH:
+            sheet = book.create_sheet(f"{circle.force_N:g} N")
+            sheet.append(list(header))
+            for k in range(len(circle.angle_deg)):
+                sheet.append([float(circle.angle_deg[k]), float(circle.reading_um[k]) / size])
+                if number_format:
+                    sheet.cell(sheet.max_row, 2).number_format = number_format
+            if change is not None:
+                change(sheet, circle)
+
+    return {"m.xlsx": workbook(fill)}
+
+
+# ---- cases, kind by kind
+
+NO_UNIT = "Angle,Reading"
+UNITS_BESIDE = "unit beside or above"
+
+
+def unit_cases() -> dict[str, FieldCase]:
+    kind = UNITS_BESIDE
+    cases = {
+        "unit_column_mil": FieldCase(
+            kind, "a column Unit, mil", texts("Angle_deg,Value,Unit", beside("mil", 25.4))
+        ),
+        "unit_column_changing": FieldCase(
+            kind, "a column Unit that changes by row", texts("Angle_deg,Value,Unit", changing)
+        ),
+        "unit_column_german": FieldCase(
+            kind,
+            "a column Einheit, mm",
+            texts("Winkel [°],Messwert,Einheit", beside("mm", 1e3)),
+        ),
+        "unit_column_without_name": FieldCase(
+            kind, "a column of units without a name", texts("Angle_deg,Value,", beside("mm", 1e3))
+        ),
+        "unit_column_in_brackets": FieldCase(
+            kind, "units in brackets", texts("Angle_deg,Value,Unit", beside("[nm]", 1e-3))
+        ),
+        "unit_column_unknown": FieldCase(
+            kind,
+            "a column Unit of counts",
+            texts("Angle_deg,Value,Unit", beside("counts", 0.1)),
+            refusal="--unit '0.1 um'",
+            step=("--unit", "0.1 um"),
+        ),
+        "unit_column_against_header": FieldCase(
+            kind,
+            "a header in µm, a column of mm",
+            texts("Angle_deg,Value [um],Unit", beside("mm", 1e3)),
+            refusal="said once, got mm in a column of units and um in line 1. Correct the file, or"
+            " give --unit",
+            step=("--unit", "mm"),
+        ),
+        "unit_of_force_beside": FieldCase(
+            kind,
+            "a force of 0.6 with kN beside it",
+            tidy(
+                "test,Force,Unit,Angle_deg,Reading_um",
+                lambda c, k: [f"c{c.force_N:g}", f"{c.force_N / 1e3:g}", "kN", *plain(c, k)],
+            ),
+        ),
+        "unit_in_cells": FieldCase(
+            kind,
+            "the unit in each cell",
+            texts(
+                "Angle;Reading",
+                lambda c, k: [f"{c.angle_deg[k]:g}°", f"{c.reading_um[k] / 1e3:.6f} mm"],
+                separator=";",
+            ),
+        ),
+    }
+    lines = {
+        "units_inch": ("Units: inch", 25400.0),
+        "einheit_mil": ("Einheit: mil", 25.4),
+        "unit_of_readings_nm": ("Unit of readings = nm", 1e-3),
+        "units_mm_deg": ("Units: mm, deg", 1e3),
+        "scale_per_count": ("Scale: 0.1 um per count", 0.1),
+        "count_equals": ("1 count = 0.1 µm", 0.1),
+        "resolution_per_digit": ("Resolution: 0.05 µm/digit", 0.05),
+        "unidad": ("Unidad: mm", 1e3),
+        "chinese_unit_line": ("单位：mm", 1e3),
+    }
+    for name, (line, size) in lines.items():
+        cases[f"line_{name}"] = FieldCase(
+            kind, f"a line '{line}'", texts(NO_UNIT, scaled(size), above=line)
+        )
+    cases["line_scale_of_counts"] = FieldCase(
+        kind,
+        "readings in counts, a line with their size",
+        texts("Angle [deg],Reading [counts]", scaled(0.1), above="Scale: 0.1 um per count"),
+    )
+    cases["line_against_header"] = FieldCase(
+        kind,
+        "a line 'Units: mm' above a header in µm",
+        texts("Angle [deg],Reading [um]", above="Units: mm"),
+        refusal="said once, got um in line 2 and mm in line 1. Correct the file, or give --unit",
+        step=("--unit", "um"),
+    )
+    cases["line_unknown_unit"] = FieldCase(
+        kind,
+        "a line 'Units: metric'",
+        texts(NO_UNIT, above="Units: metric"),
+        refusal="got 'metric' in line 1. Correct the header, or give --unit",
+        step=("--unit", "um"),
+    )
+    cases["counts_alone"] = FieldCase(
+        kind,
+        "readings in counts, nothing says of what",
+        texts("Angle [deg],Reading [counts]", scaled(0.1)),
+        refusal="--unit '0.1 um' for counts of 0.1 µm",
+        step=("--unit", "0.1 um"),
+    )
+    cases["format_um"] = FieldCase(
+        kind, "a number format with mm", sheets(("Angle [deg]", "Reading"), 1e3, '0.000000" mm"')
+    )
+    cases["format_mil"] = FieldCase(
+        kind, "a number format with mil", sheets(("Angle", "Reading"), 25.4, '0.0000\\ "mil"')
+    )
+    cases["format_against_header"] = FieldCase(
+        kind,
+        "a number format with mm under a header in µm",
+        sheets(("Angle [deg]", "Reading [um]"), 1e3, '0.000000" mm"'),
+        refusal="said once, got mm in the number format of its cells and um in line 1",
+        step=("--unit", "mm"),
+    )
+    return cases
+
+
+def guess_cases() -> dict[str, FieldCase]:
+    kind = "one guess for all"
+
+    def small(force: float) -> Circle:
+        reading = np.round(force * (0.002 + 0.0005 * np.cos(np.deg2rad(2.0 * ANGLES_DEG))), 4)
+        return Circle(force, ANGLES_DEG, reading * 1e3)
+
+    soft = tuple(small(force) for force in (50.0, 150.0, 300.0))
+    return {
+        "guess_in_um": FieldCase(kind, "no unit, numbers in µm", texts(NO_UNIT)),
+        "guess_in_mm": FieldCase(kind, "no unit, numbers in mm", texts(NO_UNIT, scaled(1e3))),
+        "guess_open": FieldCase(
+            kind,
+            "no unit, the largest numbers 0.125, 0.375, 0.75 at 50, 150, 300 N",
+            texts(NO_UNIT, scaled(1e3, 4), circles=soft),
+            refusal="0.002 µm/N in um or 2 µm/N in mm. Say which: --unit",
+            step=("--unit", "mm"),
+            circles=soft,
+        ),
+        "guess_none": FieldCase(
+            kind,
+            "no unit, numbers in inch",
+            texts(NO_UNIT, scaled(25400.0)),
+            refusal="Say which: --unit",
+            step=("--unit", "inch"),
+        ),
+        "guess_angle_gon": FieldCase(
+            kind,
+            "no unit, angles in gon",
+            texts(
+                "Angle,Reading [um]",
+                lambda c, k: [f"{c.angle_deg[k] / 0.9:.6f}", f"{c.reading_um[k]:.3f}"],
+            ),
+            refusal="which may be deg or gon. Say which: --angle-unit",
+            step=("--angle-unit", "gon"),
+        ),
+        "guess_angle_rad": FieldCase(
+            kind,
+            "no unit, angles in radians",
+            texts(
+                "Angle,Reading [um]",
+                lambda c, k: [f"{np.deg2rad(c.angle_deg[k]):.6f}", f"{c.reading_um[k]:.3f}"],
+            ),
+        ),
+    }
+
+
+def with_stored_values(sheet: Any, circle: Circle) -> None:
+    """Write the readings as formulas of a column in mm, without their values."""
+    for k in range(len(circle.angle_deg)):
+        sheet.cell(k + 2, 3).value = float(circle.reading_um[k]) / 1e3
+        sheet.cell(k + 2, 2).value = f"=C{k + 2}*1000"
+    sheet.cell(1, 3).value = "Raw [V]"
+
+
+def hidden_workbook(state: str) -> dict[str, bytes]:
+    """Return a workbook with one more sheet, which is hidden."""
+
+    def fill(book: Workbook) -> None:
+        for number, circle in enumerate((*TRUTH, TRUTH[0])):
+            is_old = number == len(TRUTH)
+            sheet = book.create_sheet("old 450 N" if is_old else f"{circle.force_N:g} N")
+            sheet.append(["Angle [deg]", "Reading [um]"])
+            for k in range(len(circle.angle_deg)):
+                sheet.append([float(circle.angle_deg[k]), float(circle.reading_um[k]) + number])
+            if is_old:
+                sheet.sheet_state = state
+            else:
+                for k in range(len(circle.angle_deg)):
+                    sheet.cell(k + 2, 2).value = float(circle.reading_um[k])
+
+    return {"m.xlsx": workbook(fill)}
+
+
+def hide_repeated_rows(sheet: Any, circle: Circle) -> None:
+    """Add six readings that were taken again, and hide them."""
+    for k in range(6):
+        sheet.append([float(circle.angle_deg[k]), 99.0])
+        sheet.row_dimensions[sheet.max_row].hidden = True
+
+
+def numbers_as_text(sheet: Any, circle: Circle) -> None:
+    """Write every third reading as a text with a decimal comma."""
+    for k in range(0, len(circle.angle_deg), 3):
+        sheet.cell(k + 2, 2).value = f"{circle.reading_um[k]:.2f}1".replace(".", ",")
+        sheet.cell(k + 2, 2).value = f"{circle.reading_um[k]:.3f}".replace(".", ",")
+
+
+def workbook_cases() -> dict[str, FieldCase]:
+    return {
+        "hidden_sheet": FieldCase(
+            "hidden", "a hidden sheet", hidden_workbook("hidden"), told="hidden sheets: 'old 450 N'"
+        ),
+        "very_hidden_sheet": FieldCase(
+            "hidden",
+            "a sheet that only a macro shows",
+            hidden_workbook("veryHidden"),
+            told="hidden sheets: 'old 450 N'",
+        ),
+        "hidden_rows": FieldCase(
+            "hidden",
+            "hidden rows below the table",
+            sheets(change=hide_repeated_rows),
+            told="6 hidden rows",
+        ),
+        "formula_without_value": FieldCase(
+            "formulas",
+            "formulas without stored values",
+            sheets(change=with_stored_values),
+            refusal="Open the file in a spreadsheet program and save it once",
+            mended=sheets(),
+        ),
+    }
+
+
+def all_cases() -> dict[str, FieldCase]:
+    return {**unit_cases(), **guess_cases(), **workbook_cases()}
+
+
+CASES = all_cases()
+
+
+def main() -> None:
+    """Write all cases, one folder each."""
+    if len(sys.argv) != 2:
+        sys.exit("give the folder to write")
+    for name, case in CASES.items():
+        folder = Path(sys.argv[1]) / name
+        folder.mkdir(parents=True, exist_ok=True)
+        for file, content in case.files.items():
+            (folder / file).write_bytes(content)
+
+
+if __name__ == "__main__":
+    main()
