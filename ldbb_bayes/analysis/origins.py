@@ -22,6 +22,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from enum import StrEnum
+from functools import cache
 from typing import Any, cast
 
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
@@ -157,9 +158,14 @@ def _edition(bound: BoundModel) -> HybridModel:
 
     For the preset ``paper``, whose model has no nuisances, it is the model of the preset ``first``.
     """
-    if bound.model.preset == "default":
-        return HybridModel.default(bound.model.degree)
-    return HybridModel.first(bound.model.degree)
+    return _edition_of(bound.model.preset, bound.model.degree)
+
+
+@cache
+def _edition_of(preset: str, degree: int) -> HybridModel:
+    if preset == "default":
+        return HybridModel.default(degree)
+    return HybridModel.first(degree)
 
 
 def _term_named(bound: BoundModel, owner: str) -> Term | None:

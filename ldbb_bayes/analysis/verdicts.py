@@ -55,6 +55,7 @@ __all__ = [
     "SourcesOfVariance",
     "VarianceSource",
     "Verdict",
+    "confounded_parameters",
     "hyper_parameter_nodes",
     "identify",
     "judge",
@@ -383,6 +384,27 @@ def judge_posterior(posterior: xr.DataTree) -> dict[str, ParameterIdentifiabilit
     )
 
 
+def confounded_parameters(bound: BoundModel, phi: Array) -> dict[str, tuple[str, ...]]:
+    """Return the effects with which each confounded parameter is confounded, by its name.
+
+    Parameters that are not confounded are left out. The effects are those of the verdicts of
+    `judge_posterior`; finding them alone takes less time than the verdicts.
+
+    Parameters
+    ----------
+    bound
+        Model bound to a campaign.
+    phi
+        Hyper-parameters (scales of the noise and of other effects), shape (h,); lengths in mm.
+    """
+    confounded = {}
+    for name, (sources, likeness) in sources_of(bound, information_of(bound, phi)).items():
+        partners = _confounding_sources(sources, likeness)
+        if partners:
+            confounded[name] = tuple(_shares_by_name(partners))
+    return confounded
+
+
 def hyper_parameter_nodes(bound: BoundModel) -> tuple[Array, Array]:
     """Return weights, shape (w,), and values, shape (w, h), of the hyper-parameters φ.
 
@@ -589,14 +611,16 @@ def _likeness(patterns: Mapping[str, Array]) -> dict[tuple[str, str], float]:
     A pattern, shape (p,), are the errors of all parameters that come with an error of one parameter
     from one source. The likeness of a pattern that is zero is zero.
     """
-    unit = {}
-    for name, pattern in patterns.items():
-        length = float(np.linalg.norm(pattern))
-        unit[name] = pattern / length if length > 0.0 else pattern
+    if not patterns:
+        return {}
+    stacked = np.stack(list(patterns.values()))
+    length = np.linalg.norm(stacked, axis=1, keepdims=True)
+    unit = stacked / np.where(length > 0.0, length, 1.0)
+    cosine = (unit @ unit.T).tolist()
     likeness = {}
-    for first, pattern in unit.items():
-        for second, other in unit.items():
-            likeness[first, second] = float(pattern @ other) ** 2
+    for first, row in zip(patterns, cosine, strict=True):
+        for second, value in zip(patterns, row, strict=True):
+            likeness[first, second] = value**2
     return likeness
 
 

@@ -213,9 +213,15 @@ def strict_numbers(
     decimal
         Decimal mark: point or comma.
     """
+    plain = "_" not in "".join(cells)  # Python would read 1_000 as 1000.
+    if plain and decimal == ".":
+        with suppress(ValueError):
+            values = np.array([float(cell) for cell in cells])
+            if np.isfinite(values).all():
+                return values
     values = np.full(len(cells), np.nan)
     for k, cell in enumerate(cells):
-        if "_" in cell:  # Python would read 1_000 as 1000.
+        if "_" in cell:
             continue
         with suppress(ValueError):
             values[k] = float(cell.replace(decimal, "."))

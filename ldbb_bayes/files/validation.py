@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from functools import wraps
-from typing import Any, NamedTuple, TypeVar, get_args
+from functools import cache, wraps
+from typing import Any, NamedTuple, TypeVar, cast, get_args
 
 from pydantic import TypeAdapter, ValidationError
 
@@ -18,6 +18,12 @@ T = TypeVar("T")
 _UNKNOWN_KEY = ("extra_forbidden", "unexpected_keyword_argument")
 # Words with which most error messages of pydantic, the library that checks input, begin.
 _EXPECTATION = "Input should be "
+
+
+@cache
+def _adapter(model: type[Any]) -> TypeAdapter[Any]:
+    """Return pydantic's validator of a class, made once, as making it takes milliseconds."""
+    return TypeAdapter(model)
 
 
 def validated(model: type[T], content: dict[str, Any], place: str) -> T:
@@ -44,7 +50,7 @@ def validated(model: type[T], content: dict[str, Any], place: str) -> T:
         reported before missing keys, with the most similar valid key.
     """
     try:
-        return TypeAdapter(model).validate_python(content)
+        return cast("T", _adapter(cast("Any", model)).validate_python(content))
     except ValidationError as error:
         errors = error.errors()
     unknown_keys = [entry for entry in errors if entry["type"] in _UNKNOWN_KEY]

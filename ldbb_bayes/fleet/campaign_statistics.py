@@ -24,9 +24,11 @@ __all__ = ["SufficientStatistics", "mixture_covariance", "sufficient_statistics"
 # the hyper-parameters, the scales of the noise and of other effects. For each of them all other
 # unknowns are Gaussian.
 _NODES_AT_ONCE = 256
-# Moments of the parameters are averages over nodes (weighted values of the hyper-parameters). The
-# nodes of smallest weight are left out; this is the largest sum of their weights.
-_NEGLECTED_WEIGHT = 1e-4
+# Moments of the parameters are averages over this number of nodes, picked in proportion to their
+# weights. The error of a mean is then a small share of the parameter's standard uncertainty.
+_NODES = 512
+# Seed of the random start of the systematic selection of nodes.
+_SEED = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,16 +73,17 @@ def sufficient_statistics(posterior: HyperPosterior) -> SufficientStatistics:
     """
     bound = posterior.bound
     chosen = _choose_coefficients(bound)
-    nodes, weight = posterior.coarse.heaviest(_NEGLECTED_WEIGHT)
+    nodes = posterior.proposal.resample(_NODES, np.random.default_rng(_SEED))
     means = []
     covariances = []
-    for start in range(0, len(weight), _NODES_AT_ONCE):
+    for start in range(0, _NODES, _NODES_AT_ONCE):
         phi = bound.hyper_prior.phi(nodes[start : start + _NODES_AT_ONCE])
         _, coefficients = bound.collapsed.conditional(phi)
         selector = np.eye(coefficients.mean.shape[1])[chosen.places]
         spread = coefficients.spread(selector)
         means.append(coefficients.mean[:, chosen.places])
         covariances.append(spread @ np.swapaxes(spread, 1, 2))
+    weight = np.full(_NODES, 1.0 / _NODES)
     mean, covariance = mixture_covariance(
         weight, np.concatenate(means), np.concatenate(covariances)
     )

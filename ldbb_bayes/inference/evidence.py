@@ -34,6 +34,11 @@ __all__ = [
 # as spoilt by rounding errors if it exceeds zero by more than this plus its error [nat].
 _LARGEST_LOG_PROBABILITY = 0.1
 
+# A log probability that no compliance is negative may be computed from a few values of the
+# hyper-parameters if it is above this. Values that were not picked then change it little, because
+# none of them has a probability above one.
+_LEAST_COARSE_LOG_PROBABILITY = -2.0
+
 
 @one_blas_thread
 def log_evidence(model: HybridModel, campaign: Campaign, *, tolerance: float = 1e-3) -> Evidence:
@@ -189,11 +194,17 @@ def log_bayes_factor(evidence: Evidence, other: Evidence) -> tuple[float, float]
 def log_prob_truncation(truncated: HyperPosterior, tolerance: float = 0.02) -> tuple[float, float]:
     """Return the log posterior probability that no compliance is negative, and its error [nat].
 
-    The probability is that under the posterior which allows negative compliances: the integral of
-    its density over compliances that are not negative, divided by the integral over all values.
-    ``truncated`` is the posterior with the condition; ``tolerance`` is the error allowed in each
-    log integral [nat].
+    The probability is that under the posterior which allows negative compliances: the mean of the
+    probability given the hyper-parameters (scales of the noise and of other effects). If a few of
+    their values do not give it to the tolerance, as where the condition moves their posterior, it
+    is the integral of the density over compliances that are not negative, divided by the integral
+    over all values. ``truncated`` is the posterior with the condition; ``tolerance`` is the error
+    allowed in the log probability, or in each log integral [nat].
     """
+    if truncated.plain.proposal.trusted:
+        coarse = truncated.coarse_probability
+        if coarse.error <= tolerance and coarse.log_value > _LEAST_COARSE_LOG_PROBABILITY:
+            return min(coarse.log_value, 0.0), coarse.error
     plain = truncated.plain.nodes(tolerance)
     inside = truncated.nodes(tolerance)
     error = inside.error + plain.error

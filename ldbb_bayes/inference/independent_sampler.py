@@ -24,9 +24,6 @@ __all__ = ["JointDraws", "TooRoughError", "draw_jointly"]
 # The rejection sampler gives up after this many blocks of proposals for each block of 256 draws
 # asked for.
 _MOST_ROUNDS = 50
-# Number of random draws of the parameters, for each value of the hyper-parameters, from which the
-# probability that no compliance is negative is estimated.
-_SHARE_TRIES = 64
 # If the posterior probability that no compliance is negative is below this, rejection of draws with
 # negative compliances would lose too many draws. The parameters are then drawn from a density that
 # is shifted (tilted) towards compliances that are not negative.
@@ -38,7 +35,7 @@ _EXPECTED_INSIDE = 4.0
 # (the density drawn from), scaled to the integral of the posterior density and multiplied by this.
 _ENVELOPE = 2.0
 # Least estimate of the posterior probability that no compliance is negative. This number replaces
-# the estimate zero if every random draw has a negative compliance.
+# smaller ones, by which the posterior density would be divided.
 _LEAST_SHARE = 1e-9
 
 
@@ -88,7 +85,7 @@ def draw_jointly(posterior: HyperPosterior, size: int, rng: np.random.Generator)
     """
     share_inside = 1.0
     if posterior.truncated:
-        share_inside = _estimate_share_inside(posterior, rng)
+        share_inside = max(np.exp(posterior.coarse_probability.log_value), _LEAST_SHARE)
     tilted = share_inside < _SMALLEST_SHARE_INSIDE
     proposal = posterior.plain.proposal
     if tilted:
@@ -200,17 +197,3 @@ def _draw_standard(
     inside = (compliance >= 0.0).all(axis=2)
     order = np.argsort(~inside, axis=1, kind="stable")
     return np.take_along_axis(z, order[:, :, None], axis=1), inside.sum(axis=1)
-
-
-def _estimate_share_inside(posterior: HyperPosterior, rng: np.random.Generator) -> float:
-    """Return an estimate of the posterior probability that no compliance is negative.
-
-    The estimate is the share of draws without a negative compliance among random draws from the
-    posterior that allows negative compliances. Their hyper-parameters are resampled from the points
-    of its proposal in proportion to importance weights; their parameters are drawn given these. The
-    estimate is at least 1e-9.
-    """
-    nodes = posterior.plain.proposal.resample(CHUNK, rng)
-    conditional = posterior.given(nodes)[1]
-    count = _draw_standard(conditional, _SHARE_TRIES, rng)[1]
-    return max(float(count.mean()) / _SHARE_TRIES, _LEAST_SHARE)

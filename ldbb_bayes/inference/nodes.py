@@ -30,7 +30,7 @@ from ldbb_bayes.model.orthant import Orthant
 from ldbb_bayes.results import Array
 from ldbb_bayes.units import value_and_uncertainty
 
-__all__ = ["Evidence", "HyperPosterior", "Nodes"]
+__all__ = ["Evidence", "HyperPosterior", "Nodes", "ProbabilityInside"]
 
 # Step of the central differences by which the log density is differentiated with respect to the
 # unbounded coordinates of the hyper-parameters, which are mostly ln(value − lower bound).
@@ -78,6 +78,18 @@ _FINEST_TOLERANCE = 1e-3
 # (weighted values of the hyper-parameters) miss the tolerance only for this reason, new nodes are
 # computed to this share of the tolerance.
 _NODES_SHARE = 0.7
+# The posterior probability that no compliance is negative is a mean over at first so many nodes
+# (values of the hyper-parameters), and over ``_PICKED_GROWTH`` times as many if its error is too
+# large.
+_FEWEST_PICKED = 256
+_PICKED_GROWTH = 4
+# Error allowed in the logarithm of the posterior probability that no compliance is negative [nat],
+# where a rough one suffices.
+_PROBABILITY_TOLERANCE = 0.02
+# Least logarithm of a probability that no compliance is negative, given the hyper-parameters, and
+# least share of the largest of these probabilities. They keep the logarithms of means finite.
+_LEAST_LOG_PROBABILITY = -700.0
+_LEAST_SHARE_INSIDE = 1e-300
 # Means and variances of parameters are averages over nodes, that is, weighted values of the
 # hyper-parameters. The nodes of smallest weight are left out; together they hold at most this share
 # of the weight.
@@ -88,6 +100,13 @@ _COMPONENTS = 8192
 # Quantiles of parameters are those of a mixture of Gaussians. The standard deviation of each
 # Gaussian counts as at least this share of the standard deviation of the means of all Gaussians.
 _LEAST_SD_SHARE = 1e-6
+
+
+class ProbabilityInside(NamedTuple):
+    """Posterior probability that no compliance is negative, where negative ones are allowed."""
+
+    log_value: float  #: logarithm of the probability
+    error: float  #: error of ``log_value`` [nat]
 
 
 class HyperPosterior:
@@ -266,6 +285,51 @@ class HyperPosterior:
         error = float(truncated.weight @ np.where(truncated.weight > 0.0, errors, 0.0))
         return Nodes(self, truncated, error)
 
+    def probability_inside(self, integral: Integral, tolerance: float) -> ProbabilityInside:
+        """Return the posterior probability that no compliance is negative, from a few nodes.
+
+        It is the mean of P(T | y, φ), the probability given the readings y and the hyper-parameters
+        φ, over nodes picked from ``integral`` in proportion to their weights: at first 256 nodes,
+        then four times as many as long as the error exceeds the tolerance.
+
+        Parameters
+        ----------
+        integral : Integral
+            Integral of the density that allows negative compliances, with its nodes.
+        tolerance : float
+            Error allowed in ln P(T | y) [nat].
+        """
+        picked = _FEWEST_PICKED
+        while True:
+            free = integral.resample(picked, np.random.default_rng(self._seed))
+            found = self._mean_probability(free, tolerance)
+            picked *= _PICKED_GROWTH
+            if found.error <= tolerance or picked > len(integral.free):
+                return found
+
+    def _mean_probability(self, free: Array, tolerance: float) -> ProbabilityInside:
+        """Return the mean of P(T | y, φ) over values of the hyper-parameters φ, shape (n, h).
+
+        Its error is twice the standard error from the scatter between these values, plus the mean
+        error of P(T | y, φ) itself. ``tolerance`` is the error allowed in ln P(T | y) [nat].
+        """
+        log_values = []
+        errors = []
+        for start in range(0, len(free), CHUNK):
+            orthant = self.given(free[start : start + CHUNK])[1].orthant
+            value, error = orthant.log_probability(
+                max(tolerance / 4.0, _FINEST_TOLERANCE), seed=self._seed
+            )
+            log_values.append(value)
+            errors.append(error)
+        log_value = np.concatenate(log_values)
+        highest = max(float(log_value.max()), _LEAST_LOG_PROBABILITY)
+        share = np.exp(log_value - highest)
+        mean = max(float(share.mean()), _LEAST_SHARE_INSIDE)
+        scatter = 2.0 * float(share.std(ddof=1)) / np.sqrt(len(share))
+        own_error = float(share @ np.minimum(np.concatenate(errors), 1.0)) / len(share)
+        return ProbabilityInside(highest + float(np.log(mean)), (scatter + own_error) / mean)
+
     @cached_property
     def plain(self) -> HyperPosterior:
         """The same density of the hyper-parameters, but with negative compliances allowed."""
@@ -285,6 +349,14 @@ class HyperPosterior:
         return importance_sample(
             self._smooth, modes, tolerance=_COARSE_TOLERANCE / 4.0, seed=self._seed
         )
+
+    @cached_property
+    def coarse_probability(self) -> ProbabilityInside:
+        """Posterior probability that no compliance is negative, to 0.02 nat if a few nodes suffice.
+
+        The nodes are picked from the `proposal` of the density that allows negative compliances.
+        """
+        return self.probability_inside(self.plain.proposal, _PROBABILITY_TOLERANCE)
 
     @cached_property
     def coarse(self) -> Integral:

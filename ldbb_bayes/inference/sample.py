@@ -7,7 +7,7 @@ hyper-parameters, the scales of the noise and of other effects. ESS is the effec
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from datetime import UTC, datetime
 from typing import Any, NamedTuple
@@ -20,7 +20,7 @@ from ldbb_bayes.errors import check_known, check_seed, renamed, require
 from ldbb_bayes.inference.coefficients import ModelDraws, pool_draws
 from ldbb_bayes.inference.density import JointDensity, LinearRedraw, starting_points
 from ldbb_bayes.inference.evidence import log_prob_truncation
-from ldbb_bayes.inference.fit import Concern, ConcernKind, assess_fit
+from ldbb_bayes.inference.fit import Concern, ConcernKind, Fit, assess_fit
 from ldbb_bayes.inference.independent_sampler import TooRoughError, draw_jointly
 from ldbb_bayes.inference.mcmc import EnsembleRun, Progress, StoppingRule, assess, run_ensembles
 from ldbb_bayes.inference.nodes import HyperPosterior
@@ -31,12 +31,13 @@ from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array
 
 __all__ = [
+    "FittedModel",
     "IndependentDraws",
     "SampledDraws",
     "draw",
+    "fit_model",
     "run_sampler",
     "sample",
-    "sample_from",
     "sampler_named",
 ]
 
@@ -163,7 +164,7 @@ def sample(
         " plan.",
     )
     inside = HyperPosterior(model.bind(campaign), truncated=True, seed=seed)
-    return sample_from(
+    fitted = fit_model(
         inside,
         sampler,
         seed=seed,
@@ -172,6 +173,7 @@ def sample(
         walkers=walkers,
         progress=progress,
     )
+    return fitted.tree()
 
 
 def sampler_named(name: str, *, stacklevel: int = 5) -> str:
@@ -197,8 +199,31 @@ def sampler_named(name: str, *, stacklevel: int = 5) -> str:
     return sampler
 
 
+class FittedModel(NamedTuple):
+    """Posterior draws of a model and a campaign, and how well the model fits.
+
+    Most analyses need the draws as a DataTree (`tree`), which takes longer to build than the
+    numbers of one campaign among many take to read.
+    """
+
+    draws: ModelDraws  #: posterior draws of all chains, joined, with the model of the campaign
+    #: arrays of the posterior, by group and by name, as `groups_of` returns them
+    groups: Mapping[str, Mapping[str, Array]]
+    fit: Fit
+    #: how the sampler ran: the entry ``sampler`` of a posterior's record
+    sampler: Mapping[str, Any]
+    seed: int  #: seed of all random numbers
+    started: datetime  #: time at which sampling started
+
+    def tree(self) -> xr.DataTree:
+        """Return the posterior in ArviZ's layout, with its record, as `sample` does."""
+        bound = self.draws.bound
+        record = record_from(bound, self.sampler, self.fit, self.seed, self.started)
+        return build_tree(self.groups, bound, record)
+
+
 @one_blas_thread
-def sample_from(
+def fit_model(
     inside: HyperPosterior,
     sampler: str,
     *,
@@ -206,8 +231,8 @@ def sample_from(
     rule: StoppingRule,
     prior_draws: int = 4000,
     **options: Any,
-) -> xr.DataTree:
-    """Return the posterior of a model as a DataTree, as `sample` does.
+) -> FittedModel:
+    """Return posterior draws of a model and a campaign, and how well the model fits.
 
     Parameters
     ----------
@@ -256,7 +281,7 @@ def sample_from(
     }
     rng = np.random.default_rng(checking[1])
     fit = assess_fit(bound, [draws], groups, log_prob_truncation(inside), concerns, rng)
-    return build_tree(groups, bound, record_from(bound, sampler_record, fit, seed, started))
+    return FittedModel(draws, groups, fit, sampler_record, seed, started)
 
 
 def run_sampler(

@@ -11,13 +11,19 @@ from typing import TYPE_CHECKING, Any
 from ldbb_bayes import units
 from ldbb_bayes.analysis.compliance_change import change_with_force
 from ldbb_bayes.analysis.conformity import assess_conformity
-from ldbb_bayes.analysis.verdicts import ParameterIdentifiability, judge_posterior, not_modelled
+from ldbb_bayes.analysis.verdicts import (
+    ParameterIdentifiability,
+    confounded_parameters,
+    not_modelled,
+)
 from ldbb_bayes.campaign.preview import CampaignPreview, RemarkKind, check_campaign
-from ldbb_bayes.inference.posterior import bound_of, campaign_of, fit_of, record_of
+from ldbb_bayes.inference.fit import Fit
+from ldbb_bayes.inference.posterior import bound_of, campaign_of, draws_of, fit_of, record_of
 from ldbb_bayes.inference.summary import result_json, summarize_nuisances
+from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.terms import Term
 from ldbb_bayes.report import wording
-from ldbb_bayes.results import Passage, Shown, Table
+from ldbb_bayes.results import Array, Passage, Shown, Table
 from ldbb_bayes.units import (
     display_name,
     display_unit,
@@ -43,6 +49,7 @@ __all__ = [
     "parameter_table",
     "parts_of_fit",
     "results_table",
+    "words_of_fit",
 ]
 
 # λ of a circle is the factor by which its random shift and its unexplained deviations are larger
@@ -115,13 +122,41 @@ def describe_fit(posterior: xr.DataTree) -> FitWords:
     >>> [warning for warning in words["warnings"] if warning.startswith("Confounded")]
     ['Confounded: C_XYX ... with hysteresis; ...']
     """
-    fit = fit_of(posterior)
     bound = bound_of(posterior)
+    _, phi = draws_of(posterior, bound)
+    return words_of_fit(fit_of(posterior), record_of(posterior)["sampler"], bound, phi)
+
+
+def words_of_fit(
+    fit: Fit,
+    sampler: Mapping[str, Any],
+    bound: BoundModel,
+    phi: Array,
+) -> FitWords:
+    """Return the state of a fit, its verdict, misfits and warnings in words.
+
+    Parameters
+    ----------
+    fit
+        How well the model fits, with its warnings.
+    sampler
+        How the sampler ran: the entry ``sampler`` of a posterior's record.
+    bound
+        Model, applied to the campaign.
+    phi
+        Posterior draws of the h hyper-parameters (scales of the noise and of other effects), shape
+        (draws, h); lengths in mm.
+
+    Returns
+    -------
+    FitWords
+        The same as `describe_fit` returns.
+    """
     campaign_preview = check_campaign(bound.campaign)
     warnings = [
-        *wording.concern_sentences(fit.concerns, record_of(posterior)["sampler"]),
+        *wording.concern_sentences(fit.concerns, sampler),
         *wording.check_notes(fit),
-        *wording.confounded_sentences(judge_posterior(posterior)),
+        *wording.confounded_sentences(confounded_parameters(bound, phi.mean(axis=0))),
         *wording.not_modelled_sentences(not_modelled(bound)),
     ]
     warnings += wording.look_sentences(campaign_preview)

@@ -423,26 +423,24 @@ def degeneracy_items(
     return tuple(items)
 
 
-def confounded_sentences(
-    verdicts: Mapping[str, ParameterIdentifiability],
-) -> Iterator[str]:
+def confounded_sentences(partners_of: Mapping[str, Sequence[str]]) -> Iterator[str]:
     """Yield one sentence on all confounded parameters of a fit, if there are any.
 
     The sentence names the assumed effects that hold most of each parameter's variance.
 
     Parameters
     ----------
-    verdicts
-        Verdict on each parameter, by name.
+    partners_of
+        Names of the effects with which each confounded parameter is confounded, by its name.
 
     Yields
     ------
     str
     """
     parameters_by_partners: dict[str, list[str]] = {}
-    for name, entry in verdicts.items():
-        if str(entry.verdict) == "confounded" and not is_slope(name):
-            partners = joined([term_words(partner) for partner in entry.partners])
+    for name, effects in partners_of.items():
+        if not is_slope(name):
+            partners = joined([term_words(effect) for effect in effects])
             parameters_by_partners.setdefault(partners, []).append(name)
     if parameters_by_partners:
         pairs = [

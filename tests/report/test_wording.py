@@ -728,10 +728,13 @@ def test_verdicts_without_shares() -> None:
 
 
 def test_confounded_parameters_are_one_sentence() -> None:
-    verdicts = {"C_XXX": CONFOUNDED, "C_YYY": CONFOUNDED, "C_XYX": IDENTIFIED}
-    (sentence,) = wording.confounded_sentences(verdicts)
+    partners = CONFOUNDED.partners
+    (sentence,) = wording.confounded_sentences({"C_XXX": partners, "C_YYY": partners})
     assert sentence.startswith("Confounded: C_XXX and C_YYY with mount and E_YY1. Nobody measured")
-    assert not list(wording.confounded_sentences({"C_XYX": IDENTIFIED}))
+
+
+def test_no_sentence_without_confounded_parameters() -> None:
+    assert not list(wording.confounded_sentences({}))
 
 
 def test_what_is_switched_off_is_named() -> None:

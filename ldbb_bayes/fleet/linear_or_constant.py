@@ -1,0 +1,83 @@
+"""Bayes factor of linear over constant compliance, from the nodes of one fit.
+
+φ are the hyper-parameters, the scales of the noise and of other effects; nodes are weighted values
+of φ. Truncation T restricts compliances to values that are not negative. The evidence of a model
+with truncation is ln Z + ln P(T | y) − ln P(T): Z is the density of the readings y if compliances
+may be negative, P(T | y) and P(T) are the posterior and the prior probability of T. The models of
+linear and of constant compliance have the same φ, so that one set of nodes serves both.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from ldbb_bayes.inference.evidence import log_evidence
+from ldbb_bayes.inference.nodes import HyperPosterior, Nodes
+from ldbb_bayes.inference.related_models import RelatedModels
+
+__all__ = ["EvidenceRatio", "linear_over_constant"]
+
+
+class EvidenceRatio(NamedTuple):
+    """Log ratio of two evidences (a log Bayes factor), and its error [nat]."""
+
+    value: float
+    error: float
+
+
+class _LogEvidence(NamedTuple):
+    value: float
+    error: float
+
+
+def linear_over_constant(density: HyperPosterior, *, tolerance: float) -> EvidenceRatio:
+    """Return the log Bayes factor of linear over constant compliance, and its error [nat].
+
+    Parameters
+    ----------
+    density : posterior density of the hyper-parameters under the model of a fit, whose compliances
+        depend on force. Its nodes serve both models if they are linear in force.
+    tolerance : error allowed in each of the two log evidences [nat]. The error of the result is the
+        sum of those that were reached.
+    """
+    model = density.bound.model
+    plain = density.plain
+    nodes = Nodes(plain, plain.proposal)
+    if model.degree != 1 or not nodes.meet(tolerance):
+        campaign = density.bound.campaign
+        evidences = []
+        for degree in (1, 0):
+            evidence = log_evidence(model.with_degree(degree), campaign, tolerance=tolerance)
+            evidences.append(_LogEvidence(evidence.log_value, evidence.error))
+        return _log_ratio(*evidences)
+    related = RelatedModels(nodes, tolerance)
+    constant = HyperPosterior(
+        model.with_degree(0).bind(density.bound.campaign), truncated=True, near=plain.mode
+    )
+    return _log_ratio(
+        _log_evidence_from(nodes, density, tolerance),
+        _log_evidence_from(related.nodes(constant.plain), constant, tolerance),
+    )
+
+
+def _log_evidence_from(nodes: Nodes, truncated: HyperPosterior, tolerance: float) -> _LogEvidence:
+    """Return the log evidence of a model from nodes of the density without truncation.
+
+    ``truncated`` is the posterior density of the hyper-parameters under truncation; ``tolerance``
+    is the error allowed in the probability that no compliance is negative [nat].
+    """
+    bound = truncated.bound
+    value = nodes.evidence.log_value
+    error = nodes.evidence.error
+    if not bound.truncation.active:
+        return _LogEvidence(value, error)
+    inside = truncated.probability_inside(nodes.integral, tolerance)
+    of_prior = bound.truncation_prior
+    if inside.error > tolerance:
+        evidence = truncated.nodes(tolerance).evidence
+        return _LogEvidence(evidence.log_value, evidence.error)
+    return _LogEvidence(value + inside.log_value - of_prior[0], error + inside.error + of_prior[1])
+
+
+def _log_ratio(linear: _LogEvidence, constant: _LogEvidence) -> EvidenceRatio:
+    return EvidenceRatio(linear.value - constant.value, linear.error + constant.error)
