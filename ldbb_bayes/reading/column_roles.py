@@ -19,6 +19,7 @@ from ldbb_bayes.reading.words import (
     LONGEST_NAME,
     OTHER_QUANTITY,
     ROLES,
+    WORDS,
     comparable,
     unit_named,
 )
@@ -53,6 +54,10 @@ _FACTOR = re.compile(r"[x×*]|\S*[\d⁰¹²³⁴⁵⁶⁷⁸⁹]\S*")
 _COLUMN_NUMBER = re.compile(r"(?!10)\d{1,2}")
 _UNIT_AFTER_IN = re.compile(r"(.*?)\s+in\s+(.+)")
 _UNIT_AT_END = re.compile(r"(.*?)(?:\s*/\s*|_|\s*,\s*|\s+)([^\s/_,\d]+)\s*")
+# Entries of ``words.toml`` with the words for the radius of a circle.
+_CIRCLE_WORDS = [
+    entry for key, entry in WORDS["numbers"].items() if entry.get("field", key) == "radius_mm"
+]
 # Pattern of a cell of dashes or similar signs that underlines a header.
 RULE = re.compile(r"[-=+_|: ]*")
 
@@ -341,7 +346,17 @@ def _candidates(role: str, columns: Sequence[int], headers: Sequence[str]) -> li
         if has_role(name, role):
             candidates.append(column)
     other_columns = [column for column in candidates if headers[column] not in PER_TEST]
+    if role == "reading" and len(other_columns) > 1:
+        # A column "Radius" or "Diameter" beside one of deviations holds the nominal circle.
+        deviations = [column for column in other_columns if not _names_circle(headers[column])]
+        other_columns = deviations or other_columns
     return other_columns or candidates
+
+
+def _names_circle(header: str) -> bool:
+    """Return whether a header is nothing but a word for the circle's radius or diameter."""
+    name = comparable(unit_of(header).name)
+    return any(re.fullmatch(entry["words"], name, re.IGNORECASE) for entry in _CIRCLE_WORDS)
 
 
 def _column_index(place: str, role: str, reference: str | int, headers: Sequence[str]) -> int:

@@ -22,10 +22,16 @@ from ldbb_bayes.reading.campaign_fields import (
     note_assumed_fields,
     take_stated_fields,
 )
+from ldbb_bayes.reading.diameters import halve_diameters
 from ldbb_bayes.reading.file_patterns import matching
 from ldbb_bayes.reading.half_circles import MeasuredArc, join_half_circles
 from ldbb_bayes.reading.layout import Layout
-from ldbb_bayes.reading.lines_above import Lines, not_understood, statements_in
+from ldbb_bayes.reading.lines_above import (
+    Lines,
+    not_understood,
+    statements_in,
+    unknown_length,
+)
 from ldbb_bayes.reading.recording import LOAD_LISTS, LOAD_ROLES, Recording, option_for
 from ldbb_bayes.reading.sheet_selection import SheetSelection, select_sheets
 from ldbb_bayes.reading.splitting import layout_names, split_sheet
@@ -149,7 +155,12 @@ def import_campaign(
     find_resolution(campaign, tests, log)
     lines_of_all_tests = recordings[0].lines_of_all_tests
     _note_unused_loads(lines_of_all_tests, log)
-    assumed = note_assumed_fields(campaign, tests, log, not_understood(lines_of_all_tests))
+    unclear = not_understood(lines_of_all_tests)
+    for recording in recordings:
+        length = unknown_length(recording.heading.lines_above)
+        if length:
+            unclear.setdefault("radius_mm", length)
+    assumed = note_assumed_fields(campaign, tests, log, unclear)
     campaign.setdefault("name", _campaign_name(paths))
     return Imported(
         Campaign(tuple(tests), **campaign), log.layout(layout), log.assumptions(), assumed
@@ -229,6 +240,7 @@ def _take_conditions(recording: Recording, loads: Mapping[str, float]) -> None:
         fields["name"] = recording.name_of_file(recording.title)
     fields["direction"] = direction_of(recording)
     fields |= loads_of(recording)
+    halve_diameters(recording)
     fields["radius_mm"] = quantity_of(recording, "radius_mm", fields.get("radius_mm"))
 
 

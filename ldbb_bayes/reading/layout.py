@@ -121,6 +121,8 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     pressure_unit: str | None = None  #: unit of pressures, such as bar
     #: whether readings are deviations from the nominal radius, or distances between the two balls
     zero: Literal["deviation", "distance"] | None = None
+    #: whether readings are of the radius, or of the diameter; the latter are halved
+    measured: Literal["radius", "diameter"] | None = None
     sign: Literal[1, -1] = 1  #: sign of readings: −1 if a longer bar gives a smaller reading
     angle_sign: Literal[1, -1] = 1  #: sign of angles: −1 if the file counts angles clockwise
     #: angle in the file at which the bar is along the first axis of the plane; it is subtracted

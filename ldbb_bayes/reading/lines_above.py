@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 from ldbb_bayes.reading.column_roles import names_any_role
 from ldbb_bayes.reading.dates import iso_date
+from ldbb_bayes.reading.measured_length import measured_length_stated
 from ldbb_bayes.reading.numerals import (
     NUMBER_IN_TEXT,
     is_missing,
@@ -37,6 +38,7 @@ __all__ = [
     "is_label",
     "not_understood",
     "statements_in",
+    "unknown_length",
 ]
 
 # Type of lines of text: pairs of the line number (or place) and the text.
@@ -59,6 +61,7 @@ class LineStatement:
 class _Quantity(NamedTuple):
     """Quantity, such as the radius, whose value a line above a table may state."""
 
+    field: str  #: field of a test or campaign that the quantity states, such as radius_mm
     words: str  #: regular expression for the words that name the quantity
     usual_unit: str  #: unit that is assumed if the line states none; empty if a unit is necessary
     #: permitted units, each with its size in the unit at the end of the field's name
@@ -84,7 +87,8 @@ def _quantities() -> dict[str, _Quantity]:
             units = UNITS[units]
         scale = entry.get("one", 1.0)
         scaled = {unit: scale * size for unit, size in units.items()}
-        quantities[key] = _Quantity(entry["words"], entry["unit"], scaled)
+        field = entry.get("field", key)
+        quantities[key] = _Quantity(field, entry["words"], entry["unit"], scaled)
     return quantities
 
 
@@ -121,6 +125,14 @@ _READINGS = re.compile(WORDS["mount"]["readings"], re.IGNORECASE)
 _FILLING = re.compile(f"{_READINGS.pattern}|{WORDS['mount']['filling']}", re.IGNORECASE)
 _MOUNT_STATES = {state: WORDS["mount"][state] for state in ("raw", "compensated")}
 _DIRECTION_WORDS: Mapping[str, Any] = WORDS["directions"]
+# Pattern of a length with its unit, and the words before it.
+_LENGTH = re.compile(
+    rf"[^;,|\t]*?(?P<number>(?<![\d.,:/-]){NUMBER_IN_TEXT})[\s;|\t]?(?P<unit>[^\W\d_]+|\")(?![/\w])"
+)
+# Smallest and largest radius or diameter of a circle [µm].
+_RADII_UM = (2e4, 2e6)
+# Largest number of characters of a line that a note shows.
+_LENGTH_SHOWN = 60
 # Pattern of any word for clockwise or counter-clockwise.
 _SENSE = re.compile(
     rf"(?<![a-zA-Z])({_DIRECTION_WORDS['clock_hand']}|ccw|cw|{_DIRECTION_WORDS['in_words']})"
@@ -149,12 +161,13 @@ def statements_in(lines: Lines) -> dict[str, list[LineStatement]]:
     statements: dict[str, list[LineStatement]] = {}
     for line, content in lines:
         text = content[:LONGEST_TEXT]
-        for key, quantity in _QUANTITIES.items():
+        for quantity in _QUANTITIES.values():
             for match in _pattern(quantity.words).finditer(text):
-                statement = _stated_number(key, quantity, match, line)
+                statement = _stated_number(quantity, match, line)
                 if statement is not None:
-                    statements.setdefault(key, []).append(statement)
-        for key, words in (*_stated_in_words(text), *units_stated(text).items()):
+                    statements.setdefault(quantity.field, []).append(statement)
+        in_words = {**units_stated(text), **measured_length_stated(text)}
+        for key, words in (*_stated_in_words(text), *in_words.items()):
             statements.setdefault(key, []).append(LineStatement(words, "", line))
     return statements
 
@@ -174,7 +187,7 @@ def _pattern(words: str) -> re.Pattern[str]:
 
 
 def _stated_number(
-    key: str, quantity: _Quantity, match: re.Match[str], line: int | str
+    quantity: _Quantity, match: re.Match[str], line: int | str
 ) -> LineStatement | None:
     """Return the number that a line states for a quantity, in the unit of its field.
 
@@ -183,10 +196,8 @@ def _stated_number(
 
     Parameters
     ----------
-    key
-        Field of the quantity, such as radius_mm.
     quantity
-        The quantity with its permitted units.
+        The quantity with its field and its permitted units.
     match
         Match of the pattern of the quantity, its number and its unit.
     line
@@ -205,7 +216,7 @@ def _stated_number(
         unit = _unit_among(named, quantity.units)
     if not unit:
         return None
-    if may_be_thousands(key, match["number"]):
+    if may_be_thousands(quantity.field, match["number"]):
         return LineStatement(math.nan, named, line)
     value = number_in_text(match["number"])
     if value is None:
@@ -290,8 +301,30 @@ def _mount_states(passage: str, is_whole_line: bool) -> Iterator[str]:
             yield state
 
 
+def unknown_length(lines: Lines) -> str:
+    """Return a note on the first line with a length that may be the radius; empty without any.
+
+    Such a length has a unit of length and is as large as the radius of a circle, and no line above
+    states the radius. An example is ``Stange: 100 mm``.
+    """
+    if "radius_mm" in statements_in(lines):
+        return ""
+    for line, content in lines:
+        text = content[:LONGEST_TEXT]
+        if OTHER_QUANTITY.search(text):
+            continue
+        for match in _LENGTH.finditer(text):
+            size_um = UNITS["reading"].get(unit_named(match["unit"]), 0.0)
+            length = number_in_text(match["number"])
+            if length is not None and _RADII_UM[0] <= abs(length) * size_um <= _RADII_UM[1]:
+                return f"line {line} says {match[0].strip()[:_LENGTH_SHOWN]}, not taken"
+    return ""
+
+
 def is_label(text: str) -> bool:
     """Return whether a text is a label without its value, such as ``Operator`` or ``Radius``."""
+    if len(text) < 2:
+        return False
     if _LABEL.fullmatch(text) or _DIRECTION.fullmatch(text):
         return True
     quantities = _QUANTITIES.values()

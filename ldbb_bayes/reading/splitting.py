@@ -37,6 +37,8 @@ __all__ = ["FIELDS_OF_ALL_TESTS", "layout_names", "split_sheet"]
 # Roles of the columns whose numbers are not shared by the tests of a sheet: the columns that name
 # tests and directions hold words, and each column of readings may be a separate test.
 _NOT_SHARED = ("test", "direction", "reading")
+# Fields of a test or campaign that a column without a role may state.
+_FIELDS_OF_COLUMNS = ("radius_mm", "feed_mm_per_min", "start_deg", "overshoot_deg")
 # Fields of a test or campaign that lines in a sheet without a table may state for all tests.
 FIELDS_OF_ALL_TESTS = {
     "plane",
@@ -127,6 +129,26 @@ class _SheetColumns:
                 texts[header] = cells[row]
         return texts
 
+    def constant_statements(self, rows: Sequence[int]) -> dict[str, list[LineStatement]]:
+        """Return what columns without a role state about a test, by field.
+
+        Such a column states a field if its cells are equal in all rows of the test, as a line above
+        the table does: a column ``R [mm]`` of 100 states the radius. ``rows`` are the indices of
+        the rows.
+        """
+        lines = []
+        in_use = {*self.heading.roles.values(), *self.heading.readings, *self.unit_columns.values()}
+        for column, header in enumerate(self.heading.headers):
+            cells = {self.cells[column][row] for row in rows}
+            if header and column not in in_use and len(cells) == 1 and header not in PER_TEST:
+                place = f"{self.heading.line}, column {header!r}"
+                lines.append((place, f"{header}: {cells.pop()}"))
+        statements = {}
+        for key, statements_of_field in statements_in(lines).items():
+            if key in _FIELDS_OF_COLUMNS:
+                statements[key] = statements_of_field
+        return statements
+
     def direction_words(self, rows: Sequence[int]) -> dict[str, int]:
         """Return the different words in the column of directions, each with its first line number.
 
@@ -195,6 +217,7 @@ def split_sheet(
             overview = overview_lines(left_out, [name, sheet.path.name])
             lines_above = [*test_heading.lines_above, *overview.of_this_test]
             statements = _statements_of_all_tests(overview.of_all_tests)
+            statements |= columns.constant_statements(rows)
             statements |= statements_in(lines_above)
             yield Recording(
                 sheet=sheet,

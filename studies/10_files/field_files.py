@@ -11,7 +11,7 @@ from __future__ import annotations
 import io
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -426,6 +426,121 @@ def guess_cases() -> dict[str, FieldCase]:
     }
 
 
+def small_circles(radius_mm: float) -> tuple[Circle, ...]:
+    return tuple(replace(circle, radius_mm=radius_mm) for circle in TRUTH)
+
+
+def distances(circle: Circle, k: int) -> list[object]:
+    """Distances of opposite points of the circle, in mm."""
+    diameter = 2.0 * (circle.radius_mm + circle.reading_um[k] / 1e3)
+    return [f"{circle.angle_deg[k]:g}", f"{diameter:.6f}"]
+
+
+def doubled(circle: Circle, k: int) -> list[object]:
+    return [f"{circle.angle_deg[k]:g}", f"{2.0 * circle.reading_um[k]:.3f}"]
+
+
+def diameter_cases() -> dict[str, FieldCase]:
+    kind = "diameters for radii"
+    headers = {
+        "diameter_deviation": "Diameter deviation [um]",
+        "delta_D": "ΔD [um]",
+        "delta_D_word": "Delta D [um]",
+        "durchmesserabweichung": "Durchmesserabweichung [µm]",
+        "diametral_error": "Diametral error (um)",
+        "ecart_diametre": "Écart de diamètre [µm]",
+        "diameter_sign": "Ø-Abweichung [µm]",
+    }
+    cases = {}
+    for name, header in headers.items():
+        files = texts(f"Angle [deg],{header}", doubled)
+        cases[f"header_{name}"] = FieldCase(
+            kind, f"a header '{header}'", files, told="half of each, as it is of the diameter"
+        )
+    lines = {
+        "values": "Values: diameter deviations",
+        "messwerte": "Messwerte sind Durchmesserabweichungen",
+        "readings_are": "Readings are diametral",
+    }
+    for name, line in lines.items():
+        files = texts("Angle [deg],Reading [um]", doubled, above=line)
+        cases[f"line_{name}"] = FieldCase(
+            kind, f"a line '{line}'", files, told="half of each, as it is of the diameter"
+        )
+    cases["diameter_in_mm"] = FieldCase(
+        kind, "diameters of the circle in mm", texts("Angle [deg],Diameter [mm]", distances)
+    )
+    cases["diameter_against_radial"] = FieldCase(
+        kind,
+        "a header of diameters under a line of radial deviations",
+        texts("Angle [deg],Diameter deviation [um]", above="Values: radial deviation"),
+        refusal="Say which: --measured",
+        step=("--measured", "radius"),
+    )
+    return cases
+
+
+def radius_cases() -> dict[str, FieldCase]:
+    kind = "the radius in other words"
+    lines = {
+        "diameter": "Diameter: 200 mm",
+        "bar_length": "Bar length: 100 mm",
+        "letter": "R = 100 mm",
+        "letter_D": "D = 200 mm",
+        "kreisdurchmesser": "Kreisdurchmesser: 200 mm",
+        "rayon": "Rayon : 100 mm",
+        "rayon_du_cercle": "Rayon du cercle: 100 mm",
+        "raggio": "Raggio: 100 mm",
+        "radio": "Radio: 100 mm",
+        "radius_in_inch": "Radius: 3.937007874 inch",
+        "stablaenge": "Stablänge: 100 mm",
+        "hankei": "半径：100 mm",
+        "diameter_in_cells": "Durchmesser,200,mm",
+        "diameter_sign": "Ø 200 mm",
+    }
+    cases = {}
+    for name, line in lines.items():
+        cases[f"radius_{name}"] = FieldCase(
+            kind,
+            f"a line '{line}'",
+            texts("Angle [deg],Reading [um]", above=line),
+            circles=small_circles(100.0),
+        )
+    columns = {"letter": ("R [mm]", "100"), "word": ("Diameter [mm]", "200")}
+    for name, (header, cell) in columns.items():
+        cases[f"radius_column_{name}"] = FieldCase(
+            kind,
+            f"a column '{header}' of {cell}",
+            texts(
+                f"Angle [deg],{header},Deviation [um]",
+                lambda c, k, cell=cell: [f"{c.angle_deg[k]:g}", cell, f"{c.reading_um[k]:.3f}"],
+            ),
+            circles=small_circles(100.0),
+        )
+    cases["radius_unknown_length"] = FieldCase(
+        kind,
+        "a line 'Stange: 100 mm'",
+        texts("Angle [deg],Reading [um]", above="Stange: 100 mm"),
+        told="says Stange: 100 mm, not taken",
+    )
+    cases["radius_twice"] = FieldCase(
+        kind,
+        "a radius of 150 mm and a bar of 100 mm",
+        texts("Angle [deg],Reading [um]", above="Radius: 150 mm\nBar length: 100 mm"),
+        refusal="must be said once, got 150 mm in line 1 and 100 mm in line 2. Give --radius-mm",
+        step=("--radius-mm", "150"),
+    )
+    cases["ball_diameter"] = FieldCase(
+        kind,
+        "diameters of ball and tool, which are no circle",
+        texts(
+            "Angle [deg],Reading [um]",
+            above="Ball diameter: 25.4 mm\nKugeldurchmesser: 30 mm\nTool diameter: 20 mm",
+        ),
+    )
+    return cases
+
+
 def with_stored_values(sheet: Any, circle: Circle) -> None:
     """Write the readings as formulas of a column in mm, without their values."""
     for k in range(len(circle.angle_deg)):
@@ -495,7 +610,13 @@ def workbook_cases() -> dict[str, FieldCase]:
 
 
 def all_cases() -> dict[str, FieldCase]:
-    return {**unit_cases(), **guess_cases(), **workbook_cases()}
+    return {
+        **unit_cases(),
+        **guess_cases(),
+        **diameter_cases(),
+        **radius_cases(),
+        **workbook_cases(),
+    }
 
 
 CASES = all_cases()
