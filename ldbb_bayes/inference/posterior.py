@@ -11,6 +11,7 @@ import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import asdict, fields
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -84,6 +85,11 @@ _SMALL_FILE_BYTES = 2**20
 # edition do not fit the columns and priors of this one. The presets ``first`` and ``paper`` do not
 # change.
 MODEL_EDITION = 3
+# Campaigns of the posteriors that were built or read last, the oldest first, by what the posterior
+# states of them. Analyses of a posterior thus share one campaign, and what is worked out of it.
+_CAMPAIGNS: dict[tuple[str | bytes, ...], Campaign] = {}
+# Largest number of campaigns that are kept.
+_KEPT_CAMPAIGNS = 8
 # Largest number of characters that are quoted from a library's error message on an unreadable file.
 _LONGEST_REASON = 120
 
@@ -112,6 +118,8 @@ def build_tree(
                 variable.attrs["unit"] = units[str(name)]
     text = json.dumps(record, ensure_ascii=False)
     tree["provenance"] = xr.DataTree(xr.Dataset(attrs={"json": text}))
+    if "constant_data" in groups and len(bound.test_names) == len(bound.campaign.tests):
+        _keep_campaign(_campaign_key(tree), bound.campaign)
     return tree
 
 
@@ -333,18 +341,22 @@ def _require_tree(posterior: object) -> None:
     )
 
 
-def record_of(posterior: xr.DataTree) -> dict[str, Any]:
-    """Return the record of a posterior, which states what was fitted, how, and how well.
-
-    The record is kept as JSON in the group ``provenance``. Raise an `InputError` for a posterior
-    from `to_units`, which has no record.
-    """
+def _require_record(posterior: xr.DataTree) -> None:
     _require_tree(posterior)
     if "provenance" not in posterior.children:
         raise InputError(
             "the posterior must be one of sample or load, got one in units for reading (to_units)."
             " Pass the first."
         )
+
+
+def record_of(posterior: xr.DataTree) -> dict[str, Any]:
+    """Return the record of a posterior, which states what was fitted, how, and how well.
+
+    The record is kept as JSON in the group ``provenance``. Raise an `InputError` for a posterior
+    from `to_units`, which has no record.
+    """
+    _require_record(posterior)
     record: dict[str, Any] = json.loads(posterior["provenance"].attrs["json"])
     return record
 
@@ -366,7 +378,42 @@ def fit_of(posterior: xr.DataTree) -> Fit:
 
 
 def campaign_of(posterior: xr.DataTree) -> Campaign:
-    """Return the campaign from whose readings a posterior was computed, readings included."""
+    """Return the campaign from whose readings a posterior was computed, readings included.
+
+    Posteriors of the same campaign, such as a fit and an average, share one.
+    """
+    _require_record(posterior)
+    key = _campaign_key(posterior)
+    campaign = _CAMPAIGNS.get(key)
+    if campaign is None:
+        campaign = _rebuild_campaign(posterior)
+        _keep_campaign(key, campaign)
+    return campaign
+
+
+def _campaign_key(posterior: xr.DataTree) -> tuple[str | bytes, ...]:
+    """Return all that a posterior states of its campaign: the record's entry and the readings."""
+    constants = posterior["constant_data"].dataset
+    names = ("test_index", "angle_as_read_deg", "reading_as_read_um")
+    readings = [np.asarray(constants[name].values).tobytes() for name in names]
+    return (_campaign_text(posterior["provenance"].attrs["json"]), *readings)
+
+
+@lru_cache(maxsize=16)
+def _campaign_text(record_json: str) -> str:
+    """Return the entry ``campaign`` of a posterior's record as JSON text."""
+    return json.dumps(json.loads(record_json)["campaign"])
+
+
+def _keep_campaign(key: tuple[str | bytes, ...], campaign: Campaign) -> None:
+    """Keep a campaign for the posteriors that state the same of it, and forget the oldest ones."""
+    _CAMPAIGNS[key] = campaign
+    for oldest in list(_CAMPAIGNS)[:-_KEPT_CAMPAIGNS]:
+        _CAMPAIGNS.pop(oldest, None)
+
+
+def _rebuild_campaign(posterior: xr.DataTree) -> Campaign:
+    """Return the campaign of a posterior, made from its record and its readings."""
     record = record_of(posterior)["campaign"]
     constants = posterior["constant_data"].dataset
     test_index = constants["test_index"].values

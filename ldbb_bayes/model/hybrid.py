@@ -432,11 +432,18 @@ class HybridModel(Result):
     def bind(self, campaign: Campaign) -> BoundModel:
         """Return the model of one campaign or plan, with its parameters, columns and priors.
 
-        Raise an `InputError` if the campaign has too few different forces for the model's degree or
-        for flat priors, or if the model names a parameter that the campaign does not have.
+        The models bound last are kept, so that the analyses of one campaign share them. Raise an
+        `InputError` if the campaign has too few different forces for the model's degree or for flat
+        priors, or if the model names a parameter that the campaign does not have.
         """
         require_campaign(campaign)
-        return BoundModel(self, campaign)
+        for known in _BOUND_MODELS:
+            if known.campaign is campaign and known.model == self:
+                return known
+        bound = BoundModel(self, campaign)
+        _BOUND_MODELS.append(bound)
+        del _BOUND_MODELS[:-_KEPT_BOUND_MODELS]
+        return bound
 
     def simulate(
         self,
@@ -613,6 +620,12 @@ class _KnownEstimate(NamedTuple):
 _ESTIMATES: WeakKeyDictionary[Campaign, list[_KnownEstimate]] = WeakKeyDictionary()
 # Largest number of estimates that the cache keeps for a campaign.
 _KEPT_ESTIMATES = 64
+# Cache of the models that were bound to whole campaigns last, the newest last. Nothing changes a
+# bound model after it was made.
+_BOUND_MODELS: list[BoundModel] = []
+# Largest number of bound models that the cache keeps: an average over constant and linear
+# compliance has sixteen, and the fit beside it may have others.
+_KEPT_BOUND_MODELS = 24
 
 
 class BoundModel(Shown):

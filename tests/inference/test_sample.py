@@ -17,6 +17,7 @@ from campaigns import plan, refuses, simulated
 from collapsed import collapsed
 
 import ldbb_bayes as lb
+from ldbb_bayes.inference import posterior as posteriors
 from ldbb_bayes.inference.fit import State
 from ldbb_bayes.inference.independent_sampler import JointDraws, draw_jointly
 from ldbb_bayes.inference.mcmc import Assessment, Progress, StoppingRule
@@ -174,6 +175,13 @@ def test_draws_in_units_for_reading(posterior: xr.DataTree) -> None:
     refuses("got one in units for reading", lb.summarize, in_units)
 
 
+@pytest.fixture
+def no_campaign_is_known(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Campaigns are made from what posteriors state, as in a process that has not fitted them."""
+    monkeypatch.setattr(posteriors, "_CAMPAIGNS", {})
+
+
+@pytest.mark.usefixtures("no_campaign_is_known")
 def test_saved_and_read_back_identically(
     posterior: xr.DataTree, campaign: lb.Campaign, tmp_path: Path
 ) -> None:
@@ -191,6 +199,37 @@ def test_saved_and_read_back_identically(
     np.testing.assert_array_equal(bound_of(posterior).interest, MODEL.bind(campaign).interest)
 
 
+def test_posteriors_of_one_campaign_share_its_bound_model(
+    posterior: xr.DataTree, campaign: lb.Campaign, tmp_path: Path
+) -> None:
+    read = lb.load(lb.save(posterior, tmp_path / "posterior.nc"))
+    assert campaign_of(posterior) is campaign
+    assert bound_of(read) is bound_of(posterior)
+
+
+def test_a_posterior_with_other_readings_has_a_campaign_of_its_own(
+    posterior: xr.DataTree, campaign: lb.Campaign
+) -> None:
+    changed = posterior.copy(deep=True)
+    changed["constant_data"]["reading_as_read_um"].values[0] += 1.0
+    first = campaign_of(changed).tests[0].reading_um
+    assert first is not None
+    assert first[0] == campaign.tests[0].reading_um[0] + 1.0
+
+
+def test_only_the_campaigns_of_the_last_posteriors_are_kept(
+    posterior: xr.DataTree, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    known: dict[object, lb.Campaign] = {}
+    monkeypatch.setattr(posteriors, "_CAMPAIGNS", known)
+    for k in range(12):
+        changed = posterior.copy(deep=True)
+        changed["constant_data"]["reading_as_read_um"].values[0] = float(k)
+        campaign_of(changed)
+    assert len(known) == 8
+
+
+@pytest.mark.usefixtures("no_campaign_is_known")
 def test_every_field_of_a_campaign_comes_back() -> None:
     tests = [
         replace(t, direction="CCW", temperature_C=20.5, time_s=60.0 * k, setup=k + 1)
@@ -208,6 +247,8 @@ def test_every_field_of_a_campaign_comes_back() -> None:
         drift=False,
     )
     tree = lb.sample(CONSTANT.without("ball-form"), full, sampler="independent", rule=ROUGH)
+    posteriors._CAMPAIGNS.clear()
+    assert campaign_of(tree) is not full
     assert campaign_of(tree).sha256 == full.sha256
     assert (campaign_of(tree).machine_id, campaign_of(tree).date) == ("VMC 07", "2026-11-20")
     assert (campaign_of(tree).order, campaign_of(tree).drift) == ("random", False)
