@@ -15,6 +15,7 @@ from .analysis.calibration import calibrate as calibrate
 from .analysis.comparison import compare as compare
 from .analysis.conformity import assess_conformity as assess_conformity
 from .analysis.design import design as design
+from .analysis.directional_stiffness import stiffness as stiffness
 from .analysis.machine_description import describe_machine as describe_machine
 from .analysis.neighbouring_forces import local_fits as local_fits
 from .analysis.outlying_tests import find_outlying_tests as find_outlying_tests
@@ -29,7 +30,6 @@ from .campaign.folder import read_campaign as read_campaign
 from .campaign.folder import write_campaign as write_campaign
 from .campaign.preview import check_campaign as check_campaign
 from .errors import InputError as InputError
-from .inference.cross_validation import with_predictive as with_predictive
 from .inference.density import log_density as log_density
 from .inference.evidence import log_evidence as log_evidence
 from .inference.least_squares import fit_least_squares as fit_least_squares

@@ -82,6 +82,7 @@ NEW_NAMES = {
     "validate": "calibrate",
     "Validation": "analysis.Validation",
     "verdicts": "analysis.judge_posterior",
+    "with_predictive": "inference.with_predictive",
     "with_words": "report.with_words",
     "write_dcc": "report.write_dcc",
 }

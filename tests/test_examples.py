@@ -50,9 +50,9 @@ LONG_EXAMPLES = {
     "fleet.run_batch",
     "inference.StoppingRule",
     "inference.marginalize",
+    "inference.with_predictive",
     "local_fits",
     "save",
-    "with_predictive",
 }
 OPTIONS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 

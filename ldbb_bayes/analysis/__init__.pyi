@@ -11,6 +11,8 @@ from .conformity import Conformity as Conformity
 from .design import Design as Design
 from .design import read_design as read_design
 from .differences import compare_posteriors as compare_posteriors
+from .directional_stiffness import DirectionalStiffness as DirectionalStiffness
+from .directional_stiffness import PlaneStiffness as PlaneStiffness
 from .measured_paths import measure_circularity as measure_circularity
 from .path_contributions import decompose_deviation as decompose_deviation
 from .tolerances import Tolerance as Tolerance

@@ -1,5 +1,13 @@
 """Circular-test quantities of ISO 230-4 for the machine's own tool path, without the instrument.
 
+The circular deviation G is the width of the narrowest ring about the least-squares centre that
+holds the path. Radial deviations F are stated about two circles with this centre: F_max and F_min
+about the least-squares circle, F_max_nominal and F_min_nominal about the circle with the nominal
+radius, as ISO 230-4 defines them.
+
+The uncertainty of the path makes the peak-to-peak value of every posterior draw too large. What it
+adds is removed: the mean of G is that of the posterior mean path; see `extremes`.
+
 Radial deviations are small compared with the radius R. About a centre that is shifted by (a, b),
 the deviation at angle θ is therefore lower by a cos θ + b sin θ. The error of this approximation is
 at most e²/2R for a shift by e: about 0.01 µm for 50 µm.
@@ -24,6 +32,7 @@ from ldbb_bayes.analysis.circle_columns import (
     machine_columns,
     second_order_factors,
 )
+from ldbb_bayes.analysis.extremes import extremes_of
 from ldbb_bayes.campaign.campaign import distinct_forces
 from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.errors import check_probability, require
@@ -33,7 +42,7 @@ from ldbb_bayes.inference.coefficients import (
     shared_columns,
     shared_terms,
 )
-from ldbb_bayes.inference.posterior import bound_of, model_draws_of
+from ldbb_bayes.inference.posterior import bound_of, elastic_draws_of, model_draws_of
 from ldbb_bayes.model.fourier import SIZE, basis
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.parallel import one_blas_thread
@@ -58,6 +67,8 @@ QUANTITIES = {
     "F_min": "µm",
     "squareness": "µm/m",
     "scale_mismatch": "µm/m",
+    "F_max_nominal": "µm",
+    "F_min_nominal": "µm",
 }
 BIDIRECTIONAL = {"G_b": "µm", "D": "µm"}
 MINIMUM_ZONES = {"G_minimum_zone": "µm", "G_b_minimum_zone": "µm"}
@@ -82,9 +93,9 @@ def predict_circularity(
     """Return circular-test quantities of the machine's own tool path, with credible intervals.
 
     The quantities are those of ISO 230-4, without errors of the instrument, for the first circle of
-    each plane. The circular deviation G is the largest difference of radii along the path. Where
-    the readings do not determine the path well, G is therefore estimated too large more often than
-    too small.
+    each plane. The circular deviation G is the largest difference of radii along the path. What the
+    uncertainty of the path adds to G, F_max and F_min is removed, so that they are not too large on
+    average where the readings do not determine the path well.
 
     Parameters
     ----------
@@ -102,12 +113,14 @@ def predict_circularity(
     DataFrame
         One row per plane, force and quantity: plane, radius_mm, force_N, quantity, unit, mean, sd,
         median, ci_low, ci_high. G, F_max and F_min [µm] are taken about the least-squares centre
-        and radius. Squareness and scale_mismatch [µm/m] are computed from the second harmonic of
-        the path, and include the effect of compliance. Squareness has the sign of the plane's own
-        parameter, E_C0YX in XY; scale_mismatch is the gain of the first axis minus that of the
-        second. For a plane run in both directions of travel, G, F_max and F_min are those of the
-        mean path. There are then also the bidirectional deviation G_b [µm] and the mean deviation
-        D [µm], which is the mean radius minus the nominal one.
+        and radius; F_max_nominal and F_min_nominal about the least-squares centre and the nominal
+        radius, which the readings determine only as well as the length of the bar is known. The
+        best estimate of each is its mean. Squareness and scale_mismatch [µm/m] are computed from
+        the second harmonic of the path, and include the effect of compliance. Squareness has the
+        sign of the plane's own parameter, E_C0YX in XY; scale_mismatch is the gain of the first
+        axis minus that of the second. For a plane run in both directions of travel, G, F_max and
+        F_min are those of the mean path. There are then also the bidirectional deviation G_b [µm]
+        and the mean deviation D [µm], which is the mean radius minus the nominal one.
 
     Raises
     ------
@@ -150,9 +163,9 @@ def path_draws(
     """
     bound = bound_of(posterior)
     draws_of_models = model_draws_of(posterior, draws)
+    geometric_errors = np.concatenate([model_draws.beta for model_draws in draws_of_models])
+    geometric_errors = np.where(is_tool_ball_offset(bound), 0.0, geometric_errors)
     hysteresis = _draw_hysteresis(bound, draws_of_models)
-    beta = np.concatenate([model_draws.beta for model_draws in draws_of_models])
-    beta = np.where(is_tool_ball_offset(bound), 0.0, beta)
     require(
         not isinstance(forces_N, str),
         f"forces_N must be a list of numbers, got the text {forces_N!r}. Write for example"
@@ -165,12 +178,20 @@ def path_draws(
         min(forces) >= 0.0,
         f"forces_N must not be negative, got {min(forces):g}. The bar pulls tool and table apart.",
     )
-    for plane in bound.setting.planes:
-        r = first_circle(bound, plane)
+    circles = [first_circle(bound, plane) for plane in bound.setting.planes]
+    loaded = np.array([force for force in forces if force > 0.0])
+    per_force = None
+    if len(loaded):
+        per_force = elastic_draws_of(posterior, circles, loaded, draws).per_force
+    for k, plane in enumerate(bound.setting.planes):
+        r = circles[k]
         radius_mm = float(bound.setting.radius_mm[r])
+        geometric_um = geometric_errors @ machine_columns(bound, r, 0.0).geometric.T * 1e3
         for force in forces:
-            columns = machine_columns(bound, r, force)
-            path_um = beta @ (columns.elastic + columns.geometric).T * 1e3
+            path_um = geometric_um
+            if per_force is not None and force > 0.0:
+                position = int(np.argmax(loaded == force))
+                path_um = geometric_um + per_force[:, k, position] * (force * 1e3)
             quantities = _path_quantities(bound, r, path_um)
             if plane in hysteresis:
                 half_difference_um = hysteresis[plane].at_force(force) * 1e3
@@ -180,19 +201,23 @@ def path_draws(
 
 
 def _path_quantities(bound: BoundModel, r: int, path_um: Array) -> dict[str, Array]:
-    """Return G, F_max, F_min, squareness and scale mismatch of a tool path, each of shape (draws,).
+    """Return the quantities of a tool path that `QUANTITIES` lists, each of shape (draws,).
 
     ``path_um``, shape (draws, 25), holds posterior draws of the 25 Fourier coefficients of the
     radial deviation [µm] on the circle of the test with index ``r``.
     """
     factors = second_order_factors(bound, r)
     trace = np.where(_CENTRED, path_um, 0.0) @ basis(ANGLE_RAD).T
+    about_mean_radius = extremes_of(trace)
+    about_nominal_radius = extremes_of(trace + path_um[:, :1])
     return {
-        "G": np.ptp(trace, axis=1),
-        "F_max": trace.max(axis=1),
-        "F_min": trace.min(axis=1),
+        "G": about_mean_radius.width,
+        "F_max": about_mean_radius.largest,
+        "F_min": about_mean_radius.smallest,
         "squareness": path_um[:, SIN2] * factors.squareness,
         "scale_mismatch": path_um[:, COS2] * factors.scale_mismatch,
+        "F_max_nominal": about_nominal_radius.largest,
+        "F_min_nominal": about_nominal_radius.smallest,
     }
 
 
@@ -209,7 +234,7 @@ def _bidirectional_quantities(path_um: Array, half_difference_um: Array) -> dict
     clockwise = (centred + half_difference_um) @ basis(ANGLE_RAD).T
     counterclockwise = (centred - half_difference_um) @ basis(ANGLE_RAD).T
     traces = np.concatenate([clockwise, counterclockwise], axis=1)
-    return {"G_b": np.ptp(traces, axis=1), "D": path_um[:, 0]}
+    return {"G_b": extremes_of(traces).width, "D": path_um[:, 0]}
 
 
 def summarise_draws(values: Array, prob: float) -> dict[str, float]:

@@ -41,7 +41,8 @@ def measure_circularity(posterior: xr.DataTree | Campaign) -> tuple[pd.DataFrame
     tests : DataFrame
         One row per test. Columns are force_N, direction, plane, radius_mm and arc_deg; G, F_max and
         F_min about the least-squares centre and radius, and G_minimum_zone about the centre of the
-        minimum zone [µm]; squareness and scale_mismatch [µm/m], which are not a number for an arc
+        minimum zone [µm]; F_max_nominal and F_min_nominal about the least-squares centre and the
+        nominal radius [µm]; squareness and scale_mismatch [µm/m], which are not a number for an arc
         of less than 350°, for a test of at most 25 readings, and for readings at too few different
         angles to tell the Fourier orders apart.
     pairs : DataFrame
@@ -126,8 +127,9 @@ def _measure_test(bound: BoundModel, test: CircularTest) -> dict[str, Any]:
     """Return the table row of one test, by name of the column.
 
     The row has the test's conditions and, from its readings, G, F_max, F_min and G of the minimum
-    zone [µm], squareness and scale mismatch [µm/m]. The last two are not a number for an arc, and
-    for a circle with too few different angles to tell the Fourier orders apart.
+    zone [µm], radial deviations from the nominal circle [µm], squareness and scale mismatch [µm/m].
+    The last two are not a number for an arc, and for a circle with too few different angles to tell
+    the Fourier orders apart.
     """
     angle, reading = _trace(test)
     zone = least_squares_zone(angle, reading)
@@ -151,6 +153,8 @@ def _measure_test(bound: BoundModel, test: CircularTest) -> dict[str, Any]:
         "G_minimum_zone": minimum_zone_width(angle, reading),
         "squareness": squareness,
         "scale_mismatch": scale_mismatch,
+        "F_max_nominal": zone.upper,
+        "F_min_nominal": zone.lower,
     }
 
 

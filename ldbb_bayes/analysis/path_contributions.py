@@ -16,6 +16,7 @@ from ldbb_bayes.analysis.circle_columns import (
     machine_columns,
 )
 from ldbb_bayes.analysis.circularity import summarise_draws
+from ldbb_bayes.analysis.extremes import extremes_of
 from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.errors import check_probability, require
 from ldbb_bayes.inference.posterior import bound_of, draws_of
@@ -75,8 +76,8 @@ def decompose_deviation(
         plane, radius_mm, force_N and source; and, in µm, maximum, minimum, peak_to_peak, sd, ci_low
         and ci_high. The values maximum and minimum are those of the posterior mean contribution.
         The posterior of the peak-to-peak value has the median peak_to_peak, the standard deviation
-        sd and the interval from ci_low to ci_high. If the readings hardly determine a source, its
-        peak_to_peak can be much larger than maximum − minimum.
+        sd and the interval from ci_low to ci_high. What the uncertainty of the contribution adds to
+        its peak-to-peak value is removed.
 
     Raises
     ------
@@ -110,7 +111,7 @@ def decompose_deviation(
             mean_path = path.mean(axis=0)
             place = {"plane": plane, "radius_mm": radius_mm, "force_N": force, "source": source}
             ends = {"maximum": float(mean_path.max()), "minimum": float(mean_path.min())}
-            rows.append(place | ends | summarise_draws(np.ptp(path, axis=1), prob))
+            rows.append(place | ends | summarise_draws(extremes_of(path).width, prob))
     table = pd.DataFrame(rows).rename(columns={"median": "peak_to_peak"})
     table = table.reindex(columns=[*_PLACE_COLUMNS, *_VALUE_COLUMNS])
     caption = f"Contributions to the reading, {100 * prob:g} % intervals of the peak-to-peak"

@@ -16,23 +16,26 @@ There are three kinds of prediction:
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from ldbb_bayes.inference.integrals import CHUNK
+from ldbb_bayes.machine.chain import LINEAR
 from ldbb_bayes.model.fourier import SIZE
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.terms import BasisNoise, Columns, JointLoad
 from ldbb_bayes.results import Array
 
 __all__ = [
+    "ElasticDraws",
     "ModelDraws",
     "compliance_curves",
     "draw_of_circle",
     "draw_shared",
     "draw_shared_coefficients",
+    "elastic_draws",
     "evenly_spaced",
     "machine_coefficients",
     "new_circle_coefficients",
@@ -74,6 +77,16 @@ class PrivateTerm(NamedTuple):
     #: standard deviations of the effect's v coefficients, for every random draw of the
     #: hyper-parameters, shape (draws, v)
     sd: Array
+
+
+class ElasticDraws(NamedTuple):
+    """Posterior draws of compliances C(F) and of deflections along the bar, at n bar forces F."""
+
+    #: draws of the compliances C(F), shape (draws, n, compliances) [mm/N, rad/N, rad/(N mm)]
+    compliances: Array
+    #: draws of the elastic deflection along the bar divided by the bar force, as 25 Fourier
+    #: coefficients of each circle, shape (draws, circles, n, 25) [mm/N]
+    per_force: Array
 
 
 def evenly_spaced(total: int, size: int) -> Array:
@@ -163,22 +176,59 @@ def compliance_curves(
     random given the parameters, the hyper-parameters and the readings. ``bound`` is the model,
     applied to its campaign.
     """
+    return elastic_draws(ModelDraws(bound, phi, beta), (), force_N, rng).compliances
+
+
+def elastic_draws(
+    draws: ModelDraws, circles: Sequence[int], force_N: Array, rng: np.random.Generator
+) -> ElasticDraws:
+    """Return posterior draws of compliances and of the elastic deflection around circles.
+
+    Both include what the term `JointLoad` (joints that yield to their own load) adds, if the model
+    has this term. That part is drawn at random given the parameters, the hyper-parameters and the
+    readings, and is the same in compliances and deflections.
+
+    Parameters
+    ----------
+    draws
+        Posterior draws of a model.
+    circles
+        Indices of tests whose circles are used.
+    force_N
+        Forces of the bar, shape (n,), none of them zero [N]. They need not be those tested.
+    rng
+        Generator of the random draws.
+
+    Returns
+    -------
+    ElasticDraws
+    """
+    bound = draws.bound
     at_forces = np.stack([bound.compliance_at(force) for force in force_N])
-    curves = np.einsum("fcp,wp->wfc", at_forces, beta)
+    compliances = np.einsum("fcp,wp->wfc", at_forces, draws.beta)
+    elastic = bound.setting.elastic[list(circles)]
+    per_force = np.einsum("rkc,wfc->wrfk", elastic, compliances)
     joint_load = _joint_load_of(bound)
     if joint_load is None:
-        return np.asarray(curves)
+        return ElasticDraws(compliances, per_force)
     names = _names_of_shared(bound)
-    coefficients = draw_shared(bound, phi, beta, rng)
+    coefficients = draw_shared(bound, draws.phi, draws.beta, rng)
     secants = joint_load.secants(bound.setting, force_N)
     for index, compliance in enumerate(bound.compliances):
         if compliance.kind != "direct":
             continue
         prefix = f"joint_load_{compliance.twist}_"
         along_axis = [k for k, name in enumerate(names) if name.startswith(prefix)]
-        added = coefficients[:, along_axis] @ secants[:, : len(along_axis)].T
-        curves[:, :, index] += added
-    return np.asarray(curves)
+        if not along_axis:
+            continue
+        of_axis = coefficients[:, along_axis]
+        compliances[:, :, index] += of_axis @ secants.T
+        axis = LINEAR.index(compliance.twist)
+        for k, r in enumerate(circles):
+            deflections = joint_load.deflections(bound.setting, axis, r, force_N)
+            added = deflections / force_N[:, None, None]
+            per_force[:, k] += np.einsum("fkl,wl->wfk", added, of_axis)
+    return ElasticDraws(compliances, per_force)
 
 
 def _joint_load_of(bound: BoundModel) -> JointLoad | None:

@@ -95,7 +95,7 @@ def with_predictive(posterior: xr.DataTree, *, draws: int = 1000, seed: int = 1)
     Examples
     --------
     >>> posterior = lb.sample(lb.HybridModel.first(0), campaign, sampler="independent")
-    >>> checked = lb.with_predictive(posterior, draws=40)
+    >>> checked = lb.inference.with_predictive(posterior, draws=40)
     >>> checked["log_likelihood"]["per_test"].dims
     ('chain', 'draw', 'test')
     >>> checked["posterior_predictive"]["reading_mm"].shape

@@ -8,7 +8,7 @@ import json
 import os
 import sys
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import asdict, fields
 from functools import lru_cache
@@ -22,7 +22,13 @@ from pydantic import ValidationError
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest
 from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.files import write_whole
-from ldbb_bayes.inference.coefficients import ModelDraws, compliance_curves, evenly_spaced
+from ldbb_bayes.inference.coefficients import (
+    ElasticDraws,
+    ModelDraws,
+    compliance_curves,
+    elastic_draws,
+    evenly_spaced,
+)
 from ldbb_bayes.inference.fit import Fit
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.specification import model_from_toml
@@ -37,6 +43,7 @@ __all__ = [
     "campaign_record",
     "curves_of",
     "draws_of",
+    "elastic_draws_of",
     "fit_of",
     "load",
     "model_draws_of",
@@ -518,6 +525,31 @@ def curves_of(
         for draws in model_draws_of(posterior, size)
     ]
     return np.concatenate(curves)
+
+
+def elastic_draws_of(
+    posterior: xr.DataTree,
+    circles: Sequence[int],
+    force_N: Array,
+    size: int | None = None,
+    *,
+    seed: int = 0,
+) -> ElasticDraws:
+    """Return posterior draws of compliances and of the elastic deflection around circles.
+
+    ``circles`` are indices of tests whose circles are used; ``force_N``, shape (n,), holds the
+    forces of the bar [N]; see `elastic_draws`. At most ``size`` draws are used, all if ``size`` is
+    None. If the posterior is an average over models, the draws are grouped by model. ``seed``
+    determines the random draws of effects that are not among the parameters.
+    """
+    rng = np.random.default_rng(seed)
+    by_model = [
+        elastic_draws(draws, circles, force_N, rng) for draws in model_draws_of(posterior, size)
+    ]
+    return ElasticDraws(
+        np.concatenate([draws.compliances for draws in by_model]),
+        np.concatenate([draws.per_force for draws in by_model]),
+    )
 
 
 def to_units(posterior: xr.DataTree) -> xr.DataTree:

@@ -49,7 +49,7 @@ def constant() -> xr.DataTree:
 
 @pytest.fixture(scope="module")
 def checked(posterior: xr.DataTree) -> xr.DataTree:
-    return lb.with_predictive(posterior, draws=400)
+    return lb.inference.with_predictive(posterior, draws=400)
 
 
 @pytest.fixture
@@ -66,7 +66,7 @@ def test_summary(posterior: xr.DataTree) -> None:
 
 def test_loo_and_compare(checked: xr.DataTree, constant: xr.DataTree) -> None:
     assert np.isfinite(arviz_stats.loo(checked).elpd)
-    rivals = {"linear": checked, "constant": lb.with_predictive(constant, draws=400)}
+    rivals = {"linear": checked, "constant": lb.inference.with_predictive(constant, draws=400)}
     assert set(arviz_stats.compare(rivals).index) == {"linear", "constant"}
 
 

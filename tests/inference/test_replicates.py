@@ -31,7 +31,7 @@ def posterior() -> xr.DataTree:
 
 @pytest.fixture(scope="module")
 def checked(posterior: xr.DataTree) -> xr.DataTree:
-    return lb.with_predictive(posterior)
+    return lb.inference.with_predictive(posterior)
 
 
 def test_new_circles_are_the_oracles(rng: np.random.Generator) -> None:
@@ -111,7 +111,9 @@ def test_prediction_for_another_machine_is_refused(posterior: xr.DataTree) -> No
 
 
 def test_an_average_has_no_predictive_groups(averaged: xr.DataTree) -> None:
-    refuses("posterior must be of one model, got an average", lb.with_predictive, averaged)
+    refuses(
+        "posterior must be of one model, got an average", lb.inference.with_predictive, averaged
+    )
 
 
 @pytest.mark.slow
@@ -129,7 +131,7 @@ def test_arviz_judges_the_posterior(checked: xr.DataTree, posterior: xr.DataTree
     np.testing.assert_allclose(loo.elpd_i, exact, atol=0.15)
     rule = StoppingRule(ess=1500.0)
     constant = lb.sample(MODEL.with_degree(0), CAMPAIGN, sampler="independent", seed=3, rule=rule)
-    fits = {"linear": checked, "constant": lb.with_predictive(constant)}
+    fits = {"linear": checked, "constant": lb.inference.with_predictive(constant)}
     assert set(arviz_stats.compare(fits).index) == {"linear", "constant"}
     assert "C_XXX" in arviz_stats.psense_summary(checked).index
     readings = checked["posterior_predictive"]["reading_mm"]

@@ -97,6 +97,33 @@ class JointLoad(Term):
         deflections = self._deflections(setting, force_N, u_squared=1.0, u_cubed=1.0, u_contact=1.0)
         return deflections / force_N[:, None]
 
+    def deflections(self, setting: Setting, axis: int, r: int, force_N: Array) -> Array:
+        """Return the nonlinear deflections of an axis around the circle of the test with index r.
+
+        Parameters
+        ----------
+        setting
+            Conditions of the campaign's tests.
+        axis
+            Index of the machine axis: X is 0, Y is 1, Z is 2.
+        r
+            Index of a test. Only its circle counts: the forces need not be those tested.
+        force_N
+            Forces of the bar, shape (n,) [N].
+
+        Returns
+        -------
+        Fourier coefficients of the reading per unit of the axis' three coefficients, shape (n, 25,
+        3) [N].
+        """
+        return self._deflections(
+            setting,
+            force_N[:, None],
+            u_squared=setting.along(axis, 2.0)[r],
+            u_cubed=setting.along(axis, 3.0)[r],
+            u_contact=setting.along(axis, _CONTACT_POWER)[r],
+        )
+
     @staticmethod
     def _deflections(
         setting: Setting,

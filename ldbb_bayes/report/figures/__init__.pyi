@@ -16,6 +16,7 @@ from .path_figures import parameter_contributions as parameter_contributions
 from .pattern_atlas import compliance_atlas as compliance_atlas
 from .pattern_atlas import geometric_atlas as geometric_atlas
 from .rank_figures import rank_ecdf as rank_ecdf
+from .stiffness_figures import stiffness_rose as stiffness_rose
 from .style import PALETTE as PALETTE
 from .style import force_colours as force_colours
 from .style import new_figure as new_figure

@@ -17,6 +17,7 @@ from ldbb_bayes.report.figures.path_figures import (
     contributions,
     parameter_contributions,
 )
+from ldbb_bayes.report.figures.stiffness_figures import stiffness_rose
 from ldbb_bayes.report.figures.style import save_figure
 
 __all__ = ["FIGURES", "save_figures"]
@@ -28,6 +29,7 @@ FIGURES: Mapping[str, Callable[[xr.DataTree], Figure]] = MappingProxyType(
         "residuals": residuals,
         "forest": forest,
         "compliance_against_force": compliance_against_force,
+        "stiffness_rose": stiffness_rose,
         "corner": corner,
         "contributions": contributions,
         "parameter_contributions": parameter_contributions,
@@ -62,7 +64,7 @@ def save_figures(
     --------
     >>> files = lb.figures.save_figures(posterior, "figures", formats=["png"])  # doctest: +SKIP
     >>> list(lb.figures.FIGURES)
-    ['traces', 'residuals', 'forest', 'compliance_against_force', 'corner',
+    ['traces', 'residuals', 'forest', 'compliance_against_force', 'stiffness_rose', 'corner',
      'contributions', 'parameter_contributions', 'circularity']
     """
     files: list[Path] = []

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from ldbb_bayes.analysis import circularity as path_analysis
 from ldbb_bayes.analysis import path_contributions
 from ldbb_bayes.analysis.circle_columns import first_circle
+from ldbb_bayes.analysis.extremes import extremes_of
 from ldbb_bayes.analysis.measured_paths import measure_circularity
 from ldbb_bayes.campaign.campaign import distinct_forces
 from ldbb_bayes.inference.posterior import bound_of, draws_of
@@ -229,7 +230,7 @@ def _peak_to_peak_words(path: Array) -> str:
     ``path`` has one tool path [µm] per random draw from the posterior, shape (draws, angles). The
     text states the median and the 95 % interval over the draws.
     """
-    low, median, high = np.quantile(np.ptp(path, axis=1), [0.025, 0.5, 0.975])
+    low, median, high = np.quantile(extremes_of(path).width, [0.025, 0.5, 0.975])
     _, decimals = round_uncertainty((high - low) / 4.0)
     interval = f"[{round_like(low, decimals)}, {round_like(high, decimals)}]"
     return f"{round_like(median, decimals)} {interval} µm"

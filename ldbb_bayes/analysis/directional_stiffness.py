@@ -1,0 +1,536 @@
+"""Stiffness of the machine by direction: compliance along the bar, and principal stiffnesses.
+
+A bar force F at the angle θ of a circle deflects the tool along the bar by F c(θ; F). With
+c = cos θ, s = sin θ and the radius R, in the plane XY,
+
+    c(θ; F) = C_XXX c² + C_XYX c s + C_YYY s² + R (C_CXY c² s + C_CYY c s²) + R² C_CCY c² s²,
+
+where every compliance is that at the force F: with its slopes, and with the term `JointLoad`, which
+depends on the direction too. The first three compliances are the stiffness at the tool in the
+circle's centre. The other three are what the rotation of an axis under the bar's load adds where
+the tool stands, at x = R c. A stiffness is 1 / c(θ; F).
+
+The symmetric matrix S with the elements C_XXX, C_XYX / 2 and C_YYY is the compliance tensor of the
+plane in the circle's centre. Its principal axes are at the angle ½ atan2(C_XYX, C_XXX − C_YYY).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from ldbb_bayes.analysis.circle_columns import ANGLE_RAD, first_circle
+from ldbb_bayes.analysis.extremes import CurveExtremes, extremes_of, without_noise_excess
+from ldbb_bayes.campaign.campaign import distinct_forces
+from ldbb_bayes.errors import check_probability, require
+from ldbb_bayes.inference.posterior import bound_of, elastic_draws_of
+from ldbb_bayes.inference.summary import interval_numbers
+from ldbb_bayes.machine.chain import LINEAR
+from ldbb_bayes.machine.linear import compliance_jacobian
+from ldbb_bayes.model.fourier import basis
+from ldbb_bayes.model.hybrid import BoundModel
+from ldbb_bayes.parallel import one_blas_thread
+from ldbb_bayes.results import Array, Number, Numbers, Result, readable
+
+__all__ = [
+    "STIFFNESS_QUANTITIES",
+    "AxialDirection",
+    "DirectionalStiffness",
+    "PlaneStiffness",
+    "PrincipalStiffness",
+    "StatedValue",
+    "stiffness",
+    "stiffness_draws",
+]
+
+#: Internal unit of each quantity of a plane's stiffness that may have a tolerance.
+STIFFNESS_QUANTITIES = {"k_min": "N/mm", "k_max": "N/mm", "k_ratio": "1"}
+# Number of posterior draws from which the stiffness is computed.
+_DRAWS = 2000
+# The band of the compliance along the bar is stated at every angle that is a multiple of this [°].
+_STEP_DEG = 5
+# If the credible interval of a compliance begins below this share of its median, only a lower limit
+# of the stiffness is stated.
+_HARDLY_POSITIVE = 0.2
+# Draws of a compliance below this share of its median are raised to it before they are inverted:
+# otherwise the few draws near zero would dominate the standard deviation of the stiffness.
+_SMALLEST_SHARE = 0.1
+# A direction is not determined if its credible interval is at least this wide [°]: it then does not
+# tell one axis of the plane from the other.
+_WIDEST_DEG = 90.0
+# Radius of a circle that stands for its centre: small enough not to change the compliance there
+# [mm].
+_CENTRE_RADIUS_MM = 1e-6
+# Angles from which the tensor of a plane follows: along its first axis, its second, and between.
+_TENSOR_ANGLES_RAD = np.array([0.0, 0.5 * np.pi, 0.25 * np.pi])
+
+
+@dataclass(frozen=True)
+class StatedValue(Result):
+    """A quantity with its standard uncertainty u, U (k = 2) and credible interval."""
+
+    unit: str  #: unit of all numbers: N/mm, mm/N, or 1 for a ratio
+    mean: Number  #: posterior mean
+    sd: Number  #: standard uncertainty u: the posterior standard deviation
+    U_k2: Number  #: expanded uncertainty U = 2 u
+    median: Number  #: posterior median
+    ci_low: Number  #: lower end of the equal-tailed credible interval
+    ci_high: Number  #: upper end of the equal-tailed credible interval
+    #: whether only the lower end is determined: a compliance that may be nearly zero is a stiffness
+    #: without upper limit
+    only_lower_limit: bool = False
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Lower and upper end of the credible interval."""
+        return self.ci_low, self.ci_high
+
+
+@dataclass(frozen=True)
+class AxialDirection(Result):
+    """A direction in a plane, from the plane's first axis, with its uncertainty.
+
+    A direction and its opposite are the same. The mean is that of axial directions: half the angle
+    of the mean of exp(2iθ). The interval is stated about the mean and may pass 0° or 180°.
+    """
+
+    angle_deg: float  #: mean direction, from 0° to 180°
+    sd_deg: float  #: standard uncertainty u: root-mean-square deviation from the mean
+    U_deg: float  #: expanded uncertainty U = 2 u
+    ci_low_deg: float  #: lower end of the equal-tailed credible interval
+    ci_high_deg: float  #: upper end of the equal-tailed credible interval
+    #: length of the mean of exp(2iθ): 1 if all draws agree, 0 if every direction is equally likely
+    concentration: float
+    #: whether the interval is narrower than 90°; if not, the readings do not determine the
+    #: direction, and the mean must not be used
+    is_determined: bool
+
+
+@dataclass(frozen=True)
+class PlaneStiffness(Result):
+    """Stiffness of one plane by direction, at one force of the bar.
+
+    Examples
+    --------
+    >>> plane = lb.stiffness(posterior).planes[0]
+    >>> plane.plane, plane.force_N, plane.cross_name, plane.difference_name
+    ('XY', 36.0, 'C_XYX', 'C_XXX − C_YYY')
+    >>> plane.least.mean < plane.greatest.mean
+    True
+    """
+
+    plane: str  #: plane of the circle, such as XY; angles are from its first axis
+    radius_mm: float  #: radius of the circle, the first one tested in the plane
+    force_N: float  #: force of the bar
+    angle_deg: Numbers  #: angles θ of the bar, shape (n,)
+    compliance: Numbers  #: posterior mean of the compliance along the bar, shape (n,) [mm/N]
+    compliance_low: Numbers  #: lower ends of its credible intervals, shape (n,) [mm/N]
+    compliance_high: Numbers  #: upper ends of its credible intervals, shape (n,) [mm/N]
+    least: StatedValue  #: least stiffness along the bar on the circle, k_min
+    greatest: StatedValue  #: greatest stiffness along the bar on the circle, k_max
+    ratio: StatedValue  #: k_max / k_min
+    softest: AxialDirection  #: direction of the least stiffness
+    stiffest: AxialDirection  #: direction of the greatest stiffness
+    #: direction of the softer principal axis of the compliance tensor in the circle's centre
+    principal_axis: AxialDirection
+    cross_name: str  #: name of the cross compliance of the plane, such as C_XYX; empty without one
+    cross: StatedValue | None  #: cross compliance; None if the model has none in this plane
+    difference_name: str  #: name of the difference of the direct compliances of the plane's axes
+    difference: StatedValue  #: difference of the direct compliances of the plane's axes
+
+
+@dataclass(frozen=True)
+class PrincipalAxis(Result):
+    """One principal stiffness of a machine in space, and its direction."""
+
+    stiffness: StatedValue  #: stiffness along the axis
+    direction: tuple[float, float, float]  #: unit vector along X, Y and Z; its sign has no meaning
+    #: half angle of the cone about the direction that holds the credible probability [°]
+    cone_deg: float
+    is_determined: bool  #: whether the cone is narrower than 45°
+
+
+@dataclass(frozen=True)
+class PrincipalStiffness(Result):
+    """Principal stiffnesses of a machine tested in three planes, at one force of the bar.
+
+    They are the inverse eigenvalues of the compliance tensor in the centre of the first circle.
+    """
+
+    force_N: float  #: force of the bar
+    axes: tuple[PrincipalAxis, ...]  #: the three principal axes, softest first
+
+
+@dataclass(frozen=True)
+class DirectionalStiffness(Result):
+    """Stiffness by direction, for every plane and force; see `stiffness`.
+
+    Examples
+    --------
+    >>> result = lb.stiffness(posterior, [300.0])
+    >>> table = result.table()
+    >>> table["quantity"].to_list()[:3]
+    ['k_min', 'k_max', 'k_ratio']
+    """
+
+    prob: float  #: probability of the credible intervals
+    planes: tuple[PlaneStiffness, ...]  #: stiffness of every plane, at every force in turn
+    #: principal stiffnesses in space at every force; empty unless three planes were tested
+    principal: tuple[PrincipalStiffness, ...] = ()
+
+    def at(self, force_N: float) -> tuple[PlaneStiffness, ...]:
+        """Return the stiffness of every plane at one of the forces."""
+        return tuple(plane for plane in self.planes if plane.force_N == force_N)
+
+    def table(self) -> pd.DataFrame:
+        """Return all numbers as a table, one row per plane, force and quantity.
+
+        Columns are plane, force_N, quantity, unit, mean, sd, U_k2, median, ci_low, ci_high and
+        is_determined. Directions are in degrees.
+        """
+        rows = []
+        for plane in self.planes:
+            place = {"plane": plane.plane, "force_N": plane.force_N}
+            rows += [place | row for row in _rows_of_plane(plane)]
+        for principal in self.principal:
+            place = {"plane": "XYZ", "force_N": principal.force_N}
+            for k, axis in enumerate(principal.axes):
+                rows.append(place | _row_of_value(f"k_{k + 1}", axis.stiffness))
+        caption = f"Stiffness by direction, {100 * self.prob:g} % intervals"
+        return readable(pd.DataFrame(rows), caption)
+
+
+def _rows_of_plane(plane: PlaneStiffness) -> list[dict[str, object]]:
+    values = {"k_min": plane.least, "k_max": plane.greatest, "k_ratio": plane.ratio}
+    rows = [_row_of_value(name, value) for name, value in values.items()]
+    directions = {
+        "softest direction": plane.softest,
+        "stiffest direction": plane.stiffest,
+        "principal axis": plane.principal_axis,
+    }
+    rows += [_row_of_direction(name, direction) for name, direction in directions.items()]
+    if plane.cross is not None:
+        rows.append(_row_of_value(plane.cross_name, plane.cross))
+    rows.append(_row_of_value(plane.difference_name, plane.difference))
+    return rows
+
+
+def _row_of_value(name: str, value: StatedValue) -> dict[str, object]:
+    return {
+        "quantity": name,
+        "unit": value.unit,
+        "mean": value.mean,
+        "sd": value.sd,
+        "U_k2": value.U_k2,
+        "median": value.median,
+        "ci_low": value.ci_low,
+        "ci_high": value.ci_high,
+        "is_determined": not value.only_lower_limit,
+    }
+
+
+def _row_of_direction(name: str, direction: AxialDirection) -> dict[str, object]:
+    return {
+        "quantity": name,
+        "unit": "deg",
+        "mean": direction.angle_deg,
+        "sd": direction.sd_deg,
+        "U_k2": direction.U_deg,
+        "median": direction.angle_deg,
+        "ci_low": direction.ci_low_deg,
+        "ci_high": direction.ci_high_deg,
+        "is_determined": direction.is_determined,
+    }
+
+
+@one_blas_thread
+def stiffness(
+    posterior: xr.DataTree, forces_N: Sequence[float] = (), *, prob: float = 0.95
+) -> DirectionalStiffness:
+    """Return the stiffness by direction in every tested plane, with its uncertainty.
+
+    The compliance along the bar is c(θ; F) = j_C(θ)·C(F): the deflection along the bar at the angle
+    θ of the circle, divided by the bar's force F. It includes the slopes of the compliances and the
+    term `JointLoad`. The length of the bar cancels in all numbers; errors of the mount cancel in
+    the difference of two compliances, and errors of the force's gain in the ratio of stiffnesses.
+
+    Parameters
+    ----------
+    posterior : DataTree
+        Posterior from `sample`, `load` or `average`.
+    forces_N : sequence of float
+        Forces of the bar [N]. Default: the smallest force tested, the model's reference force and
+        the largest force tested.
+    prob : float
+        Probability of the equal-tailed credible intervals, between 0 and 1.
+
+    Returns
+    -------
+    DirectionalStiffness
+        For every plane and force: the compliance along the bar with its band, the least and the
+        greatest stiffness with their directions, their ratio, the direction of the softer principal
+        axis, the cross compliance, and the difference of the direct compliances. If three planes
+        were tested, also the principal stiffnesses in space. If the compliance along the bar is
+        hardly known in some directions, noise makes the least stiffness smaller and the greatest
+        larger; this excess is removed.
+
+    Raises
+    ------
+    InputError
+        For a force that is not positive, a probability that is not between 0 and 1, or a posterior
+        from `to_units`.
+
+    Examples
+    --------
+    >>> result = lb.stiffness(posterior)
+    >>> plane = result.planes[-1]  # at the largest force
+    >>> round(plane.least.mean / 1e3), round(plane.greatest.mean / 1e3)  # N/µm
+    (17, 24)
+    >>> plane.softest.is_determined
+    True
+    """
+    check_probability(prob)
+    bound = bound_of(posterior)
+    forces = _forces(bound, forces_N)
+    circles = [first_circle(bound, plane) for plane in bound.setting.planes]
+    draws = elastic_draws_of(posterior, circles, forces, _DRAWS)
+    planes = []
+    for k, r in enumerate(circles):
+        for f, force in enumerate(forces.tolist()):
+            compliances = draws.compliances[:, f]
+            curve = draws.per_force[:, k, f]
+            planes.append(_plane_stiffness(bound, r, force, curve, compliances, prob))
+    principal = []
+    if len(circles) == len(LINEAR):
+        for f, force in enumerate(forces.tolist()):
+            principal.append(_principal_stiffness(bound, force, draws.compliances[:, f], prob))
+    return DirectionalStiffness(prob, tuple(planes), tuple(principal))
+
+
+def stiffness_draws(posterior: xr.DataTree, force_N: float) -> dict[str, dict[str, Array]]:
+    """Return posterior draws of k_min, k_max and their ratio, by plane and quantity.
+
+    ``force_N`` is the force of the bar [N]. Each array has the shape (draws,), in the units of
+    `STIFFNESS_QUANTITIES`.
+    """
+    bound = bound_of(posterior)
+    forces = _forces(bound, [force_N])
+    circles = [first_circle(bound, plane) for plane in bound.setting.planes]
+    draws = elastic_draws_of(posterior, circles, forces, _DRAWS)
+    by_plane = {}
+    for k, plane in enumerate(bound.setting.planes):
+        extremes = extremes_of(draws.per_force[:, k, 0] @ basis(ANGLE_RAD).T)
+        by_plane[plane] = {
+            "k_min": _inverse(extremes.largest),
+            "k_max": _inverse(extremes.smallest),
+            "k_ratio": _ratio(extremes),
+        }
+    return by_plane
+
+
+def _forces(bound: BoundModel, forces_N: Sequence[float]) -> Array:
+    require(
+        not isinstance(forces_N, str),
+        f"forces_N must be a list of numbers, got the text {forces_N!r}. Write for example"
+        " [300.0].",
+    )
+    forces = np.array([float(force) for force in forces_N])
+    if not len(forces):
+        tested = bound.setting.force_N
+        reference = bound.setting.reference_force_N
+        forces = np.array([tested.min(), reference, tested.max()])
+        forces = distinct_forces(forces[forces > 0.0])
+    require(
+        bool((forces > 0.0).all() and np.isfinite(forces).all()),
+        f"forces_N must be positive, got {forces.min():g}. Stiffness is force over deflection.",
+    )
+    return forces
+
+
+def _plane_stiffness(
+    bound: BoundModel, r: int, force_N: float, curve: Array, compliances: Array, prob: float
+) -> PlaneStiffness:
+    """Return the stiffness in the plane of the test with index r, at one force.
+
+    ``curve``, shape (draws, 25), holds Fourier coefficients of the compliance along the bar, and
+    ``compliances``, shape (draws, compliances), the compliances themselves.
+    """
+    plane = str(bound.setting.plane[r])
+    extremes = extremes_of(curve @ basis(ANGLE_RAD).T)
+    angle_deg = np.arange(0, 360, _STEP_DEG)
+    along_bar = curve @ basis(np.deg2rad(angle_deg)).T
+    tail = 0.5 * (1.0 - prob)
+    band = np.quantile(along_bar, [tail, 1.0 - tail], axis=0)
+    tensor = _plane_tensor(bound, r, plane, compliances)
+    principal_rad = 0.5 * np.arctan2(2.0 * tensor.cross, tensor.first - tensor.second)
+    cross_name, cross = _cross(bound, plane, compliances, prob)
+    first = _direct_compliance(bound, plane[0], compliances)
+    second = _direct_compliance(bound, plane[1], compliances)
+    return PlaneStiffness(
+        plane=plane,
+        radius_mm=float(bound.setting.radius_mm[r]),
+        force_N=force_N,
+        angle_deg=angle_deg,
+        compliance=along_bar.mean(axis=0),
+        compliance_low=band[0],
+        compliance_high=band[1],
+        least=_stated_stiffness(extremes.largest, prob),
+        greatest=_stated_stiffness(extremes.smallest, prob),
+        ratio=_stated("1", _ratio(extremes), prob, _hardly_positive(extremes.smallest, prob)),
+        softest=_direction(ANGLE_RAD[extremes.index_of_largest], prob),
+        stiffest=_direction(ANGLE_RAD[extremes.index_of_smallest], prob),
+        principal_axis=_direction(principal_rad, prob),
+        cross_name=cross_name,
+        cross=cross,
+        difference_name=f"{first.name} − {second.name}",
+        difference=_stated("mm/N", first.draws - second.draws, prob),
+    )
+
+
+class _NamedDraws(NamedTuple):
+    name: str
+    draws: Array
+
+
+def _direct_compliance(bound: BoundModel, axis: str, compliances: Array) -> _NamedDraws:
+    """Return posterior draws of the direct compliance of an axis [mm/N]."""
+    for k, compliance in enumerate(bound.compliances):
+        if compliance.kind == "direct" and compliance.twist == axis:
+            return _NamedDraws(compliance.label, compliances[:, k])
+    raise LookupError(f"axis {axis} must have a direct compliance, got none")
+
+
+def _cross(
+    bound: BoundModel, plane: str, compliances: Array, prob: float
+) -> tuple[str, StatedValue | None]:
+    """Return the name of a plane's cross compliance, and the compliance itself.
+
+    A cross compliance is the deflection along one axis of the plane per force along the other.
+    """
+    for k, compliance in enumerate(bound.compliances):
+        if compliance.kind == "cross" and {compliance.twist, compliance.wrench} == set(plane):
+            return compliance.label, _stated("mm/N", compliances[:, k], prob)
+    return "", None
+
+
+class _Tensor(NamedTuple):
+    """Posterior draws of a plane's compliance tensor [mm/N], each of shape (draws,)."""
+
+    first: Array  #: element of the plane's first axis
+    second: Array  #: element of the plane's second axis
+    cross: Array  #: element that couples both axes
+
+
+def _plane_tensor(bound: BoundModel, r: int, plane: str, compliances: Array) -> _Tensor:
+    """Return the compliance tensor of a plane, in the centre of the circle with index r.
+
+    The compliance along a unit vector u in the centre is uᵀ S u. The tensor S follows from three
+    directions.
+    """
+    circle = bound.campaign.tests[r].circle
+    centre = replace(circle, radius_mm=_CENTRE_RADIUS_MM, plane=plane)
+    columns = compliance_jacobian(
+        bound.campaign.machine(), centre, _TENSOR_ANGLES_RAD, bound.compliances
+    )
+    first, second, between = (compliances @ columns.T).T
+    return _Tensor(first, second, between - 0.5 * (first + second))
+
+
+def _principal_stiffness(
+    bound: BoundModel, force_N: float, compliances: Array, prob: float
+) -> PrincipalStiffness:
+    """Return the principal stiffnesses in space, in the centre of the first circle."""
+    tensors = np.zeros((len(compliances), 3, 3))
+    for plane in bound.setting.planes:
+        tensor = _plane_tensor(bound, 0, plane, compliances)
+        i = LINEAR.index(plane[0])
+        j = LINEAR.index(plane[1])
+        tensors[:, i, i] = tensor.first
+        tensors[:, j, j] = tensor.second
+        tensors[:, i, j] = tensor.cross
+        tensors[:, j, i] = tensor.cross
+    values, vectors = np.linalg.eigh(tensors)
+    mean_values, mean_vectors = np.linalg.eigh(tensors.mean(axis=0))
+    axes = []
+    # Eigenvalues are sorted by size: the largest compliance is the last.
+    for k in (2, 1, 0):
+        eigenvalues = without_noise_excess(values[:, k], float(mean_values[k]))
+        direction = mean_vectors[:, k]
+        cosines = np.abs(vectors[:, :, k] @ direction)
+        cone_deg = float(np.degrees(np.quantile(np.arccos(np.minimum(cosines, 1.0)), prob)))
+        x, y, z = direction.tolist()
+        axes.append(
+            PrincipalAxis(
+                _stated_stiffness(eigenvalues, prob), (x, y, z), cone_deg, cone_deg < 45.0
+            )
+        )
+    return PrincipalStiffness(force_N, tuple(axes))
+
+
+def _stated_stiffness(compliance: Array, prob: float) -> StatedValue:
+    """Return the stiffness of a compliance with the given posterior draws [mm/N].
+
+    If the compliance may be nearly zero, only the lower end of the stiffness' interval counts.
+    """
+    return _stated("N/mm", _inverse(compliance), prob, _hardly_positive(compliance, prob))
+
+
+def _inverse(compliance: Array) -> Array:
+    return np.asarray(1.0 / _above_zero(compliance))
+
+
+def _ratio(extremes: CurveExtremes) -> Array:
+    """Return draws of the largest over the smallest compliance, none of them below one."""
+    return np.asarray(np.maximum(extremes.largest / _above_zero(extremes.smallest), 1.0))
+
+
+def _above_zero(compliance: Array) -> Array:
+    """Return draws of a compliance, those near or below zero raised to a share of the median.
+
+    If the median is not positive, the share is of the median size.
+    """
+    floor = _SMALLEST_SHARE * np.median(np.abs(compliance))
+    return np.maximum(compliance, max(floor, np.finfo(float).tiny))
+
+
+def _hardly_positive(compliance: Array, prob: float) -> bool:
+    low, median = np.quantile(compliance, [0.5 * (1.0 - prob), 0.5])
+    return bool(low <= _HARDLY_POSITIVE * median)
+
+
+def _stated(unit: str, draws: Array, prob: float, only_lower_limit: bool = False) -> StatedValue:
+    numbers = interval_numbers(draws, prob)
+    return StatedValue(
+        unit=unit,
+        mean=numbers["mean"],
+        sd=numbers["sd"],
+        U_k2=2.0 * numbers["sd"],
+        median=numbers["median"],
+        ci_low=numbers["ci_low"],
+        ci_high=numbers["ci_high"],
+        only_lower_limit=only_lower_limit,
+    )
+
+
+def _direction(angle_rad: Array, prob: float) -> AxialDirection:
+    """Return the mean of axial directions with its uncertainty, from posterior draws [rad]."""
+    resultant = np.exp(2j * angle_rad).mean()
+    mean_deg = float(np.degrees(0.5 * np.angle(resultant))) % 180.0
+    deviation_deg = (np.degrees(angle_rad) - mean_deg + 90.0) % 180.0 - 90.0
+    tail = 0.5 * (1.0 - prob)
+    low, high = np.quantile(deviation_deg, [tail, 1.0 - tail]).tolist()
+    sd_deg = float(np.sqrt(np.mean(deviation_deg**2)))
+    return AxialDirection(
+        angle_deg=mean_deg,
+        sd_deg=sd_deg,
+        U_deg=2.0 * sd_deg,
+        ci_low_deg=mean_deg + low,
+        ci_high_deg=mean_deg + high,
+        concentration=float(abs(resultant)),
+        is_determined=high - low < _WIDEST_DEG,
+    )

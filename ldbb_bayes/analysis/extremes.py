@@ -1,0 +1,57 @@
+"""Largest and smallest values of a curve that is known with an uncertainty.
+
+The largest value of a curve with noise is larger than that of the curve: in a peak-to-peak value,
+noise adds up and never cancels. The mean of the largest values of posterior draws is therefore too
+large by about as much as it exceeds the largest value of the mean curve. The smallest value is too
+small in the same way.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ldbb_bayes.results import Array
+
+__all__ = ["CurveExtremes", "extremes_of", "without_noise_excess"]
+
+
+@dataclass(frozen=True)
+class CurveExtremes:
+    """Posterior draws of the largest and the smallest value of a curve, without what noise adds."""
+
+    largest: Array  #: draws of the largest value, shape (draws,), in the unit of the curve
+    smallest: Array  #: draws of the smallest value, shape (draws,), in the unit of the curve
+    #: index of the point where the curve is largest, for each draw, shape (draws,)
+    index_of_largest: Array
+    #: index of the point where the curve is smallest, for each draw, shape (draws,)
+    index_of_smallest: Array
+
+    @property
+    def width(self) -> Array:
+        """Draws of the largest minus the smallest value, none of them negative, shape (draws,)."""
+        return np.maximum(self.largest - self.smallest, 0.0)
+
+
+def extremes_of(curves: Array) -> CurveExtremes:
+    """Return draws of the largest and the smallest value of a curve, without what noise adds.
+
+    ``curves``, shape (draws, points), are posterior draws of the curve.
+    """
+    mean_curve = curves.mean(axis=0)
+    return CurveExtremes(
+        largest=without_noise_excess(curves.max(axis=1), mean_curve.max()),
+        smallest=without_noise_excess(curves.min(axis=1), mean_curve.min()),
+        index_of_largest=curves.argmax(axis=1),
+        index_of_smallest=curves.argmin(axis=1),
+    )
+
+
+def without_noise_excess(values: Array, at_mean: float) -> Array:
+    """Return posterior draws of a quantity, shifted so that their mean is that of the mean curve.
+
+    ``values``, shape (draws,), are draws of a quantity such as the largest value of a curve, which
+    noise makes larger. ``at_mean`` is the same quantity of the posterior mean of the curve.
+    """
+    return np.asarray(values - (values.mean() - at_mean))
