@@ -13,6 +13,10 @@ to s alone; the shares sum to one (`Information.shares`). Unlike in the GUM, u²
 of the posterior draws, which includes the truncation and the uncertainty of φ. The shares are
 averages over values of φ from the posterior.
 
+In an average over models, the shares are those under every model, weighted with the probability of
+the model times the variance under it; the spread of the models' means is a source of its own, the
+choice between the models.
+
 Every source is measured here, stated or assumed (`origins`). Where what is not measured here holds
 most of the variance, the budget names the heaviest of that: no number of further circles would
 reduce it.
@@ -27,6 +31,8 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 
 from ldbb_bayes.analysis.origins import MAJORITY, Origin, is_prior_stated, origins
+from ldbb_bayes.analysis.variance_sources import MODEL_CHOICE
+from ldbb_bayes.inference.averaged_models import AveragedModel, averaged_models
 from ldbb_bayes.inference.posterior import bound_of, draws_of
 from ldbb_bayes.model.bound_information import information_of, informations_of
 from ldbb_bayes.model.hybrid import BoundModel
@@ -106,26 +112,74 @@ class Budget(Result):
         return ranked(shares, shares.__getitem__)[0]
 
 
-@dataclass(frozen=True)
-class _PosteriorVariance:
-    """The posterior variance of all p parameters, and the sources that it comes from.
+@dataclass(frozen=True, eq=False)
+class _ModelBudget:
+    """The posterior variance of the parameters under one model, and the sources that it comes from.
 
-    ``phi`` are the mean hyper-parameters, by name. ``covariance``, shape (m, m), is the posterior
-    covariance of all m coefficients (parameters and nuisances) at these hyper-parameters, in units
-    of the prior standard deviations. ``shares`` holds, by names of source and model term, the share
-    of the source in the variance of each parameter, shape (p,). ``variance_if_known`` holds, by
-    name of a model term, the variance that each parameter would have if the term were known
-    exactly, in units of the parameter's prior variance, shape (p,). ``origins`` holds the origin of
-    each source.
+    ``model`` is the model with its draws. ``variance``, shape (p,), is the variance of the model's
+    p parameters, in internal units. ``phi`` are the mean hyper-parameters, by name. ``covariance``,
+    shape (m, m), is the posterior covariance of all m coefficients (parameters and nuisances) at
+    these hyper-parameters, in units of the prior standard deviations. ``shares`` holds, by names of
+    source and model term, the share of the source in the variance of each parameter, shape (p,).
+    ``ratio_if_known`` holds, by name of a model term, the variance that each parameter would have
+    if the term were known exactly, divided by the one it has, shape (p,). ``origins`` holds the
+    origin of each source.
     """
 
-    bound: BoundModel
+    model: AveragedModel
     information: Information
+    variance: Array
     covariance: Array
     shares: Mapping[tuple[str, str], Array]
-    variance_if_known: Mapping[str, Array]
+    ratio_if_known: Mapping[str, Array]
     phi: Mapping[Any, float]
     origins: Mapping[tuple[str, str], Origin]
+
+    @property
+    def bound(self) -> BoundModel:
+        """The model, applied to its campaign."""
+        return self.model.bound
+
+
+@dataclass(frozen=True, eq=False)
+class _ParameterVariance:
+    """The variance of one parameter, averaged over models.
+
+    ``budgets`` are those of all models that have the parameter, ``rows`` its place among the
+    parameters of each, and ``weights`` the probability of each model times the variance under it.
+    ``spread`` is the variance of the parameter's mean over the models, None if there is one model.
+    """
+
+    budgets: Sequence[_ModelBudget]
+    rows: Sequence[int]
+    weights: Sequence[float]
+    spread: float | None
+
+    @property
+    def total(self) -> float:
+        """The averaged variance; one if it is zero, because shares are divided by it."""
+        return (sum(self.weights) + (self.spread or 0.0)) or 1.0
+
+
+class _SourceKey(NamedTuple):
+    """Names of a source and of its model term, and the origin of the source."""
+
+    source: str
+    term: str
+    origin: Origin
+
+
+@dataclass
+class _Portion:
+    """Share of a source in the variance of one parameter, and the model in which it is largest.
+
+    ``largest`` is the share from this model, ``row`` the parameter's place in it.
+    """
+
+    share: float
+    largest: float
+    budget: _ModelBudget
+    row: int
 
 
 class _NoiseSource(NamedTuple):
@@ -149,6 +203,10 @@ def budget_uncertainty(posterior: xr.DataTree) -> dict[str, Budget]:
     the uncertainty of the hyper-parameters (the scales of the noise and of other effects). The
     shares are averages over 16 draws of the hyper-parameters; what is measured here is decided at
     their mean.
+
+    In an average over models m with probabilities p_m, u² is Σ p_m (var_m + (mean_m − mean)²). The
+    shares under each model are weighted with p_m var_m, and the spread of the means is a source of
+    its own, ``ModelChoice``.
 
     Parameters
     ----------
@@ -178,24 +236,20 @@ def budget_uncertainty(posterior: xr.DataTree) -> dict[str, Budget]:
     1.0
     """
     bound = bound_of(posterior)
-    beta, phi = draws_of(posterior, bound)
-    mean_phi = phi.mean(axis=0)
-    information = information_of(bound, mean_phi)
-    scale = information.scale[information.interest]
-    covariance = np.atleast_2d(np.cov(beta.T)) / np.outer(scale, scale)
-    variance = _PosteriorVariance(
-        bound=bound,
-        information=information,
-        covariance=information.covariance(),
-        shares=_average_shares(bound, phi, covariance),
-        variance_if_known={term: information.variances([term]) for term in information.terms},
-        phi=dict(zip(bound.hyper_prior.names, mean_phi.tolist(), strict=True)),
-        origins=origins(bound, information),
-    )
+    models = averaged_models(posterior)
+    budgets_of_models = [_budget_of_model(model) for model in models]
+    beta, _ = draws_of(posterior, bound)
+    sd = beta.std(axis=0, ddof=1)
+    mean = beta.mean(axis=0)
+    spread = np.zeros(len(mean))
+    for model in models:
+        spread += model.probability * (model.mean - mean) ** 2
     budgets_by_name = ByName[Budget]()
     for i, parameter in enumerate(bound.parameters):
-        u = float(np.sqrt(covariance[i, i]) * scale[i])
-        contributions = _contributions(variance, i, u)
+        u = float(sd[i])
+        spread_of_models = float(spread[i]) if len(models) > 1 else None
+        variance = _variance_of_parameter(budgets_of_models, i, spread_of_models)
+        contributions = _contributions(variance, u)
         heaviest = _heaviest_term(contributions)
         budgets_by_name[parameter.name] = Budget(
             parameter=parameter.name,
@@ -203,20 +257,59 @@ def budget_uncertainty(posterior: xr.DataTree) -> dict[str, Budget]:
             u=u,
             contributions=contributions,
             heaviest=heaviest,
-            u_if_known=_uncertainty_if_known(variance, i, heaviest, u),
+            u_if_known=_uncertainty_if_known(variance, heaviest, u),
         )
     return budgets_by_name
 
 
+def _budget_of_model(model: AveragedModel) -> _ModelBudget:
+    """Return the variance of the parameters under one model, and its sources."""
+    bound = model.bound
+    phi = model.phi.mean(axis=0)
+    information = information_of(bound, phi)
+    interest = information.interest
+    scale = information.scale[interest]
+    drawn = np.atleast_2d(np.cov(model.beta[:, model.places].T, ddof=0))
+    covariance = information.covariance()
+    before = np.diag(covariance)[interest]
+    count = int(np.ceil(_MOST_AVERAGED * model.probability))
+    return _ModelBudget(
+        model=model,
+        information=information,
+        variance=np.diag(drawn),
+        covariance=covariance,
+        shares=_average_shares(bound, model.phi, drawn / np.outer(scale, scale), count),
+        ratio_if_known={term: information.variances([term]) / before for term in information.terms},
+        phi=dict(zip(bound.hyper_prior.names, phi.tolist(), strict=True)),
+        origins=origins(bound, information),
+    )
+
+
+def _variance_of_parameter(
+    budgets: Sequence[_ModelBudget], i: int, spread: float | None
+) -> _ParameterVariance:
+    """Return the variance of the parameter with index i of the average, under all models."""
+    with_parameter = []
+    rows = []
+    weights = []
+    for budget in budgets:
+        found = np.flatnonzero(budget.model.places == i)
+        for row in found.tolist():
+            with_parameter.append(budget)
+            rows.append(row)
+            weights.append(budget.model.probability * float(budget.variance[row]))
+    return _ParameterVariance(with_parameter, rows, weights, spread)
+
+
 def _average_shares(
-    bound: BoundModel, phi: Array, covariance: Array
+    bound: BoundModel, phi: Array, covariance: Array, count: int
 ) -> dict[tuple[str, str], Array]:
-    """Return the shares of all sources, averaged over draws of the hyper-parameters φ.
+    """Return the shares of all sources, averaged over ``count`` draws of the hyper-parameters φ.
 
     ``phi``, shape (draws, h), are posterior draws of φ; ``covariance`` is the matrix to be divided,
     see `Information.shares`. The keys are names of source and model term.
     """
-    count = min(_MOST_AVERAGED, len(phi))
+    count = min(count, len(phi))
     chosen = phi[np.linspace(0, len(phi) - 1, count).round().astype(int)]
     average: dict[tuple[str, str], Array] = {}
     for information in informations_of(bound, chosen):
@@ -225,65 +318,74 @@ def _average_shares(
     return average
 
 
-def _contributions(variance: _PosteriorVariance, i: int, u: float) -> tuple[Contribution, ...]:
+def _contributions(variance: _ParameterVariance, u: float) -> tuple[Contribution, ...]:
     """Return the lines of the budget of one parameter, the largest share of the variance first.
 
-    ``i`` is the index of the parameter, ``u`` its standard uncertainty; ``variance`` holds the
-    shares of all sources. Coefficients of one model term and origin with shares below 0.1 % have a
-    common line.
+    ``u`` is the parameter's standard uncertainty. Coefficients of one model term and origin with
+    shares below 0.1 % have a common line.
     """
     lines = []
     unlisted_shares: dict[tuple[str, Origin], float] = {}
-    for (source, term), shares in variance.shares.items():
-        share = float(shares[i])
-        origin = _origin_of(variance, i, source, term)
-        if source == term:
-            noise = _noise_source(variance.bound, term, variance.phi)
-            line = _contribution(source, term, noise.kind, origin, share, u, noise.u, noise.unit)
-            lines.append(line)
-        elif abs(share) < _LISTED_SHARE:
-            key = (term, origin)
-            unlisted_shares[key] = unlisted_shares.get(key, 0.0) + share
+    for key, portion in _portions(variance).items():
+        if key.source == key.term:
+            noise = _noise_source(portion.budget.bound, key.term, portion.budget.phi)
+            lines.append(_contribution(key, noise.kind, portion.share, u, noise.u, noise.unit))
+        elif abs(portion.share) < _LISTED_SHARE:
+            group = (key.term, key.origin)
+            unlisted_shares[group] = unlisted_shares.get(group, 0.0) + portion.share
         else:
-            lines.append(_coefficient_line(variance, i, source, term, share, u))
+            lines.append(_coefficient_line(key, portion, u))
+    if variance.spread is not None:
+        key = _SourceKey(MODEL_CHOICE, MODEL_CHOICE, Origin.MEASURED)
+        lines.append(_contribution(key, "A", variance.spread / variance.total, u))
     for (term, origin), share in unlisted_shares.items():
-        lines.append(_contribution(f"other {term}", term, "B", origin, share, u))
+        lines.append(_contribution(_SourceKey(f"other {term}", term, origin), "B", share, u))
     return tuple(ranked(lines, lambda line: line.share))
 
 
-def _origin_of(variance: _PosteriorVariance, i: int, source: str, term: str) -> Origin:
-    """Return the origin of a source in the budget of the parameter with index i."""
-    if term == OWN and is_prior_stated(variance.bound, variance.bound.names[i]):
+def _portions(variance: _ParameterVariance) -> dict[_SourceKey, _Portion]:
+    """Return the share of every source in the averaged variance of one parameter."""
+    portions: dict[_SourceKey, _Portion] = {}
+    for budget, row, weight in zip(variance.budgets, variance.rows, variance.weights, strict=True):
+        for (source, term), shares in budget.shares.items():
+            key = _SourceKey(source, term, _origin_of(budget, row, source, term))
+            share = weight / variance.total * float(shares[row])
+            portion = portions.setdefault(key, _Portion(0.0, -np.inf, budget, row))
+            portion.share += share
+            if share > portion.largest:
+                portion.largest = share
+                portion.budget = budget
+                portion.row = row
+    return portions
+
+
+def _origin_of(budget: _ModelBudget, row: int, source: str, term: str) -> Origin:
+    """Return the origin of a source in the budget of the parameter at ``row`` of a model."""
+    if term == OWN and is_prior_stated(budget.bound, budget.bound.names[row]):
         return Origin.STATED
-    return variance.origins[source, term]
+    return budget.origins[source, term]
 
 
-def _coefficient_line(
-    variance: _PosteriorVariance, i: int, source: str, term: str, share: float, u: float
-) -> Contribution:
-    """Return the line of one nuisance coefficient in the budget of the parameter with index i.
+def _coefficient_line(key: _SourceKey, portion: _Portion, u: float) -> Contribution:
+    """Return the line of one nuisance coefficient in the budget of a parameter.
 
-    ``source`` is the name of the coefficient and ``term`` that of its model term. ``share`` is the
-    share of the coefficient in the parameter's variance; ``u`` is the standard uncertainty of the
-    parameter.
+    Its standard uncertainty and the sign of its sensitivity are those in the model in which it has
+    the largest share. ``u`` is the standard uncertainty of the parameter.
     """
-    information = variance.information
-    row = information.interest[i]
-    column = information.names.index(source)
+    information = portion.budget.information
+    place = information.interest[portion.row]
+    column = information.names.index(key.source)
     # A nuisance larger than its prior mean shifts the parameter's estimate. The sign of this shift
     # is opposite to that of the posterior covariance of nuisance and parameter.
-    sign = -float(np.sign(variance.covariance[row, column]))
+    sign = -float(np.sign(portion.budget.covariance[place, column]))
     source_u = float(information.scale[column])
-    unit = Term.owner(source).unit_of(source).inside
-    origin = variance.origins[source, term]
-    return _contribution(source, term, "B", origin, share, u, source_u, unit, sign)
+    unit = Term.owner(key.source).unit_of(key.source).inside
+    return _contribution(key, "B", portion.share, u, source_u, unit, sign)
 
 
 def _contribution(
-    source: str,
-    term: str,
+    key: _SourceKey,
     kind: Kind,
-    origin: Origin,
     share: float,
     u: float,
     source_u: float | None = None,
@@ -294,7 +396,6 @@ def _contribution(
 
     ``u`` is the standard uncertainty of the parameter, ``source_u`` that of the source in ``unit``,
     or None if the source has no single one. ``kind`` is the type of evaluation, A or B of the GUM.
-    ``origin`` is where the size of the source comes from.
     ``sign`` is the sign of the sensitivity.
     """
     contribution = float(np.sqrt(max(share, 0.0))) * u
@@ -302,10 +403,10 @@ def _contribution(
     if source_u is not None:
         sensitivity = sign * contribution / source_u
     return Contribution(
-        source=source,
-        term=term,
+        source=key.source,
+        term=key.term,
         kind=kind,
-        origin=origin,
+        origin=key.origin,
         u=source_u,
         unit=unit,
         sensitivity=sensitivity,
@@ -355,17 +456,20 @@ def _heaviest_term(contributions: Sequence[Contribution]) -> str:
     return ranked(candidates, candidates.__getitem__)[0]
 
 
-def _uncertainty_if_known(
-    variance: _PosteriorVariance, i: int, term: str, u: float
-) -> float | None:
+def _uncertainty_if_known(variance: _ParameterVariance, term: str, u: float) -> float | None:
     """Return the standard uncertainty that a parameter would have if a term were known exactly.
 
-    ``i`` is the index of the parameter, ``term`` the name of the model term, and ``u`` the present
-    standard uncertainty of the parameter. Return None if the term cannot be known, such as noise of
-    the readings.
+    ``term`` is the name of the model term, and ``u`` the present standard uncertainty of the
+    parameter. Return None if the term cannot be known, such as noise of the readings.
     """
-    if term not in variance.variance_if_known:
+    remaining = variance.spread or 0.0
+    can_be_known = False
+    for budget, row, weight in zip(variance.budgets, variance.rows, variance.weights, strict=True):
+        ratio = 1.0
+        if term in budget.ratio_if_known:
+            ratio = float(budget.ratio_if_known[term][row])
+            can_be_known = True
+        remaining += weight * ratio
+    if not can_be_known:
         return None
-    row = variance.information.interest[i]
-    remaining = variance.variance_if_known[term][i] / variance.covariance[row, row]
-    return u * float(np.sqrt(remaining))
+    return u * float(np.sqrt(remaining / variance.total))

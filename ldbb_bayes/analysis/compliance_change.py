@@ -19,6 +19,9 @@ from ldbb_bayes.results import Array, ByName, Result
 
 __all__ = ["ChangeWithForce", "DrawnValue", "change_with_force"]
 
+# Probabilities are shares of draws; a difference of theirs is rounded to this many decimals.
+_DECIMALS_OF_PROBABILITY = 12
+
 
 @dataclass(frozen=True)
 class DrawnValue(Result):
@@ -68,6 +71,16 @@ class ChangeWithForce(Result):
     #: probability that the change is negative; together with the former below one if some of the
     #: models averaged over have no change
     probability_of_decrease: float
+
+    @property
+    def probability_of_no_change(self) -> float:
+        """Probability that there is exactly no change.
+
+        It is that of those models of an average in which the compliance is constant; of a single
+        model it is zero.
+        """
+        remaining = 1.0 - self.probability_of_increase - self.probability_of_decrease
+        return max(round(remaining, _DECIMALS_OF_PROBABILITY), 0.0)
 
 
 @one_blas_thread

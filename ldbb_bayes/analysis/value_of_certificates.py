@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,8 @@ from ldbb_bayes.results import Array
 
 __all__ = [
     "CERTIFICATES",
+    "Moments",
+    "averaged_moments",
     "missing_certificates",
     "uncertainty_with",
     "worth_of_certificates",
@@ -72,6 +74,55 @@ def uncertainty_with(bound: BoundModel, instrument: Instrument, weight: Array, p
     return np.asarray(np.sqrt(weight @ (given.sd**2 + error_of_mean**2)))
 
 
+class Moments(NamedTuple):
+    """Posterior means and standard deviations of q quantities, shape (q,) each."""
+
+    mean: Array
+    sd: Array
+
+
+def averaged_moments(bound: BoundModel, combinations: Array, weight: Array, phi: Array) -> Moments:
+    """Return mean and standard uncertainty of combinations of coefficients, averaged over φ.
+
+    As in `uncertainty_with`, the variance is the mean variance given the hyper-parameters φ plus
+    the variance of the mean given φ.
+
+    Parameters
+    ----------
+    bound
+        Model bound to a campaign or plan.
+    combinations
+        Weights of the m coefficients in q combinations, shape (q, m). The coefficients, in their
+        internal units, have the order of `Information.names`: the parameters, then the nuisance
+        coefficients that all tests share.
+    weight, phi
+        Weights, shape (w,), and values, shape (w, h) [mm], of the hyper-parameters.
+    """
+    sample = _few_values(weight, phi)
+    number = len(bound.names)
+    # The parameters are the last of the coefficients in the density.
+    rows = np.concatenate([combinations[:, number:], combinations[:, :number]], axis=1)
+    density = bound.collapsed.conditional(sample.phi)[1]
+    mean = density.mean @ rows.T + combinations[:, :number] @ bound.centre
+    variance = np.sum(density.spread(rows) ** 2, axis=2)
+    average = sample.weight @ mean
+    return Moments(average, np.sqrt(sample.weight @ (variance + (mean - average) ** 2)))
+
+
+class _ScaleValues(NamedTuple):
+    """Weights (w,) and values (w, h) of the hyper-parameters over which is averaged."""
+
+    weight: Array
+    phi: Array
+
+
+def _few_values(weight: Array, phi: Array) -> _ScaleValues:
+    """Return values of the hyper-parameters with their weights, no more than 1024 of them."""
+    if len(weight) <= _MOST_VALUES:
+        return _ScaleValues(weight, phi)
+    return _ScaleValues(np.full(_MOST_VALUES, 1.0 / _MOST_VALUES), phi[_systematic_sample(weight)])
+
+
 def worth_of_certificates(
     bound: BoundModel, weight: Array, phi: Array
 ) -> dict[str, dict[str, float]]:
@@ -99,9 +150,7 @@ def worth_of_certificates(
     """
     missing = missing_certificates(bound.campaign.instrument)
     cases: dict[str, Mapping[str, Any]] = {"none of these": {}, **missing}
-    if len(weight) > _MOST_VALUES:
-        phi = phi[_systematic_sample(weight)]
-        weight = np.full(_MOST_VALUES, 1.0 / _MOST_VALUES)
+    sample = _few_values(weight, phi)
     if len(missing) > 1:
         all_statements: dict[str, Any] = {}
         for statements in missing.values():
@@ -110,7 +159,7 @@ def worth_of_certificates(
     uncertainties = {}
     for case, statements in cases.items():
         instrument = replace(bound.campaign.instrument, **statements)
-        sd = uncertainty_with(bound, instrument, weight, phi)
+        sd = uncertainty_with(bound, instrument, sample.weight, sample.phi)
         uncertainties[case] = dict(zip(bound.names, sd.tolist(), strict=True))
     return uncertainties
 

@@ -7,10 +7,15 @@ variance of a parameter (`Information.shares`; they sum to one), and an origin: 
 stated or assumed (`origins`). A parameter whose variance is held by an effect that nobody measured
 or stated is confounded with it.
 
-Everything is computed for the linear Gaussian model, in which compliances may be negative, at one
-value of the hyper-parameters φ (the scales of the noise and of other effects). For a campaign with
-readings, this value is the posterior mean of φ; for a plan, which can thus be judged before it is
-run, it is the prior median. Only the benefit of certificates is averaged over p(φ | y).
+Shares, origins and degeneracies are computed for the linear Gaussian model, in which compliances
+may be negative, at one value of the hyper-parameters φ (the scales of the noise and of other
+effects). For a campaign with readings, this value is the posterior mean of φ; for a plan, which can
+thus be judged before it is run, it is the prior median. Every standard uncertainty that is stated
+is averaged over p(φ | y), and so is the benefit of certificates: its square is the mean variance
+given φ plus the variance of the mean given φ. That of a posterior is the one of its draws.
+
+In an average over models, shares and uncertainties are averaged with the probabilities of the
+models (`variance_sources`), and the same rules give the verdicts.
 """
 
 from __future__ import annotations
@@ -27,12 +32,21 @@ from pydantic import Field
 from ldbb_bayes.analysis.aliases import Degeneracy, degeneracies
 from ldbb_bayes.analysis.cures import Cure, cures
 from ldbb_bayes.analysis.curve_changes import CurveChange, curve_changes
-from ldbb_bayes.analysis.origins import MAJORITY, Origin, edition_terms, is_prior_stated, origins
+from ldbb_bayes.analysis.origins import MAJORITY, Origin, edition_terms
 from ldbb_bayes.analysis.remedies import Remedy, remedies
-from ldbb_bayes.analysis.value_of_certificates import worth_of_certificates
+from ldbb_bayes.analysis.value_of_certificates import averaged_moments, worth_of_certificates
+from ldbb_bayes.analysis.variance_sources import (
+    AveragedVariance,
+    ModelVariance,
+    VarianceSource,
+    sources_of,
+    weights_of_parameters,
+)
 from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.inference.averaged_models import AveragedModel, averaged_models
+from ldbb_bayes.inference.coefficients import compliance_curves
 from ldbb_bayes.inference.nodes import HyperPosterior
-from ldbb_bayes.inference.posterior import bound_of, draws_of
+from ldbb_bayes.inference.posterior import bound_of
 from ldbb_bayes.model.bound_information import information_of
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel, require_model
 from ldbb_bayes.model.information import Information
@@ -40,7 +54,6 @@ from ldbb_bayes.model.linear_algebra import minimum_norm_solution
 from ldbb_bayes.model.terms.columns import OWN
 from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array, ByRow, Finite, Number, Result
-from ldbb_bayes.units import ranked
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -50,19 +63,19 @@ __all__ = [
     "SAME_COMBINATION",
     "ChangeIdentifiability",
     "Identifiability",
+    "JudgedQuantities",
     "ParameterIdentifiability",
     "SampledSd",
-    "SourcesOfVariance",
-    "VarianceSource",
     "Verdict",
+    "confounded_in",
     "confounded_parameters",
     "hyper_parameter_nodes",
     "identify",
     "judge",
     "judge_parameters",
     "judge_posterior",
+    "judge_quantities",
     "not_modelled",
-    "sources_of",
     "variance_share_removed",
 ]
 
@@ -110,19 +123,6 @@ class Verdict(StrEnum):
     IDENTIFIED = "identified"
     PRIOR_LIMITED = "prior-limited"
     CONFOUNDED = "confounded"
-
-
-@dataclass(frozen=True)
-class VarianceSource(Result):
-    """A source of the uncertainty of one parameter, with its share of the variance.
-
-    ``name`` is the class name of a model term, such as ``Mount``, ``ReadingNoise``, the name of
-    another parameter (its prior), or ``Parameters`` for the prior of the parameter itself.
-    """
-
-    name: str
-    origin: Origin  #: where its size comes from: measured here, stated or assumed
-    share: float  #: share of the source in the parameter's variance
 
 
 @dataclass(frozen=True, eq=False)
@@ -259,7 +259,7 @@ class SampledSd(NamedTuple):
     """Prior and posterior standard deviations of all p parameters, shape (p,) each.
 
     The standard deviations are those of random draws or, if there are no draws, of the linear
-    Gaussian model.
+    Gaussian model, averaged over the hyper-parameters or given them.
     """
 
     prior: Array
@@ -273,8 +273,9 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
     Each parameter is identified, prior-limited (the readings hardly narrow its prior) or confounded
     (an effect that nobody measured holds most of its variance). No readings are needed, so that a
     plan can be judged before it is run. All is computed for the linear Gaussian model, in which
-    compliances may be negative. The hyper-parameters (the scales of the noise and of other effects)
-    have their posterior mean or, for a plan, their prior median.
+    compliances may be negative. Shares of the variance are those at the posterior mean of the
+    hyper-parameters (the scales of the noise and of other effects) or, for a plan, at their prior
+    median; standard uncertainties are averaged over the hyper-parameters.
 
     Parameters
     ----------
@@ -306,9 +307,6 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
     bound = model.bind(campaign)
     weight, nodes = hyper_parameter_nodes(bound)
     phi = weight @ nodes
-    mean = bound.prior_mean
-    if not campaign.is_plan:
-        mean = bound.given(phi[None])[1].mean[0]
     information = information_of(bound, phi)
     combinations = degeneracies(bound)
     effective_parameters = float(len(bound.names))
@@ -316,14 +314,18 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
     if not information.flat:
         effective_parameters -= float(information.variances().sum())
         certificates = worth_of_certificates(bound, weight, nodes)
-    parameters = judge_parameters(bound, information, mean)
-    changes = _judge_changes(bound, information)
-    found = _remedies_of(bound, phi, parameters, changes)
+    changes = curve_changes(bound, information)
+    variance = _averaged_over_scales(bound, information, changes, weight, nodes)
+    prior_sd = np.array([parameter.prior_sd for parameter in bound.parameters])
+    posterior_sd = variance.models[0].sd[: variance.number]
+    parameters = _judge_average(variance, bound, SampledSd(prior_sd, posterior_sd))
+    changes_judged = _judge_changes(variance, changes, _prior_sd_of_changes(information, changes))
+    found = _remedies_of(bound, phi, parameters, changes_judged)
     return Identifiability(
         parameters={name: replace(entry, remedy=found[name]) for name, entry in parameters.items()},
         changes={
             name: replace(entry, remedy=found[f"change of {name}"])
-            for name, entry in changes.items()
+            for name, entry in changes_judged.items()
         },
         degeneracies=combinations,
         cures=cures(bound, combinations),
@@ -337,6 +339,42 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
     )
 
 
+def _averaged_over_scales(
+    bound: BoundModel,
+    information: Information,
+    changes: Mapping[str, CurveChange],
+    weight: Array,
+    phi: Array,
+) -> AveragedVariance:
+    """Return the variance of all parameters and changes with force of one model, and its sources.
+
+    The sources are those at the mean of the hyper-parameters, the uncertainties are averaged over
+    their values ``phi``, shape (w, h), with the weights ``weight``, shape (w,).
+    """
+    weights = _weights_of_quantities(information, changes)
+    moments = averaged_moments(bound, weights / information.scale, weight, phi)
+    mean = moments.mean
+    if bound.campaign.is_plan:
+        prior_mean = np.zeros(len(information.names))
+        prior_mean[information.interest] = bound.prior_mean / bound.scale
+        mean = weights @ prior_mean
+    model = ModelVariance(1.0, bound, information, weights, mean, moments.sd)
+    return AveragedVariance((model,), len(bound.names))
+
+
+def _weights_of_quantities(information: Information, changes: Mapping[str, CurveChange]) -> Array:
+    """Return all parameters, then all changes, per prior sd of the m coefficients, (q, m)."""
+    rows = [change.weights for change in changes.values()]
+    return np.concatenate([weights_of_parameters(information), *(row[None] for row in rows)])
+
+
+def _prior_sd_of_changes(information: Information, changes: Mapping[str, CurveChange]) -> Array:
+    """Return the prior standard deviations of changes with force; infinite for a flat prior."""
+    if information.flat:
+        return np.full(len(changes), np.inf)
+    return np.array([float(np.linalg.norm(change.weights)) for change in changes.values()])
+
+
 @one_blas_thread
 def judge_posterior(posterior: xr.DataTree) -> dict[str, ParameterIdentifiability]:
     """Return the verdict on every parameter of a posterior.
@@ -344,6 +382,11 @@ def judge_posterior(posterior: xr.DataTree) -> dict[str, ParameterIdentifiabilit
     Each parameter is identified, prior-limited (the readings hardly narrow its prior) or confounded
     (an effect that nobody measured holds most of its variance). Cures are not looked for; use
     `identify` for them.
+
+    In an average over models m with probabilities p_m, the variance of a parameter is
+    Σ p_m (var_m + (mean_m − mean)²). Each source has the share that it has in var_m, weighted with
+    p_m var_m, and the spread of the means is a source of its own, ``ModelChoice``. The verdict is
+    the one on these shares.
 
     Parameters
     ----------
@@ -354,8 +397,8 @@ def judge_posterior(posterior: xr.DataTree) -> dict[str, ParameterIdentifiabilit
     -------
     dict of str to ParameterIdentifiability
         Verdict on each parameter by name, computed at the posterior mean of the hyper-parameters
-        (the scales of the noise and of other effects); mean, sd and contraction are those of the
-        posterior draws.
+        (the scales of the noise and of other effects) under each model; mean, sd and contraction
+        are those of the posterior draws.
 
     Raises
     ------
@@ -371,17 +414,97 @@ def judge_posterior(posterior: xr.DataTree) -> dict[str, ParameterIdentifiabilit
     'prior-limited'
     """
     bound = bound_of(posterior)
-    beta, phi = draws_of(posterior, bound)
+    models = averaged_models(posterior)
+    variance = AveragedVariance(
+        tuple(_variance_of_model(model, {}) for model in models), len(bound.names)
+    )
+    return _judge_average(variance, bound, _sampled_sd(posterior, bound, variance))
+
+
+class JudgedQuantities(NamedTuple):
+    """Verdicts on all parameters, and on all changes of compliances with force, by name."""
+
+    parameters: dict[str, ParameterIdentifiability]
+    changes: dict[str, ChangeIdentifiability]
+
+
+@one_blas_thread
+def judge_quantities(posterior: xr.DataTree) -> JudgedQuantities:
+    """Return the verdicts on the parameters of a posterior, and on the changes with force.
+
+    The verdicts on the parameters are those of `judge_posterior`. Those on the changes C(F_max) −
+    C(F_min) follow by the same rules from posterior draws of the curves C(F). In an average, the
+    prior variance of a change is the mean of those under all models that have draws.
+    """
+    bound = bound_of(posterior)
+    models = averaged_models(posterior)
+    # The model with all parameters has every change, and says on which slopes it depends.
+    phi = np.concatenate([model.phi for model in models]).mean(axis=0)
+    all_changes = curve_changes(bound, information_of(bound, phi))
+    variances = [_variance_of_model(model, all_changes) for model in models]
+    variance = AveragedVariance(tuple(variances), len(bound.names))
+    prior_variance = np.zeros(len(all_changes))
+    for model_variance in variances:
+        weights = model_variance.weights[variance.number :]
+        prior_variance += np.sum(weights**2, axis=1) / len(variances)
+    if bound.model.prior.flat:
+        prior_variance = np.full(len(all_changes), np.inf)
+    return JudgedQuantities(
+        _judge_average(variance, bound, _sampled_sd(posterior, bound, variance)),
+        _judge_changes(variance, all_changes, np.sqrt(prior_variance)),
+    )
+
+
+def _variance_of_model(model: AveragedModel, changes: Mapping[str, CurveChange]) -> ModelVariance:
+    """Return the variance of all parameters, then of changes with force, under one model.
+
+    ``changes`` are those of all models together, by name of the compliance. A change that the model
+    lacks has no variance.
+    """
+    bound = model.bound
+    information = information_of(bound, model.phi.mean(axis=0))
+    number = model.beta.shape[1]
+    weights = np.zeros((number + len(changes), len(information.names)))
+    weights[model.places] = weights_of_parameters(information)
+    mean = [model.mean]
+    sd = [model.sd]
+    if changes:
+        changes_of_model = curve_changes(bound, information)
+        for k, name in enumerate(changes):
+            if name in changes_of_model:
+                weights[number + k] = changes_of_model[name].weights
+        drawn = _drawn_changes(model, list(changes))
+        mean.append(drawn.mean(axis=0))
+        sd.append(drawn.std(axis=0))
+    return ModelVariance(
+        probability=model.probability,
+        bound=bound,
+        information=information,
+        weights=weights,
+        mean=np.concatenate(mean),
+        sd=np.concatenate(sd),
+    )
+
+
+def _drawn_changes(model: AveragedModel, names: Sequence[str]) -> Array:
+    """Return draws of the changes C(F_max) − C(F_min) of compliances, shape (draws, names)."""
+    bound = model.bound
+    tested_N = bound.setting.force_N
+    ends_N = np.array([tested_N.min(), tested_N.max()])
+    beta = model.beta[:, model.places]
+    curves = compliance_curves(bound, model.phi, beta, ends_N, np.random.default_rng(0))
+    labels = [compliance.label for compliance in bound.compliances]
+    places = [labels.index(name) for name in names]
+    return np.asarray(curves[:, 1, places] - curves[:, 0, places])
+
+
+def _sampled_sd(posterior: xr.DataTree, bound: BoundModel, variance: AveragedVariance) -> SampledSd:
+    """Return prior and posterior standard deviations of the parameters' random draws."""
     prior_sd = np.full(len(bound.names), np.inf)
     for j, name in enumerate(bound.names):
         if np.isfinite(bound.prior_sd[j]):
             prior_sd[j] = float(posterior["prior"][name].std())
-    return judge_parameters(
-        bound,
-        information_of(bound, phi.mean(axis=0)),
-        beta.mean(axis=0),
-        SampledSd(prior_sd, beta.std(axis=0)),
-    )
+    return SampledSd(prior_sd, np.sqrt(variance.variance[: variance.number]))
 
 
 def confounded_parameters(bound: BoundModel, phi: Array) -> dict[str, tuple[str, ...]]:
@@ -399,6 +522,24 @@ def confounded_parameters(bound: BoundModel, phi: Array) -> dict[str, tuple[str,
     """
     confounded = {}
     for name, (sources, likeness) in sources_of(bound, information_of(bound, phi)).items():
+        partners = _confounding_sources(sources, likeness)
+        if partners:
+            confounded[name] = tuple(_shares_by_name(partners))
+    return confounded
+
+
+def confounded_in(posterior: xr.DataTree) -> dict[str, tuple[str, ...]]:
+    """Return the effects with which each confounded parameter of a posterior is confounded.
+
+    Parameters that are not confounded are left out. The effects are those of the verdicts of
+    `judge_posterior`, averaged where the posterior is; finding them alone takes less time.
+    """
+    names = bound_of(posterior).names
+    variances = [_variance_of_model(model, {}) for model in averaged_models(posterior)]
+    variance = AveragedVariance(tuple(variances), len(names))
+    confounded = {}
+    for i, name in enumerate(names):
+        sources, likeness = variance.sources(i, (name,))
         partners = _confounding_sources(sources, likeness)
         if partners:
             confounded[name] = tuple(_shares_by_name(partners))
@@ -493,137 +634,6 @@ def _confounding_sources(
     return ()
 
 
-class SourcesOfVariance(NamedTuple):
-    """Sources of the variance of one parameter.
-
-    ``sources`` are all sources, the largest share first. ``likeness`` is how alike the errors of
-    all parameters are that two assumed sources cause with an error of this parameter: the square of
-    the cosine of the angle between them, by names of the sources.
-    """
-
-    sources: tuple[VarianceSource, ...]
-    likeness: dict[tuple[str, str], float]
-
-
-def sources_of(bound: BoundModel, information: Information) -> dict[str, SourcesOfVariance]:
-    """Return all sources of the variance of every parameter, the largest share first.
-
-    A model term whose coefficients have several origins is one source for each of them. The prior
-    of the parameter itself and those of the other parameters are sources of their own.
-
-    Parameters
-    ----------
-    bound
-        Model bound to a campaign or plan.
-    information
-        Information of the bound model, given the hyper-parameters.
-    """
-    weights = np.eye(len(information.names))[information.interest]
-    errors = _errors_by_source(bound, information, weights)
-    sources = {}
-    for i, name in enumerate(bound.names):
-        sources[name] = _sources_of_quantity(errors, i, len(bound.names), (name,))
-    return sources
-
-
-def _sources_of_changes(
-    bound: BoundModel, information: Information, changes: Mapping[str, CurveChange]
-) -> dict[str, SourcesOfVariance]:
-    """Return all sources of the variance of every change with force, the largest share first.
-
-    The priors of the compliance's slopes are the change's own prior.
-    """
-    weights = np.eye(len(information.names))[information.interest]
-    for change in changes.values():
-        weights = np.concatenate([weights, change.weights[None]])
-    errors = _errors_by_source(bound, information, weights)
-    number = len(bound.names)
-    sources = {}
-    for k, (name, change) in enumerate(changes.items()):
-        sources[name] = _sources_of_quantity(errors, number + k, number, change.slopes)
-    return sources
-
-
-def _sources_of_quantity(
-    errors: Mapping[tuple[str, Origin], Array], i: int, number: int, own: Sequence[str]
-) -> SourcesOfVariance:
-    """Return the sources of the variance of one quantity, the largest share first.
-
-    Parameters
-    ----------
-    errors
-        Covariances of the errors of all quantities by source and origin, see `_errors_by_source`.
-    i
-        Place of the quantity among them.
-    number
-        Number p of parameters, which are the first of the quantities.
-    own
-        Names of the parameters whose priors are the quantity's own prior.
-    """
-    total = sum(errors.values(), np.zeros(()))
-    variance = np.diag(total)
-    sd = np.sqrt(np.where(variance > 0.0, variance, 1.0))
-    shares: dict[tuple[str, Origin], float] = {}
-    patterns: dict[str, Array] = {}
-    for (source, origin), covariance in errors.items():
-        label = OWN if source in own else source
-        share = float(covariance[i, i] / sd[i] ** 2)
-        shares[label, origin] = shares.get((label, origin), 0.0) + share
-        if origin == Origin.ASSUMED:
-            pattern = covariance[:number, i] / sd[:number]
-            patterns[label] = patterns.get(label, 0.0) + pattern
-    entries = []
-    for (label, origin), share in shares.items():
-        entries.append(VarianceSource(label, origin, share))
-    ordered = ranked(entries, lambda source: source.share)
-    return SourcesOfVariance(tuple(ordered), _likeness(patterns))
-
-
-def _errors_by_source(
-    bound: BoundModel, information: Information, weights: Array
-) -> dict[tuple[str, Origin], Array]:
-    """Return the covariance (q, q) of the errors of q quantities due to every source and origin.
-
-    The name of a source is that of a model term, or that of the parameter whose prior it is.
-    ``weights``, shape (q, m), are those of the m coefficients in the quantities.
-    """
-    origin_of = origins(bound, information)
-    errors: dict[tuple[str, Origin], Array] = {}
-    for key, covariance in information.error_covariances(weights).items():
-        term = key[1]
-        if term != OWN:
-            source = (term, origin_of[key])
-            errors[source] = errors.get(source, 0.0) + covariance
-    if information.flat:
-        return errors
-    total = weights @ information.covariance()[:, information.interest]
-    for j, name in enumerate(bound.names):
-        origin = Origin.ASSUMED
-        if is_prior_stated(bound, name):
-            origin = Origin.STATED
-        errors[name, origin] = np.outer(total[:, j], total[:, j])
-    return errors
-
-
-def _likeness(patterns: Mapping[str, Array]) -> dict[tuple[str, str], float]:
-    """Return the squared cosine of the angle between every two patterns of errors, by names.
-
-    A pattern, shape (p,), are the errors of all parameters that come with an error of one parameter
-    from one source. The likeness of a pattern that is zero is zero.
-    """
-    if not patterns:
-        return {}
-    stacked = np.stack(list(patterns.values()))
-    length = np.linalg.norm(stacked, axis=1, keepdims=True)
-    unit = stacked / np.where(length > 0.0, length, 1.0)
-    cosine = (unit @ unit.T).tolist()
-    likeness = {}
-    for first, row in zip(patterns, cosine, strict=True):
-        for second, value in zip(patterns, row, strict=True):
-            likeness[first, second] = value**2
-    return likeness
-
-
 def judge_parameters(
     bound: BoundModel,
     information: Information,
@@ -642,7 +652,8 @@ def judge_parameters(
         Mean of the p parameters, shape (p,), in internal units (mm, N, rad).
     sampled_sd
         Prior and posterior standard deviations from random draws, under the condition that no
-        compliance is negative. Default: those of the linear Gaussian model.
+        compliance is negative, or averaged over the hyper-parameters. Default: those of the linear
+        Gaussian model, given the hyper-parameters.
 
     Returns
     -------
@@ -651,70 +662,82 @@ def judge_parameters(
     """
     if sampled_sd is None:
         sampled_sd = _gaussian_sd(bound, information)
-    removed_shares = {
-        term: variance_share_removed(information, [term]) for term in information.terms
-    }
-    contributions = information.contributions()
-    sources = sources_of(bound, information)
-    origin_of = origins(bound, information)
+    weights = weights_of_parameters(information)
+    model = ModelVariance(1.0, bound, information, weights, mean, sampled_sd.posterior)
+    return _judge_average(AveragedVariance((model,), len(mean)), bound, sampled_sd)
+
+
+def _judge_average(
+    variance: AveragedVariance, bound: BoundModel, sampled_sd: SampledSd
+) -> dict[str, ParameterIdentifiability]:
+    """Return the verdict on every parameter of one model, or of an average over models.
+
+    ``bound`` is the model with all parameters. ``variance`` is that of the parameters under each
+    model.
+    """
     entries = {}
     for i, parameter in enumerate(bound.parameters):
         name = parameter.name
         variance_ratio = float(sampled_sd.posterior[i] / sampled_sd.prior[i]) ** 2
         contraction = 1.0 - variance_ratio
-        judgement = judge(sources[name].sources, contraction, sources[name].likeness)
+        sources = variance.sources(i, (name,))
+        judgement = judge(sources.sources, contraction, sources.likeness)
         partner_shares = _shares_by_name(judgement.partners)
-        sd = float(sampled_sd.posterior[i])
+        sd_if_known = None
+        if partner_shares:
+            sd_if_known = float(variance.sd_without_assumed(tuple(partner_shares))[i])
         entry = ParameterIdentifiability(
             name=name,
             verdict=judgement.verdict,
-            held_by=sources[name].sources[0],
+            held_by=sources.sources[0],
             partners=tuple(partner_shares),
             partner_shares=partner_shares,
-            sd_if_known=_sd_if_known(information, origin_of, tuple(partner_shares), i, sd),
+            sd_if_known=sd_if_known,
             remedy=None,
             unit=parameter.unit,
             prior_mean=parameter.prior_mean,
             prior_sd=float(sampled_sd.prior[i]),
-            mean=float(mean[i]),
-            sd=sd,
+            mean=float(variance.mean[i]),
+            sd=float(sampled_sd.posterior[i]),
             contraction=contraction,
             information_gain=_information_gain(variance_ratio),
-            confounding={term: float(share[i]) for term, share in removed_shares.items()},
-            shares={source: float(share[i]) for source, share in contributions.items()},
-            origin_shares=_shares_by_origin(sources[name].sources),
+            confounding={term: float(share[i]) for term, share in variance.shares_removed.items()},
+            shares={term: float(share[i]) for term, share in variance.shares_by_term.items()},
+            origin_shares=_shares_by_origin(sources.sources),
         )
-        if information.flat:
+        if bound.model.prior.flat:
             entry = replace(entry, prior_mean=np.nan, contraction=np.nan, information_gain=np.nan)
         entries[name] = entry
     return entries
 
 
-def _judge_changes(bound: BoundModel, information: Information) -> dict[str, ChangeIdentifiability]:
-    """Return the verdict on the change of every compliance with force, without cures."""
-    changes = curve_changes(bound, information)
-    sources = _sources_of_changes(bound, information, changes)
-    covariance = information.covariance()
+def _judge_changes(
+    variance: AveragedVariance, changes: Mapping[str, CurveChange], prior_sd: Array
+) -> dict[str, ChangeIdentifiability]:
+    """Return the verdict on the change of every compliance with force, without cures.
+
+    ``variance`` is that of all parameters, then of the changes, under each model. ``prior_sd`` are
+    the prior standard deviations of the changes, one for each of ``changes``.
+    """
     entries = {}
-    for name, change in changes.items():
-        variance = float(change.weights @ covariance @ change.weights)
-        prior_sd = np.inf
-        if not information.flat:
-            prior_sd = float(np.linalg.norm(change.weights))
-        contraction = 1.0 - variance / prior_sd**2
-        judgement = judge(sources[name].sources, contraction, sources[name].likeness)
+    for k, (name, change) in enumerate(changes.items()):
+        i = variance.number + k
+        sd = float(np.sqrt(variance.variance[i]))
+        sources = variance.sources(i, change.slopes)
+        contraction = 1.0 - float(sd / prior_sd[k]) ** 2
+        judgement = judge(sources.sources, contraction, sources.likeness)
         entries[name] = ChangeIdentifiability(
             compliance=name,
             unit=change.unit,
             smallest_force_N=change.smallest_force_N,
             largest_force_N=change.largest_force_N,
             verdict=judgement.verdict,
-            held_by=sources[name].sources[0],
+            held_by=sources.sources[0],
             partner_shares=_shares_by_name(judgement.partners),
             remedy=None,
-            prior_sd=prior_sd,
-            sd=float(np.sqrt(variance)),
-            origin_shares=_shares_by_origin(sources[name].sources),
+            prior_sd=float(prior_sd[k]),
+            sd=sd,
+            origin_shares=_shares_by_origin(sources.sources),
         )
     return entries
 
@@ -748,43 +771,6 @@ def _shares_by_origin(sources: Sequence[VarianceSource]) -> dict[Origin, float]:
     for source in sources:
         shares[source.origin] += source.share
     return shares
-
-
-def _sd_if_known(
-    information: Information,
-    origin_of: Mapping[tuple[str, str], Origin],
-    partners: Sequence[str],
-    i: int,
-    sd: float,
-) -> float | None:
-    """Return the standard uncertainty of parameter i if some assumed effects were known exactly.
-
-    Only what is assumed of an effect counts as known then: a deflection of the mount that a
-    certificate states stays uncertain where its curvature, which nobody measured, becomes known.
-    ``origin_of`` are the origins of all sources, ``partners`` model terms or other parameters, and
-    ``sd`` is the present standard uncertainty. Return None if there are no partners.
-    """
-    if not partners:
-        return None
-    known = [name for name in partners if name in information.names]
-    for name, owner in zip(information.names, information.owners, strict=True):
-        if owner in partners and origin_of[name, owner] == Origin.ASSUMED:
-            known.append(name)
-    known_noise = [name for name in partners if origin_of.get((name, name)) == Origin.ASSUMED]
-    variance = _without_noise(information, known_noise).variances(known)[i]
-    ratio = float(variance / information.variances()[i])
-    return sd * float(np.sqrt(np.clip(ratio, 0.0, 1.0)))
-
-
-def _without_noise(information: Information, known: Sequence[str]) -> Information:
-    """Return the information of readings without the noise of some terms, by their class names."""
-    if not known:
-        return information
-    # Tests with the same noise share one dictionary of its sources, and do so in the result.
-    remaining: dict[int, dict[str, Array]] = {}
-    for sources in information.noise:
-        remaining[id(sources)] = {name: sources[name] for name in sources if name not in known}
-    return replace(information, noise=tuple(remaining[id(item)] for item in information.noise))
 
 
 def _gaussian_sd(bound: BoundModel, information: Information) -> SampledSd:

@@ -136,7 +136,7 @@ def report_files(
                 progress=begin_step("page"),
             )
             _write_beside_page(staging, fit, fit_result, imported, analyses)
-    parts = _printed_parts(source_campaign, fit, stated_result, analyses)
+    parts = _printed_parts(source_campaign, stated_posterior, stated_result, analyses)
     return WrittenReport(document, parts, record_of(fit)["sampler"]["converged"])
 
 
@@ -291,16 +291,16 @@ def _write_beside_page(
 
 
 def _printed_parts(
-    source: SourceCampaign, fit: xr.DataTree, result: dict[str, Any], analyses: _Analyses
+    source: SourceCampaign, stated: xr.DataTree, result: dict[str, Any], analyses: _Analyses
 ) -> tuple[Any, ...]:
     """Return what to print at the terminal: assumptions, remarks, results, next tests.
 
-    ``source`` is the campaign with its import, and ``fit`` the posterior with linear compliance.
-    ``result`` is the summary of the posterior averaged over constant and linear compliance, or of
-    ``fit`` if there is no such average.
+    ``source`` is the campaign with its import. ``stated`` is the posterior averaged over constant
+    and linear compliance, or the fit of linear compliance if there is no average; ``result`` is its
+    summary.
     """
-    campaign = campaign_of(fit)
-    constant_names = model_of(fit).with_degree(0).bind(campaign).names
+    campaign = campaign_of(stated)
+    constant_names = model_of(stated).with_degree(0).bind(campaign).names
     parameters = {
         name: summary for name, summary in result["parameters"].items() if name in constant_names
     }
@@ -312,7 +312,7 @@ def _printed_parts(
         *wording.preview_sentences(lb.check_campaign(campaign)),
         heading,
         fit_tables.results_table(
-            result | {"parameters": parameters}, lb.analysis.judge_posterior(fit)
+            result | {"parameters": parameters}, lb.analysis.judge_posterior(stated)
         ),
     ]
     if "conformity" in result:

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ldbb_bayes.analysis.conformity import assess_conformity
+from ldbb_bayes.analysis.verdicts import confounded_parameters
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.campaign.folder import labels_of, read_campaign
 from ldbb_bayes.errors import InputError, plain_reason
@@ -185,7 +186,8 @@ def _fit_columns(settings: Settings, campaign: Campaign) -> dict[str, Any]:
     rule = StoppingRule(ess=settings.ess)
     fitted = fit_model(density, settings.sampler, seed=settings.seed, rule=rule, prior_draws=0)
     bound = density.bound
-    words = words_of_fit(fitted.fit, fitted.sampler, bound, fitted.draws.phi)
+    confounded = confounded_parameters(bound, fitted.draws.phi.mean(axis=0))
+    words = words_of_fit(fitted.fit, fitted.sampler, bound, confounded)
     columns: dict[str, Any] = {}
     breakdowns = []
     further = _functions_of_further_columns(settings, campaign, density, fitted)

@@ -15,7 +15,7 @@ from ldbb_bayes.analysis.circularity import predict_circularity
 from ldbb_bayes.analysis.comparison import Comparison, compare
 from ldbb_bayes.analysis.conformity import assess_conformity
 from ldbb_bayes.analysis.design import Design, design
-from ldbb_bayes.analysis.verdicts import judge_posterior
+from ldbb_bayes.analysis.verdicts import JudgedQuantities, judge_posterior, judge_quantities
 from ldbb_bayes.campaign.preview import CampaignPreview, check_campaign
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.posterior import campaign_of, model_of, record_of
@@ -26,7 +26,7 @@ from ldbb_bayes.report.wording import DEGREES
 if TYPE_CHECKING:
     from ldbb_bayes.analysis.budgets import Budget
     from ldbb_bayes.analysis.conformity import Conformity
-    from ldbb_bayes.analysis.verdicts import ParameterIdentifiability
+    from ldbb_bayes.analysis.verdicts import ChangeIdentifiability, ParameterIdentifiability
     from ldbb_bayes.campaign.campaign import Campaign
 
 __all__ = ["Beside", "Compared", "Findings", "Recommended", "find"]
@@ -119,14 +119,34 @@ class Findings:
         return check_campaign(campaign_of(self.posterior))
 
     @cached_property
+    def judged(self) -> JudgedQuantities:
+        """Verdicts on the numbers that the certificate's sheets state.
+
+        They are averaged over models as the numbers are.
+        """
+        return judge_quantities(self.numbers)
+
+    @property
     def verdicts(self) -> Mapping[str, ParameterIdentifiability]:
-        """Verdict on every parameter, by name: how far the readings determine it."""
+        """Verdict on every parameter of the certificate, by name: how far it is determined."""
+        return self.judged.parameters
+
+    @property
+    def change_verdicts(self) -> Mapping[str, ChangeIdentifiability]:
+        """Verdict on every change of a compliance with force, by name of the compliance."""
+        return self.judged.changes
+
+    @cached_property
+    def verdicts_of_fit(self) -> Mapping[str, ParameterIdentifiability]:
+        """Verdict on every parameter of the fit, which is of one model alone, by name."""
+        if self.averaged is None:
+            return self.verdicts
         return judge_posterior(self.posterior)
 
     @cached_property
     def budgets(self) -> Mapping[str, Budget]:
-        """Uncertainty budget of every parameter, by name."""
-        return budget_uncertainty(self.posterior)
+        """Uncertainty budget of every parameter of the certificate, by name."""
+        return budget_uncertainty(self.numbers)
 
     @cached_property
     def path(self) -> pd.DataFrame:

@@ -5,7 +5,7 @@ Nuisance coefficients are effects that are modelled but not of interest.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from ldbb_bayes import units
@@ -13,17 +13,17 @@ from ldbb_bayes.analysis.compliance_change import change_with_force
 from ldbb_bayes.analysis.conformity import assess_conformity
 from ldbb_bayes.analysis.verdicts import (
     ParameterIdentifiability,
-    confounded_parameters,
+    confounded_in,
     not_modelled,
 )
 from ldbb_bayes.campaign.preview import CampaignPreview, RemarkKind, check_campaign
 from ldbb_bayes.inference.fit import Fit
-from ldbb_bayes.inference.posterior import bound_of, campaign_of, draws_of, fit_of, record_of
+from ldbb_bayes.inference.posterior import bound_of, campaign_of, fit_of, record_of
 from ldbb_bayes.inference.summary import result_json, summarize_nuisances
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.terms import Term
 from ldbb_bayes.report import wording
-from ldbb_bayes.results import Array, Passage, Shown, Table
+from ldbb_bayes.results import Passage, Shown, Table
 from ldbb_bayes.units import (
     display_name,
     display_unit,
@@ -122,16 +122,19 @@ def describe_fit(posterior: xr.DataTree) -> FitWords:
     >>> [warning for warning in words["warnings"] if warning.startswith("Confounded")]
     ['Confounded: C_XYX ... with hysteresis; ...']
     """
-    bound = bound_of(posterior)
-    _, phi = draws_of(posterior, bound)
-    return words_of_fit(fit_of(posterior), record_of(posterior)["sampler"], bound, phi)
+    return words_of_fit(
+        fit_of(posterior),
+        record_of(posterior)["sampler"],
+        bound_of(posterior),
+        confounded_in(posterior),
+    )
 
 
 def words_of_fit(
     fit: Fit,
     sampler: Mapping[str, Any],
     bound: BoundModel,
-    phi: Array,
+    confounded: Mapping[str, Sequence[str]],
 ) -> FitWords:
     """Return the state of a fit, its verdict, misfits and warnings in words.
 
@@ -143,9 +146,9 @@ def words_of_fit(
         How the sampler ran: the entry ``sampler`` of a posterior's record.
     bound
         Model, applied to the campaign.
-    phi
-        Posterior draws of the h hyper-parameters (scales of the noise and of other effects), shape
-        (draws, h); lengths in mm.
+    confounded
+        Effects with which each confounded parameter is confounded, by its name; parameters that are
+        not confounded are left out.
 
     Returns
     -------
@@ -156,7 +159,7 @@ def words_of_fit(
     warnings = [
         *wording.concern_sentences(fit.concerns, sampler),
         *wording.check_notes(fit),
-        *wording.confounded_sentences(confounded_parameters(bound, phi.mean(axis=0))),
+        *wording.confounded_sentences(confounded),
         *wording.not_modelled_sentences(not_modelled(bound)),
     ]
     warnings += wording.look_sentences(campaign_preview)

@@ -92,8 +92,8 @@ def _results(findings: Findings) -> pd.DataFrame:
     verdicts = []
     for name in summary.index:
         verdict = ""
-        if name in findings.verdicts:
-            verdict = wording.verdict_words(findings.verdicts[name])
+        if name in findings.verdicts_of_fit:
+            verdict = wording.verdict_words(findings.verdicts_of_fit[name])
         verdicts.append(verdict)
     return _with_reading_units(summary.assign(U_k2=2.0 * summary["sd"], verdict=verdicts))
 
@@ -115,6 +115,8 @@ def _changes(findings: Findings) -> pd.DataFrame:
             "U_k2": 2.0 * change.change.sd,
             "probability_of_increase": change.probability_of_increase,
             "probability_of_decrease": change.probability_of_decrease,
+            "probability_of_no_change": change.probability_of_no_change,
+            "verdict": wording.verdict_words(findings.change_verdicts[name]),
         }
     if not rows:
         return pd.DataFrame()
@@ -148,7 +150,10 @@ def _averaged(findings: Findings) -> pd.DataFrame:
     skewed = []
     for _, row in summary.iterrows():
         skewed.append(is_skewed(row["mean"], (row["ci_low"], row["ci_high"])))
-    return _with_reading_units(summary.assign(U_k2=2.0 * summary["sd"], skewed=skewed))
+    verdicts = [wording.verdict_words(findings.verdicts[name]) for name in summary.index]
+    return _with_reading_units(
+        summary.assign(U_k2=2.0 * summary["sd"], skewed=skewed, verdict=verdicts)
+    )
 
 
 def _with_reading_units(summary: pd.DataFrame) -> pd.DataFrame:

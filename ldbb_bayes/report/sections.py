@@ -84,9 +84,9 @@ def results(findings: Findings) -> Iterator[Part]:
     """Yield the section on the estimated parameters and on other effects in the model."""
     yield wording.model_words(findings.result["model"])
     yield wording.PAGE["results"].format(percent=wording.percent_of(findings.result))
-    yield fit_tables.results_table(findings.result, findings.verdicts, shares=False)
+    yield fit_tables.results_table(findings.result, findings.verdicts_of_fit, shares=False)
     yield picture("forest", findings.posterior)
-    coefficients = fit_tables.coefficient_table(findings.result, findings.verdicts)
+    coefficients = fit_tables.coefficient_table(findings.result, findings.verdicts_of_fit)
     if coefficients.rows:
         yield Details(wording.PAGE["coefficients_hint"], (coefficients,))
     nuisances = fit_tables.nuisance_table(findings.result["nuisances"])
@@ -146,6 +146,8 @@ def uncertainty(findings: Findings) -> Iterator[Part]:
         kind = of_slopes if is_slope(name) else budgets
         kind[name] = budget
     yield wording.PAGE["budget"]
+    if findings.averaged is not None:
+        yield wording.PAGE["budget_of_average"]
     yield from parts_of(budgets)
     yield picture("budget", budgets)
     for name, budget in budgets.items():

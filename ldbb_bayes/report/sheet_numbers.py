@@ -35,7 +35,7 @@ from ldbb_bayes.units import (
 
 if TYPE_CHECKING:
     from ldbb_bayes.analysis.compliance_change import ChangeWithForce
-    from ldbb_bayes.analysis.verdicts import ParameterIdentifiability
+    from ldbb_bayes.analysis.verdicts import ChangeIdentifiability, ParameterIdentifiability
     from ldbb_bayes.model.hybrid import BoundModel
 
 __all__ = ["SheetNumbers", "StatedQuantity", "ValueAndU", "remark"]
@@ -93,6 +93,11 @@ class StatedQuantity:
     direction
         For the change of a compliance with force: whether it is an increase or a decrease, as the
         key of a remark; otherwise empty.
+    change_entry
+        For the change of a compliance with force: the verdict on it.
+    no_change
+        For the change of a compliance with force: probability that there is exactly none, which is
+        zero unless the numbers are averaged over models.
     """
 
     words: str
@@ -105,6 +110,8 @@ class StatedQuantity:
     limit: str = ""
     hangs_on: tuple[str, ...] = ()
     direction: Literal["", "increases", "decreases", "no_change"] = ""
+    change_entry: ChangeIdentifiability | None = None
+    no_change: float = 0.0
 
     def value_and_U(self) -> ValueAndU:
         """Return value and expanded uncertainty (k = 2), in the unit shown on the sheets."""
@@ -183,6 +190,8 @@ class SheetNumbers:
                 interval=change.change.interval,
                 unit=change.unit,
                 direction=_direction_of(change),
+                change_entry=self.findings.change_verdicts.get(name),
+                no_change=change.probability_of_no_change,
             )
         return stated
 
@@ -378,15 +387,32 @@ def remark(quantity: StatedQuantity, words: Words) -> str:
     str
         The remark, in the language of the sheet; empty if none is needed.
     """
-    entry = quantity.entry
     if quantity.direction:
-        return words(f"remarks.{quantity.direction}")
-    if entry is None:
+        return _change_remark(quantity, words)
+    if quantity.entry is None:
         if not quantity.hangs_on:
             return ""
         return words("remarks.confounded", partners=_partner_words(quantity.hangs_on, words))
+    return _verdict_remark(quantity.entry, words)
+
+
+def _change_remark(quantity: StatedQuantity, words: Words) -> str:
+    """Return a remark on a change with force: its direction, and the verdict on it."""
+    direction = words(f"remarks.{quantity.direction}")
+    if quantity.direction == "no_change" and quantity.no_change > 0.0:
+        probability = words.percent(quantity.no_change)
+        direction = words("remarks.exactly_none", probability=probability)
+    if quantity.change_entry is None:
+        return direction
+    return f"{direction}; {_verdict_remark(quantity.change_entry, words)}"
+
+
+def _verdict_remark(entry: ParameterIdentifiability | ChangeIdentifiability, words: Words) -> str:
+    """Return the verdict on a parameter, or on a change with force, in a few words."""
     if entry.verdict == "confounded":
-        return words("remarks.confounded", partners=_partner_words(entry.partners, words))
+        return words(
+            "remarks.confounded", partners=_partner_words(tuple(entry.partner_shares), words)
+        )
     if entry.verdict == "prior-limited":
         return words("remarks.prior")
     return words(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +25,7 @@ from ldbb_bayes.units import display_name, display_unit, state, two_digits
 __all__ = ["sheets"]
 
 _MOST_REASONS = 2  # largest number of reasons in the banner on whether the numbers can be used
+_MOST_IN_WORDS = 2  # largest number of quantities that the banner names in words, not as symbols
 _MOST_UNDETERMINED = 12  # largest number of undetermined quantities that sheet 1 lists
 _LONGEST_ENTRY = 70  # largest number of characters of a text in a form field
 _LONGEST_CERTIFICATE = 32  # largest number of characters of the name of a calibration certificate
@@ -219,9 +220,10 @@ def _meanings_of_partners(numbers: SheetNumbers) -> list[str]:
     """
     words = numbers.words
     partners: dict[str, None] = {}
-    for quantity in numbers.parameters.values():
-        if quantity.entry is not None:
-            partners |= dict.fromkeys((*quantity.entry.partners, quantity.entry.held_by.name))
+    for quantity in [*numbers.parameters.values(), *numbers.changes.values()]:
+        entry = quantity.entry or quantity.change_entry
+        if entry is not None:
+            partners |= dict.fromkeys((*entry.partner_shares, entry.held_by.name))
     meanings = words.table["means"]
     return [f"{words.term(name)}: {meanings[name]}" for name in partners if name in meanings]
 
@@ -338,7 +340,7 @@ def _banner(numbers: SheetNumbers) -> Banner:
     """Return the banner that states whether the numbers can be used, and the main reasons."""
     words = numbers.words
     findings = numbers.findings
-    quantities = numbers.stiffnesses | numbers.further
+    quantities = numbers.parameters
     comparison = None if isinstance(findings.comparison, str) else findings.comparison
     state_of_use = state_of(
         fit_of(findings.posterior), findings.verdicts, quantities, comparison=comparison
@@ -347,10 +349,10 @@ def _banner(numbers: SheetNumbers) -> Banner:
     names_by_kind: dict[str, list[str]] = {}
     for reason in state_of_use.reasons:
         names = names_by_kind.setdefault(str(reason.kind).replace("-", "_"), [])
-        for name in reason.names:
-            names.append(quantities[name].words if name in quantities else name)
+        names += reason.names
     reasons = [
-        words(f"state.{kind}", names=words.joined(names)) for kind, names in names_by_kind.items()
+        words(f"state.{kind}", names=words.joined(_labels(names, quantities)))
+        for kind, names in names_by_kind.items()
     ]
     if findings.flat:
         reasons.append(words("state.least_squares"))
@@ -375,6 +377,22 @@ def _banner(numbers: SheetNumbers) -> Banner:
         reason=because[:1].upper() + because[1:],
     )
     return Banner(kind, sentence)
+
+
+def _labels(names: Sequence[str], quantities: Mapping[str, StatedQuantity]) -> list[str]:
+    """Return the names of one or two quantities in words, and of more quantities as symbols.
+
+    The names of tests or hyper-parameters are returned as they are.
+    """
+    labels = []
+    for name in names:
+        if name not in quantities:
+            labels.append(name)
+        elif len(names) > _MOST_IN_WORDS:
+            labels.append(quantities[name].symbol)
+        else:
+            labels.append(quantities[name].words)
+    return labels
 
 
 def _missing_certificates(findings: Findings, words: Words) -> str:

@@ -153,6 +153,8 @@ _CONTRADICTED = -13.815510557964274
 # Sentences call a slope (change of a compliance with force) certain if the probability that it is
 # not zero is at least this.
 _SURE = 0.95
+# Sums of probabilities that differ by less than this count as equal.
+_ROUNDING = 1e-9
 _MOST_NAMES = 5  # largest number of campaigns or tests that a sentence names
 _MOST_JOINED = 3  # largest number of campaigns that a sentence names as outside control limits
 _MOST_LISTED_TESTS = 12  # largest number of tests to run that a sentence lists
@@ -321,6 +323,8 @@ def term_words(term: str) -> str:
     """
     if term in Term.kinds:
         return Term.kinds[term].words
+    if term in _SENTENCES["sources"]:
+        return str(_SENTENCES["sources"][term])
     if "_" in term:
         return display_name(term)
     return re.sub(r"(?<!^)(?=[A-Z])", " ", term).lower()
@@ -755,13 +759,15 @@ def certificate_words(certificate: str) -> str:
     return str(_SENTENCES["certificates"].get(certificate, certificate))
 
 
-def verdict_words(entry: ParameterIdentifiability, *, shares: bool = True) -> str:
-    """Return in words the verdict on how far the readings determine a parameter.
+def verdict_words(
+    entry: ParameterIdentifiability | ChangeIdentifiability, *, shares: bool = True
+) -> str:
+    """Return in words the verdict on how far the readings determine a parameter or a change.
 
     Parameters
     ----------
     entry
-        Verdict on the parameter: how far the readings determine it.
+        Verdict on the parameter, or on the change of a compliance with force.
     shares
         Whether to state the share of the variance due to each effect that the parameter is
         confounded with, or that limits it.
@@ -784,7 +790,7 @@ def verdict_words(entry: ParameterIdentifiability, *, shares: bool = True) -> st
     return f"{verdict}, limited by {_source_in_table(entry.held_by.name)} ({_held_share(entry)})"
 
 
-def _held_share(entry: ParameterIdentifiability) -> str:
+def _held_share(entry: ParameterIdentifiability | ChangeIdentifiability) -> str:
     """Return the share and the origin of the largest source, as in "39 %, assumed"."""
     return f"{100.0 * entry.held_by.share:.0f} %, {origin_words(entry.held_by.origin)}"
 
@@ -1041,7 +1047,8 @@ def changes_by_words(name: str, change: Mapping[str, Any]) -> str:
 def direction_words(change: Mapping[str, Any]) -> str:
     """Return in words whether a compliance increases or decreases with force.
 
-    ``change`` is the JSON record of the compliance's change over the tested forces.
+    ``change`` is the JSON record of the compliance's change over the tested forces. An average over
+    models also states the probability that there is exactly no change.
     """
     increase = change["probability_of_increase"]
     decrease = change["probability_of_decrease"]
@@ -1049,10 +1056,14 @@ def direction_words(change: Mapping[str, Any]) -> str:
         return f"increases with probability {probability_words(increase)}"
     if decrease >= _SURE:
         return f"decreases with probability {probability_words(decrease)}"
-    return (
-        f"no change shown (increase {probability_words(increase)}, decrease"
-        f" {probability_words(decrease)})"
-    )
+    probabilities = [
+        f"increase {probability_words(increase)}",
+        f"decrease {probability_words(decrease)}",
+    ]
+    none = 1.0 - increase - decrease
+    if none > _ROUNDING:
+        probabilities.append(f"exactly none {probability_words(none)}")
+    return f"no change shown ({', '.join(probabilities)})"
 
 
 def limit_words(lower: float | None, upper: float | None, factor: float = 1.0) -> str:

@@ -89,9 +89,14 @@ def test_hyper_parameters_of_readings_are_carried_over_by_name() -> None:
     phi = np.array([known.get(name, median[k]) for k, name in enumerate(names)])
     information = information_of(longer, phi)
     sd = np.sqrt(information.variances()) * information.scale[information.interest]
+    before = information_of(bound, weight @ nodes)
+    sd_before = np.sqrt(before.variances()) * before.scale[before.interest]
+    place = longer.names.index("C_XYX")
     remedy = remedy_of(identified, "C_XYX")
     assert remedy.kind == RemedyKind.DIRECTION
-    assert remedy.sd == pytest.approx(sd[longer.names.index("C_XYX")], rel=1e-6)
+    # The ratio is the one at the mean of φ; U now and U then are averaged over φ.
+    assert remedy.ratio == pytest.approx(sd[place] / sd_before[place], rel=1e-6)
+    assert remedy.sd == pytest.approx(remedy.ratio * identified.parameters["C_XYX"].sd)
 
 
 def test_nothing_but_the_plan_changes_with_a_pilot() -> None:

@@ -12,12 +12,11 @@ from campaigns import clocked, oracle_of, plan, simulated
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.origins import Origin
+from ldbb_bayes.analysis.variance_sources import VarianceSource, sources_of
 from ldbb_bayes.analysis.verdicts import (
-    VarianceSource,
     Verdict,
     judge,
     judge_parameters,
-    sources_of,
     variance_share_removed,
 )
 from ldbb_bayes.model.bound_information import information_of

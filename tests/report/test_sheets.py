@@ -11,7 +11,7 @@ from reports import NOT_COMPARED, fitted, undrawn
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.origins import Origin
-from ldbb_bayes.analysis.verdicts import VarianceSource
+from ldbb_bayes.analysis.variance_sources import VarianceSource
 from ldbb_bayes.report.blocks import Banner, Fields, Pair, ReportSheet
 from ldbb_bayes.report.findings import Findings, find
 from ldbb_bayes.report.sheet_numbers import StatedQuantity, remark
@@ -191,14 +191,20 @@ def test_a_language_without_words_is_refused(findings: Findings) -> None:
 def judged(verdict: str, *partners: str) -> Any:
     """A verdict on a parameter that the mount limits, or that is confounded with these effects."""
     held_by = VarianceSource("Mount", Origin.ASSUMED, 0.39)
-    return SimpleNamespace(verdict=verdict, held_by=held_by, partners=partners, contraction=0.5)
+    return SimpleNamespace(
+        verdict=verdict,
+        held_by=held_by,
+        partners=partners,
+        partner_shares=dict.fromkeys(partners, 0.3),
+        contraction=0.5,
+    )
 
 
 @pytest.mark.parametrize(
     ("language", "entry", "text"),
     [
-        ("en", judged("identified"), "identified; limited by mount (39 %, assumed)"),
-        ("de", judged("identified"), "bestimmt; begrenzt durch Aufnahme (39 %, angenommen)"),
+        ("en", judged("identified"), "identified; limited by mount (39 %, assumed)"),
+        ("de", judged("identified"), "bestimmt; begrenzt durch Aufnahme (39 %, angenommen)"),
         ("en", judged("confounded", "Mount", "Drift"), "confounded with mount and drift"),
         ("de", judged("confounded", "Mount", "Drift"), "vermengt mit Aufnahme und Drift"),
         ("en", judged("prior-limited"), "prior-limited"),
@@ -207,6 +213,41 @@ def judged(verdict: str, *partners: str) -> Any:
 )
 def test_verdicts_on_sheets(language: str, entry: Any, text: str) -> None:
     quantity = StatedQuantity("Compliance", "C_XXX", 1.0, 0.1, (0.8, 1.2), "mm/N", entry)
+    assert remark(quantity, words_of(language)) == text
+
+
+@pytest.mark.parametrize(
+    ("language", "direction", "no_change", "text"),
+    [
+        ("en", "increases", 0.0, "increases with force; confounded with joint load"),
+        ("en", "no_change", 0.0, "no change shown; confounded with joint load"),
+        (
+            "en",
+            "no_change",
+            0.9,
+            "no change shown (exactly none: 90 %); confounded with joint load",
+        ),
+        (
+            "de",
+            "no_change",
+            0.9,
+            "keine Änderung nachgewiesen (genau keine: 90 %); vermengt mit Achslast",
+        ),
+    ],
+)
+def test_changes_on_sheets(language: str, direction: Any, no_change: float, text: str) -> None:
+    """The sheet states the direction of a change, and the verdict on its uncertainty beside it."""
+    quantity = StatedQuantity(
+        "Change",
+        "ΔC_XXX",
+        1.0,
+        1.0,
+        (-1.0, 3.0),
+        "mm/N",
+        direction=direction,
+        change_entry=judged("confounded", "JointLoad"),
+        no_change=no_change,
+    )
     assert remark(quantity, words_of(language)) == text
 
 

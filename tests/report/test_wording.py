@@ -32,7 +32,7 @@ from ldbb_bayes.analysis.cures import Cure
 from ldbb_bayes.analysis.machine_description import VisibleParameter
 from ldbb_bayes.analysis.origins import Origin
 from ldbb_bayes.analysis.remedies import Remedy, RemedyKind
-from ldbb_bayes.analysis.verdicts import VarianceSource
+from ldbb_bayes.analysis.variance_sources import VarianceSource
 from ldbb_bayes.campaign.preview import Remark, RemarkKind
 from ldbb_bayes.cli import app
 from ldbb_bayes.fleet.campaign_row import Job, Settings, fit_row
@@ -399,7 +399,8 @@ def test_a_change_is_named_by_its_forces() -> None:
     [
         (0.96, 0.04, "increases with probability 0.960"),
         (0.0, 1.0, "decreases with probability > 0.999"),
-        (0.2, 0.1, "no change shown (increase 0.200, decrease 0.100)"),
+        (0.7, 0.3, "no change shown (increase 0.700, decrease 0.300)"),
+        (0.2, 0.1, "no change shown (increase 0.200, decrease 0.100, exactly none 0.700)"),
     ],
 )
 def test_the_direction_of_a_change(increase: float, decrease: float, words: str) -> None:
@@ -600,7 +601,8 @@ def test_the_model_of_the_annex(degree: int, name: str) -> None:
     sentence = f"Numbers from here on are those of {name} compliance alone"
     assert wording.annex_words(degree, averaged=False) == f"{sentence}."
     assert wording.annex_words(degree, averaged=True) == (
-        f"{sentence}; those of sheets 1 and 2 are averaged over models."
+        f"{sentence}; those of sheets 1 and 2, and of the budgets, are averaged over models, and so"
+        " are the verdicts there."
     )
 
 

@@ -46,6 +46,7 @@ _TERM_COLOURS = {
     "Discrepancy": PALETTE[2],
     "Hysteresis": PALETTE[6],
     "Drift": "#F0E442",
+    "ModelChoice": "#661100",
     "ReadingNoise": GREY,
     "Parameters": LIGHT,
 }
