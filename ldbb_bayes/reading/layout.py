@@ -6,6 +6,7 @@ A user states the layout in a TOML file or by command-line options; options take
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -54,6 +55,22 @@ def _check_encoding(name: str) -> str:
             "it should be one that Python knows, for example utf-8, utf-16-le, utf-16-be, cp1252"
         ) from None
     return name
+
+
+def _axis_with_sign(axis: str) -> str:
+    """Return an axis with its sign, such as +Y for ``y``."""
+    match = re.fullmatch(r"([+\-−]?)([XYZ])([+\-−]?)", axis.strip().upper())
+    if match is None or (match[1] and match[3]):
+        raise ValueError("it should be one of +X, -X, +Y, -Y, +Z, -Z")
+    sign = match[1] or match[3] or "+"
+    return f"{sign.replace('−', '-')}{match[2]}"
+
+
+def _sense_in_capitals(sense: str) -> str:
+    """Return the sense CW or CCW in capitals."""
+    if sense.upper() not in ("CW", "CCW"):
+        raise ValueError("it should be CW or CCW")
+    return sense.upper()
 
 
 def _separator_sign(separator: str) -> str:
@@ -124,10 +141,17 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     #: whether readings are of the radius, or of the diameter; the latter are halved
     measured: Literal["radius", "diameter"] | None = None
     sign: Literal[1, -1] = 1  #: sign of readings: −1 if a longer bar gives a smaller reading
-    angle_sign: Literal[1, -1] = 1  #: sign of angles: −1 if the file counts angles clockwise
+    #: sign of angles: −1 if the file counts angles clockwise; None for what the file says in words
+    angle_sign: Literal[1, -1] | None = None
     #: angle in the file at which the bar is along the first axis of the plane; it is subtracted
     #: from all angles
-    angle_offset_deg: float = 0.0
+    angle_offset_deg: float | None = None
+    #: axis at which the file's angles begin, such as +Y
+    angle_zero: Annotated[str, AfterValidator(_axis_with_sign)] | None = None
+    #: sense in which the file counts angles, CW or CCW
+    angle_sense: Annotated[str, AfterValidator(_sense_in_capitals)] | None = None
+    #: what the machine did in a gap of a log over time: stood still, or moved on
+    gaps: Literal["still", "moving"] | None = None
     #: angle at which the circle begins, for tables with times instead of angles
     start_deg: float | None = None
     #: angle that the machine travels before the circle begins, for tables with times instead of

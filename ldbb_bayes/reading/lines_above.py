@@ -37,6 +37,7 @@ __all__ = [
     "is_direction",
     "is_label",
     "not_understood",
+    "senses_in",
     "statements_in",
     "unknown_length",
 ]
@@ -141,6 +142,8 @@ _SENSE = re.compile(
 )
 # Pattern of a word for "direction", with the text that follows it.
 _DIRECTION = re.compile(_DIRECTION_WORDS["after"], re.IGNORECASE)
+# Pattern of words which show that a line is about the sense in which angles are counted.
+_SENSE_OF_ANGLE = re.compile(WORDS["angle_convention"]["sense"], re.IGNORECASE)
 # Patterns, by field, of words which show that a line is about this field, even if the line cannot
 # be understood.
 _SUBJECTS = {
@@ -225,10 +228,17 @@ def _stated_number(
 
 
 def _words_before_number(match: re.Match[str]) -> str:
-    """Return the text that precedes the number of a matched statement in the same cell."""
+    """Return the text that precedes the number of a matched statement in the same cell.
+
+    A unit before the number is left out: in ``Feed [mm/min]: 2000`` min is no minimum.
+    """
     before_match = match.string[: match.start()]
     cell = re.split(r"[;,|\t]", before_match)[-1]
-    return cell + match.string[match.start() : match.start("number")]
+    words = match.string[match.start() : match.start("number")]
+    for unit in (match["inside"], match["brackets"]):
+        if unit:
+            words = words.replace(unit, "")
+    return cell + words
 
 
 def _unit_among(name: str, units: Mapping[str, float]) -> str | None:
@@ -344,27 +354,27 @@ def directions_stated(lines: Lines, names: Sequence[str] = ()) -> set[str]:
     """
     directions: set[str] = set()
     for name in names:
-        directions = _senses(name[:LONGEST_TEXT])
+        directions = senses_in(name[:LONGEST_TEXT])
         if directions:
             break
     for _, text in lines:
         match = _DIRECTION.search(text[:LONGEST_TEXT])
-        if match:
+        if match and not _SENSE_OF_ANGLE.search(text[:LONGEST_TEXT]):
             directions = directions | _direction_after(match[1])
     return directions
 
 
 def _direction_after(text: str) -> set[str]:
     """Return the directions CW and CCW that a line states after a word such as "direction"."""
-    senses = _senses(text)
+    senses = senses_in(text)
     if len(senses) > 1:
         # A line may list both directions before it states one: "Direction (CW/CCW): CCW".
-        return _senses(re.split(r"[:=;|\t]", text)[-1])
+        return senses_in(re.split(r"[:=;|\t]", text)[-1])
     return senses
 
 
-def _senses(text: str) -> set[str]:
-    """Return the directions of travel, CW and CCW, that a text names."""
+def senses_in(text: str) -> set[str]:
+    """Return the senses, clockwise (CW) or counter-clockwise (CCW), that a text names."""
     senses = set()
     counter_words = tuple(_DIRECTION_WORDS["counter"])
     for match in _SENSE.finditer(text):

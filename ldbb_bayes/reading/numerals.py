@@ -6,6 +6,8 @@ import math
 import re
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
+from datetime import date
+from typing import NamedTuple
 
 import numpy as np
 
@@ -41,9 +43,9 @@ NUMBER_IN_TEXT = r"[+\-−]?(?:\d+(?:[.,]\d+)?|[.,]\d+)(?:[eE][+\-]?\d{1,3})?"
 # Translation of minus signs and dashes to the hyphen, which Python reads as minus.
 _MINUS_SIGNS = str.maketrans("−–", "--")
 # Pattern of a date before a time of day, such as 2026-03-04T.
-_DATE = r"(?:\d{4}-\d\d-\d\d|\d{1,2}[./]\d{1,2}[./]\d{4})[T ]"
+_DATE = r"(?:(?P<date>\d{4}-\d\d-\d\d)|\d{1,2}[./]\d{1,2}[./]\d{4})[T ]"
 # Pattern of a time zone, or of AM or PM, after a time of day.
-_ZONE = r"Z|[+-]\d\d:\d\d|\s?(?P<half_day>[AaPp])\.?[Mm]\.?"
+_ZONE = r"\s?(?P<zone>Z|[+-]\d\d:?\d\d)|\s?(?P<half_day>[AaPp])\.?[Mm]\.?"
 # Pattern of a time of day, with or without date, such as 12:00:01.250, 12:00:01 PM or 00:01,25
 # (minutes and seconds).
 _CLOCK = re.compile(
@@ -263,33 +265,90 @@ def _contradicting_marks(place: str, line: int, cell: str) -> InputError:
     )
 
 
-def seconds_of(place: str, lines: Sequence[int], cells: Sequence[str]) -> Array:
-    """Return the times of day in n cells as seconds, shape (n,) [s]; dates are ignored.
+class _ClockTime(NamedTuple):
+    """Time of day in a cell, with its date and time zone if it states them."""
 
-    The seconds continue to increase after midnight, and after the full hour if the times have only
-    minutes and seconds. ``place`` names the table in error messages; ``lines`` are the line numbers
-    of the cells.
+    seconds: float  # seconds since midnight, or since the full hour
+    has_hours: bool
+    day: int | None  # number of the day in a calendar; None without a date
+    zone_s: float | None  # local time less UTC [s]; None without a time zone
+
+
+def seconds_of(place: str, lines: Sequence[int], cells: Sequence[str]) -> Array:
+    """Return the times of day in n cells as seconds, in the time zone of the first, shape (n,) [s].
+
+    With time zones the seconds go on when clocks are changed. Dates such as
+    2026-10-25 count; without them the seconds continue to increase after midnight, and after the
+    full hour if the times have only minutes and seconds.
+
+    Parameters
+    ----------
+    place
+        Name of the table in error messages.
+    lines
+        Line number of each cell in the file.
+    cells
+        The cells.
+
+    Raises
+    ------
+    InputError
+        For a cell that is no time of day, and if some cells state a time zone and others none.
     """
-    times = np.zeros(len(cells))
-    period = _HOUR_S
-    for k, cell in enumerate(cells):
-        match = _CLOCK.fullmatch(cell)
-        if match is None:
-            raise InputError(
-                f"{place}, line {lines[k]}: time must be as in 12:00:01.25, got"
-                f" {cell[:LONGEST_CELL_SHOWN]!r}. Correct the line."
-            )
-        hours = int(match["hours"] or 0)
-        if match["half_day"]:
-            hours = hours % 12
-            if match["half_day"] in "pP":
-                hours += 12
-        if match["hours"]:
-            period = _DAY_S
-        seconds = number(match["seconds"].replace(",", "."))
-        times[k] = 3600.0 * hours + 60.0 * int(match["minutes"]) + seconds
+    clock_times = []
+    for line, cell in zip(lines, cells, strict=True):
+        clock_times.append(_clock_time(place, line, cell))
+    times = np.array([entry.seconds for entry in clock_times])
+    zones = [entry.zone_s for entry in clock_times if entry.zone_s is not None]
+    if zones and len(zones) < len(cells):
+        line = lines[[entry.zone_s is None for entry in clock_times].index(True)]
+        raise InputError(
+            f"{place}, line {line}: times must state their time zone in all rows or in none, got"
+            " none. Complete it, or export the times in UTC."
+        )
+    if zones:
+        times = times - (np.array(zones) - zones[0])
+    days = [entry.day for entry in clock_times if entry.day is not None]
+    if len(days) == len(cells):
+        return times + _DAY_S * (np.array(days, dtype=float) - days[0])
+    period = _DAY_S if any(entry.has_hours for entry in clock_times) else _HOUR_S
     starts_again = np.diff(times) < -0.5 * period
     return times + period * np.concatenate([[0.0], np.cumsum(starts_again)])
+
+
+def _clock_time(place: str, line: int, cell: str) -> _ClockTime:
+    match = _CLOCK.fullmatch(cell)
+    if match is None:
+        raise InputError(
+            f"{place}, line {line}: time must be as in 12:00:01.25, got"
+            f" {cell[:LONGEST_CELL_SHOWN]!r}. Correct the line."
+        )
+    hours = int(match["hours"] or 0)
+    if match["half_day"]:
+        hours = hours % 12
+        if match["half_day"] in "pP":
+            hours += 12
+    seconds = number(match["seconds"].replace(",", "."))
+    day = None
+    if match["date"]:
+        with suppress(ValueError):
+            day = date.fromisoformat(match["date"]).toordinal()
+    return _ClockTime(
+        seconds=_HOUR_S * hours + 60.0 * int(match["minutes"]) + seconds,
+        has_hours=bool(match["hours"]),
+        day=day,
+        zone_s=_zone_seconds(match["zone"]),
+    )
+
+
+def _zone_seconds(zone: str | None) -> float | None:
+    """Return the difference of a time zone such as +02:00 from UTC [s]; None without a zone."""
+    if not zone:
+        return None
+    if zone == "Z":
+        return 0.0
+    size = _HOUR_S * int(zone[1:3]) + 60.0 * int(zone[-2:])
+    return -size if zone[0] == "-" else size
 
 
 def constant_value(

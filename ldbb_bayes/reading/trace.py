@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ldbb_bayes.errors import InputError, placed, require
+from ldbb_bayes.reading.angle_convention import angle_convention
 from ldbb_bayes.reading.column_units import unit_size
 from ldbb_bayes.reading.laps import (
     TURN_DEG,
@@ -16,6 +17,7 @@ from ldbb_bayes.reading.laps import (
     direction_of_travel,
     on_the_circle,
 )
+from ldbb_bayes.reading.log_times import times_of_log
 from ldbb_bayes.reading.recording import AssumedUnit, Recording, option_for
 from ldbb_bayes.reading.stated_values import quantity_of
 from ldbb_bayes.results import Array
@@ -34,6 +36,8 @@ _SMALLEST_SCATTER = 0.01
 # Units of columns whose unit the user or the file states; they are not used.
 _DEGREES = AssumedUnit("deg", "")
 _MICROMETRES = AssumedUnit("um", "")
+# Fewest readings in a turn of a log; fewer show that times are in another unit.
+_FEWEST_READINGS_OF_TURN = 9
 # A test whose angles cover more than this number of turns holds several laps, or a run-in and
 # run-out in addition to its circle.
 _MORE_THAN_A_TURN = 1.02
@@ -114,8 +118,9 @@ def _angles_of_column(recording: Recording) -> Array:
         raise _missing_column(recording, "angle", "angle, or the time")
     assumed = recording.assumed_units.get("angle", _DEGREES)
     size = unit_size(recording, "angle", assumed.unit, assumed.reason)
-    layout = recording.layout
-    angle = layout.angle_sign * (raw * size - layout.angle_offset_deg)
+    plane = recording.fields.get("plane") or recording.campaign.get("plane") or "XY"
+    convention = angle_convention(recording, plane)
+    angle = convention.sign * (raw * size - convention.offset_deg)
     return np.unwrap(angle, period=TURN_DEG)
 
 
@@ -140,28 +145,34 @@ def _angles_of_log(recording: Recording, direction: str | None) -> _Log:
         direction = "CCW"
         recording.note("direction", direction, "none stated", "--direction")
     sense = -1 if direction == "CW" else 1
-    times = recording.numbers["time"]
-    backwards = np.flatnonzero(np.diff(times) <= 0.0)
-    if backwards.size:
-        line = recording.lines[backwards[0] + 1]
-        raise InputError(
-            f"{recording.place}, line {line}: time must increase from row to row. Sort or split the"
-            " log."
-        )
+    times = times_of_log(recording)
     with placed(recording.place):
         angle = angles_from_time(
-            times * unit_size(recording, "time", "s"),
+            times,
             feed_mm_per_min=feed,
             radius_mm=recording.radius_mm,
             start_deg=start_deg,
             overshoot_deg=overshoot_deg,
             sense=sense,
         )
+    _check_readings_of_turn(recording, angle)
     on_circle = on_the_circle(angle, start_deg=start_deg, sense=sense)
     if not on_circle.all():
         count = f"{np.count_nonzero(~on_circle)} readings left out"
         recording.note("run-in and run-out", count, "outside whole turns", "--overshoot-deg")
     return _Log(angle[on_circle], on_circle, direction)
+
+
+def _check_readings_of_turn(recording: Recording, angle_deg: Array) -> None:
+    """Raise an error for a log with too few readings in a turn to be one of a circle."""
+    n_turns = float(np.ptp(angle_deg)) / TURN_DEG
+    n_readings = len(angle_deg) / max(n_turns, 1.0)
+    require(
+        n_readings >= _FEWEST_READINGS_OF_TURN,
+        f"{recording.place}: a log must have {_FEWEST_READINGS_OF_TURN} readings in a turn, got"
+        f" {n_readings:.2g} ({len(angle_deg)} in {n_turns:.4g} turns). Give --time-unit (ms?), or"
+        " correct feed and radius.",
+    )
 
 
 def _angle_or_zero(recording: Recording, key: str) -> float:

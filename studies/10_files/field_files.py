@@ -12,6 +12,7 @@ import io
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -541,6 +542,203 @@ def radius_cases() -> dict[str, FieldCase]:
     return cases
 
 
+def angle_cases() -> dict[str, FieldCase]:
+    kind = "angles in words"
+    headers = {
+        "from_Y_clockwise": ("Angle from Y clockwise [deg]", 90.0, -1),
+        "ab_Y": ("Winkel ab +Y im Uhrzeigersinn [°]", 90.0, -1),
+        "from_minus_X": ("Angle [deg] (from -X, counter-clockwise)", 180.0, 1),
+        "cw": ("Angle cw [deg]", 0.0, -1),
+        "from_X": ("Angle from X [deg]", 0.0, 1),
+        "encoder": ("Angle from encoder [deg]", 0.0, 1),
+        "range": ("Angle from 0 to 360 [deg]", 0.0, 1),
+    }
+    cases = {}
+    for name, (header, zero, sense) in headers.items():
+        files = texts(f"{header.replace(',', ';')},Reading [um]", turned(zero, sense))
+        cases[f"header_{name}"] = FieldCase(kind, f"a header '{header}'", files)
+    lines = {
+        "counted": ("Angle counted clockwise from +X", 0.0, -1),
+        "zaehlsinn": ("Winkel: Nullpunkt +Y; Zählsinn: gegen den Uhrzeigersinn", 90.0, 1),
+        "two_lines": ("Zero of the angle: +Y\nAngle sense: clockwise", 90.0, -1),
+        "zero_is": ("Angle: 0° = -Y, positive counter-clockwise", 270.0, 1),
+        "of_axis": ("Angles from the positive Y axis, clockwise", 90.0, -1),
+        "travel": ("Direction: clockwise", 0.0, 1),
+    }
+    for name, (line, zero, sense) in lines.items():
+        files = texts("Angle [deg],Reading [um]", turned(zero, sense), above=line)
+        cases[f"line_{name}"] = FieldCase(kind, f"a line '{line}'", files)
+    cases["zero_without_sense"] = FieldCase(
+        kind,
+        "a line 'Zero of the angle: +Y'",
+        texts("Angle [deg],Reading [um]", turned(90.0, -1), above="Zero of the angle: +Y"),
+        refusal="Say which: --angle-sense CW or CCW",
+        step=("--angle-sense", "cw"),
+    )
+    cases["zero_unknown"] = FieldCase(
+        kind,
+        "a header 'Angle from north clockwise'",
+        texts("Angle from north clockwise [deg],Reading [um]", turned(90.0, -1)),
+        refusal="Say at which: --angle-zero +X, +Y, -X or -Y",
+        step=("--angle-zero", "+Y"),
+    )
+    cases["zero_twice"] = FieldCase(
+        kind,
+        "a header from Y, a line from X",
+        texts(
+            "Angle from Y cw [deg],Reading [um]",
+            turned(90.0, -1),
+            above="Zero of the angle: +X",
+        ),
+        refusal="must be said once, got +Y and +X. Give --angle-zero",
+        step=("--angle-zero", "Y"),
+    )
+    cases["zero_of_another_plane"] = FieldCase(
+        kind,
+        "angles from +Z in a plane XY",
+        texts("Angle from Z clockwise [deg],Reading [um]", turned(90.0, -1)),
+        refusal="must begin at an axis of plane XY, got +Z. Give --angle-zero",
+        step=("--angle-zero", "+Y"),
+    )
+    return cases
+
+
+def on_clock(start: datetime, form: str = "%H:%M:%S.%f") -> Callable[[float], str]:
+    """Return stamps of a clock that shows ``start`` at the beginning of each circle."""
+
+    def stamp(seconds: float) -> str:
+        return (start + timedelta(seconds=seconds)).strftime(form)
+
+    return stamp
+
+
+def across_clock_change(with_zone: bool) -> Callable[[float], str]:
+    """Return ISO stamps across the change from summer time; 9 s after the start it is 2 o'clock."""
+    start = datetime(2026, 10, 25, 2, 59, 51)
+
+    def stamp(seconds: float) -> str:
+        moment = start + timedelta(seconds=seconds)
+        zone = "+02:00"
+        if seconds >= 9.0:
+            moment -= timedelta(hours=1)
+            zone = "+01:00"
+        text = moment.isoformat(timespec="microseconds")
+        return text + zone if with_zone else text
+
+    return stamp
+
+
+def with_jump(after_s: float, jump_s: float) -> Callable[[float], str]:
+    """Return seconds of a clock that jumps by ``jump_s`` after some time."""
+
+    def stamp(seconds: float) -> str:
+        return f"{seconds + (jump_s if seconds > after_s else 0.0):.4f}"
+
+    return stamp
+
+
+def uneven(stamp: Callable[[float], str]) -> Callable[[float], str]:
+    """Return stamps of which every fifth is late by 70 % of a step, as if the log hesitated."""
+
+    def late(seconds: float) -> str:
+        step = np.deg2rad(5.0) * RADIUS_MM / (FEED_MM_PER_MIN / 60.0)
+        return stamp(seconds + (0.7 * step if round(seconds / step) % 5 == 2 else 0.0))
+
+    return late
+
+
+def log_cases() -> dict[str, FieldCase]:
+    kind = "logs over time"
+    feed = f"Feed: {FEED_MM_PER_MIN:g} mm/min"
+    epoch = 1_790_000_000.0
+
+    def case(what: str, header: str, stamp: Callable[[float], str], **fields: Any) -> FieldCase:
+        above = fields.pop("above", feed)
+        return FieldCase(
+            kind, what, texts(f"{header},Reading [um]", logged(stamp), above=above), **fields
+        )
+
+    return {
+        "epoch_s": case("seconds since 1970", "timestamp", lambda s: f"{epoch + s:.4f}"),
+        "epoch_ms": case(
+            "milliseconds since 1970",
+            "timestamp",
+            lambda s: f"{1e3 * (epoch + s):.1f}",
+            told="unit of the time: ms (stamps since 1970",
+        ),
+        "epoch_us": case(
+            "microseconds since 1970", "timestamp", lambda s: f"{1e6 * (epoch + s):.0f}"
+        ),
+        "ms_without_unit": case(
+            "milliseconds, nothing says so",
+            "Time",
+            lambda s: f"{1e3 * s:.1f}",
+            refusal="Give --time-unit (ms?)",
+            step=("--time-unit", "ms"),
+        ),
+        "clock_change_with_zones": case(
+            "ISO stamps with offsets across a clock change", "Time", across_clock_change(True)
+        ),
+        "clock_change_without_zones": case(
+            "ISO stamps without offsets across a clock change",
+            "Time",
+            across_clock_change(False),
+            told="the clock was set back",
+        ),
+        "past_midnight_with_dates": case(
+            "dates and times past midnight",
+            "Time",
+            on_clock(datetime(2026, 5, 11, 23, 59, 50), "%Y-%m-%d %H:%M:%S.%f"),
+        ),
+        "set_back_by_a_second": case(
+            "a clock set back by a second",
+            "Time [s]",
+            with_jump(14.0, -1.0),
+            told="the clock was set back",
+        ),
+        "set_back_and_uneven": case(
+            "a clock set back in an uneven log",
+            "Time [s]",
+            uneven(with_jump(14.0, -3.0)),
+            refusal="if the clock was set back, give --gaps still",
+            mended=texts("Time [s],Reading [um]", logged(with_jump(14.0, -3.0)), above=feed),
+        ),
+        "pause": case(
+            "a pause of 30 s in which the machine stood",
+            "Time [s]",
+            with_jump(14.0, 30.0),
+            refusal="Say what the machine did in it: --gaps still, or --gaps moving",
+            step=("--gaps", "still"),
+        ),
+        "feed_in_label": case(
+            "a feed with its unit in the label",
+            "Time [s]",
+            lambda s: f"{s:.4f}",
+            above="Vorschub [mm/min]: 2000",
+        ),
+        "feed_in_cells": case(
+            "a feed with its unit in the label, in cells",
+            "Time [s]",
+            lambda s: f"{s:.4f}",
+            above="Vorschub [mm/min],2000",
+        ),
+        "feed_in_brackets": case(
+            "a feed F (mm/min)",
+            "Time [s]",
+            lambda s: f"{s:.4f}",
+            above="Feed rate F (m/min) = 2.0",
+        ),
+        "feed_missing": case(
+            "a log without a feed",
+            "Time [s]",
+            lambda s: f"{s:.4f}",
+            above="",
+            refusal="Give --feed-mm-per-min",
+            step=("--feed-mm-per-min", "2000"),
+        ),
+    }
+
+
 def with_stored_values(sheet: Any, circle: Circle) -> None:
     """Write the readings as formulas of a column in mm, without their values."""
     for k in range(len(circle.angle_deg)):
@@ -615,6 +813,8 @@ def all_cases() -> dict[str, FieldCase]:
         **guess_cases(),
         **diameter_cases(),
         **radius_cases(),
+        **angle_cases(),
+        **log_cases(),
         **workbook_cases(),
     }
 

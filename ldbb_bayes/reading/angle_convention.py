@@ -1,0 +1,175 @@
+"""Where the angles of a file begin and which way they run, as headers and lines say it in words.
+
+An example is the header ``Angle from Y clockwise``.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import NamedTuple
+
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.reading.lines_above import senses_in
+from ldbb_bayes.reading.open_question import OpenQuestionError
+from ldbb_bayes.reading.recording import Recording
+from ldbb_bayes.reading.words import LONGEST_TEXT, WORDS
+
+__all__ = ["AngleConvention", "angle_convention"]
+
+_WORDS = WORDS["angle_convention"]
+# Pattern of the axis at which angles begin, after words such as "from" or "zero at".
+_ZERO = re.compile(
+    rf"(?:{_WORDS['zero']})[^\w+\-−]*(?:(?:{_WORDS['filling']})[^\w+\-−]+)*"
+    r"(?P<sign>[+\-−]?|negative[nr]?\s|minus\s)\s?(?P<axis>[XYZ])(?![^\W_])",
+    re.IGNORECASE,
+)
+# Pattern of a word that announces where angles begin, with what follows.
+_ANNOUNCED = re.compile(rf"(?:{_WORDS['announced']})(?P<zero>[^;|\t]*)", re.IGNORECASE)
+# Pattern of a line that is about angles, and of one that is about something else.
+_SUBJECT = re.compile(_WORDS["subject"], re.IGNORECASE)
+_OTHER_SUBJECT = re.compile(_WORDS["other"], re.IGNORECASE)
+# Pattern of words which show that a line says in which sense angles are counted. Without them a
+# word such as clockwise may be the direction of travel.
+_SENSE = re.compile(_WORDS["sense"], re.IGNORECASE)
+_RIGHT_ANGLE_DEG = 90.0
+_HALF_TURN_DEG = 180.0
+
+
+class AngleConvention(NamedTuple):
+    """Conversion of the angles of a file to those of the package: sign · (angle − offset)."""
+
+    sign: int  #: −1 if the file counts clockwise
+    offset_deg: float  #: angle in the file at which the bar is along the plane's first axis [deg]
+
+
+class _Words(NamedTuple):
+    """What a header or line says about angles."""
+
+    zero: str  # axis at which angles begin, such as +Y; empty if it is not said
+    sense: str  # CW or CCW; empty if it is not said
+    source: str  # place of the words, such as "line 3"
+
+
+def angle_convention(recording: Recording, plane: str) -> AngleConvention:
+    """Return how the angles of a test are converted, as the user or the file states it.
+
+    The user's sign and offset count first, then the user's axis and sense, then the words of the
+    file. Where nothing is said, angles are counted from the plane's first axis, counter-clockwise.
+
+    Parameters
+    ----------
+    recording
+        The test as the file holds it.
+    plane
+        Plane of the test, such as XY.
+
+    Raises
+    ------
+    InputError
+        For an axis outside the plane, for words that contradict each other, and if angles begin at
+        another axis than the first, but nothing says which way they run.
+    """
+    words = _words_of(recording)
+    layout = recording.layout
+    if layout.angle_sign is not None or layout.angle_offset_deg is not None:
+        convention = AngleConvention(layout.angle_sign or 1, layout.angle_offset_deg or 0.0)
+        _note_words(recording, words, convention)
+        return convention
+    zero = layout.angle_zero or _single(recording, "zero", [entry.zero for entry in words])
+    sense = layout.angle_sense or _single(recording, "sense", [entry.sense for entry in words])
+    if not zero and not sense:
+        return AngleConvention(1, 0.0)
+    first_axis = f"+{plane[0]}"
+    if not sense:
+        if zero != first_axis:
+            raise OpenQuestionError(
+                f"{recording.place}: angles from {zero} must run clockwise or counter-clockwise,"
+                " got no word on it. Say which: --angle-sense CW or CCW.",
+                "angle_sense",
+                ("CW", "CCW"),
+            )
+        sense = "CCW"
+    zero = zero or first_axis
+    for entry in words:
+        options = "--angle-zero, --angle-sense"
+        recording.note("angle", f"from {zero}, {sense}", entry.source, options)
+    recording.log.keep(angle_zero=zero, angle_sense=sense)
+    sign = -1 if sense == "CW" else 1
+    return AngleConvention(sign, -sign * _angle_of_axis(recording, zero, plane))
+
+
+def _note_words(recording: Recording, words: list[_Words], convention: AngleConvention) -> None:
+    """Note words in the file that the user's sign and offset of angles replace."""
+    for entry in words:
+        value = f"sign {convention.sign}, offset {convention.offset_deg:g}°, as given"
+        said = f"{entry.source} says {entry.zero} {entry.sense}".strip()
+        recording.note("angle", value, said, "--angle-sign, --angle-offset-deg")
+
+
+def _single(recording: Recording, subject: str, stated: list[str]) -> str:
+    """Return the only axis, or the only sense, that the file states; empty without any."""
+    values = list(dict.fromkeys(value for value in stated if value))
+    if len(values) > 1:
+        raise InputError(
+            f"{recording.place}: the {subject} of the angle must be said once, got"
+            f" {' and '.join(values)}. Give --angle-{subject}."
+        )
+    return values[0] if values else ""
+
+
+def _angle_of_axis(recording: Recording, axis: str, plane: str) -> float:
+    """Return the angle [deg] of an axis such as −Y from the first axis of the plane."""
+    letter = axis[-1]
+    if letter not in plane:
+        raise InputError(
+            f"{recording.place}: angles must begin at an axis of plane {plane}, got {axis}. Give"
+            " --angle-zero, or --plane."
+        )
+    angle = _RIGHT_ANGLE_DEG * plane.index(letter)
+    if axis.startswith("-"):
+        angle += _HALF_TURN_DEG
+    return angle
+
+
+def _words_of(recording: Recording) -> list[_Words]:
+    """Return what the header of the angles and lines above the table say about angles."""
+    header = recording.heading.headers[recording.heading.roles["angle"]]
+    words = [_words_in(recording, f"the header {header!r}", header, is_header=True)]
+    for line, content in (*recording.lines_of_all_tests, *recording.heading.lines_above):
+        text = content[:LONGEST_TEXT]
+        if _SUBJECT.search(text) and not _OTHER_SUBJECT.search(text):
+            words.append(_words_in(recording, f"line {line}", text, is_header=False))
+    return [entry for entry in words if entry.zero or entry.sense]
+
+
+def _words_in(recording: Recording, source: str, text: str, is_header: bool) -> _Words:
+    """Return where angles begin and how they run according to the header of angles, or a line."""
+    zero = ""
+    match = _ZERO.search(text)
+    if match is not None:
+        sign = "+" if match["sign"] in ("", "+") else "-"
+        zero = f"{sign}{match['axis'].upper()}"
+    elif recording.layout.angle_zero is None and recording.layout.angle_offset_deg is None:
+        _check_announced(recording, source, text)
+    sense = ""
+    if is_header or zero or _SENSE.search(text):
+        senses = senses_in(text)
+        if len(senses) == 1:
+            sense = senses.pop()
+    return _Words(zero, sense, source)
+
+
+def _check_announced(recording: Recording, source: str, text: str) -> None:
+    """Raise an error if a text announces where angles begin, but names no axis."""
+    match = _ANNOUNCED.search(text)
+    if match is None:
+        return
+    shown = match["zero"].strip(" :=")
+    if not shown:
+        return
+    raise OpenQuestionError(
+        f"{recording.place}: angles must begin at an axis, got {shown!r} in {source}. Say at which:"
+        " --angle-zero +X, +Y, -X or -Y.",
+        "angle_zero",
+        ("+X", "+Y", "-X", "-Y"),
+    )

@@ -1,0 +1,118 @@
+"""Times of the readings in a log over time: their unit, jumps of the clock, and gaps."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.reading.column_units import is_unit_stated, unit_size
+from ldbb_bayes.reading.open_question import OpenQuestionError
+from ldbb_bayes.reading.recording import Recording
+from ldbb_bayes.reading.words import UNITS
+from ldbb_bayes.results import Array
+
+__all__ = ["times_of_log"]
+
+# Numbers are taken as times since 1970 if they then lie in the years 2000 to 2100 [s].
+_FIRST_STAMP_S = 946_684_800.0
+_LAST_STAMP_S = 4_102_444_800.0
+# Units in which programs count the time since 1970.
+_STAMP_UNITS = ("s", "ms", "us", "ns")
+# A step from one time to the next is a gap if it is longer than this many usual steps.
+_LARGEST_GAP_STEPS = 5.0
+# Times are evenly spaced if no step differs from the usual one by more than this share of it.
+_EVEN_SHARE = 0.5
+# Largest number of rows that a note names.
+_ROWS_SHOWN = 5
+
+
+def times_of_log(recording: Recording) -> Array:
+    """Return the time of every reading of a log, in an order that increases, shape (n,) [s].
+
+    A clock that was set back is corrected if the readings are otherwise evenly spaced in time, and
+    this is noted. The user says what the machine did in gaps.
+
+    Raises
+    ------
+    InputError
+        For times that do not increase, and for gaps if the user does not say what the machine did.
+    """
+    raw = recording.numbers["time"]
+    times = raw * unit_size(recording, "time", *_usual_unit(recording, raw))
+    steps = np.diff(times)
+    if len(steps) == 0:
+        return times
+    equal = np.flatnonzero(steps == 0.0)
+    if equal.size:
+        line = recording.lines[equal[0] + 1]
+        raise InputError(
+            f"{recording.place}, line {line}: time must increase from row to row, got the same"
+            " again. Export the time with more decimals, or leave the second row out."
+        )
+    usual = float(np.median(np.abs(steps)))
+    steps = _without_jumps_back(recording, steps, usual)
+    steps = _without_gaps(recording, steps, usual)
+    return times[0] + np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def _usual_unit(recording: Recording, raw: Array) -> tuple[str, str]:
+    """Return the unit that is assumed for times without one, and the reason for it."""
+    if not is_unit_stated(recording, "time"):
+        for unit in _STAMP_UNITS:
+            if _FIRST_STAMP_S <= raw[0] * UNITS["time"][unit] <= _LAST_STAMP_S:
+                return unit, "stamps since 1970"
+    return "s", "no unit in the header"
+
+
+def _without_jumps_back(recording: Recording, steps: Array, usual: float) -> Array:
+    """Return the steps of time [s] with those back replaced by the usual step.
+
+    ``steps`` are the differences of successive times, shape (n − 1,), and ``usual`` is the usual
+    step [s]. Raise an error for steps back in a log that is not evenly spaced otherwise, unless the
+    user says that gaps are to be closed.
+    """
+    is_back = steps < 0.0
+    if not is_back.any():
+        return steps
+    forward = steps[~is_back]
+    line = recording.lines[int(np.argmax(is_back)) + 1]
+    is_even = forward.size > 0 and np.abs(forward - usual).max() <= _EVEN_SHARE * usual
+    is_rare = np.count_nonzero(is_back) <= max(1, forward.size // 20)
+    if recording.layout.gaps != "still" and not (is_even and is_rare):
+        raise OpenQuestionError(
+            f"{recording.place}, line {line}: time must increase from row to row, got"
+            f" {steps[is_back][0]:.4g} s. Sort the rows by time; if the clock was set back, give"
+            " --gaps still: such a step then counts as a usual one.",
+            "gaps",
+            ("still",),
+        )
+    back = ", ".join(f"{step:.4g} s" for step in steps[is_back][:_ROWS_SHOWN])
+    value = f"the clock was set back ({back} at line {line}): one usual step of {usual:.4g} s"
+    recording.note("time", value, "the rows are evenly spaced otherwise", "--gaps")
+    return np.where(is_back, usual, steps)
+
+
+def _without_gaps(recording: Recording, steps: Array, usual: float) -> Array:
+    """Return the steps of time [s] with gaps closed, if the machine stood still in them.
+
+    Raise an error for gaps if the user does not say what the machine did. ``steps`` are the
+    differences of successive times, shape (n − 1,), and ``usual`` is the usual step [s].
+    """
+    is_gap = steps > _LARGEST_GAP_STEPS * usual
+    if not is_gap.any():
+        return steps
+    line = recording.lines[int(np.argmax(is_gap)) + 1]
+    longest = float(steps[is_gap].max())
+    gaps = recording.layout.gaps
+    if gaps is None:
+        raise OpenQuestionError(
+            f"{recording.place}, line {line}: a log must have no gap, got one of {longest:.4g} s"
+            f" where {usual:.4g} s is usual. Say what the machine did in it: --gaps still, or"
+            " --gaps moving.",
+            "gaps",
+            ("still", "moving"),
+        )
+    recording.note("gaps", gaps, f"{longest:.4g} s before line {line}", "--gaps")
+    if gaps == "moving":
+        return steps
+    return np.where(is_gap, usual, steps)
