@@ -21,6 +21,7 @@ from ldbb_bayes.campaign.field_types import (
     Pressure,
     SetupNumber,
 )
+from ldbb_bayes.campaign.missing_values import missing_entries, without_entries
 from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.files import raises_input_error
 from ldbb_bayes.machine.chain import Circle
@@ -109,7 +110,7 @@ class CircularTest(TestFields):
 
     Force or pressure must be given; if only one is, the campaign's force law supplies the other.
     Give angles either in degrees or in radians, and readings either in µm or in mm. Angles may go
-    over any number of turns.
+    over any number of turns. Masked angles and readings, and pandas' NA, are left out.
 
     Raises
     ------
@@ -153,8 +154,10 @@ class CircularTest(TestFields):
     def __post_init__(self) -> None:
         """Convert the angles to degrees and the readings to µm, and check the test.
 
-        Raise an `InputError` for the first fault of the test.
+        Masked readings and angles, and pandas' NA, are left out. Raise an `InputError` for the
+        first fault of the test.
         """
+        self._leave_out_missing()
         angle = self._column("angle_deg", "angle_rad", np.rad2deg)
         reading = self._column("reading_um", "reading_mm", _um_of_mm)
         first_fault = next(self._faults(angle, reading), None)
@@ -164,6 +167,25 @@ class CircularTest(TestFields):
         object.__setattr__(self, "reading_um", reading)
         object.__setattr__(self, "angle_rad", None)
         object.__setattr__(self, "reading_mm", None)
+
+    def _leave_out_missing(self) -> None:
+        """Leave out angles and readings of which one is masked, or pandas' NA."""
+        columns = {}
+        for name in ("angle_deg", "angle_rad", "reading_um", "reading_mm"):
+            if getattr(self, name) is not None:
+                columns[name] = getattr(self, name)
+        masks = [missing_entries(column) for column in columns.values()]
+        if not any(mask.any() for mask in masks):
+            return
+        lengths = {len(mask) for mask in masks}
+        require(
+            len(lengths) == 1,
+            f"{self.label} must have one reading per angle, got {max(lengths)} and {min(lengths)}"
+            " with some missing. Check the two columns.",
+        )
+        missing = np.logical_or.reduce(masks)
+        for name, column in columns.items():
+            object.__setattr__(self, name, without_entries(column, missing))
 
     def _column(
         self, name: str, other_name: str, convert: Callable[[Array], Array]

@@ -147,6 +147,7 @@ def import_campaign(
     for k, recording in enumerate(recordings):
         loads_of_test = {key: values[k] for key, values in loads.items()}
         _take_conditions(recording, loads_of_test)
+    _check_directions(recordings, campaign)
     assume_units(recordings, campaign)
     arcs = [_measured_arc(recording) for recording in recordings]
     tests = _name_tests(join_half_circles(arcs))
@@ -242,6 +243,28 @@ def _take_conditions(recording: Recording, loads: Mapping[str, float]) -> None:
     fields |= loads_of(recording)
     halve_diameters(recording)
     fields["radius_mm"] = quantity_of(recording, "radius_mm", fields.get("radius_mm"))
+
+
+def _check_directions(recordings: Iterable[Recording], campaign: Mapping[str, Any]) -> None:
+    """Raise an error if some tests of a plane state their direction of travel, and others do not.
+
+    ``campaign`` are the fields of the campaign that options or files state.
+    """
+    stated: dict[Any, Recording] = {}
+    unstated: dict[Any, Recording] = {}
+    for recording in recordings:
+        plane = recording.fields.get("plane") or campaign.get("plane")
+        group = unstated if recording.fields["direction"] is None else stated
+        group.setdefault(plane, recording)
+    for plane, recording in unstated.items():
+        if plane not in stated:
+            continue
+        other = stated[plane]
+        raise InputError(
+            f"{recording.place}: direction must be stated by all tests of a plane or by none, got"
+            f" none here and {other.fields['direction']} in {other.title!r}. Give --direction if"
+            " all ran alike, or direction in a [[test]] of --layout."
+        )
 
 
 def _measured_arc(recording: Recording) -> MeasuredArc:

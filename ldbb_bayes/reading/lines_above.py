@@ -134,6 +134,10 @@ _LENGTH = re.compile(
 _RADII_UM = (2e4, 2e6)
 # Largest number of characters of a line that a note shows.
 _LENGTH_SHOWN = 60
+# Pattern of a text that ends with a word such as "under", before a load that has no value.
+_UNDER = re.compile(
+    r"\b(?:unter|under|mit|with|ohne|without|bei|sous|sotto|bajo)\s+$", re.IGNORECASE
+)
 # Pattern of any word for clockwise or counter-clockwise.
 _SENSE = re.compile(
     rf"(?<![a-zA-Z])({_DIRECTION_WORDS['clock_hand']}|ccw|cw|{_DIRECTION_WORDS['in_words']})"
@@ -215,6 +219,8 @@ def _stated_number(
         following = ""  # the next cell is not the unit of this number
     named = match["inside"] or match["brackets"] or following
     unit: str | None = quantity.usual_unit
+    if not named and quantity.field in ("force_N", "pressure_bar") and _is_in_title(match):
+        return None
     if named:
         unit = _unit_among(named, quantity.units)
     if not unit:
@@ -225,6 +231,16 @@ def _stated_number(
     if value is None:
         return None
     return LineStatement(value * quantity.units[unit], named, line)
+
+
+def _is_in_title(match: re.Match[str]) -> bool:
+    """Return whether a load without a unit is a title, as in ``Circular test under load 2``.
+
+    It is one if no mark stands before its number, or a word such as "under" before its name.
+    """
+    if _UNDER.search(match.string[: match.start()]):
+        return True
+    return re.search(r"[:=;,|\t]", match.string[match.start() : match.start("number")]) is None
 
 
 def _words_before_number(match: re.Match[str]) -> str:
@@ -396,7 +412,8 @@ def not_understood(lines: Lines) -> dict[str, str]:
         if _is_understood(line, text):
             continue
         for key, words in _SUBJECTS.items():
-            if words.search(text[:LONGEST_TEXT]):
+            match = words.search(text[:LONGEST_TEXT])
+            if match and not _UNDER.search(text[: match.start()]):
                 subject = key.split("_")[0]
                 unclear.setdefault(key, f"line {line} says {subject}, not understood")
     return unclear

@@ -739,6 +739,33 @@ def log_cases() -> dict[str, FieldCase]:
     }
 
 
+def line_cases() -> dict[str, FieldCase]:
+    kind = "lines above"
+    some = texts("Angle [deg],Reading [um]")
+    some["100N.csv"] = b"Direction: CCW\n" + some["100N.csv"]
+    forward = tuple(replace(circle, direction="CCW") for circle in TRUTH)
+    return {
+        "title_under_load": FieldCase(
+            kind,
+            "a title 'Kreisformtest unter Last 2'",
+            texts("Angle [deg],Reading [um]", above="Kreisformtest unter Last 2"),
+        ),
+        "title_under_load_with_colon": FieldCase(
+            kind,
+            "a title 'Test under load: 2026'",
+            texts("Angle [deg],Reading [um]", above="Test under load: 2026"),
+        ),
+        "direction_of_some": FieldCase(
+            kind,
+            "a direction in one file of three",
+            some,
+            refusal="Give --direction if all ran alike",
+            step=("--direction", "CCW"),
+            circles=forward,
+        ),
+    }
+
+
 def with_stored_values(sheet: Any, circle: Circle) -> None:
     """Write the readings as formulas of a column in mm, without their values."""
     for k in range(len(circle.angle_deg)):
@@ -815,6 +842,7 @@ def all_cases() -> dict[str, FieldCase]:
         **radius_cases(),
         **angle_cases(),
         **log_cases(),
+        **line_cases(),
         **workbook_cases(),
     }
 

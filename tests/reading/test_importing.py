@@ -239,7 +239,8 @@ def test_options_win_over_tests_of_a_layout(tmp_path: Path) -> None:
         "direction": "CCW",
     }
     paths = [table(tmp_path / "a.csv"), table(tmp_path / "b.csv")]
-    result = lb.import_campaign(paths, layout=layout.with_given({"pressures_bar": [2.0, 3.0]}))
+    given = {"pressures_bar": [2.0, 3.0], "direction": "CCW"}
+    result = lb.import_campaign(paths, layout=layout.with_given(given))
     assert [round(float(test.force_N or 0.0), 2) for test in result.campaign.tests] == [
         237.88,
         363.92,
