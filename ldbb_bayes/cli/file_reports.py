@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
@@ -113,8 +113,14 @@ def report_files(
     check_force(campaign, settings.get("force_N"))
     campaign = with_tolerances(campaign, model, settings.get("tolerances", {}))
     source_campaign = SourceCampaign(campaign, imported)
-    with steps as begin_step, second_process() as executor:
-        fit, analyses = _analyse(campaign, model, begin_step, settings, executor)
+    analyse = _analyse
+    other_process: AbstractContextManager[Executor | None] = nullcontext()
+    if settings["sheets_only"]:
+        analyse = _analyse_for_sheets
+    else:
+        other_process = second_process()
+    with steps as begin_step, other_process as executor:
+        fit, analyses = analyse(campaign, model, begin_step, settings, executor)
         stated_posterior = fit if analyses.averaged is None else analyses.averaged
         fit_result = fit_tables.full_result(fit, settings["prob"])
         stated_result = fit_tables.full_result(stated_posterior, settings["prob"])
@@ -137,6 +143,8 @@ def report_files(
             )
             _write_beside_page(staging, fit, fit_result, imported, analyses)
     parts = _printed_parts(source_campaign, stated_posterior, stated_result, analyses)
+    if not settings["sheets_only"]:
+        parts += _printed_annex(analyses)
     return WrittenReport(document, parts, record_of(fit)["sampler"]["converged"])
 
 
@@ -154,6 +162,11 @@ def _check_settings(settings: dict[str, Any], source: ReportSource) -> None:
         not settings["same_instrument"],
         "--same-instrument must go with several fits, got files. Leave it out.",
     )
+    require(
+        not (settings["sheets_only"] and "tests" in settings),
+        "--tests must go with the annex, which recommends circles, got --sheets-only. Leave one of"
+        " them out.",
+    )
 
 
 def page_settings(settings: dict[str, Any]) -> dict[str, Any]:
@@ -167,9 +180,10 @@ def page_settings(settings: dict[str, Any]) -> dict[str, Any]:
     Returns
     -------
     dict
-        Probability, language, annex and force, as far as they are stated, by name of the argument.
+        Probability, language, annex, sheets and force, as far as they are stated, by name of the
+        argument.
     """
-    names = ("prob", "language", "annex", "force_N")
+    names = ("prob", "language", "annex", "sheets_only", "force_N")
     return {name: settings[name] for name in names if name in settings}
 
 
@@ -201,7 +215,7 @@ def _analyse(
         second process.
     """
     seed = settings["seed"]
-    models = {"constant": model.with_degree(0), "linear": model}
+    models = _averaged_models(model)
     _import_in_worker(executor)
     begin_step("fit")
     fit = lb.sample(model, campaign, sampler="independent", seed=seed)
@@ -223,13 +237,50 @@ def _analyse(
     design = start_early(partial(_result_or_reason, choose_tests), executor)
 
     begin_step("average")
-    averaged = _result_or_reason(
-        partial(lb.average, models, campaign, evidences=evidences, seed=seed)
-    )
-    if isinstance(averaged, str):
-        averaged = None
+    averaged = _average_or_none(models, evidences, seed)
     # The page, the files and the terminal ask for the design; it is computed only once.
     return fit, _Analyses(comparison, averaged, cache(design))
+
+
+def _analyse_for_sheets(
+    campaign: lb.Campaign,
+    model: lb.HybridModel,
+    begin_step: Begin,
+    settings: dict[str, Any],
+    executor: Executor | None = None,
+) -> tuple[xr.DataTree, _Analyses]:
+    """Return a fit of linear compliance, and the average that the two sheets state.
+
+    The parameters are those of `_analyse`. Models are not compared under other assumptions, and no
+    tests are chosen, because only the annex shows that.
+    """
+    seed = settings["seed"]
+    begin_step("fit")
+    fit = lb.sample(model, campaign, sampler="independent", seed=seed)
+    begin_step("average")
+    evidences = Evidences(campaign, tolerance=_TOLERANCE)
+    averaged = _average_or_none(_averaged_models(model), evidences, seed)
+    return fit, _Analyses(wording.NO_ANNEX, averaged, _no_design)
+
+
+def _no_design() -> str:
+    """Return the reason why a report without annex recommends no tests."""
+    return wording.NO_ANNEX
+
+
+def _averaged_models(model: lb.HybridModel) -> dict[str, lb.HybridModel]:
+    """Return the models of constant and of linear compliance, by name; ``model`` is the latter."""
+    return {"constant": model.with_degree(0), "linear": model}
+
+
+def _average_or_none(
+    models: Mapping[str, lb.HybridModel], evidences: Evidences, seed: int
+) -> xr.DataTree | None:
+    """Return the posterior averaged over models; None if it cannot be computed."""
+    try:
+        return lb.average(models, evidences.campaign, evidences=evidences, seed=seed)
+    except InputError:
+        return None
 
 
 def _import_in_worker(executor: Executor | None) -> None:
@@ -293,7 +344,7 @@ def _write_beside_page(
 def _printed_parts(
     source: SourceCampaign, stated: xr.DataTree, result: dict[str, Any], analyses: _Analyses
 ) -> tuple[Any, ...]:
-    """Return what to print at the terminal: assumptions, remarks, results, next tests.
+    """Return what to print at the terminal of the sheets: assumptions, remarks and results.
 
     ``source`` is the campaign with its import. ``stated`` is the posterior averaged over constant
     and linear compliance, or the fit of linear compliance if there is no average; ``result`` is its
@@ -317,7 +368,12 @@ def _printed_parts(
     ]
     if "conformity" in result:
         parts.append(fit_tables.conformity_table(result["conformity"]))
+    return tuple(parts)
 
+
+def _printed_annex(analyses: _Analyses) -> tuple[Any, ...]:
+    """Return what to print at the terminal of the annex: comparison of models, next tests."""
+    parts: list[Any] = []
     comparison = analyses.comparison
     if isinstance(comparison, str):
         parts.append(comparison)

@@ -20,7 +20,7 @@ from ldbb_bayes.campaign.preview import CampaignPreview, check_campaign
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.posterior import campaign_of, model_of, record_of
 from ldbb_bayes.inference.summary import summarize
-from ldbb_bayes.report import fit_tables
+from ldbb_bayes.report import fit_tables, wording
 from ldbb_bayes.report.wording import DEGREES
 
 if TYPE_CHECKING:
@@ -60,6 +60,8 @@ class Findings:
         Posterior averaged over models, whose numbers the sheets state; None if it was not computed.
     tolerances
         Tolerances by quantity; default: those of the campaign.
+    sheets_only
+        Whether the annex is left out, so that nothing is computed that only the annex shows.
     """
 
     posterior: xr.DataTree
@@ -68,6 +70,7 @@ class Findings:
     recommended: Callable[[], Recommended]
     averaged: xr.DataTree | None = None
     tolerances: Mapping[str, Any] | None = None
+    sheets_only: bool = False
 
     @property
     def numbers(self) -> xr.DataTree:
@@ -198,12 +201,13 @@ def find(
     recommended: Recommended | Callable[[], Recommended] | None = None,
     averaged: xr.DataTree | None = None,
     tolerances: Mapping[str, Any] | None = None,
+    sheets_only: bool = False,
 ) -> Findings:
     """Return everything that a report shows about a fit.
 
     Parameters
     ----------
-    posterior, prob, tests, comparison, recommended, averaged, tolerances
+    posterior, prob, tests, comparison, recommended, averaged, tolerances, sheets_only
         The same arguments as those of `ldbb_bayes.write_report`.
 
     Returns
@@ -218,6 +222,9 @@ def find(
     campaign = campaign_of(posterior)
     _check_readings("comparison", getattr(comparison, "campaign", None), campaign)
     _check_readings("design", getattr(recommended, "pilot", None), campaign)
+    if sheets_only:
+        comparison = comparison or wording.NO_ANNEX
+        recommended = recommended or wording.NO_ANNEX
     if comparison is None:
         comparison = _compare_degrees(posterior)
 
@@ -228,7 +235,7 @@ def find(
             return recommended()
         return recommended
 
-    return Findings(posterior, prob, comparison, next_tests, averaged, tolerances)
+    return Findings(posterior, prob, comparison, next_tests, averaged, tolerances, sheets_only)
 
 
 def _check_readings(kind: str, stated: Campaign | None, campaign: Campaign) -> None:

@@ -42,7 +42,8 @@ _SUFFIX_OF_UNIT = {"µm": "_um", "µm/m": "_um_per_m"}
 def tables(findings: Findings, others: Sequence[Beside] = ()) -> dict[str, pd.DataFrame]:
     """Return all numbers of a report as tables, except the decisions on conformity.
 
-    The key of each table is the name of its CSV file without the ending ``.csv``.
+    Those that only the annex shows (budgets, circular-test quantities, contributions) are left out
+    with the annex. The key of each table is the name of its CSV file without the ending ``.csv``.
 
     Parameters
     ----------
@@ -62,28 +63,38 @@ def tables(findings: Findings, others: Sequence[Beside] = ()) -> dict[str, pd.Da
     names = [*bound.names, *map(str, bound.hyper_prior.names)]
     covariance = pd.DataFrame(np.cov(draws), names, names)
     correlation = pd.DataFrame(np.corrcoef(draws), names, names)
-    measured, pairs = measure_circularity(posterior)
-    by_source = _with_unit_suffixes(decompose_deviation(posterior, prob=findings.prob))
     frames = {
         "results": _results(findings),
         "covariance": covariance.rename_axis("parameter"),
         "correlation": correlation.rename_axis("parameter"),
-        "budget": _budget(findings),
-        "circularity": findings.path.set_index("plane"),
-        "measured_circularity": _with_unit_suffixes(measured).rename_axis("test"),
-        "contributions": by_source.set_index("plane"),
     }
+    if not findings.sheets_only:
+        frames |= _annex_tables(findings)
     if findings.averaged is not None:
         frames["averaged"] = _averaged(findings)
     changes = _changes(findings)
     if len(changes):
         frames["change_with_force"] = changes
-    if len(pairs):
-        frames["measured_pairs"] = _with_unit_suffixes(pairs).rename_axis("tests")
     if others:
         by_name = {other.name: other.differences for other in others}
         differences = pd.concat(by_name, names=["campaign", "parameter"])
         frames["differences"] = differences.reset_index().set_index("campaign")
+    return frames
+
+
+def _annex_tables(findings: Findings) -> dict[str, pd.DataFrame]:
+    """Return the tables whose numbers only the annex of a report shows."""
+    posterior = findings.posterior
+    measured, pairs = measure_circularity(posterior)
+    by_source = _with_unit_suffixes(decompose_deviation(posterior, prob=findings.prob))
+    frames = {
+        "budget": _budget(findings),
+        "circularity": findings.path.set_index("plane"),
+        "measured_circularity": _with_unit_suffixes(measured).rename_axis("test"),
+        "contributions": by_source.set_index("plane"),
+    }
+    if len(pairs):
+        frames["measured_pairs"] = _with_unit_suffixes(pairs).rename_axis("tests")
     return frames
 
 

@@ -16,6 +16,7 @@ from markupsafe import Markup
 from ldbb_bayes.analysis.differences import compare_posteriors
 from ldbb_bayes.analysis.tolerances import check_force
 from ldbb_bayes.deprecation import renamed_keyword
+from ldbb_bayes.errors import require
 from ldbb_bayes.files import check_target, staged_folder, write_whole
 from ldbb_bayes.inference.posterior import campaign_of, fit_of, record_of
 from ldbb_bayes.inference.summary import result_json
@@ -57,7 +58,7 @@ class Document(Shown):
     alerts
         Warnings that a reader must see before any number.
     sections
-        Sections in the order of the page.
+        Sections of the annex in the order of the page; none if the annex is left out.
     sheets
         Sheets of the certificate, to be signed.
     annex
@@ -124,12 +125,15 @@ def compose(
     -------
     Document
     """
-    steps = len(SECTIONS) + 1
+    writers = SECTIONS
+    if findings.sheets_only:
+        writers = {}
+    steps = len(writers) + 1
     tell = progress or _ignore
     tell(0, steps)
     finished_sheets = sheets(findings, language=language, force_N=force_N)
     sections: list[Section] = []
-    for key, (title, write) in SECTIONS.items():
+    for key, (title, write) in writers.items():
         tell(len(sections) + 1, steps)
         sections.append(Section(key, title, tuple(write(findings))))
     tell(steps, steps)
@@ -244,6 +248,7 @@ def write_report(
     tolerances: Mapping[str, Any] | None = None,
     language: str = "en",
     annex: bool = False,
+    sheets_only: bool = False,
     force_N: float | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Document:
@@ -282,6 +287,10 @@ def write_report(
     annex : bool
         Whether the annex, the sections that follow the sheets, is printed too when the page is
         printed.
+    sheets_only : bool
+        Whether the annex is left out. Nothing is computed then that only the annex shows: by
+        default models are not compared and no tests are recommended, and of the tables only those
+        of the parameters and of the sheets are written.
     force_N : float, optional
         Force at which the sheets state stiffness and circular deviation [N], from a tenth of the
         smallest force tested to 1.5 times the largest. Default: the model's reference force.
@@ -299,7 +308,8 @@ def write_report(
     InputError
         The comparison or design was made from other readings, the campaigns are of different
         machines, ``language`` is unknown, ``force_N`` is outside its range, the folder cannot be
-        written, or its subfolder ``tables`` holds files that no report has written.
+        written, its subfolder ``tables`` holds files that no report has written, or
+        ``sheets_only`` is given together with ``annex`` or ``beside_it``.
 
     Examples
     --------
@@ -310,6 +320,8 @@ def write_report(
     check_report_target(folder)
     check_force(campaign_of(posterior), force_N)
     words_of(language)
+    if sheets_only:
+        _check_no_annex_wanted(beside_it, annex=annex)
     others = []
     for name, other in (beside_it or {}).items():
         difference = compare_posteriors(
@@ -324,6 +336,7 @@ def write_report(
         recommended=recommended,
         averaged=averaged,
         tolerances=tolerances,
+        sheets_only=sheets_only,
     )
     document = compose(
         findings,
@@ -357,6 +370,20 @@ def write_report(
     write_whole(folder / "report.pdf", pdf)
     write_dcc(findings.numbers, folder / "dcc.xml", prob=prob)
     return document
+
+
+def _check_no_annex_wanted(beside_it: Mapping[str, Any] | None, *, annex: bool) -> None:
+    """Refuse arguments that only change the annex, for a report without it."""
+    require(
+        not annex,
+        "annex (--annex) must not go with sheets_only (--sheets-only), got both. The annex is"
+        " printed, or it is left out.",
+    )
+    require(
+        not beside_it,
+        f"sheets_only (--sheets-only) must go with one fit, got {len(beside_it or {})} beside it,"
+        " which only the annex compares. Leave it out.",
+    )
 
 
 def _record(

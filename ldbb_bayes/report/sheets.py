@@ -117,6 +117,8 @@ def _first_sheet(numbers: SheetNumbers) -> Iterator[Block]:
     )
     yield Pair(traces, words("sheet.undetermined"), tuple(_undetermined(numbers)))
     yield _averaged_models(findings, words)
+    if findings.sheets_only:
+        yield words("notes.sheets_only")
     yield Fields(((words("fields.signed"), ""), (words("fields.checked"), "")), tall=True)
 
 
@@ -173,7 +175,10 @@ def _averaged_models(findings: Findings, words: Words) -> str:
     beside = ""
     if rivals:
         beside = words("notes.rivals", rivals=", ".join(rivals))
-    return words("notes.averaged", models=", ".join(models), beside=beside)
+    annex = ""
+    if not findings.sheets_only:
+        annex = words("notes.annex")
+    return words("notes.averaged", models=", ".join(models), beside=beside, annex=annex)
 
 
 # ---- sheet 2: the results

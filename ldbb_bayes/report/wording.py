@@ -60,6 +60,7 @@ __all__ = [
     "IN_FORCE",
     "MORE",
     "NONE_ALIKE",
+    "NO_ANNEX",
     "PAGE",
     "TO_NARROW",
     "TO_SEPARATE",
@@ -138,6 +139,7 @@ ALIKE = "The readings of this campaign cannot separate:"
 TO_SEPARATE = "To separate what looks exactly alike:"
 TO_NARROW = "What would narrow them:"
 ALL_DETAILS = "Priors, origins and what no reading separates: --details."
+NO_ANNEX = "left out with the annex (--sheets-only)"
 MORE = "All of it: print(result.details()). For programs: lb.report.with_words(result)."
 NONE_ALIKE = "The readings determine every combination of what the model contains."
 
