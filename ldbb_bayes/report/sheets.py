@@ -7,18 +7,21 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ldbb_bayes.analysis.assumed_sizes import AssumedSize, deciding_assumptions
 from ldbb_bayes.analysis.conformity import Conformity
 from ldbb_bayes.analysis.usability import Use, state_of
 from ldbb_bayes.campaign.run_times import TimeSource, time_source
 from ldbb_bayes.inference.posterior import bound_of, campaign_of, fit_of
 from ldbb_bayes.model.terms import uncertainties
 from ldbb_bayes.model.terms.base import Uncertainty
+from ldbb_bayes.model.terms.columns import OWN
 from ldbb_bayes.report.blocks import Banner, Block, Fields, Pair, ReportSheet
 from ldbb_bayes.report.findings import Findings
 from ldbb_bayes.report.pdf import fit_to_page
 from ldbb_bayes.report.pictures import picture
 from ldbb_bayes.report.sheet_numbers import SheetNumbers, StatedQuantity, remark
 from ldbb_bayes.report.translation import Words, words_of
+from ldbb_bayes.report.wording import source_unit_words
 from ldbb_bayes.results import Table
 from ldbb_bayes.units import display_name, display_unit, state, two_digits
 
@@ -100,6 +103,7 @@ def _first_sheet(numbers: SheetNumbers) -> Iterator[Block]:
     findings = numbers.findings
     yield _banner(numbers)
     yield Fields(tuple(_entries(findings, words)))
+    yield _assumptions(numbers)
     force = words.number(f"{numbers.force_N:.4g}")
     middle = ""
     if numbers.force_N == findings.result["model"]["reference_force_N"]:
@@ -461,15 +465,48 @@ def _entries(findings: Findings, words: Words) -> Iterator[tuple[str, str]]:
     yield words("fields.path"), ", ".join(path)
 
     stated = []
-    assumed = []
     for piece in _instrument(findings):
-        text = f"{words(f'entries.{piece.key}')} {words.number(piece.size)}"
         if piece.is_stated:
+            text = f"{words(f'entries.{piece.key}')} {words.number(piece.size)}"
             stated.append(text + _certificate_name(findings, piece.key))
-        else:
-            assumed.append(text)
     yield words("fields.certificates"), ", ".join(stated) or words("entries.none")
-    yield words("fields.assumed"), ", ".join(assumed) or words("entries.none")
+
+
+def _assumptions(numbers: SheetNumbers) -> str:
+    """Return sentences on every assumption that decides a number of the sheets, with its size.
+
+    The assumptions are effects that nobody measured or stated, with the sizes of their budgets, and
+    the priors of quantities that are limited by them.
+    """
+    words = numbers.words
+    budgets = numbers.findings.budgets
+    stated = {name: budgets[name] for name in (*numbers.parameters, *numbers.slopes)}
+    effects = []
+    for assumption in deciding_assumptions(stated):
+        sizes = [_assumed_size(assumption.term, size, words) for size in assumption.sizes]
+        text = f"{words.term(assumption.term)} {words.joined(sizes)}"
+        effects.append(text.strip())
+    sentence = words("notes.assumed", effects="; ".join(effects) or words("entries.none"))
+    priors = []
+    for quantity in (*numbers.parameters.values(), *numbers.changes.values()):
+        entry = quantity.entry or quantity.change_entry
+        if entry is not None and entry.held_by.name == OWN and np.isfinite(entry.prior_sd):
+            factor, label = display_unit(entry.unit)
+            size = words.number(two_digits(2.0 * entry.prior_sd, factor))
+            priors.append(f"{quantity.symbol} ±\u00a0{size}\u00a0{words.unit(label)}")
+    if priors:
+        sentence += " " + words("notes.assumed_before", priors="; ".join(priors))
+    return sentence
+
+
+def _assumed_size(term: str, size: AssumedSize, words: Words) -> str:
+    """Return the size of an assumed effect as text: twice its standard uncertainty."""
+    factor, label = source_unit_words(size.source, term, size.unit)
+    value = words.number(two_digits(2.0 * size.sd, factor))
+    text = f"±\u00a0{value}\u00a0{words.unit(label)}"
+    if size.differs:
+        return words("entries.up_to", size=text)
+    return text
 
 
 def _certificate_name(findings: Findings, key: str) -> str:
@@ -538,10 +575,10 @@ def _ball_size(findings: Findings, key: str) -> str:
 
 
 def _size(key: str, uncertainty: Uncertainty) -> str:
-    """Return the uncertainty U (k = 2) of a part of the instrument as text.
+    """Return the certified uncertainty U (k = 2) of a part of the instrument as text.
 
-    ``key`` names the part. A certified uncertainty is written as U = …, an assumed one as ± …. For
-    the bar, the error of its length precedes the uncertainty if it is not zero.
+    ``key`` names the part. For the bar, the error of its length precedes the uncertainty if it is
+    not zero.
     """
     if uncertainty.unit == "1" or key == "mount":
         size = f"{two_digits(2.0 * uncertainty.sd / (uncertainty.value or 1.0), 100.0)} %"
@@ -550,7 +587,7 @@ def _size(key: str, uncertainty: Uncertainty) -> str:
     else:
         factor, label = display_unit(uncertainty.unit)
         size = f"{two_digits(2.0 * uncertainty.sd, factor)} {label}"
-    size = f"U = {size}" if uncertainty.stated else f"± {size}"
+    size = f"U = {size}"
     if key == "bar" and uncertainty.value:
         size = f"{uncertainty.value * 1e3:+.4g} µm, {size}".replace("-", "−")
     return size

@@ -298,15 +298,15 @@ def _budget_source(contribution: Any) -> _BudgetSource:
     ``contribution`` is a line of an uncertainty budget.
     """
     term_words = wording.source_words(contribution.term)
+    factor, label = wording.source_unit_words(
+        contribution.source, contribution.term, contribution.unit
+    )
     if contribution.source == contribution.term:
-        if contribution.unit == "N":
-            return _BudgetSource(term_words, 1.0, "N")
-        return _BudgetSource(term_words, 1e3, "µm")
-    one, label = wording.unit_words(contribution.source)
+        return _BudgetSource(term_words, factor, label)
     words = wording.nuisance_words(contribution.source)
     if contribution.source.startswith("other "):
         words = f"other {term_words}"
-    return _BudgetSource(words, 1.0 / one, label)
+    return _BudgetSource(words, factor, label)
 
 
 @wording.with_words.register

@@ -116,6 +116,7 @@ __all__ = [
     "sampler_words",
     "sensitive_words",
     "short_verdict_words",
+    "source_unit_words",
     "source_words",
     "statement",
     "strength_words",
@@ -307,6 +308,21 @@ def unit_words(name: str) -> tuple[float, str]:
         factor, label = display_unit(inside_unit)
         return 1.0 / factor, label
     return one, label
+
+
+def source_unit_words(source: str, term: str, unit: str) -> tuple[float, str]:
+    """Return the unit in which a budget shows the standard uncertainty of a source.
+
+    The first value is the factor from the internal unit to the unit shown, the second its label.
+    ``source`` is the name of a nuisance coefficient, or that of its ``term`` for a noise. ``unit``
+    is the internal unit of the noise.
+    """
+    if source == term:
+        if unit == "N":
+            return 1.0, "N"
+        return 1e3, "µm"
+    one, label = unit_words(source)
+    return 1.0 / one, label
 
 
 def nuisance_words(name: str) -> str:

@@ -1,0 +1,88 @@
+"""Assumptions that decide numbers: sources of uncertainty that nobody measured or stated."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from ldbb_bayes.analysis.budgets import Budget, Contribution
+from ldbb_bayes.analysis.origins import Origin
+from ldbb_bayes.model.terms.columns import OWN
+from ldbb_bayes.results import Result
+from ldbb_bayes.units import ranked
+
+__all__ = ["AssumedSize", "DecidingAssumption", "deciding_assumptions"]
+
+# An assumed effect that holds at least this share of the variance of a parameter decides it in
+# part. Verdicts name effects from the same share on.
+_DECIDING_SHARE = 0.05
+# Sizes that differ by less than this ratio count as one.
+_SAME_SIZE = 1.0 + 1e-9
+
+
+@dataclass(frozen=True)
+class AssumedSize:
+    """Size of an assumed effect: the largest prior standard deviation of its coefficients."""
+
+    source: str  #: name of the coefficient, or of the noise, that has this size
+    sd: float  #: its prior standard deviation
+    unit: str  #: internal unit of ``sd``
+    differs: bool  #: whether other coefficients of the effect in this unit are smaller
+
+
+@dataclass(frozen=True)
+class DecidingAssumption(Result):
+    """An effect whose size nobody measured or stated, and that decides a number in part."""
+
+    term: str  #: class name of the model term
+    parameter: str  #: parameter in whose variance the effect has its largest share
+    share: float  #: this share
+    sizes: tuple[AssumedSize, ...]  #: size of the effect in each of its units
+
+
+def deciding_assumptions(budgets: Mapping[str, Budget]) -> tuple[DecidingAssumption, ...]:
+    """Return the assumed effects that hold 5 % or more of the variance of any parameter.
+
+    The sizes are those that the budgets state as the standard uncertainties of the sources. The
+    priors of the parameters themselves are no effects, and are left out.
+
+    Parameters
+    ----------
+    budgets
+        Uncertainty budgets by parameter, from `budget_uncertainty`.
+
+    Returns
+    -------
+    tuple of DecidingAssumption
+        One for each model term, the one with the largest share first.
+    """
+    lines_by_term: dict[str, list[Contribution]] = {}
+    shares: dict[str, dict[str, float]] = {}
+    for name, budget in budgets.items():
+        for line in budget.contributions:
+            if line.origin == Origin.ASSUMED and line.term != OWN:
+                lines_by_term.setdefault(line.term, []).append(line)
+                of_term = shares.setdefault(line.term, {})
+                of_term[name] = of_term.get(name, 0.0) + line.share
+    assumptions = []
+    for term, lines in lines_by_term.items():
+        parameter = ranked(shares[term], shares[term].__getitem__)[0]
+        share = shares[term][parameter]
+        if share >= _DECIDING_SHARE:
+            assumptions.append(DecidingAssumption(term, parameter, share, _sizes(lines)))
+    return tuple(ranked(assumptions, lambda assumption: assumption.share))
+
+
+def _sizes(lines: list[Contribution]) -> tuple[AssumedSize, ...]:
+    """Return the largest size in every unit; lines of several coefficients together have none."""
+    by_unit: dict[str, dict[str, float]] = {}
+    for line in lines:
+        if line.u is not None:
+            by_unit.setdefault(line.unit, {})[line.source] = line.u
+    sizes = []
+    for unit, sd_by_source in by_unit.items():
+        source = ranked(sd_by_source, sd_by_source.__getitem__)[0]
+        largest = sd_by_source[source]
+        differs = min(sd_by_source.values()) * _SAME_SIZE < largest
+        sizes.append(AssumedSize(source, largest, unit, differs))
+    return tuple(sizes)
