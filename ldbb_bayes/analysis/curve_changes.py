@@ -15,6 +15,7 @@ from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.information import Information
 from ldbb_bayes.model.prior import compliance_unit
 from ldbb_bayes.model.terms import JointLoad
+from ldbb_bayes.model.terms.joints import joint_load_columns
 from ldbb_bayes.results import Array
 
 __all__ = ["CurveChange", "curve_changes"]
@@ -80,16 +81,18 @@ def curve_changes(bound: BoundModel, information: Information) -> dict[str, Curv
 def _joint_load_weights(bound: BoundModel, information: Information, axis: str) -> Array:
     """Return the change of an axis' compliance per unit of every coefficient, shape (m,).
 
-    Only the part of the term `JointLoad` counts; the weights are zero without this term.
+    Only the part of the term `JointLoad` counts; the weights are zero without this term, and for an
+    axis that no circle drives.
     """
     weights = np.zeros(len(information.names))
-    prefix = f"joint_load_{axis}_"
-    places = [k for k, name in enumerate(information.names) if name.startswith(prefix)]
+    columns = joint_load_columns(bound.setting, bound.columns_of.get(JointLoad, ())).get(axis)
+    if columns is None:
+        return weights
+    places = [information.names.index(name) for name in columns.names]
     for term in bound.model.nuisances:
         if isinstance(term, JointLoad):
             force_N = bound.setting.force_N
             ends_N = np.array([force_N.min(), force_N.max()])
             secants = term.secants(bound.setting, ends_N)
-            if places:  # one for each law of the axis; none where no circle drives it
-                weights[places] = secants[1] - secants[0]
+            weights[places] = secants[1] - secants[0]
     return weights

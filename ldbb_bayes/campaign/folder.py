@@ -11,6 +11,8 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+import tomli_w
+
 from ldbb_bayes.campaign.campaign import Campaign, require_campaign
 from ldbb_bayes.campaign.campaign_toml import LARGEST_PLAN, read_campaign_toml
 from ldbb_bayes.campaign.campaign_writer import TOML_NAME, write_campaign_into
@@ -99,8 +101,8 @@ def read_campaign(
         campaign_fields = {"name": path.stem, **options}
     elif options:
         raise InputError(
-            f"options must come with a tidy CSV, got {', '.join(options)} with {path}. Write them"
-            f" into {path.name}."
+            f"options must come with a tidy CSV, got {', '.join(options)} with {path}."
+            f" {_lines_to_write(options, path.name)}"
         )
     else:
         tests, campaign_fields = read_campaign_toml(path)
@@ -109,6 +111,18 @@ def read_campaign(
         if certificates:
             instrument = _with_certificates(instrument, certificates)
         return Campaign(tests, instrument=instrument, **campaign_fields)
+
+
+def _lines_to_write(options: Mapping[str, Any], file_name: str) -> str:
+    """Return a sentence that says which lines of a campaign.toml state what options state."""
+    lines = []
+    for name, value in options.items():
+        if isinstance(value, str | bool | int | float):
+            lines.append(tomli_w.dumps({name: value}).strip())
+        else:
+            lines.append(f"[{name}]")
+    written = "the line" if len(lines) == 1 else "the lines"
+    return f"Write {written} {' and '.join(lines)} into {file_name}, above its tables, instead."
 
 
 def _with_certificates(instrument: Instrument, certificates: Mapping[str, Any]) -> Instrument:

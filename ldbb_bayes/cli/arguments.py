@@ -32,6 +32,7 @@ __all__ = [
     "GivenCampaign",
     "OutputOptions",
     "PoolOptions",
+    "ReportOutput",
     "TableFields",
     "Tolerances",
     "campaign_fields",
@@ -326,6 +327,9 @@ ChosenModel = Annotated["lb.HybridModel", group(model_from, **_model_options())]
 Tolerances = Annotated[dict[str, str], group(_tolerances, tolerance=_SHARED["tolerance"])]
 PoolOptions = Annotated[dict[str, Any], group(**options_of("pool"))]
 OutputOptions = Annotated[Output, group(Output, **options_of("output"))]
+ReportOutput = Annotated[
+    Output, group(Output, **{**options_of("output"), **options_of("report_output")})
+]
 LAYOUT_OPTIONS = group(
     _layout,
     **options_of(

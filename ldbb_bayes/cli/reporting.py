@@ -26,7 +26,7 @@ _FILES = typer.Argument(
 @command
 def report(
     files: Annotated[list[Path], _FILES],
-    output: arguments.OutputOptions,
+    output: arguments.ReportOutput,
     settings: Annotated[dict[str, Any], REPORT_OPTIONS],
     figures: Annotated[
         Path | None,

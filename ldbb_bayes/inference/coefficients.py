@@ -26,6 +26,7 @@ from ldbb_bayes.machine.chain import LINEAR
 from ldbb_bayes.model.fourier import SIZE
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.terms import BasisNoise, Columns, JointLoad
+from ldbb_bayes.model.terms.joints import joint_load_columns
 from ldbb_bayes.results import Array
 
 __all__ = [
@@ -214,13 +215,11 @@ def elastic_draws(
     names = _names_of_shared(bound)
     coefficients = draw_shared(bound, draws.phi, draws.beta, rng)
     secants = joint_load.secants(bound.setting, force_N)
+    columns_by_axis = joint_load_columns(bound.setting, bound.columns_of[JointLoad])
     for index, compliance in enumerate(bound.compliances):
-        if compliance.kind != "direct":
+        if compliance.kind != "direct" or compliance.twist not in columns_by_axis:
             continue
-        prefix = f"joint_load_{compliance.twist}_"
-        along_axis = [k for k, name in enumerate(names) if name.startswith(prefix)]
-        if not along_axis:
-            continue
+        along_axis = [names.index(name) for name in columns_by_axis[compliance.twist].names]
         of_axis = coefficients[:, along_axis]
         compliances[:, :, index] += of_axis @ secants.T
         axis = LINEAR.index(compliance.twist)

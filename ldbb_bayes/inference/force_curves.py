@@ -8,18 +8,20 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from ldbb_bayes.inference.coefficients import shared_terms
-from ldbb_bayes.inference.posterior import bound_of, curves_of
+from ldbb_bayes.inference.posterior import bound_of, curves_of, record_of
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.prior import compliance_unit
 from ldbb_bayes.model.terms import JointLoad
+from ldbb_bayes.model.terms.joints import joint_load_columns
 from ldbb_bayes.results import Array
 
-__all__ = ["CurveDraws", "ForceCurves", "force_curves"]
+__all__ = ["CurveDraws", "ForceCurves", "force_curves", "prior_changes"]
 
 # C(F) is a deflection divided by the force F. If the reference force is zero, C there is the limit
 # for small forces, computed at this force [N].
 _SMALLEST_FORCE_N = 1e-9
+# Name of the rival explanation that the term `JointLoad` is.
+_JOINT_LOAD = "joint load"
 
 
 class CurveDraws(NamedTuple):
@@ -71,14 +73,64 @@ def force_curves(posterior: xr.DataTree) -> ForceCurves:
     return ForceCurves(smallest_N, float(reference_N), largest_N, compliances)
 
 
+def prior_changes(posterior: xr.DataTree) -> dict[str, Array]:
+    """Return prior draws of the change C(F_max) − C(F_min) of every compliance that may change.
+
+    The keys are the names of the compliances, as in `force_curves`. In an average over models, some
+    of the draws have no slopes, and as many as models without it no part of `JointLoad`. The result
+    is empty for a flat prior, and if all tests have one force.
+    """
+    bound = bound_of(posterior)
+    tested_N = bound.setting.force_N
+    ends_N = np.array([tested_N.min(), tested_N.max()])
+    changes: dict[str, Array] = {}
+    if bound.model.prior.flat or not ends_N[1] > ends_N[0]:
+        return changes
+    group = posterior["prior"].dataset
+    beta = np.stack([np.ravel(group[name].values) for name in bound.names], axis=1)
+    rows = bound.compliance_at(ends_N[1]) - bound.compliance_at(ends_N[0])
+    rng = np.random.default_rng(0)
+    has_joint_load = rng.random(len(beta)) < _share_with_joint_load(posterior)
+    joint_load_sd = _joint_load_sd_of_change(bound, ends_N)
+    changing = _changing_compliances(bound)
+    for index, compliance in enumerate(bound.compliances):
+        if compliance.label in changing:
+            change = beta @ rows[index]
+            if compliance.kind == "direct" and compliance.twist in joint_load_sd:
+                sd = joint_load_sd[compliance.twist]
+                change = change + has_joint_load * rng.normal(0.0, sd, len(beta))
+            changes[compliance.label] = change
+    return changes
+
+
+def _share_with_joint_load(posterior: xr.DataTree) -> float:
+    """Return the share of models with the term `JointLoad`; one for a single model."""
+    averaged = record_of(posterior).get("averaged")
+    if averaged is None:
+        return 1.0
+    return float(np.mean([_JOINT_LOAD in model["rivals"] for model in averaged["models"]]))
+
+
+def _joint_load_sd_of_change(bound: BoundModel, ends_N: Array) -> dict[str, float]:
+    """Return the prior sd of what `JointLoad` adds to the change of each axis' compliance.
+
+    ``ends_N`` are the smallest and the largest force tested. The keys are letters of axes.
+    """
+    columns_by_axis = joint_load_columns(bound.setting, bound.columns_of.get(JointLoad, ()))
+    sd_by_axis: dict[str, float] = {}
+    for term in bound.model.nuisances:
+        if isinstance(term, JointLoad):
+            secants = term.secants(bound.setting, ends_N)
+            for axis, columns in columns_by_axis.items():
+                sd_by_axis[axis] = float(np.linalg.norm((secants[1] - secants[0]) * columns.sd))
+    return sd_by_axis
+
+
 def _changing_compliances(bound: BoundModel) -> set[str]:
     """Return the names of the compliances with a slope or with a part of `JointLoad`."""
     changing = {parameter.compliance for parameter in bound.parameters if parameter.degree > 0}
-    of_joints: list[str] = []
-    for columns in shared_terms(bound.columns_of.get(JointLoad, ())):
-        of_joints += columns.names
+    of_joints = joint_load_columns(bound.setting, bound.columns_of.get(JointLoad, ()))
     for compliance in bound.compliances:
-        prefix = f"joint_load_{compliance.twist}_"
-        if compliance.kind == "direct" and any(name.startswith(prefix) for name in of_joints):
+        if compliance.kind == "direct" and compliance.twist in of_joints:
             changing.add(compliance.label)
     return changing

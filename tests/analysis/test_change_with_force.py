@@ -11,8 +11,10 @@ from campaigns import plan, refuses, simulated
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.compliance_change import ChangeWithForce
-from ldbb_bayes.inference.force_curves import force_curves
-from ldbb_bayes.inference.posterior import record_of
+from ldbb_bayes.analysis.curve_changes import curve_changes
+from ldbb_bayes.inference.force_curves import force_curves, prior_changes
+from ldbb_bayes.inference.posterior import bound_of, record_of
+from ldbb_bayes.model.bound_information import information_of
 
 SMALLEST_N = 36.0
 LARGEST_N = 742.0
@@ -107,7 +109,7 @@ def test_relative_is_the_ratio_of_each_draw(posterior: xr.DataTree) -> None:
 
 
 def test_relative_to_a_compliance_that_may_be_zero_is_not_stated(posterior: xr.DataTree) -> None:
-    found = lb.analysis.change_with_force(posterior)["C_XYX"]
+    found = lb.analysis.change_with_force(posterior, prob=0.999)["C_XYX"]
     assert found.at_reference.ci_low < 0.0 < found.at_reference.ci_high
     assert found.relative is None
 
@@ -206,7 +208,7 @@ def test_one_force_shows_no_change() -> None:
 
 
 def test_a_reference_force_of_zero() -> None:
-    model = replace(MODEL, reference_force_N=0.0)
+    model = replace(MODEL, reference_force_N=0.0).without("joint-load")
     posterior = lb.sample(model, CAMPAIGN, sampler="independent", seed=1)
     change = lb.analysis.change_with_force(posterior)["C_XYX"]
     assert change.reference_force_N == 0.0
@@ -215,7 +217,26 @@ def test_a_reference_force_of_zero() -> None:
     assert np.isfinite(lb.analysis.change_with_force(posterior)["C_XXX"].at_reference.mean)
 
 
+# ---- priors
+
+
+def test_prior_draws_have_the_prior_sd_of_the_linear_model(posterior: xr.DataTree) -> None:
+    """The sd of draws is that of the change as a weighted sum of independent coefficients."""
+    bound = bound_of(posterior)
+    phi = bound.hyper_prior.quantile(np.full((1, len(bound.hyper_prior.names)), 0.5))[0]
+    changes = curve_changes(bound, information_of(bound, phi))
+    drawn = prior_changes(posterior)
+    assert list(drawn) == list(changes)
+    for name, draws in drawn.items():
+        assert draws.std() == pytest.approx(np.linalg.norm(changes[name].weights), rel=0.1), name
+
+
 # ---- refusals and records
+
+
+def test_joints_under_load_have_no_compliance_at_no_force() -> None:
+    """With F0 = 0 two columns of JointLoad would be −F u², which is C_aa."""
+    refuses("reference_force_N", replace(MODEL, reference_force_N=0.0).bind, CAMPAIGN)
 
 
 def test_a_probability_that_is_none_is_refused(posterior: xr.DataTree) -> None:

@@ -5,18 +5,20 @@ Nuisance terms are effects that are modelled but not of interest.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
+from ldbb_bayes.errors import require
 from ldbb_bayes.machine.chain import LINEAR
 from ldbb_bayes.model.setting import Setting
 from ldbb_bayes.model.terms.base import Term, Unit
-from ldbb_bayes.model.terms.columns import Columns
+from ldbb_bayes.model.terms.columns import BasisNoise, Columns
 from ldbb_bayes.results import Array
 
-__all__ = ["JointLoad", "Position"]
+__all__ = ["JointLoad", "Position", "joint_load_columns"]
 
 # A bolted contact of an axis changes the reading in proportion to |u| to this power, where u is the
 # component along the axis of the unit vector along the bar: the contact deflects as (force along
@@ -54,6 +56,9 @@ class JointLoad(Term):
     the size of C_aa: its estimate and the standard uncertainty of the estimate, added in
     quadrature.
 
+    F0 must be positive: a contact that yields to its own load has no compliance at no load, and
+    with F0 = 0 two of the columns would be −F u², which no reading separates from C_aa.
+
     Examples
     --------
     >>> columns = lb.terms.JointLoad().columns(model.bind(campaign).setting)
@@ -75,6 +80,13 @@ class JointLoad(Term):
 
         A column is the reading per unit of one coefficient, in every test of a campaign.
         """
+        reference_N = setting.reference_force_N
+        require(
+            reference_N > 0.0,
+            f"reference_force_N must be positive in a model with JointLoad, got {reference_N:g}:"
+            " joints that yield to their own load have no compliance at no load. Give a force that"
+            " was tested, or leave the term out (--without joint-load).",
+        )
         columns = []
         for axis, size in setting.driven_axes():
             values = self._deflections(
@@ -156,6 +168,21 @@ class JointLoad(Term):
         axis, law = coefficient.removeprefix("joint_load_").split("_")
         effect, load = _LAWS[law]
         return f"{effect} of axis {axis} under {load}"
+
+
+def joint_load_columns(
+    setting: Setting, columns: Sequence[Columns | BasisNoise]
+) -> dict[str, Columns]:
+    """Return the columns of `JointLoad` by letter of the axis, such as X.
+
+    ``columns`` are those of the term, as the model bound to a campaign has them; without the term
+    there are none, and the result is empty.
+    """
+    shared = [block for block in columns if isinstance(block, Columns)]
+    if not shared:
+        return {}
+    axes = [LINEAR[axis] for axis, _ in setting.driven_axes()]
+    return dict(zip(axes, shared, strict=True))
 
 
 @dataclass(frozen=True)

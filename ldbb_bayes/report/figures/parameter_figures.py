@@ -15,7 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ldbb_bayes.errors import check_known
-from ldbb_bayes.inference.force_curves import force_curves
+from ldbb_bayes.inference.force_curves import force_curves, prior_changes
 from ldbb_bayes.inference.posterior import bound_of, curves_of, record_of
 from ldbb_bayes.inference.summary import interval_numbers, priors_of
 from ldbb_bayes.model.prior import compliance_unit
@@ -116,10 +116,11 @@ def _forest_panels(posterior: xr.DataTree) -> dict[str, list[_FigureRow]]:
         panels_of_kind.setdefault(label, []).append(row)
     changes: dict[str, list[_FigureRow]] = {}
     curves = force_curves(posterior)
+    drawn_priors = prior_changes(posterior)
     forces = f"{curves.smallest_force_N:.4g} N to {curves.largest_force_N:.4g} N"
     for name, curve in curves.compliances.items():
         label = f"change from {forces} ({display_unit(curve.unit)[1]})"
-        row = _FigureRow(f"Δ{display_name(name)}", curve.unit, curve.change, None)
+        row = _FigureRow(f"Δ{display_name(name)}", curve.unit, curve.change, drawn_priors.get(name))
         changes.setdefault(label, []).append(row)
     return compliances | changes | geometry
 
