@@ -15,7 +15,10 @@ from .directional_stiffness import DirectionalStiffness as DirectionalStiffness
 from .directional_stiffness import PlaneStiffness as PlaneStiffness
 from .measured_paths import measure_circularity as measure_circularity
 from .path_contributions import decompose_deviation as decompose_deviation
+from .posterior_calibration import calibrate_posterior as calibrate_posterior
 from .tolerances import Tolerance as Tolerance
 from .verdicts import Identifiability as Identifiability
 from .verdicts import ParameterIdentifiability as ParameterIdentifiability
 from .verdicts import judge_posterior as judge_posterior
+from .workflow import Workflow as Workflow
+from .workflow import check_workflow as check_workflow

@@ -29,7 +29,14 @@ from ldbb_bayes.model.hybrid import HybridModel, require_model
 from ldbb_bayes.parallel import Lost, done
 from ldbb_bayes.results import Array, Numbers, Result, readable
 
-__all__ = ["LOG_LIKELIHOOD", "Validation", "calibrate"]
+__all__ = [
+    "LOG_LIKELIHOOD",
+    "Ranks",
+    "Validation",
+    "calibrate",
+    "check_numbers_of_replicates",
+    "rank_replicates",
+]
 
 # Name of the log likelihood in `Validation.names`. Calibration ranks its true value too, besides
 # those of the parameters and hyper-parameters.
@@ -272,21 +279,47 @@ def calibrate(
         "validation must start from proper priors, got flat ones: nothing can be drawn. Use the"
         " default preset.",
     )
-    limits = (("replicates", replicates, _MIN_REPLICATES), ("draws", draws, _MIN_DRAWS))
-    for name, number, least in limits:
-        require_whole(name, number)
-        require(number >= least, f"{name} must be at least {least}, got {number}. Ask for more.")
+    check_numbers_of_replicates(replicates, draws)
     check_probability(prob)
     check_seed(seed)
     bound = model.bind(plan)
     rank_replicate = partial(_rank_replicate, _Study(model, generator, plan, sampler, draws))
-    outcomes: dict[int, _Ranks | str] = {}
+    return rank_replicates(
+        rank_replicate,
+        (*bound.names, *bound.hyper_prior.names, LOG_LIKELIHOOD),
+        replicates=replicates,
+        draws=draws,
+        sampler=sampler,
+        prob=prob,
+        seed=seed,
+        executor=executor,
+        progress=progress,
+    )
+
+
+def rank_replicates(
+    rank_replicate: Callable[[np.random.SeedSequence], Ranks | str],
+    names: tuple[str, ...],
+    *,
+    replicates: int,
+    draws: int,
+    sampler: str,
+    prob: float,
+    seed: int,
+    executor: Executor | None,
+    progress: Callable[[int, int], None] | None,
+) -> Validation:
+    """Return the ranks of true values in many simulated campaigns.
+
+    ``rank_replicate`` takes the seed of one campaign and returns the ranks of the quantities
+    ``names``, or the reason why there are none. The other arguments are those of `calibrate`.
+    """
+    outcomes: dict[int, Ranks | str] = {}
     seeds = np.random.SeedSequence(seed).spawn(replicates)
     for i, outcome in done(rank_replicate, seeds, executor):
         outcomes[i] = outcome.reason if isinstance(outcome, Lost) else outcome
         if progress is not None:
             progress(len(outcomes), replicates)
-
     ranks: list[Array] = []
     by_emcee: list[int] = []
     failures: list[str] = []
@@ -302,7 +335,7 @@ def calibrate(
             f"at least one replicate must give draws, got none. First reason: {failures[0]}"
         )
     return Validation(
-        names=(*bound.names, *bound.hyper_prior.names, LOG_LIKELIHOOD),
+        names=names,
         ranks=np.array(ranks),
         draws=draws,
         sampler=sampler,
@@ -310,6 +343,14 @@ def calibrate(
         failures=tuple(failures),
         by_emcee=tuple(by_emcee),
     )
+
+
+def check_numbers_of_replicates(replicates: int, draws: int) -> None:
+    """Raise an `InputError` for too few replicates or posterior draws, or other than whole ones."""
+    limits = (("replicates", replicates, _MIN_REPLICATES), ("draws", draws, _MIN_DRAWS))
+    for name, number, least in limits:
+        require_whole(name, number)
+        require(number >= least, f"{name} must be at least {least}, got {number}. Ask for more.")
 
 
 class _Study(NamedTuple):
@@ -326,14 +367,14 @@ class _Study(NamedTuple):
     draws: int
 
 
-class _Ranks(NamedTuple):
+class Ranks(NamedTuple):
     """Ranks of the true values among the posterior draws of one simulated campaign."""
 
-    ranks: Array  # number of posterior draws below each true value, shape (quantities,)
-    by_emcee: bool  # whether the posterior draws come from the sampler emcee
+    ranks: Array  #: number of posterior draws below each true value, shape (quantities,)
+    by_emcee: bool  #: whether the posterior draws come from the sampler emcee
 
 
-def _rank_replicate(study: _Study, seed: np.random.SeedSequence) -> _Ranks | str:
+def _rank_replicate(study: _Study, seed: np.random.SeedSequence) -> Ranks | str:
     """Return the ranks of true values among the posterior draws of one simulated campaign.
 
     A rank is the number of posterior draws below the true value. ``study`` holds the settings of
@@ -360,7 +401,7 @@ def _rank_replicate(study: _Study, seed: np.random.SeedSequence) -> _Ranks | str
     p = len(bound.names)
     true_log_likelihood = bound.log_likelihood(truth[None, p:], truth[None, :p])[0]
     log_likelihood_rank = (bound.log_likelihood(phi, beta) < true_log_likelihood).sum()
-    return _Ranks(
+    return Ranks(
         ranks=np.append(ranks, log_likelihood_rank),
         by_emcee=by_emcee and study.sampler == "independent",
     )

@@ -21,14 +21,13 @@ from ldbb_bayes.cli.output import drawing
 from ldbb_bayes.cli.progress import counting_progress
 from ldbb_bayes.cli.values import numbers_in, pairs_in
 from ldbb_bayes.errors import InputError, require
+from ldbb_bayes.model.hybrid import DEGREE_NAMES
 from ldbb_bayes.parallel import executor_named
 from ldbb_bayes.report import wording
 from ldbb_bayes.results import Passage, parts_of
 
 __all__ = ["compare", "design", "identify", "validate"]
 
-# Names of the models whose compliance is a polynomial in force of degree 0, 1 or 2.
-_DEGREES = ("constant", "linear", "quadratic")
 # Columns of the file parameters.csv that the command identify writes, besides the parameter's name.
 _PARAMETER_COLUMNS = ["unit", "prior_sd", "sd", "contraction", "information_gain", "verdict"]
 # Names of the figures that the command compare writes.
@@ -77,7 +76,7 @@ def identify(
         passages = identifiability_text.parts_of(result)
     output.deliver(
         record,
-        (f"Compliance {_DEGREES[model.degree]} in force.", *_with_remarks(passages, campaign)),
+        (f"Compliance {DEGREE_NAMES[model.degree]} in force.", *_with_remarks(passages, campaign)),
         contents,
         {"prior_and_posterior": drawing("prior_and_posterior", result)},
         write_more=partial(write_atlases, campaign.machine(), circles),
@@ -125,7 +124,7 @@ def compare(
         "compare must have a degree of at least 1, got 0: there is nothing to compare with. Use"
         " --degree 1 or 2.",
     )
-    models = {name: model.with_degree(k) for k, name in enumerate(_DEGREES[: model.degree + 1])}
+    models = {name: model.with_degree(k) for k, name in enumerate(DEGREE_NAMES[: model.degree + 1])}
     for name, file in settings.pop("also", {}).items():
         require(
             name not in models, f"--also must give a new name, got {name!r} again. Choose another."
@@ -317,7 +316,12 @@ def validate(
     The tests are those of a plan or a campaign. True values are drawn at random from the priors,
     and readings are simulated from them. The ranks of the true values among the random draws of
     each posterior must be uniformly distributed. Exit code 1: they are not, or a simulation failed.
+    With --workflow a campaign with readings goes through all checks of a Bayesian workflow, and
+    true values are drawn from its posterior. Exit code 1: something was found wrong.
     """
+    if settings.pop("workflow"):
+        _check_workflow(plan, model, certificates, output, settings, pool)
+        return
     if "data_model" in settings:
         settings["generator"] = lb.read_model(settings.pop("data_model"), degree=model.degree)
     campaign = campaign_from(plan, **certificates)
@@ -344,4 +348,43 @@ def validate(
         {"rank_ecdf": drawing("rank_ecdf", result)},
     )
     if not result.calibrated:
+        raise typer.Exit(EXIT_MISSED)
+
+
+def _check_workflow(
+    source: Path,
+    model: lb.HybridModel,
+    certificates: dict[str, Any],
+    output: arguments.OutputOptions,
+    settings: dict[str, Any],
+    pool: dict[str, Any],
+) -> None:
+    """Run the checks of a Bayesian workflow and write what they find.
+
+    ``settings`` are the options of ``validate``, of which the number of replicates and the seed are
+    used. Exit with code 1 if something was found wrong.
+    """
+    campaign = campaign_from(source, **certificates)
+    output.check("workflow.json", "ranks.csv", figures=["rank_ecdf"])
+    with (
+        executor_named(**pool) as executor,
+        counting_progress(output.quiet, "simulated campaigns") as progress,
+    ):
+        result = lb.analysis.check_workflow(
+            model,
+            campaign,
+            replicates=settings["replicates"],
+            seed=settings["seed"],
+            executor=executor,
+            progress=progress,
+        )
+    record = {"schema": 1, "seed": settings["seed"], **lb.report.with_words(result)}
+    ranks = pd.DataFrame(result.calibration.ranks, columns=list(result.calibration.names))
+    output.deliver(
+        record,
+        result,
+        {"workflow.json": record, "ranks.csv": ranks.rename_axis("replicate").reset_index()},
+        {"rank_ecdf": drawing("rank_ecdf", result.calibration)},
+    )
+    if not result.passed:
         raise typer.Exit(EXIT_MISSED)

@@ -61,7 +61,17 @@ from ldbb_bayes.model.truncation import Truncation
 from ldbb_bayes.results import Array, Result, Shown
 from ldbb_bayes.units import display_unit, inside_name
 
-__all__ = ["BoundModel", "HybridModel", "Preset", "Simulation", "require_model"]
+__all__ = [
+    "DEGREE_NAMES",
+    "BoundModel",
+    "HybridModel",
+    "Preset",
+    "Simulation",
+    "require_model",
+]
+
+# Names of models by the degree of compliance as a polynomial in force.
+DEGREE_NAMES = ("constant", "linear", "quadratic")
 
 Preset = Literal["default", "first", "paper"]
 # Hyper-parameter that every model has: the standard deviation σ of the readings' white noise.

@@ -20,8 +20,8 @@ from ldbb_bayes.campaign.preview import CampaignPreview, check_campaign
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.posterior import campaign_of, model_of, record_of
 from ldbb_bayes.inference.summary import summarize
+from ldbb_bayes.model.hybrid import DEGREE_NAMES
 from ldbb_bayes.report import fit_tables, wording
-from ldbb_bayes.report.wording import DEGREES
 
 if TYPE_CHECKING:
     from ldbb_bayes.analysis.budgets import Budget
@@ -99,7 +99,7 @@ class Findings:
 
         If no average over models was computed, it is set to 1, so that slopes are stated.
         """
-        return 1.0 - self.probabilities.get(DEGREES[0], 0.0)
+        return 1.0 - self.probabilities.get(DEGREE_NAMES[0], 0.0)
 
     @cached_property
     def design(self) -> Recommended:
@@ -265,7 +265,7 @@ def _compare_degrees(posterior: xr.DataTree) -> Compared:
     """
     model = model_of(posterior)
     largest = model.with_degree(max(model.degree, 1))
-    models = {DEGREES[k]: largest.with_degree(k) for k in range(largest.degree + 1)}
+    models = {DEGREE_NAMES[k]: largest.with_degree(k) for k in range(largest.degree + 1)}
     try:
         return compare(models, campaign_of(posterior), evidence_only=True)
     except InputError as error:

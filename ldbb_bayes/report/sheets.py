@@ -12,6 +12,7 @@ from ldbb_bayes.analysis.conformity import Conformity
 from ldbb_bayes.analysis.usability import Use, state_of
 from ldbb_bayes.campaign.run_times import TimeSource, time_source
 from ldbb_bayes.inference.posterior import bound_of, campaign_of, fit_of
+from ldbb_bayes.model.hybrid import DEGREE_NAMES
 from ldbb_bayes.model.terms import uncertainties
 from ldbb_bayes.model.terms.base import Uncertainty
 from ldbb_bayes.model.terms.columns import OWN
@@ -32,7 +33,6 @@ _MOST_IN_WORDS = 2  # largest number of quantities that the banner names in word
 _MOST_UNDETERMINED = 12  # largest number of undetermined quantities that sheet 1 lists
 _LONGEST_ENTRY = 70  # largest number of characters of a text in a form field
 _LONGEST_CERTIFICATE = 32  # largest number of characters of the name of a calibration certificate
-_DEGREES = ("constant", "linear", "quadratic")
 _CAMPAIGN_ENTRIES = ("machine_type", "serial_number", "date", "operator", "place")
 _DEVICE_ENTRIES = ("ball_bar", "ball_bar_calibrated", "force_device")
 # Entry of the sheet that says in which order the tests were run, by what tells it.
@@ -167,12 +167,12 @@ def _averaged_models(findings: Findings, words: Words) -> str:
     """
     probabilities = findings.probabilities
     if not probabilities:
-        degree = _DEGREES[findings.result["model"]["degree"]]
+        degree = DEGREE_NAMES[findings.result["model"]["degree"]]
         return words("notes.single", degree=words(f"degrees.{degree}"))
     models = []
     rivals = []
     for name, probability in probabilities.items():
-        if name in _DEGREES:
+        if name in DEGREE_NAMES:
             models.append(f"{words(f'degrees.{name}')} {words.percent(probability)}")
         else:
             rivals.append(f"{words(f'rivals.{name}')} {words.percent(probability)}")

@@ -17,6 +17,7 @@ from ldbb_bayes.analysis.calibration import Validation
 from ldbb_bayes.analysis.comparison import Comparison
 from ldbb_bayes.analysis.compliance_change import ChangeWithForce
 from ldbb_bayes.analysis.design import Design
+from ldbb_bayes.analysis.workflow import Workflow
 from ldbb_bayes.inference.density import LogDensity
 from ldbb_bayes.inference.fit import Fit
 from ldbb_bayes.inference.least_squares import LeastSquares
@@ -178,6 +179,40 @@ def _passages_of_validation(validation: Validation) -> tuple[Passage, ...]:
         f" {wording.joined(errors)}.",
         wording.validation_verdict(validation),
     )
+
+
+@parts_of.register
+def _passages_of_workflow(workflow: Workflow) -> tuple[Passage, ...]:
+    """Return a table of every circle, and a sentence on each check of a Bayesian workflow.
+
+    The table states the range of the circle, what the prior expects of it, and how well the other
+    circles predict it.
+    """
+    rows = []
+    for name, expected in workflow.prior_ranges.items():
+        circle = workflow.left_out[name]
+        rows.append(
+            (
+                name,
+                f"{expected.measured_um:.1f}",
+                f"{expected.low_um:.1f} … {expected.high_um:.1f}",
+                f"{circle.p_value:.3f}",
+                str(circle.worst_order),
+            )
+        )
+    prior = f"range the prior expects, {100 * workflow.prior_prob:g} % (µm)"
+    heads = ("test", "range (µm)", prior, "p by the other circles", "worst order")
+    return (Table.of("Every circle", heads, rows), *wording.workflow_sentences(workflow))
+
+
+@wording.with_words.register
+def _record_of_workflow(result: Workflow) -> dict[str, Any]:
+    """Return the JSON record of the checks of a workflow, with their sentences."""
+    return {
+        **result.as_dict(),
+        "passed": result.passed,
+        "sentences": list(wording.workflow_sentences(result)),
+    }
 
 
 @wording.with_words.register

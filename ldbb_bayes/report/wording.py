@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 import jinja2
 
 from ldbb_bayes.campaign.preview import CampaignPreview, Remark
+from ldbb_bayes.model.hybrid import DEGREE_NAMES
 from ldbb_bayes.model.terms import Term
 from ldbb_bayes.model.terms.base import Uncertainty
 from ldbb_bayes.model.terms.columns import OWN
@@ -50,13 +51,13 @@ if TYPE_CHECKING:
         Identifiability,
         ParameterIdentifiability,
     )
+    from ldbb_bayes.analysis.workflow import Workflow
     from ldbb_bayes.inference.checks import Check
     from ldbb_bayes.inference.fit import Concern, Fit
 
 __all__ = [
     "ALIKE",
     "ALL_DETAILS",
-    "DEGREES",
     "IN_FORCE",
     "MORE",
     "NONE_ALIKE",
@@ -127,6 +128,7 @@ __all__ = [
     "validation_verdict",
     "verdict_words",
     "with_words",
+    "workflow_sentences",
 ]
 
 _TEMPLATES = Path(__file__).parent / "templates"
@@ -134,7 +136,6 @@ _SENTENCES: Mapping[str, Any] = tomllib.loads(
     (_TEMPLATES / "sentences.toml").read_text(encoding="utf-8")
 )
 PAGE: Mapping[str, Any] = _SENTENCES["page"]
-DEGREES = ("constant", "linear", "quadratic")
 IN_FORCE = ("constant", "linear in force", "quadratic in force")
 ALIKE = "The readings of this campaign cannot separate:"
 TO_SEPARATE = "To separate what looks exactly alike:"
@@ -205,7 +206,7 @@ def _environment() -> jinja2.Environment:
     environment.filters["lines"] = _lines
     environment.filters["point"] = _point_words
     environment.globals["IN_FORCE"] = IN_FORCE
-    environment.globals["DEGREES"] = DEGREES
+    environment.globals["DEGREES"] = DEGREE_NAMES
     environment.globals["FEW"] = _MOST_CHECKS
     environment.globals["BARE"] = _STRENGTHS[0][0]
     environment.globals["SIGNS"] = _SENTENCES["signs"]
@@ -901,6 +902,11 @@ def validation_verdict(validation: Validation) -> str:
     number of posterior draws below the true value in a simulated campaign.
     """
     return _sentence("validation_verdict", validation)
+
+
+def workflow_sentences(workflow: Workflow) -> tuple[str, ...]:
+    """Return one sentence on each check of a Bayesian workflow, and a verdict."""
+    return _sentences("workflow_sentences", workflow)
 
 
 # ---- sentences on a comparison of models

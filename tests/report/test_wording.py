@@ -39,6 +39,7 @@ from ldbb_bayes.fleet.campaign_row import Job, Settings, fit_row
 from ldbb_bayes.fleet.selection import CaveatKind, choose
 from ldbb_bayes.inference.checks import Check, CheckKind
 from ldbb_bayes.inference.fit import Concern, ConcernKind
+from ldbb_bayes.model.hybrid import DEGREE_NAMES
 from ldbb_bayes.model.specification import model_to_toml
 from ldbb_bayes.model.terms.base import Uncertainty
 from ldbb_bayes.reading.assumptions import Assumption
@@ -770,4 +771,4 @@ def test_doubts_about_one_bar_for_all_machines() -> None:
 def test_headings_of_identifiability_differ() -> None:
     assert wording.ALIKE.endswith(":")
     assert wording.NONE_ALIKE.endswith(".")
-    assert len(wording.IN_FORCE) == len(wording.DEGREES)
+    assert len(wording.IN_FORCE) == len(DEGREE_NAMES)

@@ -1,0 +1,201 @@
+"""Simulation-based calibration where the posterior is: ranks among draws of an enlarged campaign.
+
+Calibration over the prior (`calibrate`) tests the computation for all machines that the prior
+allows. Here it is tested for machines like the one that was measured (Säilynoja, Schmitt, Bürkner
+and Vehtari, Posterior SBC, 2025). With y the readings measured and θ all unknowns:
+
+1. A true θ' is drawn from the posterior p(θ | y).
+2. Readings y' of the same tests, run once more, are simulated from θ'.
+3. The posterior p(θ | y, y') of both campaigns together is computed. If it is computed correctly,
+   θ' is a draw from it as well, and its ranks among other draws are uniformly distributed.
+
+Bar, balls, mount and force device are the same in both campaigns; set-up shift, discrepancy, random
+force error and white noise are new. All effects are linearised at the estimate Ĉ of the measured
+campaign, which is that of the posterior.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Executor
+from dataclasses import replace
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from ldbb_bayes.analysis.calibration import (
+    Ranks,
+    Validation,
+    check_numbers_of_replicates,
+    rank_replicates,
+)
+from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.campaign.run_times import SECONDS_PER_TEST, TimeSource, time_source
+from ldbb_bayes.errors import InputError, check_probability, check_seed, require
+from ldbb_bayes.inference.coefficients import ModelDraws
+from ldbb_bayes.inference.nodes import HyperPosterior
+from ldbb_bayes.inference.posterior import bound_of, draws_of, record_of
+from ldbb_bayes.inference.prediction import new_circles
+from ldbb_bayes.inference.sample import draw
+from ldbb_bayes.model.hybrid import BoundModel, HybridModel
+from ldbb_bayes.results import Array
+
+__all__ = ["calibrate_posterior"]
+
+_SAMPLER = "independent"
+
+
+def calibrate_posterior(
+    posterior: xr.DataTree,
+    *,
+    replicates: int = 50,
+    draws: int = 99,
+    prob: float = 0.99,
+    seed: int = 1,
+    executor: Executor | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Validation:
+    """Return the ranks of posterior draws among those of a campaign enlarged by simulated readings.
+
+    In every replicate, true parameters and hyper-parameters (the scales of the noise and of other
+    effects) are drawn from the posterior, the tests are simulated once more, and the posterior of
+    measured and simulated readings together is computed. If it is computed correctly, the ranks of
+    the true values among its draws are uniformly distributed (posterior SBC, Säilynoja et al.
+    2025).
+
+    Parameters
+    ----------
+    posterior : DataTree
+        Posterior of one model from `sample` or `load`.
+    replicates : int
+        Number of simulated campaigns, at least 10.
+    draws : int
+        Number of independent posterior draws of each enlarged campaign, at least 9.
+    prob : float
+        Probability that the empirical distributions of the ranks of all quantities stay between
+        their limits, ``Validation.band``, if the posterior is computed correctly.
+    seed : int
+        Seed of all random numbers.
+    executor : Executor, optional
+        Executor of ``concurrent.futures`` that runs the replicates in parallel. Default: this
+        process, one after the other. The result does not depend on it.
+    progress : callable, optional
+        Function called with the number of replicates done and their total.
+
+    Returns
+    -------
+    Validation
+        Ranks of all parameters and hyper-parameters, and whether they are uniformly distributed.
+
+    Raises
+    ------
+    InputError
+        For an average over models, a flat prior, numbers out of range, or if no replicate gives
+        draws.
+
+    Examples
+    --------
+    >>> validation = lb.analysis.calibrate_posterior(posterior, replicates=10, draws=9)
+    >>> validation.calibrated
+    True
+    """
+    require(
+        "averaged" not in record_of(posterior),
+        "the posterior must be of one model, got an average. Fit each model.",
+    )
+    bound = bound_of(posterior)
+    require(
+        not bound.model.prior.flat,
+        "the prior must be proper, got a flat one. Fit with the default preset.",
+    )
+    check_numbers_of_replicates(replicates, draws)
+    check_probability(prob)
+    check_seed(seed)
+    beta, phi = draws_of(posterior, bound, replicates)
+    require(
+        len(beta) == replicates,
+        f"the posterior must have at least {replicates} draws, one for each replicate, got"
+        f" {len(beta)}. Ask for fewer replicates.",
+    )
+    study = _EnlargedCampaigns(bound.model, bound.campaign, beta, phi, draws)
+    return rank_replicates(
+        partial(_rank_replicate, study),
+        (*bound.names, *bound.hyper_prior.names),
+        replicates=replicates,
+        draws=draws,
+        sampler=_SAMPLER,
+        prob=prob,
+        seed=seed,
+        executor=executor,
+        progress=progress,
+    )
+
+
+class _EnlargedCampaigns(NamedTuple):
+    """What all replicates have in common: model, measured campaign and true values.
+
+    ``beta``, shape (replicates, p), and ``phi``, shape (replicates, h), are posterior draws of the
+    parameters and hyper-parameters, one for each replicate. ``draws`` is the number of draws among
+    which they are ranked.
+    """
+
+    model: HybridModel
+    campaign: Campaign
+    beta: Array
+    phi: Array
+    draws: int
+
+
+def _rank_replicate(study: _EnlargedCampaigns, seed: np.random.SeedSequence) -> Ranks | str:
+    """Return the ranks of one posterior draw among draws of the campaign enlarged by its readings.
+
+    ``seed`` is that of the random numbers; its last spawn key is the index of the replicate. Return
+    an error message if no posterior draws can be made.
+    """
+    i = seed.spawn_key[-1]
+    simulation_seed, sampling_seed = seed.spawn(2)
+    measured = _with_times(study.campaign)
+    truth = ModelDraws(
+        BoundModel(study.model, measured), study.phi[i : i + 1], study.beta[i : i + 1]
+    )
+    enlarged = _enlarge(measured, truth, np.random.default_rng(simulation_seed))
+    bound = BoundModel(study.model, enlarged, pilot=measured)
+    start = HyperPosterior(bound, truncated=bound.truncation.active)
+    try:
+        beta, phi, by_emcee = draw(_SAMPLER, start, study.draws, seed=sampling_seed)
+    except InputError as error:
+        return str(error)
+    names = truth.bound.hyper_prior.names
+    shared = [bound.hyper_prior.names.index(name) for name in names]
+    drawn = np.hstack([beta, phi[:, shared]])
+    true_values = np.concatenate([truth.beta[0], truth.phi[0]])
+    return Ranks(ranks=(drawn < true_values).sum(axis=0), by_emcee=by_emcee)
+
+
+def _with_times(campaign: Campaign) -> Campaign:
+    """Return a campaign whose tests state their times where a drift follows the listed order.
+
+    Tests that are run once more have the same times, so that the drift is measured from the same
+    mean time.
+    """
+    if time_source(campaign) != TimeSource.LISTED:
+        return campaign
+    tests = []
+    for i, test in enumerate(campaign.tests):
+        tests.append(replace(test, time_s=i * SECONDS_PER_TEST))
+    return replace(campaign, tests=tuple(tests))
+
+
+def _enlarge(campaign: Campaign, truth: ModelDraws, rng: np.random.Generator) -> Campaign:
+    """Return a campaign with its tests run once more, with readings simulated from true values.
+
+    ``truth`` holds one draw of the model's parameters and hyper-parameters.
+    """
+    plan = campaign.plan()
+    tests = list(campaign.tests)
+    for test, readings_mm in zip(plan.tests, new_circles(truth, plan, rng), strict=True):
+        simulated = test.with_reading_um(readings_mm[0] * 1e3)
+        tests.append(replace(simulated, name=f"{test.name} simulated"))
+    return replace(campaign, tests=tuple(tests))

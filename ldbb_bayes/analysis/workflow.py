@@ -1,0 +1,269 @@
+"""The checks of a Bayesian workflow for one model and campaign, in one call.
+
+The checks are those of Gelman et al., Bayesian Workflow (2020), as far as they apply here:
+
+1. Prior prediction: is the prior wide enough for the circles measured?
+2. Sampling: do the chains agree, and are there enough effective draws?
+3. Sensitivity: does the posterior depend on the prior (power-scaling)?
+4. Leave one circle out: does every circle look like what the other circles predict?
+5. Calibration where the posterior is (posterior SBC): is the posterior computed correctly?
+6. Stacking: which mixture of constant and linear compliance predicts circles left out best?
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from concurrent.futures import Executor
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+
+from ldbb_bayes.analysis.calibration import Validation
+from ldbb_bayes.analysis.multiple_testing import holm
+from ldbb_bayes.analysis.outlying_tests import FALSE_ALARMS, judge_tests
+from ldbb_bayes.analysis.posterior_calibration import calibrate_posterior
+from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.errors import require
+from ldbb_bayes.inference.evidence import check_comparable
+from ldbb_bayes.inference.evidences import Evidences, leave_one_out
+from ldbb_bayes.inference.nodes import Nodes
+from ldbb_bayes.inference.posterior import bound_of, fit_of, record_of
+from ldbb_bayes.inference.prior_prediction import prior_circles
+from ldbb_bayes.inference.sample import sample
+from ldbb_bayes.model.hybrid import DEGREE_NAMES, HybridModel
+from ldbb_bayes.parallel import one_blas_thread
+from ldbb_bayes.results import Array, Result
+
+__all__ = ["LeftOutCircle", "PriorRange", "Workflow", "check_workflow"]
+
+# Number of circles drawn from the prior, of which the ranges are compared with those measured.
+_PRIOR_CIRCLES = 2000
+# Probability of the interval of the ranges of circles that the prior expects.
+_PRIOR_PROB = 0.95
+# Error allowed in every log evidence [nat].
+_TOLERANCE = 1e-2
+# Number of steps by which the weights of stacking are found; each step raises the mean log density.
+_STACKING_STEPS = 500
+
+
+@dataclass(frozen=True)
+class PriorRange:
+    """Range (largest minus smallest reading) of one circle, measured and expected by the prior."""
+
+    measured_um: float
+    low_um: float  #: lower end of the interval of ranges of circles drawn from the prior
+    high_um: float  #: upper end of the interval
+    #: probability of a range as large or larger under the prior, not adjusted for the number of
+    #: circles; a small one means that the prior is too narrow for this machine
+    p_value: float
+
+
+@dataclass(frozen=True)
+class LeftOutCircle:
+    """One circle compared with what the other circles predict for it."""
+
+    p_value: float  #: probability that a circle of the same machine deviates as much
+    family_wise_p_value: float  #: p-value adjusted for the number of circles (Holm)
+    worst_order: int  #: Fourier order in which the circle deviates most
+
+
+@dataclass(frozen=True, eq=False)
+class Workflow(Result):
+    """What the checks of a Bayesian workflow say of one model and campaign.
+
+    Examples
+    --------
+    >>> workflow = lb.analysis.check_workflow(lb.HybridModel.first(1), campaign, replicates=10)
+    >>> workflow.surprising_circles, workflow.outlying_circles, workflow.calibration.calibrated
+    ((), (), True)
+    """
+
+    campaign: str  #: name of the campaign
+    prior_ranges: dict[str, PriorRange]  #: range of every circle, by name of the test
+    prior_prob: float  #: probability of the intervals in ``prior_ranges``
+    rhat_max: float  #: largest R-hat of all parameters and hyper-parameters
+    ess_bulk_min: float  #: smallest effective sample size for a mean
+    ess_tail_min: float  #: smallest effective sample size for a quantile at 5 % or 95 %
+    converged: bool  #: whether the sampler reached what it aims at
+    #: parameters whose posterior depends on the prior (power-scaling above 0.05), with that
+    #: sensitivity, the most sensitive first
+    prior_sensitivity: dict[str, float]
+    left_out: dict[str, LeftOutCircle]  #: every circle left out, by name of the test
+    calibration: Validation  #: ranks of posterior draws in the campaign enlarged by simulation
+    #: weights with which the models together predict circles left out best, by name of the model
+    stacking_weights: dict[str, float]
+    #: sum over the tests of the log density of each test given the others [nat], by model
+    elpd: dict[str, float]
+
+    @property
+    def surprising_circles(self) -> tuple[str, ...]:
+        """Names of the circles whose range is too large for the prior (family-wise p below 2 %)."""
+        names = list(self.prior_ranges)
+        p_values = np.array([entry.p_value for entry in self.prior_ranges.values()])
+        adjusted = holm(p_values)
+        return tuple(name for name, p in zip(names, adjusted, strict=True) if p < FALSE_ALARMS)
+
+    @property
+    def outlying_circles(self) -> tuple[str, ...]:
+        """Names of the circles that the others do not predict (family-wise p below 2 %)."""
+        names = []
+        for name, circle in self.left_out.items():
+            if circle.family_wise_p_value < FALSE_ALARMS:
+                names.append(name)
+        return tuple(names)
+
+    @property
+    def passed(self) -> bool:
+        """Whether nothing is found wrong with computation or model.
+
+        That a parameter depends on its prior is not wrong, and does not count here.
+        """
+        nothing_odd = not self.surprising_circles and not self.outlying_circles
+        return nothing_odd and self.converged and self.calibration.calibrated
+
+
+@one_blas_thread
+def check_workflow(
+    model: HybridModel,
+    campaign: Campaign,
+    *,
+    replicates: int = 50,
+    seed: int = 1,
+    executor: Executor | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Workflow:
+    """Return what the checks of a Bayesian workflow say of one model and campaign.
+
+    The checks are prior prediction, convergence of the sampler, sensitivity to the prior, leaving
+    one circle out, calibration where the posterior is, and stacking of constant and linear
+    compliance.
+
+    Parameters
+    ----------
+    model : HybridModel
+        Model with proper priors.
+    campaign : Campaign
+        Campaign with readings of at least two tests.
+    replicates : int
+        Number of simulated campaigns of the calibration, at least 10.
+    seed : int
+        Seed of all random numbers.
+    executor : Executor, optional
+        Executor of ``concurrent.futures`` that runs the calibration in parallel. Default: this
+        process. The result does not depend on it.
+    progress : callable, optional
+        Function called with the number of replicates of the calibration done and their total.
+
+    Returns
+    -------
+    Workflow
+        Findings of every check.
+
+    Raises
+    ------
+    InputError
+        For a plan (a campaign without readings), fewer than two tests, a flat prior, or too few
+        replicates.
+
+    Examples
+    --------
+    >>> workflow = lb.analysis.check_workflow(lb.HybridModel.first(0), campaign, replicates=10)
+    >>> workflow.passed
+    True
+    """
+    check_comparable(model, campaign)
+    require(
+        len(campaign.tests) > 1,
+        "a campaign must have at least two tests to leave one out, got one. Add tests.",
+    )
+    posterior = sample(model, campaign, sampler="independent", seed=seed)
+    sampler = record_of(posterior)["sampler"]
+    evidences = Evidences(campaign, tolerance=_TOLERANCE)
+    models = _models_to_stack(model)
+    nodes_by_model = dict(zip(models, evidences.of(*models.values()), strict=True))
+    left_out_nodes = leave_one_out(nodes_by_model, tolerance=_TOLERANCE)
+    log_densities = _left_out_log_densities(nodes_by_model, left_out_nodes)
+    fit = fit_of(posterior)
+    return Workflow(
+        campaign=campaign.name,
+        prior_ranges=_prior_ranges(posterior, seed),
+        prior_prob=_PRIOR_PROB,
+        rhat_max=float(sampler["rhat_max"]),
+        ess_bulk_min=float(sampler["ess_bulk_min"]),
+        ess_tail_min=float(sampler["ess_tail_min"]),
+        converged=bool(sampler["converged"]),
+        prior_sensitivity={name: fit.sensitivity[name]["prior"] for name in fit.sensitive},
+        left_out=_left_out_circles(nodes_by_model, left_out_nodes, seed),
+        calibration=calibrate_posterior(
+            posterior, replicates=replicates, seed=seed, executor=executor, progress=progress
+        ),
+        stacking_weights=stacking_weights(log_densities),
+        elpd={name: float(values.sum()) for name, values in log_densities.items()},
+    )
+
+
+def _models_to_stack(model: HybridModel) -> dict[str, HybridModel]:
+    """Return the model with constant compliance and, if it has slopes, the model itself."""
+    models = {DEGREE_NAMES[0]: model.with_degree(0)}
+    if model.degree > 0:
+        models[DEGREE_NAMES[model.degree]] = model
+    return models
+
+
+def _prior_ranges(posterior: xr.DataTree, seed: int) -> dict[str, PriorRange]:
+    """Return the range of every circle, and the interval in which the prior expects it."""
+    bound = bound_of(posterior)
+    rng = np.random.default_rng(seed)
+    ranges = {}
+    for test, readings_mm in zip(
+        bound.campaign.tests, prior_circles(bound, _PRIOR_CIRCLES, rng), strict=True
+    ):
+        expected = np.ptp(readings_mm, axis=1) * 1e3
+        measured = float(np.ptp(test.readings_mm()) * 1e3)
+        exceeding = (1.0 + (expected >= measured).sum()) / (_PRIOR_CIRCLES + 1.0)
+        low, high = np.quantile(expected, [0.5 - 0.5 * _PRIOR_PROB, 0.5 + 0.5 * _PRIOR_PROB])
+        ranges[test.name] = PriorRange(measured, float(low), float(high), float(exceeding))
+    return ranges
+
+
+def _left_out_circles(
+    nodes_by_model: Mapping[str, Nodes],
+    left_out_nodes: Mapping[str, Mapping[str, Nodes]],
+    seed: int,
+) -> dict[str, LeftOutCircle]:
+    """Return every circle compared with what the other circles predict, by name of the test."""
+    judged = judge_tests(nodes_by_model, left_out_nodes, seed=seed, tolerance=_TOLERANCE)
+    circles = {}
+    for name, test in judged.items():
+        circles[name] = LeftOutCircle(test.p_value, test.family_wise_p_value, test.worst_order)
+    return circles
+
+
+def _left_out_log_densities(
+    nodes_by_model: Mapping[str, Nodes], left_out_nodes: Mapping[str, Mapping[str, Nodes]]
+) -> dict[str, Array]:
+    """Return the log density of every test given the others [nat], shape (tests,), by model."""
+    log_densities = {}
+    for name, nodes in nodes_by_model.items():
+        without = [fold.evidence.log_value for fold in left_out_nodes[name].values()]
+        log_densities[name] = nodes.evidence.log_value - np.array(without)
+    return log_densities
+
+
+def stacking_weights(log_densities: Mapping[str, Array]) -> dict[str, float]:
+    """Return the weights of models that together predict circles left out best, by model.
+
+    The weights w_m are not negative, sum to one and maximise Σ_r ln Σ_m w_m p_m(y_r | y_−r) (Yao et
+    al., Bayesian Analysis 13, 2018). ``log_densities`` holds ln p_m(y_r | y_−r) [nat], shape
+    (tests,), by model m. The weights are found by the steps of the EM algorithm, which raise the
+    sum in every step.
+    """
+    names = list(log_densities)
+    log_density = np.array([log_densities[name] for name in names])
+    density = np.exp(log_density - log_density.max(axis=0))
+    weights = np.full(len(names), 1.0 / len(names))
+    for _ in range(_STACKING_STEPS):
+        responsibility = weights[:, None] * density
+        weights = (responsibility / responsibility.sum(axis=0)).mean(axis=1)
+    return dict(zip(names, weights.tolist(), strict=True))

@@ -1,0 +1,42 @@
+"""Readings that a model expects before it has seen any: circles drawn from the prior.
+
+Parameters are compliances, slopes and geometric errors; hyper-parameters are the scales of the
+noise and of other effects; nuisances are effects that are modelled but not of interest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ldbb_bayes.inference.coefficients import draw_of_circle, machine_coefficients, shared_terms
+from ldbb_bayes.inference.prediction import readings_drawn
+from ldbb_bayes.inference.record import prior_draws_of
+from ldbb_bayes.model.hybrid import BoundModel
+from ldbb_bayes.results import Array
+
+__all__ = ["prior_circles"]
+
+
+def prior_circles(bound: BoundModel, size: int, rng: np.random.Generator) -> Iterator[Array]:
+    """Yield circles of each test that the prior predicts [mm], shape (size, n) for n readings.
+
+    Each draw from the prior of parameters, hyper-parameters and nuisances gives one circle, with
+    white noise. If the model requires it, no compliance is negative in any draw. The priors that
+    are sized by the estimate Ĉ of the compliances use the readings for this alone. ``bound`` is the
+    model, applied to its campaign; its prior must not be flat.
+    """
+    beta, phi = prior_draws_of(bound, size, rng)
+    value = dict(zip(bound.hyper_prior.names, phi.T, strict=True))
+    total = machine_coefficients(bound, beta)
+    for term in shared_terms(bound.nuisance_columns):
+        nuisances = term.sd_at(value) * rng.standard_normal((size, len(term.names)))
+        if term.mean is not None:
+            nuisances = nuisances + term.mean
+        total = total + np.einsum("tkq,wq->wtk", term.values, nuisances)
+    sigma = value["sigma"]
+    tests = {test.name: test for test in bound.campaign.tests}
+    for r, name in enumerate(bound.test_names):
+        circle = total[:, r] + draw_of_circle(bound, phi, r, rng)
+        yield readings_drawn(circle, sigma, tests[name].angles_rad(), rng)
