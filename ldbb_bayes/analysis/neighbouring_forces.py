@@ -33,10 +33,12 @@ __all__ = ["local_fits"]
 # Settings of the quadrature that make standard deviations of local fits precise within 2 %, enough
 # for a figure. In turn: error of the log evidence [nat]; share of the weight that may be left out,
 # by skipping the nodes of the smallest weight; number of quasi-random points for the condition that
-# no compliance is negative; and number of components of the mixture for the quantiles.
+# no compliance is negative; number of nodes for means and standard deviations; and number of
+# components of the mixture for the quantiles.
 _TOLERANCE = 5e-2
 _SPARE = 1e-3
 _POINTS_INSIDE = 128
+_MOMENT_NODES = 512
 _COMPONENTS = 2048
 
 
@@ -101,7 +103,7 @@ def local_fits(
         posterior = HyperPosterior(bound, truncated=bound.truncation.active, near=near)
         near = posterior.plain.mode
         nodes = posterior.nodes(_TOLERANCE)
-        mean, sd = nodes.moments(spare=_SPARE, points=_POINTS_INSIDE)
+        mean, sd = nodes.moments(spare=_SPARE, points=_POINTS_INSIDE, components=_MOMENT_NODES)
         low, high = nodes.quantiles(levels, seed=seed, components=_COMPONENTS)
         window = replace(campaign.select(names), foreseen=campaign.scope)
         squares = fit_least_squares(window, fixed=constant.fixed).table

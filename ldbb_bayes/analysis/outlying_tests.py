@@ -20,6 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 from scipy import special
+from scipy.linalg import solve_triangular
 
 from ldbb_bayes.analysis.multiple_testing import holm
 from ldbb_bayes.campaign.campaign import Campaign, require_campaign
@@ -354,7 +355,8 @@ def _squared_distance(harmonics: Array, root: Array) -> Array:
     ``harmonics`` are k Fourier coefficients of each circle, less their means, shape (n, k).
     ``root`` is the Cholesky factor of their covariance, shape (k, k).
     """
-    return np.asarray((np.linalg.solve(root, harmonics.T) ** 2).sum(axis=0))
+    white = solve_triangular(root, harmonics.T, lower=True, check_finite=False)
+    return np.asarray((white**2).sum(axis=0))
 
 
 def _minus_log_tail(squared_distance: float, components: int) -> float:

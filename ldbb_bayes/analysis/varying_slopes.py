@@ -17,10 +17,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ldbb_bayes.campaign.campaign import Campaign
-from ldbb_bayes.inference.coefficients import compliance_curves
+from ldbb_bayes.inference.coefficients import ModelDraws, elastic_draws_with
 from ldbb_bayes.inference.evidence import probabilities
 from ldbb_bayes.inference.evidences import Evidences
 from ldbb_bayes.inference.nodes import Nodes
+from ldbb_bayes.inference.shared_draws import draw_with_shared
 from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.model.prior import compliance_unit
 from ldbb_bayes.results import Array, Numbers
@@ -40,6 +41,10 @@ __all__ = [
 # number of forces at which each curve is computed.
 _DRAWS = 4000
 _CURVE_POINTS = 41
+# Curves of a model are drawn for at most this many draws of the parameters at each value of the
+# hyper-parameters, and for fewer if there would be less than ``_FEWEST_NODES`` values.
+_DRAWS_PER_NODE = 8
+_FEWEST_NODES = 64
 # In a subset of slopes, some compliances change with force and others do not. If there are at most
 # ``_ALL_SUBSETS`` subsets, the evidences of all are computed; otherwise those of
 # ``_SEARCHED_SUBSETS`` only.
@@ -216,8 +221,12 @@ def averaged_curves(
     draws = []
     for nodes, count in zip(weighed, counts, strict=True):
         if count:
-            beta, phi = nodes.draw(int(count), rng)
-            draws.append(compliance_curves(nodes.bound, phi, beta, forces, rng))
+            repeats = int(np.clip(count // _FEWEST_NODES, 1, _DRAWS_PER_NODE))
+            free = nodes.integral.resample(-(-int(count) // repeats), rng)
+            of_model = draw_with_shared(nodes.bound, free, repeats, rng)
+            machine = ModelDraws(nodes.bound, of_model.phi, of_model.beta)
+            curves_of_model = elastic_draws_with(of_model.shared, machine, (), forces).compliances
+            draws.append(curves_of_model[:count])
     curves = np.concatenate(draws)
     levels = [0.5 - 0.5 * prob, 0.5, 0.5 + 0.5 * prob]
     low, median, high = np.quantile(curves, levels, axis=0)

@@ -37,6 +37,7 @@ __all__ = [
     "draw_shared",
     "draw_shared_coefficients",
     "elastic_draws",
+    "elastic_draws_with",
     "evenly_spaced",
     "machine_coefficients",
     "new_circle_coefficients",
@@ -204,6 +205,20 @@ def elastic_draws(
     -------
     ElasticDraws
     """
+    shared = np.zeros((len(draws.beta), 0))
+    if _joint_load_of(draws.bound) is not None:
+        shared = draw_shared(draws.bound, draws.phi, draws.beta, rng)
+    return elastic_draws_with(shared, draws, circles, force_N)
+
+
+def elastic_draws_with(
+    shared: Array, draws: ModelDraws, circles: Sequence[int], force_N: Array
+) -> ElasticDraws:
+    """Return compliances and elastic deflections, as `elastic_draws` does, for drawn nuisances.
+
+    ``shared``, shape (draws, q), are the coefficients of the nuisances that tests share. They are
+    not used if the model has no term `JointLoad`.
+    """
     bound = draws.bound
     at_forces = np.stack([bound.compliance_at(force) for force in force_N])
     compliances = np.einsum("fcp,wp->wfc", at_forces, draws.beta)
@@ -213,14 +228,13 @@ def elastic_draws(
     if joint_load is None:
         return ElasticDraws(compliances, per_force)
     names = _names_of_shared(bound)
-    coefficients = draw_shared(bound, draws.phi, draws.beta, rng)
     secants = joint_load.secants(bound.setting, force_N)
     columns_by_axis = joint_load_columns(bound.setting, bound.columns_of[JointLoad])
     for index, compliance in enumerate(bound.compliances):
         if compliance.kind != "direct" or compliance.twist not in columns_by_axis:
             continue
         along_axis = [names.index(name) for name in columns_by_axis[compliance.twist].names]
-        of_axis = coefficients[:, along_axis]
+        of_axis = shared[:, along_axis]
         compliances[:, :, index] += of_axis @ secants.T
         axis = LINEAR.index(compliance.twist)
         for k, r in enumerate(circles):

@@ -15,7 +15,7 @@ from ldbb_bayes.inference.integrals import CHUNK
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.results import Array
 
-__all__ = ["conditional_draws", "draw_parameters_given"]
+__all__ = ["conditional_draws", "draw_parameters_given", "no_physical_draw"]
 
 # Largest number of times that a random draw of the parameters is repeated if the rejection sampler
 # gave up or rounding made a compliance negative.
@@ -85,7 +85,12 @@ def draw_parameters_given(bound: BoundModel, free: Array, rng: np.random.Generat
         missing = missing[~exact]
         if not missing.size:
             return beta
-    raise InputError(
+    raise no_physical_draw()
+
+
+def no_physical_draw() -> InputError:
+    """Return the error for readings that contradict compliances that are not negative."""
+    return InputError(
         "the posterior must leave room where no compliance is negative, got no draw that falls"
         " there. The readings contradict non-negative compliance: check signs, mount compensation"
         " and forces, or fit --without truncation."

@@ -84,6 +84,9 @@ class Integral:
     #: difference between ln ∫ f from the two grids of the lattice, before the distance between its
     #: nodes was last shortened [nat]; zero if it was not shortened, and for a sample
     coarser_difference: float = 0.0
+    #: error of ln ∫ f [nat] because the density was evaluated at some of the nodes only, and
+    #: computed from these at the others (`density_ratio`); zero if it was evaluated at all
+    ratio_error: float = 0.0
 
     @cached_property
     def _log_weight(self) -> Array:
@@ -124,9 +127,9 @@ class Integral:
         """Error of the log integral ln ∫ f [nat]; infinite if the weights cannot be trusted."""
         if not self.trusted:
             return np.inf
-        if self.proposal is None:
-            return self._lattice_error() + self.left_out
-        return self._sample_error() + self.left_out
+        of_nodes = self._sample_error() if self.proposal is not None else self._lattice_error()
+        # The two errors are independent of each other.
+        return float(np.hypot(of_nodes, self.ratio_error)) + self.left_out
 
     def _lattice_error(self) -> float:
         """Return the error of the log integral ln ∫ f from a lattice [nat].

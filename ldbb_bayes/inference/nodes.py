@@ -612,15 +612,22 @@ class Nodes:
         beta = draw_parameters_given(self.bound, free, rng)
         return beta, self.bound.hyper_prior.phi(free)
 
-    def moments(self, *, spare: float = _SPARE, points: int = 512) -> tuple[Array, Array]:
+    def moments(
+        self, *, spare: float = _SPARE, points: int = 512, components: int | None = None
+    ) -> tuple[Array, Array]:
         """Return posterior mean and standard deviation of the p parameters, each of shape (p,).
 
         Means and variances given the hyper-parameters are averaged over the nodes (weighted values
         of the hyper-parameters). The nodes of smallest weight, which together hold at most the
-        share ``spare`` of the weight, are left out. If compliances must not be negative, means and
-        variances given the hyper-parameters are computed from ``points`` quasi-random points.
+        share ``spare`` of the weight, are left out. If ``components`` is given, and there are more
+        nodes than this, the averages are over this number of nodes, picked by their weights. If
+        compliances must not be negative, means and variances given the hyper-parameters are
+        computed from ``points`` quasi-random points.
         """
         free, weight = self.integral.heaviest(spare)
+        if components is not None and len(free) > components:
+            free = self.integral.resample(components, np.random.default_rng(0))
+            weight = np.full(components, 1.0 / components)
 
         def moments_along_axes(orthant: Orthant) -> tuple[Array, Array]:
             moments = orthant.moments(points)

@@ -30,6 +30,7 @@ from ldbb_bayes.inference.coefficients import (
 from ldbb_bayes.inference.nodes import Nodes
 from ldbb_bayes.inference.posterior import model_draws_of
 from ldbb_bayes.inference.residuals import matrix_to_harmonics
+from ldbb_bayes.inference.shared_draws import draw_with_shared
 from ldbb_bayes.model.fourier import basis
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.parallel import one_blas_thread
@@ -39,6 +40,9 @@ __all__ = ["band_um", "new_circles", "predict", "readings_drawn", "replicate_lef
 
 # Largest number of posterior draws from which the readings of new circles are predicted.
 _DRAWS = 4000
+# Circles that other tests predict are drawn for this many draws of the parameters and of shared
+# nuisances at each value of the hyper-parameters.
+_DRAWS_PER_NODE = 8
 
 
 @one_blas_thread
@@ -252,16 +256,38 @@ def replicate_left_out(
         readings with white noise.
     """
     r = bound.test_names.index(name)
-    beta, phi = remaining.draw(-(-size // circles_per_draw), rng)
-    shared = draw_shared(remaining.bound, phi, beta, rng) @ shared_columns(bound)[r].T
-    machine = beta @ bound.interest[r].T + bound.known_offset[r]
+    draws_per_node = min(_DRAWS_PER_NODE, size)
+    nodes = -(-size // (draws_per_node * circles_per_draw))
+    free = remaining.integral.resample(nodes, rng)
+    draws = draw_with_shared(remaining.bound, free, draws_per_node, rng)
+    machine = draws.beta @ bound.interest[r].T + bound.known_offset[r]
+    shared = draws.shared @ shared_columns(bound)[r].T
     coefficients = np.repeat(machine + shared, circles_per_draw, axis=0)[:size]
-    phi = np.repeat(phi, circles_per_draw, axis=0)[:size]
+    phi = np.repeat(draws.phi, circles_per_draw, axis=0)[:size]
+    phi = _with_new_noise_factor(bound, phi, r, rng)
     factor = bound.reduced[r].factor
     sigma = phi[:, [bound.hyper_prior.names.index("sigma")]]
     noise = sigma * rng.standard_normal((size, len(factor)))
     circle = (coefficients + draw_of_circle(bound, phi, r, rng)) @ factor.T + noise
     return np.asarray(circle @ matrix_to_harmonics(bound, r).T)
+
+
+def _with_new_noise_factor(
+    bound: BoundModel, phi: Array, r: int, rng: np.random.Generator
+) -> Array:
+    """Return hyper-parameters with a new noise factor λ of the test left out, shape (n, h).
+
+    Without the test's readings, λ is independent of all else and has its prior density. A new draw
+    for every circle represents its heavy tail better than the few values at the nodes. ``r`` is the
+    index of the test, and ``phi``, shape (n, h), are the hyper-parameters.
+    """
+    name = str(bound.setting.circle[r])
+    if name not in bound.hyper_prior.names:
+        return phi
+    column = bound.hyper_prior.names.index(name)
+    renewed = phi.copy()
+    renewed[:, column] = bound.hyper_prior.draw_noise_factor(len(phi), rng)
+    return renewed
 
 
 def band_um(

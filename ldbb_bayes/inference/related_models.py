@@ -12,10 +12,19 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from ldbb_bayes.inference.integrals import in_chunks
+import numpy as np
+
+from ldbb_bayes.inference.density_ratio import LogValues, RatioSampler
+from ldbb_bayes.inference.integrals import Index, in_chunks
 from ldbb_bayes.inference.nodes import HyperPosterior, Nodes
+from ldbb_bayes.results import Array
 
 __all__ = ["RelatedModels"]
+
+# The log probability that no compliance is negative is computed to this share of the tolerance of a
+# log evidence, but never better than ``_FINEST_TOLERANCE`` [nat].
+_SHARE_OF_TOLERANCE = 0.25
+_FINEST_TOLERANCE = 1e-3
 
 
 class RelatedModels:
@@ -38,6 +47,7 @@ class RelatedModels:
 
     def __init__(self, plain: Nodes, tolerance: float) -> None:
         self._integral = plain.integral
+        self._ratios = RatioSampler(plain.integral)
         self._names = plain.bound.hyper_prior.names
         self._tolerance = tolerance
 
@@ -45,17 +55,48 @@ class RelatedModels:
         """Return the nodes of another model, which are weighted values of its hyper-parameters.
 
         ``posterior`` is the posterior of the hyper-parameters under that model. The nodes are those
-        of the given model with other weights. They are computed anew if the other model has other
-        hyper-parameters, or if the error of its log evidence from the given nodes would exceed the
-        tolerance.
+        of the given model with other weights. If possible, the density of the other model is
+        evaluated at some of them only (`density_ratio`). The nodes are computed anew if the other
+        model has other hyper-parameters, or if the error of its log evidence from the given nodes
+        would exceed the tolerance.
         """
         if posterior.bound.hyper_prior.names != self._names:
             return posterior.nodes(self._tolerance)
-        log_density = in_chunks(posterior.plain.log_density, self._integral.free)
-        plain = replace(self._integral, log_density=log_density)
-        nodes = Nodes(posterior, plain)
-        if posterior.truncated:
-            nodes = posterior.truncate(plain, self._tolerance)
+
+        def evaluate(index: Index) -> LogValues:
+            return _log_density(posterior, self._integral.free[index], self._tolerance)
+
+        sampled = self._ratios.integrate(evaluate, self._tolerance)
+        if sampled is not None:
+            return Nodes(posterior, sampled.integral, sampled.value_error)
+        nodes = self._nodes_of_all(posterior)
         if nodes.meet(self._tolerance):
             return nodes
         return posterior.nodes(self._tolerance)
+
+    def _nodes_of_all(self, posterior: HyperPosterior) -> Nodes:
+        """Return the given nodes, weighted by the density of another model at all of them."""
+        plain = replace(
+            self._integral,
+            log_density=in_chunks(posterior.plain.log_density, self._integral.free),
+        )
+        if posterior.truncated:
+            return posterior.truncate(plain, self._tolerance)
+        return Nodes(posterior, plain)
+
+
+def _log_density(posterior: HyperPosterior, free: Array, tolerance: float) -> LogValues:
+    """Return the log density of readings and hyper-parameters at w points, with its error.
+
+    ``free``, shape (w, h), are the hyper-parameters in unbounded coordinates. ``tolerance`` is the
+    error allowed in a log evidence [nat].
+    """
+    log_density = posterior.bound.hyper_prior.log_density_of_free(free)
+    log_evidence, conditional = posterior.given(free)
+    log_density = log_density + log_evidence
+    error = np.zeros(len(free))
+    if posterior.truncated:
+        allowed = max(_SHARE_OF_TOLERANCE * tolerance, _FINEST_TOLERANCE)
+        log_probability, error = conditional.orthant.log_probability(allowed)
+        log_density = log_density + log_probability
+    return LogValues(log_density, error)

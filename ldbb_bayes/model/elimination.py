@@ -323,12 +323,21 @@ class Elimination:
             raise np.linalg.LinAlgError("readings and priors must determine every coefficient")
         return workspace, gain
 
-    def solve(self, workspace: Array) -> Array:
-        """Return the coefficients P⁻¹ Aᵀ D⁻¹ r, shape (columns of A, w).
+    @property
+    def is_positive(self) -> bool:
+        """Whether no prior variance is negative, so that coefficients can be drawn at random."""
+        return bool((self._plan.half_signs > 0.0).all())
+
+    def solve(self, workspace: Array, standard: Array | None = None) -> Array:
+        """Return the coefficients P⁻¹ Aᵀ D⁻¹ r + L⁻ᵀ z, shape (columns of A, w).
 
         ``workspace`` (entries, w) holds L and L⁻¹ Aᵀ D⁻¹ r, as `factorize` returns them.
+        ``standard`` is z, shape (columns of A, w); None for zero. If z is standard normal, the
+        coefficients are a random draw from their density given the readings.
         """
         solution = workspace[self._plan.right]
+        if standard is not None:
+            solution += standard
         for front in reversed(self.fronts):
             front.solve(workspace, solution)
         return np.asarray(solution)

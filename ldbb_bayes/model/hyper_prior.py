@@ -237,6 +237,11 @@ class HyperPrior:
         """
         return self.quantile(rng.random((size, len(self.names))))
 
+    @staticmethod
+    def draw_noise_factor(size: int, rng: np.random.Generator) -> Array:
+        """Return ``size`` random draws of the noise factor λ of a circle from its prior."""
+        return np.asarray(np.sqrt(_RATE / rng.standard_gamma(_SHAPE, size)))
+
     def quantile(self, level: Array) -> Array:
         """Return the prior quantiles of the h hyper-parameters, shape (..., h), lengths in mm.
 

@@ -227,6 +227,44 @@ class StructuredGaussian:
         root = lower.transpose(2, 1, 0)
         return total, Gaussian.factored(mean, root, scale, total)
 
+    def draw_shared(self, phi: Array, standard: Array, rng: np.random.Generator) -> Array:
+        """Return random draws of the coefficients that are the same in all tests.
+
+        The last p of them are given, in the standard coordinates of their own density: they are
+        `Gaussian.from_standard` of the density that `conditional` returns for these coefficients.
+        All others are drawn from their density given the readings and these.
+
+        Parameters
+        ----------
+        phi
+            w values of the h hyper-parameters, shape (w, h); lengths in mm.
+        standard
+            Standard coordinates of the last p coefficients, for several draws at each value of φ,
+            shape (w, draws, p).
+        rng
+            Generator of random numbers.
+
+        Returns
+        -------
+        Coefficients, shape (w, draws, all that are the same in all tests).
+        """
+        first = self._shared - standard.shape[2]
+        elimination = self._design.elimination(standard.shape[2])
+        if not elimination.is_positive:
+            elimination = self._design.elimination(self._shared)
+        draws = np.empty((len(phi), standard.shape[1], self._shared))
+        for batch in self._batches(phi, None, elimination.chunk_size):
+            workspace, _ = elimination.factorize(batch.weight, None)
+            for k in range(standard.shape[1]):
+                normal = rng.standard_normal((self._columns.shape[1], len(batch.phi_index)))
+                normal[first : self._shared] = standard[batch.phi_index, k].T
+                if not elimination.is_positive:
+                    # Coefficients with a negative prior variance cannot be drawn. They belong to
+                    # single tests, whose coefficients do not matter if they are eliminated first.
+                    normal[self._shared :] = 0.0
+                draws[batch.phi_index, k] = elimination.solve(workspace, normal)[: self._shared].T
+        return draws * self._unit[: self._shared]
+
     def private_mean(
         self,
         phi: Array,

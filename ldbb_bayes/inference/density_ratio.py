@@ -1,0 +1,278 @@
+"""Integral of a density from its ratio to a similar density, at a sample of the other's nodes.
+
+∫ f is known as a sum over n weighted nodes φ_i in h dimensions. For a similar density g
+
+    ∫ g = ∫ f · E_f[g / f].
+
+The ratio g / f is smooth and varies little. A few hundred of the n nodes are therefore drawn, by
+systematic sampling with unequal probabilities, and ln(g / f) is evaluated there alone. A polynomial
+q(φ) of degree two is fitted to these values (of degree one, in many dimensions). The density f e^q
+is known at all nodes, and
+
+    ∫ g = ∫ f e^q · E[g / (f e^q)],
+
+where the last factor is the weighted mean over the sample of ρ = g / (f e^q). The scatter of ρ,
+which is small, gives the error of the mean. This is the regression estimator of survey sampling
+(Cochran, Sampling Techniques, 1977, chapter 7; Särndal, Swensson and Wretman, Model Assisted Survey
+Sampling, 1992). It does not assume that q fits well: a poor fit only makes the error larger. As
+weights of the nodes under g, those of f e^q serve.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from ldbb_bayes.inference.diagnostics import pareto_k
+from ldbb_bayes.inference.integrals import LARGEST_PARETO_K, Index, Integral
+from ldbb_bayes.results import Array
+
+__all__ = ["LogValues", "RatioIntegral", "RatioSampler"]
+
+# Largest number of nodes at which the density is evaluated.
+_LARGEST_SAMPLE = 576
+# The density is first evaluated at every third of these nodes, then at all of them if the error is
+# too large.
+_STEPS = (3, 1)
+# Nodes are sampled only if there are at least this many times as many of them.
+_NODES_PER_SAMPLE = 2
+# A polynomial is fitted only if it has at most this share as many coefficients as values are known.
+_LARGEST_SHARE_OF_COEFFICIENTS = 0.5
+# Half of the nodes are drawn in proportion to their weights, half in proportion to this power of
+# the weights, so that the tails, where the ratio is largest, are sampled too.
+_TAIL_POWER = 0.5
+# Polynomials count as linearly dependent if a singular value is below this share of the largest.
+_DEPENDENT = 1e-10
+# The mean of the ratios ρ is not trusted if they scatter by more than this share of it. A few
+# hundred of them may then lack the largest ones.
+_LARGEST_SCATTER = 0.4
+# The tail of the ratios ρ cannot be heavy if none exceeds their mean by more than this share of it.
+_LARGEST_PLAIN_RESIDUAL = 1.0
+# The error of the mean ratio is this multiple of its standard error.
+_STANDARD_ERRORS = 3.5
+
+
+class LogValues(NamedTuple):
+    """Logarithm of a density at k nodes, and its numerical error there [nat], each shape (k,)."""
+
+    log_density: Array
+    error: Array
+
+
+class RatioIntegral(NamedTuple):
+    """Integral of a density over the nodes of another, and the numerical error of its values."""
+
+    integral: Integral
+    value_error: float  #: weighted mean error of the logarithm of the density at the nodes [nat]
+
+    @property
+    def error(self) -> float:
+        """Error of the log integral [nat]."""
+        return self.integral.error + self.value_error
+
+    @property
+    def least_error(self) -> float:
+        """Error that the log integral would have if the density were known at all nodes [nat]."""
+        return replace(self.integral, ratio_error=0.0).error + self.value_error
+
+
+@dataclass(frozen=True, eq=False)
+class _Sample:
+    """Some nodes of an integral ∫ f, drawn at random, and what is fitted to values there.
+
+    The m nodes are different from each other.
+    """
+
+    nodes: Index  #: indices of the m nodes among all n nodes, shape (m,)
+    #: weight under f divided by the probability with which the node is drawn, shape (m,)
+    weight: Array
+    #: polynomials of the coordinates of all n nodes, shape (n, coefficients)
+    polynomials: Array
+
+    @cached_property
+    def _decomposition(self) -> _Decomposition:
+        root_weight = np.sqrt(self.weight)[:, None]
+        weighted = self.polynomials[self.nodes] * root_weight
+        left, singular, right = np.linalg.svd(weighted, full_matrices=False)
+        kept = singular > _DEPENDENT * singular[0]
+        return _Decomposition(left[:, kept], right[kept].T / singular[kept])
+
+    @cached_property
+    def leverage(self) -> Array:
+        """Share of each value in its own fitted value, shape (m,)."""
+        leverage = (self._decomposition.left**2).sum(axis=1)
+        return np.asarray(np.minimum(leverage, 1.0 - np.finfo(float).eps))
+
+    def fit(self, values: Array) -> Array:
+        """Return the polynomial that is fitted to values at the m nodes, at all n nodes, (n,).
+
+        It is kept within three times the range of the values, lest it be extrapolated too far.
+        """
+        projected = self._decomposition.left.T @ (values * np.sqrt(self.weight))
+        fitted = self.polynomials @ (self._decomposition.scaled_right @ projected)
+        margin = np.ptp(values)
+        return np.asarray(np.clip(fitted, values.min() - margin, values.max() + margin))
+
+
+class _Decomposition(NamedTuple):
+    """Singular vectors of the polynomials at the m nodes, times the roots of their weights."""
+
+    left: Array  #: left singular vectors, shape (m, rank)
+    #: right singular vectors divided by the singular values, shape (coefficients, rank)
+    scaled_right: Array
+
+
+class _MeanRatio(NamedTuple):
+    """Mean of ρ = g / (f e^q) under f e^q, from its values at the m nodes of a sample."""
+
+    log_mean: float  #: logarithm of the mean
+    error: float  #: error of the logarithm [nat]; infinite if the tail of the values is heavy
+    share: Array  #: weights of the m nodes, which sum to one, shape (m,)
+
+
+def _mean_ratio(sample: _Sample, log_ratio: Array, fitted: Array) -> _MeanRatio:
+    """Return the mean of ρ and its error, from ln(g / f) and the fitted q at the m nodes.
+
+    Residuals of a fit are smaller than those of new values. Each one is therefore divided by one
+    minus its leverage, which makes the error rather too large (MacKinnon and White, Journal of
+    Econometrics 29 (1985) 305).
+    """
+    share = sample.weight * np.exp(fitted - fitted.max())
+    share = share / share.sum()
+    log_residual = log_ratio - fitted
+    ratio = np.exp(log_residual)
+    mean = float(share @ ratio)
+    residual = ratio / mean - 1.0
+    error = np.inf
+    if _is_trusted(share, residual, log_residual):
+        of_new_values = residual / (1.0 - sample.leverage)
+        error = _STANDARD_ERRORS * float(np.linalg.norm(share * of_new_values))
+    return _MeanRatio(float(np.log(mean)), error, share)
+
+
+def _is_trusted(share: Array, residual: Array, log_residual: Array) -> bool:
+    """Return whether the mean of ρ can be trusted: ρ scatters little, without a heavy tail.
+
+    ``share`` are the weights of the m nodes, ``residual`` is ρ divided by its mean, minus one, and
+    ``log_residual`` is ln ρ, each of shape (m,).
+    """
+    if share @ residual**2 > _LARGEST_SCATTER**2:
+        return False
+    return residual.max() < _LARGEST_PLAIN_RESIDUAL or pareto_k(log_residual) <= LARGEST_PARETO_K
+
+
+class RatioSampler:
+    """Integrals of densities from their ratios to a similar density, at some of its nodes.
+
+    Parameters
+    ----------
+    integral : Integral
+        Integral of the density f, with its n nodes.
+    seed : int
+        Seed of the sample of nodes.
+    """
+
+    def __init__(self, integral: Integral, *, seed: int = 0) -> None:
+        self._integral = integral
+        self._seed = seed
+
+    @cached_property
+    def _samples(self) -> list[_Sample]:
+        """Samples of the nodes, the smallest first; each one contains those before it."""
+        weight = self._integral.weight
+        probability = _probabilities(weight)
+        drawn = _systematic_sample(probability, np.random.default_rng(self._seed))
+        samples = []
+        for step in _STEPS:
+            nodes, count = np.unique(drawn[::step], return_counts=True)
+            polynomials = _polynomials(self._integral, len(nodes))
+            if len(weight) >= _NODES_PER_SAMPLE * len(nodes) and polynomials is not None:
+                of_f = count * weight[nodes] / probability[nodes]
+                samples.append(_Sample(nodes, of_f, polynomials))
+        return samples
+
+    def integrate(
+        self, evaluate: Callable[[Index], LogValues], tolerance: float
+    ) -> RatioIntegral | None:
+        """Return the integral of a density g from its ratio to the density f at some nodes.
+
+        Parameters
+        ----------
+        evaluate : callable
+            Function that returns ln g and its error, at the nodes with the indices that it is
+            given.
+        tolerance : float
+            Error allowed in ln ∫ g [nat].
+
+        Returns
+        -------
+        RatioIntegral or None
+            The integral. None if no sample of the nodes reaches the tolerance: g should then be
+            evaluated at all nodes, or at nodes of its own.
+        """
+        log_density = np.full(len(self._integral.free), np.nan)
+        error = np.full(len(log_density), np.nan)
+        for sample in self._samples:
+            new = sample.nodes[np.isnan(log_density[sample.nodes])]
+            values = evaluate(new)
+            log_density[new] = values.log_density
+            error[new] = values.error
+            log_ratio = log_density[sample.nodes] - self._integral.log_density[sample.nodes]
+            if not np.isfinite(log_ratio).all():
+                return None
+            fitted = sample.fit(log_ratio)
+            mean = _mean_ratio(sample, log_ratio, fitted[sample.nodes])
+            of_ratio = replace(
+                self._integral,
+                log_density=self._integral.log_density + fitted + mean.log_mean,
+                ratio_error=mean.error,
+            )
+            result = RatioIntegral(of_ratio, float(mean.share @ error[sample.nodes]))
+            if result.error <= tolerance:
+                return result
+            if result.least_error > tolerance:
+                return None
+        return None
+
+
+def _probabilities(weight: Array) -> Array:
+    """Return the probability with which each node is drawn first, shape (n,)."""
+    tempered = weight**_TAIL_POWER
+    return 0.5 * weight + 0.5 * tempered / tempered.sum()
+
+
+def _systematic_sample(probability: Array, rng: np.random.Generator) -> Index:
+    """Return the indices of the nodes of the largest sample; some may occur several times.
+
+    They are those at equally spaced levels of the cumulative probability of the nodes in random
+    order. Every third of them are themselves such a sample.
+    """
+    order = rng.permutation(len(probability))
+    levels = (rng.random() + np.arange(_LARGEST_SAMPLE)) / _LARGEST_SAMPLE
+    reached = np.searchsorted(np.cumsum(probability[order]), levels)
+    return order[np.minimum(reached, len(order) - 1)]
+
+
+def _polynomials(integral: Integral, size: int) -> Array | None:
+    """Return polynomials of the coordinates of the n nodes, shape (n, coefficients).
+
+    They are of degree two, of degree one if too many for ``size`` values, or None if these are too
+    many as well. Coordinates are first scaled to the mean zero and the standard deviation one.
+    """
+    largest = _LARGEST_SHARE_OF_COEFFICIENTS * size
+    deviation = integral.free - integral.weight @ integral.free
+    scale = np.sqrt(integral.weight @ deviation**2)
+    z = deviation / np.where(scale > 0.0, scale, 1.0)
+    n = len(z)
+    h = z.shape[1]
+    columns = [np.ones((n, 1)), z]
+    if 1 + h > largest:
+        return None
+    first, second = np.triu_indices(h)
+    if 1 + h + len(first) <= largest:
+        columns.append(z[:, first] * z[:, second])
+    return np.concatenate(columns, axis=1)

@@ -1,0 +1,92 @@
+"""Exact random draws of the parameters together with the nuisances that tests share.
+
+β are the p parameters: compliances, their slopes and geometric errors. φ are the hyper-parameters,
+the scales of the noise and of other effects. Nuisances are effects that are modelled but not of
+interest; u are the q coefficients of those that are the same in all tests. Given φ and the readings
+y, the joint density p(u, β | y, φ) is Gaussian, so that several draws cost little more than one.
+Truncation restricts β to compliances that are not negative.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ldbb_bayes.inference.conditional_sampling import no_physical_draw
+from ldbb_bayes.inference.integrals import CHUNK, Index
+from ldbb_bayes.model.conditional import ParameterConditional
+from ldbb_bayes.model.hybrid import BoundModel
+from ldbb_bayes.results import Array
+
+__all__ = ["SharedDraws", "draw_with_shared"]
+
+# Number of times that parameters are drawn without regard to truncation, and kept if no compliance
+# is negative. Those that remain are drawn from a density that is shifted towards such compliances.
+_PLAIN_TRIES = 4
+# Largest number of times that a draw from the shifted density is repeated if it was not accepted.
+_REPEATS = 20
+
+
+class SharedDraws(NamedTuple):
+    """Random draws of the hyper-parameters, the parameters and the nuisances that tests share."""
+
+    #: hyper-parameters (scales of the noise and of other effects), shape (n, h); lengths in mm
+    phi: Array
+    beta: Array  #: parameters in mm, N and rad, shape (n, p)
+    shared: Array  #: coefficients of the nuisances that tests share, shape (n, q)
+
+
+def draw_with_shared(
+    bound: BoundModel, free: Array, repeats: int, rng: np.random.Generator
+) -> SharedDraws:
+    """Return ``repeats`` random draws of u and β for each of w values of the hyper-parameters φ.
+
+    ``free``, shape (w, h), holds φ in unbounded coordinates. ``bound`` is the model, applied to its
+    campaign. Draws of one value of φ follow each other. Raise an `InputError` if no draw without
+    negative compliances is found where the model requires it.
+    """
+    p = len(bound.names)
+    phi = bound.hyper_prior.phi(free)
+    standard = []
+    for start in range(0, len(phi), CHUNK):
+        conditional = bound.given(phi[start : start + CHUNK])[1]
+        conditional.physical = bound.truncation
+        standard.append(_draw_standard(conditional, repeats, rng))
+    coefficients = bound.collapsed.draw_shared(phi, np.concatenate(standard), rng)
+    flat = coefficients.reshape(-1, coefficients.shape[2])
+    return SharedDraws(np.repeat(phi, repeats, axis=0), flat[:, -p:] + bound.centre, flat[:, :-p])
+
+
+def _draw_standard(
+    conditional: ParameterConditional, repeats: int, rng: np.random.Generator
+) -> Array:
+    """Return random draws of the parameters in standard coordinates, shape (w, repeats, p).
+
+    In standard coordinates the density of the parameters given each of w values of the
+    hyper-parameters is N(0, I). No compliance of ``conditional.physical`` is negative in any draw.
+    """
+    w, p = conditional.mean.shape
+    standard = rng.standard_normal((w * repeats, p))
+    if not conditional.physical.active:
+        return standard.reshape(w, repeats, p)
+    phi_index = np.repeat(np.arange(w), repeats)
+    spread = np.swapaxes(conditional.spread(conditional.physical.rows), 1, 2)
+    mean = conditional.mean @ conditional.physical.rows.T
+
+    def is_outside(draws: Array, index: Index) -> Array:
+        compliances = np.einsum("np,npm->nm", draws, spread[index]) + mean[index]
+        return (compliances < 0.0).any(axis=1)
+
+    missing = np.flatnonzero(is_outside(standard, phi_index))
+    for _ in range(_PLAIN_TRIES):
+        draws = rng.standard_normal((len(missing), p))
+        standard[missing] = draws
+        missing = missing[is_outside(draws, phi_index[missing])]
+    for _ in range(_REPEATS):
+        if not missing.size:
+            return standard.reshape(w, repeats, p)
+        orthant = conditional.select(phi_index[missing]).orthant
+        standard[missing], accepted = orthant.draw_standard(rng)
+        missing = missing[~accepted]
+    raise no_physical_draw()

@@ -1,0 +1,127 @@
+"""Evidences from the nodes of a larger model, against evidences from nodes of each model's own."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+import pytest
+
+import ldbb_bayes as lb
+from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.inference.density_ratio import RatioSampler
+from ldbb_bayes.inference.evidences import Evidences
+from ldbb_bayes.inference.nodes import HyperPosterior, Nodes
+from ldbb_bayes.inference.related_models import RelatedModels
+from ldbb_bayes.model.hybrid import BoundModel, HybridModel
+
+TOLERANCE = 0.01
+LINEAR = HybridModel.default(1)
+RELATED = {
+    "two slopes fixed": LINEAR.fixing("C_XXX_1", "C_CCY_1"),
+    "wide prior of slopes": LINEAR.with_slope_scale(2.0),
+    "narrow prior of slopes": LINEAR.with_slope_scale(0.05),
+    "constant": LINEAR.with_degree(0),
+    "no rivals": LINEAR.with_rivals(),
+    "constant, no rivals": LINEAR.with_degree(0).with_rivals(),
+    "not truncated": LINEAR.without("truncation"),
+}
+ANGLE = np.arange(40) * 9.0
+FRAMES_MM = {"X": (5.0, -40.0, 60.0), "Y": (0.0, 10.0, -200.0)}
+
+
+def campaign(*, planes: tuple[str, ...], directions: tuple[str, ...], clocked: bool) -> Campaign:
+    tests = []
+    for plane, force_N, direction in product(planes, (36.0, 300.0, 520.0, 742.0), directions):
+        turned_deg = 45.0 * len(tests) * clocked
+        tests.append(
+            lb.CircularTest(
+                force_N, ANGLE, plane=plane, direction=direction, work_ball_deg=turned_deg
+            )
+        )
+    plan = Campaign(tuple(tests))
+    if len(planes) > 1:
+        plan = Campaign(tuple(tests), topology="wXFYZt", frames_mm=FRAMES_MM)
+    return LINEAR.simulate(plan, seed=3).campaign
+
+
+OTHER_CAMPAIGNS = {
+    "both directions": campaign(planes=("XY",), directions=("CW", "CCW"), clocked=False),
+    "clocked": campaign(planes=("XY",), directions=("CW",), clocked=True),
+    "three planes": campaign(planes=("XY", "YZ", "ZX"), directions=("CW",), clocked=False),
+}
+
+
+def posterior_of(model: HybridModel, campaign: Campaign) -> HyperPosterior:
+    bound = BoundModel(model, campaign)
+    return HyperPosterior(bound, truncated=bound.truncation.active)
+
+
+def check_against_own_nodes(model: HybridModel, campaign: Campaign) -> None:
+    related = Evidences(campaign, tolerance=TOLERANCE).of(LINEAR, model)[1]
+    own = posterior_of(model, campaign).nodes(TOLERANCE)
+    assert related.evidence.log_value == pytest.approx(
+        own.evidence.log_value, abs=related.error + own.error
+    )
+    assert related.meet(TOLERANCE)
+
+
+@pytest.mark.parametrize("name", ["two slopes fixed", "constant, no rivals"])
+def test_evidences_of_the_recovered_experiment(name: str, recovered: Campaign) -> None:
+    check_against_own_nodes(RELATED[name], recovered)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", RELATED)
+@pytest.mark.parametrize("of_campaign", OTHER_CAMPAIGNS)
+def test_evidences_of_other_campaigns(name: str, of_campaign: str) -> None:
+    model = RELATED[name]
+    if of_campaign == "three planes" and model.fixed:
+        pytest.skip("compliances of three planes have other names")
+    check_against_own_nodes(model, OTHER_CAMPAIGNS[of_campaign])
+
+
+@pytest.fixture(scope="module")
+def of_linear(recovered: Campaign) -> Nodes:
+    return posterior_of(LINEAR, recovered).plain.nodes(TOLERANCE)
+
+
+def test_a_model_has_the_nodes_of_the_larger_model(of_linear: Nodes, recovered: Campaign) -> None:
+    posterior = posterior_of(RELATED["two slopes fixed"], recovered)
+    nodes = RelatedModels(of_linear, TOLERANCE).nodes(posterior)
+    assert nodes.integral.free is of_linear.integral.free
+    assert nodes.integral.ratio_error > 0.0
+
+
+def test_all_nodes_are_used_where_a_sample_does_not_suffice(
+    of_linear: Nodes, recovered: Campaign, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    posterior = posterior_of(RELATED["two slopes fixed"], recovered)
+    sampled = RelatedModels(of_linear, TOLERANCE).nodes(posterior)
+    monkeypatch.setattr(RatioSampler, "integrate", lambda *_: None)
+    of_all = RelatedModels(of_linear, TOLERANCE).nodes(posterior)
+    assert of_all.integral.free is of_linear.integral.free
+    assert of_all.integral.ratio_error == 0.0
+    difference = sampled.evidence.log_value - of_all.evidence.log_value
+    assert abs(difference) <= sampled.integral.ratio_error + of_all.truncation_error
+
+
+def test_weights_at_all_nodes_are_nearly_those_of_the_sample(
+    of_linear: Nodes, recovered: Campaign, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Half of the absolute difference is the distance in total variation."""
+    posterior = posterior_of(RELATED["two slopes fixed"], recovered)
+    sampled = RelatedModels(of_linear, TOLERANCE).nodes(posterior)
+    monkeypatch.setattr(RatioSampler, "integrate", lambda *_: None)
+    of_all = RelatedModels(of_linear, TOLERANCE).nodes(posterior)
+    difference = sampled.integral.weight - of_all.integral.weight
+    assert 0.5 * np.abs(difference).sum() < 0.02
+
+
+def test_a_model_far_from_the_larger_one_has_nodes_of_its_own(recovered: Campaign) -> None:
+    """Without rivals and slopes, circles must scatter more: σ, δ and κ lie elsewhere."""
+    campaign = LINEAR.with_degree(0).simulate(recovered.plan(), seed=1).campaign
+    narrow = posterior_of(LINEAR.without("force-error", "drift"), campaign)
+    of_other_readings = posterior_of(LINEAR, recovered).plain.nodes(TOLERANCE)
+    nodes = RelatedModels(of_other_readings, TOLERANCE).nodes(narrow)
+    assert nodes.integral.free is not of_other_readings.integral.free
