@@ -18,7 +18,7 @@ from hypothesis import HealthCheck, settings
 from reports import fitted
 
 from ldbb_bayes.analysis.comparison import Comparison
-from ldbb_bayes.analysis.design import space
+from ldbb_bayes.analysis.design import forecast, space
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.campaign.folder import read_campaign
 from ldbb_bayes.cli import app
@@ -49,7 +49,7 @@ def few_states() -> Iterator[None]:
     """Designs average over few values of the hyper-parameters: how they are chosen does not hang on
     it."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(space, "_FORECAST_STATES", 16)
+        patch.setattr(forecast, "_STATES", 16)
         patch.setattr(space, "_SEARCH_NODES", 4)
         yield
 

@@ -10,9 +10,10 @@ or stated is confounded with it.
 Shares, origins and degeneracies are computed for the linear Gaussian model, in which compliances
 may be negative, at one value of the hyper-parameters φ (the scales of the noise and of other
 effects). For a campaign with readings, this value is the posterior mean of φ; for a plan, which can
-thus be judged before it is run, it is the prior median. Every standard uncertainty that is stated
-is averaged over p(φ | y), and so is the benefit of certificates: its square is the mean variance
-given φ plus the variance of the mean given φ. That of a posterior is the one of its draws.
+thus be judged before it is run, it is the mean given its pilot, or the prior median. Every standard
+uncertainty that is stated is averaged over p(φ | y), and so is the benefit of certificates: its
+square is the mean variance given φ plus the variance of the mean given φ. That of a posterior is
+the one of its draws, and that of a plan's parameter the one of its forecast.
 
 In an average over models, shares and uncertainties are averaged with the probabilities of the
 models (`variance_sources`), and the same rules give the verdicts.
@@ -32,6 +33,9 @@ from pydantic import Field
 from ldbb_bayes.analysis.aliases import Degeneracy, degeneracies
 from ldbb_bayes.analysis.cures import Cure, cures
 from ldbb_bayes.analysis.curve_changes import CurveChange, curve_changes
+from ldbb_bayes.analysis.design.candidates import bind_plan
+from ldbb_bayes.analysis.design.forecast import forecast_plan, states_of
+from ldbb_bayes.analysis.design.states import extend_hyper_parameters
 from ldbb_bayes.analysis.origins import MAJORITY, Origin, edition_terms
 from ldbb_bayes.analysis.remedies import Remedy, remedies
 from ldbb_bayes.analysis.value_of_certificates import averaged_moments, worth_of_certificates
@@ -255,6 +259,49 @@ class Identifiability(Result):
     measured: bool
 
 
+def _scales_before(bound: BoundModel, plan: Campaign) -> tuple[Array, Array]:
+    """Return weights, shape (w,), and values, shape (w, h), of the scales before a plan is run.
+
+    The scales are the hyper-parameters φ. They are those that the plan's pilot leaves likely, or
+    their prior median if the plan has no pilot with readings.
+    """
+    pilot = plan.pilot
+    if pilot is None or pilot.is_plan:
+        return hyper_parameter_nodes(bound)
+    run = len(pilot.tests) if plan.adds_to_pilot else 0
+    phi = extend_hyper_parameters(bound, states_of(bound.model, plan).phi, run)
+    return np.full(len(phi), 1.0 / len(phi)), phi
+
+
+def _expected_sd(bound: BoundModel, plan: Campaign) -> SampledSd | None:
+    """Return the prior and the expected sds of all parameters of a plan; None for flat priors.
+
+    The expected ones are those of the forecast that `design` makes too.
+    """
+    if bound.model.prior.flat:
+        return None
+    expected = forecast_plan(bound.model, plan).expected
+    return SampledSd(bound.prior_sd, np.array([entry.sd for entry in expected.values()]))
+
+
+def _relative_to(
+    expected: SampledSd, bound: BoundModel, certificates: Mapping[str, Mapping[str, float]]
+) -> dict[str, dict[str, float]]:
+    """Return uncertainties with certificates, scaled so that those without are the expected ones.
+
+    ``certificates`` are standard uncertainties by certificate, then by parameter; those under the
+    first key are without any.
+    """
+    without = next(iter(certificates.values()))
+    scaled = {}
+    for certificate, sd in certificates.items():
+        scaled[certificate] = {
+            name: sd[name] * float(expected_sd) / without[name]
+            for name, expected_sd in zip(bound.names, expected.posterior, strict=True)
+        }
+    return scaled
+
+
 class SampledSd(NamedTuple):
     """Prior and posterior standard deviations of all p parameters, shape (p,) each.
 
@@ -274,8 +321,10 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
     (an effect that nobody measured holds most of its variance). No readings are needed, so that a
     plan can be judged before it is run. All is computed for the linear Gaussian model, in which
     compliances may be negative. Shares of the variance are those at the posterior mean of the
-    hyper-parameters (the scales of the noise and of other effects) or, for a plan, at their prior
-    median; standard uncertainties are averaged over the hyper-parameters.
+    hyper-parameters (the scales of the noise and of other effects); for a plan at the mean that its
+    pilot leaves, or at their prior median. Standard uncertainties are averaged over the
+    hyper-parameters. Those of a plan are what its analysis is expected to state, as `design`
+    foretells them.
 
     Parameters
     ----------
@@ -304,8 +353,14 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
     'Mount'
     """
     require_model(model)
-    bound = model.bind(campaign)
-    weight, nodes = hyper_parameter_nodes(bound)
+    expected = None
+    if campaign.is_plan:
+        bound = bind_plan(model, campaign)
+        weight, nodes = _scales_before(bound, campaign)
+        expected = _expected_sd(bound, campaign)
+    else:
+        bound = model.bind(campaign)
+        weight, nodes = hyper_parameter_nodes(bound)
     phi = weight @ nodes
     information = information_of(bound, phi)
     combinations = degeneracies(bound)
@@ -314,11 +369,15 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
     if not information.flat:
         effective_parameters -= float(information.variances().sum())
         certificates = worth_of_certificates(bound, weight, nodes)
+    if expected is not None and certificates:
+        certificates = _relative_to(expected, bound, certificates)
     changes = curve_changes(bound, information)
     variance = _averaged_over_scales(bound, information, changes, weight, nodes)
     prior_sd = np.array([parameter.prior_sd for parameter in bound.parameters])
     posterior_sd = variance.models[0].sd[: variance.number]
-    parameters = _judge_average(variance, bound, SampledSd(prior_sd, posterior_sd))
+    if expected is None:
+        expected = SampledSd(prior_sd, posterior_sd)
+    parameters = _judge_average(variance, bound, expected)
     changes_judged = _judge_changes(variance, changes, _prior_sd_of_changes(information, changes))
     found = _remedies_of(bound, phi, parameters, changes_judged)
     return Identifiability(

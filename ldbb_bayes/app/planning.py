@@ -14,10 +14,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.design.candidates import grid_of_tests, running_order
+from ldbb_bayes.analysis.design.candidates import grid_of_tests
 from ldbb_bayes.analysis.design.search import efficient_rounding
 from ldbb_bayes.analysis.design.space import Space
-from ldbb_bayes.analysis.design.states import states_before
 from ldbb_bayes.app.fields import RESULT, linear_model
 from ldbb_bayes.app.worth import uncertainty_change
 from ldbb_bayes.campaign.campaign import Direction
@@ -41,7 +40,7 @@ _MOST_EXCHANGED_CIRCLES = 12
 _MOST_EXCHANGED_KINDS = 4
 # Number of possible states of the machine and noise over which a forecast is averaged while the
 # user moves a slider. It is smaller than for the final forecast, so that the forecast is fast.
-_QUICK_STATES = 32
+_QUICK_STATES = 16
 
 
 # Slider of the browser page: its default, lowest and highest value.
@@ -177,8 +176,8 @@ def _space_of(
 # Tests that the sliders of the browser page describe.
 class _PlannedTests(NamedTuple):
     space: Space  #: Space of possible tests from which the tests are taken.
-    #: Planned tests in the order in which to run them.
-    tests: tuple[lb.CircularTest, ...]
+    #: Plan of the tests, in the order in which to run them.
+    plan: lb.Campaign
     sliders: Mapping[str, float]  #: Values of the sliders by name.
 
 
@@ -203,8 +202,7 @@ def _planned_tests(report: _Report, settings_json: str) -> _PlannedTests:
         tests = _best_tests(space, _kinds_of_test(space, sliders["low"]), sliders)
     else:
         tests = _equally_spaced_tests(space, sliders)
-    in_running_order = running_order(tests, np.random.default_rng(1))
-    return _PlannedTests(space, in_running_order, sliders)
+    return _PlannedTests(space, space.plan_of(tests), sliders)
 
 
 def _equally_spaced_tests(
@@ -357,12 +355,12 @@ def forecast(folder: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
     expected = _expected_uncertainties(report, settings_json, fine=bool(settings.get("fine", True)))
     turns = 0
     radius_changes = 0
-    for test, following in pairwise(planned.tests):
+    for test, following in pairwise(planned.plan.tests):
         turns += test.work_ball_deg != following.work_ball_deg
         turns += test.tool_ball_deg != following.tool_ball_deg
         radius_changes += test.radius_mm != following.radius_mm
     minutes = (
-        costs["minutes"] * len(planned.tests)
+        costs["minutes"] * len(planned.plan.tests)
         + costs["turn_minutes"] * turns
         + costs["radius_minutes"] * radius_changes
     )
@@ -382,7 +380,7 @@ def forecast(folder: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
         "minutes": round(minutes),
         "cost": round(minutes / 60.0 * costs["hourly"]),
         "pilot": _pilot_row(pilot),
-        "tests": [_test_row(test, pilot) for test in planned.tests],
+        "tests": [_test_row(test, pilot) for test in planned.plan.tests],
     }
 
 
@@ -405,14 +403,12 @@ def _expected_uncertainties(report: _Report, settings_json: str, *, fine: bool) 
         Whether to average over as many possible states of the machine as a final forecast does;
         otherwise fewer are used, which is faster.
     """
-    space, tests, _ = _planned_tests(report, settings_json)
+    space, plan_of_tests, _ = _planned_tests(report, settings_json)
     sd_today = _pilot_of(report).sd
-    states = None
+    machines = None
     if not fine:
-        states = states_before(
-            space.model, space.pilot, _QUICK_STATES, space.seed, augment=space.augment
-        )
-    expectation = space.forecast(tests, states=states)
+        machines = _QUICK_STATES
+    expectation = space.forecast(plan_of_tests, machines=machines)
     rows = []
     for parameter in space.bound.parameters:
         if parameter.group != "slope":
@@ -485,16 +481,7 @@ def plan(folder: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
         If there is no fit yet, or the value of a slider is out of range.
     """
     expected = forecast(folder, settings)
-    space, tests, _ = _planned_tests(_report_of(folder), _test_settings(settings))
-    campaign = replace(
-        space.pilot,
-        tests=tests,
-        foreseen=(),
-        name=f"{space.pilot.name}, next campaign",
-        order=None,
-        tolerances={},
-        date=None,
-        operator=None,
-    )
+    planned = _planned_tests(_report_of(folder), _test_settings(settings))
+    campaign = replace(planned.plan, tolerances={}, date=None, operator=None)
     lb.write_campaign(campaign, folder / PLAN, force=True)
     return expected

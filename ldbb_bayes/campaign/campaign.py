@@ -203,8 +203,14 @@ class Campaign(CampaignFields):
     #: tests that may be run later, without readings. The model of the campaign already includes the
     #: effects that only these tests can show.
     foreseen: Tests = field(default=(), kw_only=True)
+    #: campaign or plan that a plan was designed from: what it found about the machine, its scatter
+    #: and its instrument is what is known before the plan is run. No analysis of readings uses it.
+    pilot: SkipValidation[Campaign | None] = field(default=None, kw_only=True)
+    #: whether the pilot's circles count as run, so that the plan adds to them
+    adds_to_pilot: StrictBool = field(default=False, kw_only=True)
 
     def __post_init__(self) -> None:
+        self._check_pilot()
         require(self.tests, "campaign must have at least one test, got none. Add a circular test.")
         foreseen = []
         for test in self.foreseen:
@@ -220,6 +226,21 @@ class Campaign(CampaignFields):
             )
         object.__setattr__(self, "frames_mm", dict(self.machine().frames_mm))
         object.__setattr__(self, "machine_id", self.machine_id or self.serial_number)
+
+    def _check_pilot(self) -> None:
+        """Raise an `InputError` unless the pilot, if there is one, is of this machine."""
+        if self.pilot is None:
+            require(
+                not self.adds_to_pilot,
+                "adds_to_pilot must go with a pilot, got none. Name the pilot, or leave it out.",
+            )
+            return
+        require_campaign(self.pilot)
+        require(
+            self.pilot.topology == self.topology,
+            f"pilot must be of the plan's machine {self.topology}, got {self.pilot.topology}. Take"
+            " the pilot of this machine, or none.",
+        )
 
     def _complete(self, test: CircularTest) -> CircularTest:
         """Return a test with radius, plane, centre, set-up, force and pressure filled in.
@@ -330,8 +351,8 @@ class Campaign(CampaignFields):
         The conditions are those of each test, and the campaign's topology, frames, mount,
         resolution, order and drift. The digest also depends on the names of the tests and the
         sequence in which they are listed, and on the foreseen tests, but not on how the files are
-        written. Certificates do not change the digest,
-        because they enter the model as prior knowledge.
+        written. Certificates and a pilot do not change the digest,
+        because they are prior knowledge.
         """
         digest = hashlib.sha256()
         head: list[Any] = [

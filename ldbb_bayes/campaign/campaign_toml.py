@@ -7,13 +7,12 @@ from dataclasses import field, fields
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
-import numpy as np
-from pydantic import ConfigDict, Field
+from pydantic import ConfigDict, Field, StrictBool
 from pydantic.dataclasses import dataclass
 
-from ldbb_bayes.campaign.campaign import CampaignFields
+from ldbb_bayes.campaign.campaign import Campaign, CampaignFields
 from ldbb_bayes.campaign.certified_instrument import Ball, Instrument
-from ldbb_bayes.campaign.circular_test import CircularTest, TestFields
+from ldbb_bayes.campaign.circular_test import CircularTest, TestFields, planned_angles
 from ldbb_bayes.campaign.dcc_reader import read_dcc
 from ldbb_bayes.campaign.field_types import Label, Length, Number, Percent, Positive
 from ldbb_bayes.campaign.loading import ForceLaw, MountCompensation
@@ -93,6 +92,8 @@ class _CampaignFile(CampaignFields):
     tolerances: Annotated[dict[str, str], Field(alias="tolerance")] = field(default_factory=dict)
     test: Annotated[list[_TestFile], Field(min_length=1, max_length=1000)]
     foreseen: Annotated[list[_PlannedTest], Field(max_length=1000)] = field(default_factory=list)
+    pilot: str | None = None
+    adds_to_pilot: StrictBool = False
 
 
 class CampaignContent(NamedTuple):
@@ -133,7 +134,32 @@ def read_campaign_toml(path: Path) -> CampaignContent:
     campaign_fields["mount"] = _mount_of(path, file, content)
     campaign_fields["instrument"] = _instrument_of(path, file)
     campaign_fields["foreseen"] = tuple(foreseen)
+    campaign_fields["pilot"] = _pilot_of(path, file)
+    campaign_fields["adds_to_pilot"] = file.adds_to_pilot
     return CampaignContent(tuple(tests), campaign_fields)
+
+
+def _pilot_of(path: Path, file: _CampaignFile) -> Campaign | None:
+    """Return the pilot that campaign.toml names: the campaign in a folder inside its own.
+
+    ``file`` is the validated content of the campaign.toml at ``path``. Raise an `InputError` if the
+    folder holds no campaign, or one that names a pilot itself.
+    """
+    if file.pilot is None:
+        return None
+    toml = _path_inside(path, "pilot", f"{file.pilot}/{path.name}")
+    require(
+        toml.parent.resolve() != path.parent.resolve(),
+        f"{path}: pilot must be a folder inside the plan's, got {file.pilot!r}, which is the plan's"
+        " own. Copy the pilot's folder into it.",
+    )
+    require(
+        "pilot" not in read_toml(toml),
+        f"{toml} must be a campaign without a pilot, got one that names its own. Take that out.",
+    )
+    tests, pilot_fields = read_campaign_toml(toml)
+    with placed(toml):
+        return Campaign(tests, **pilot_fields)
 
 
 def _fill_from_certificates(path: Path, content: dict[str, Any]) -> None:
@@ -246,11 +272,7 @@ def _planned_angles(plan: Mapping[str, Any]) -> Any:
     but in a full turn the first angle is not repeated.
     """
     readings = plan.get("readings", _PLANNED_READINGS)
-    arc_deg = plan.get("arc_deg", 360.0)
-    steps = readings - 1
-    if abs(arc_deg) == 360.0:
-        steps = readings
-    return plan.get("start_deg", 0.0) + arc_deg * (np.arange(readings) / steps)
+    return planned_angles(readings, plan.get("start_deg", 0.0), plan.get("arc_deg", 360.0))
 
 
 def _path_inside(toml: Path, place: str, file: str) -> Path:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import tomli_w
 
 from ldbb_bayes.campaign.campaign import LABELS, Campaign
@@ -14,21 +13,26 @@ from ldbb_bayes.campaign.certified_instrument import Instrument
 from ldbb_bayes.campaign.circular_test import PER_TEST, CircularTest
 from ldbb_bayes.errors import require
 
-__all__ = ["TOML_NAME", "write_campaign_into"]
+__all__ = ["PILOT_NAME", "TOML_NAME", "write_campaign_into"]
 
 TOML_NAME = "campaign.toml"
+# Name of the folder, inside that of a plan, that holds the plan's pilot.
+PILOT_NAME = "pilot"
 # Version of the format of campaign.toml, which is written under the key ``schema``.
 _SCHEMA = 1
-# Relative tolerance within which the arc of a planned test counts as a full turn.
-_TURN_TOLERANCE = 1e-6
 
 
 def write_campaign_into(campaign: Campaign, folder: Path) -> None:
     """Write campaign.toml and one CSV file of readings for each test into an existing folder.
 
     Planned and foreseen tests, which have no readings, get no CSV file. If the angles of a foreseen
-    test are in unequal steps, as many angles in equal steps are written instead.
+    test are in unequal steps, as many angles in equal steps are written instead. A pilot is written
+    into the folder ``pilot`` inside the folder.
     """
+    if campaign.pilot is not None:
+        pilot_folder = folder / PILOT_NAME
+        pilot_folder.mkdir()
+        write_campaign_into(replace(campaign.pilot, pilot=None, adds_to_pilot=False), pilot_folder)
     text = tomli_w.dumps(_without_none(_campaign_tables(campaign)))
     for test in campaign.tests:
         text += f"\n[[test]]\n{tomli_w.dumps(_test_table(campaign, test))}"
@@ -60,6 +64,10 @@ def _campaign_tables(campaign: Campaign) -> dict[str, Any]:
     tables["order"] = campaign.order
     if not campaign.drift:
         tables["drift"] = False
+    if campaign.pilot is not None:
+        tables["pilot"] = PILOT_NAME
+    if campaign.adds_to_pilot:
+        tables["adds_to_pilot"] = True
     tables["mount"] = asdict(campaign.mount)
     tables["force"] = asdict(campaign.force_law)
     _add_certificates(tables, campaign.instrument)
@@ -119,18 +127,16 @@ def _planned_angles_table(test: CircularTest) -> dict[str, Any]:
 
     Raise an `InputError` if the angles are not evenly spaced within one turn.
     """
-    readings = len(test.angle_deg)
-    step_deg = test.step_deg
     require(
-        step_deg,
+        test.step_deg,
         "a plan's angles must be evenly spaced within one turn to be written, got others in test"
         f" {test.name!r}. Plan even angles.",
     )
-    arc_deg = (readings - 1) * step_deg
-    if abs(abs(readings * step_deg) - 360.0) < _TURN_TOLERANCE * 360.0:
-        arc_deg = float(np.copysign(360.0, step_deg))
-    start_deg = float(test.angle_deg[0])
-    return {"readings": readings, "start_deg": start_deg, "arc_deg": float(arc_deg)}
+    return {
+        "readings": len(test.angle_deg),
+        "start_deg": float(test.angle_deg[0]),
+        "arc_deg": test.planned_arc_deg,
+    }
 
 
 def _without_none(table: dict[str, Any]) -> dict[str, Any]:

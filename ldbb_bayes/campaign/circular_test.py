@@ -34,6 +34,7 @@ __all__ = [
     "Direction",
     "TestFields",
     "distinct_forces",
+    "planned_angles",
     "usual_gap",
 ]
 
@@ -54,6 +55,8 @@ _SAME_FORCE_SHARE = 1e-3
 # Relative tolerance of two comparisons: whether the steps from angle to angle of a test are equal,
 # and whether its angles cover no more than one turn.
 _EVEN_TOLERANCE = 1e-6
+# Relative tolerance within which the arc of a planned test counts as a full turn.
+_TURN_TOLERANCE = 1e-6
 # Names of the fields of a test that hold the coordinates X, Y, Z of the circle's centre.
 CENTRE = ("centre_x_mm", "centre_y_mm", "centre_z_mm")
 
@@ -320,10 +323,13 @@ class CircularTest(TestFields):
         """Return the same test as a planned one, without readings.
 
         Angles in unequal steps, or over more than one turn, are replaced by as many angles in equal
-        steps over the arc of the circle that they cover, which is at most one turn.
+        steps over the arc of the circle that they cover, which is at most one turn. Those in equal
+        steps become, to the last digit, what campaign.toml says of a planned test.
         """
+        readings = len(self.angle_deg)
         if self.step_deg:
-            return replace(self, reading_um=None)
+            angle_deg = planned_angles(readings, float(self.angle_deg[0]), self.planned_arc_deg)
+            return replace(self, reading_um=None, angle_deg=angle_deg)
         arc = self.arc_deg
         is_full = arc == 360.0
         start = 0.0
@@ -331,8 +337,17 @@ class CircularTest(TestFields):
             wrapped = np.unique(np.mod(self.angle_deg, 360.0))
             gaps = np.diff(wrapped, append=wrapped[0] + 360.0)
             start = np.roll(wrapped, -1)[np.argmax(gaps)]
-        even = start + np.linspace(0.0, arc, len(self.angle_deg), endpoint=not is_full)
+        even = planned_angles(readings, float(start), arc)
         return replace(self, reading_um=None, angle_deg=even)
+
+    @property
+    def planned_arc_deg(self) -> float:
+        """Arc of angles in equal steps as campaign.toml states it: a full turn as ±360 [deg]."""
+        readings = len(self.angle_deg)
+        turn_deg = readings * self.step_deg
+        if abs(abs(turn_deg) - 360.0) < _TURN_TOLERANCE * 360.0:
+            return float(np.copysign(360.0, turn_deg))
+        return (readings - 1) * self.step_deg
 
     @property
     def circle(self) -> Circle:
@@ -406,3 +421,14 @@ def distinct_forces(forces_N: ArrayLike) -> Array:
         if not distinct or force - distinct[-1] > _SAME_FORCE_SHARE * ordered[-1]:
             distinct.append(force)
     return np.array(distinct)
+
+
+def planned_angles(readings: int, start_deg: float, arc_deg: float) -> Array:
+    """Return the angles of a planned test in equal steps [deg], shape (readings,).
+
+    They include both ends of the arc, but in a full turn the first angle is not repeated.
+    """
+    steps = readings - 1
+    if abs(arc_deg) == 360.0:
+        steps = readings
+    return np.asarray(start_deg + arc_deg * (np.arange(readings) / steps))

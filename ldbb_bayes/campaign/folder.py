@@ -15,7 +15,7 @@ import tomli_w
 
 from ldbb_bayes.campaign.campaign import Campaign, require_campaign
 from ldbb_bayes.campaign.campaign_toml import LARGEST_PLAN, read_campaign_toml
-from ldbb_bayes.campaign.campaign_writer import TOML_NAME, write_campaign_into
+from ldbb_bayes.campaign.campaign_writer import PILOT_NAME, TOML_NAME, write_campaign_into
 from ldbb_bayes.campaign.certified_instrument import Instrument
 from ldbb_bayes.campaign.readings_table import tests_of_table
 from ldbb_bayes.errors import InputError, check_known, placed, require
@@ -190,8 +190,10 @@ def files_of(folder: Path) -> set[str]:
     readable campaign.toml.
     """
     try:
-        tests = read_toml(folder / TOML_NAME).get("test", [])
-        listed = {str(entry.get("file", "")) for entry in tests}
+        content = read_toml(folder / TOML_NAME)
+        listed = {str(entry.get("file", "")) for entry in content.get("test", [])}
+        if content.get("pilot") == PILOT_NAME:
+            listed.add(PILOT_NAME)
     except (InputError, AttributeError, TypeError):
         return set()
     return {TOML_NAME, TRUTH_NAME, IMPORT_NAME, *listed}

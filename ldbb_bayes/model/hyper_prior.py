@@ -12,7 +12,17 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import erfc, erfcinv, expit, gammainccinv, gammaln, log_expit, ndtr, ndtri
+from scipy.special import (
+    erfc,
+    erfcinv,
+    expit,
+    gammaincc,
+    gammainccinv,
+    gammaln,
+    log_expit,
+    ndtr,
+    ndtri,
+)
 
 from ldbb_bayes.model.terms.columns import Hyper, Law
 from ldbb_bayes.results import Array
@@ -262,6 +272,29 @@ class HyperPrior:
         noise_level = level[..., self._is_noise_factor]
         phi[..., self._is_noise_factor] = np.sqrt(_RATE / gammainccinv(_SHAPE, noise_level))
         return phi
+
+    def level(self, phi: Array) -> Array:
+        """Return the prior probability of values below given ones, the inverse of `quantile`.
+
+        Parameters
+        ----------
+        phi
+            Values of the h hyper-parameters, shape (..., h), lengths in mm.
+
+        Returns
+        -------
+        Array
+            Probability that each hyper-parameter is smaller, shape (..., h).
+        """
+        level = np.empty(phi.shape)
+        length = phi[..., self.in_mm] / self.scale[self.in_mm] / np.sqrt(2.0)
+        level[..., self.in_mm] = 1.0 - erfc(length) / self._mass
+        low, high = self._decay_levels
+        white = (phi[..., self._decay] - self.scale[self._decay]) / self.decay_sd
+        level[..., self._decay] = (ndtr(white) - low) / (high - low)
+        noise_factor = phi[..., self._is_noise_factor]
+        level[..., self._is_noise_factor] = gammaincc(_SHAPE, _RATE / noise_factor**2)
+        return np.clip(level, 0.0, 1.0)
 
     @property
     def sd(self) -> Array:

@@ -26,8 +26,18 @@ def one_way(forces_N: tuple[float, ...] = FORCES_N) -> lb.Campaign:
 
 
 def sd_of(model: lb.HybridModel, campaign: lb.Campaign, parameter: str) -> float:
-    """Return the standard uncertainty that `identify` states for a plan."""
-    return lb.identify(model, campaign).parameters[parameter].sd
+    """Return the standard uncertainty in the linear model, at the prior median of the scales."""
+    bound = model.bind(campaign)
+    phi = bound.hyper_prior.quantile(np.full(len(bound.hyper_prior.names), 0.5))
+    information = information_of(bound, phi)
+    sd = np.sqrt(information.variances()) * information.scale[information.interest]
+    return float(sd[bound.names.index(parameter)])
+
+
+def ratio_of(
+    model: lb.HybridModel, with_cure: lb.Campaign, without: lb.Campaign, parameter: str
+) -> float:
+    return sd_of(model, with_cure, parameter) / sd_of(model, without, parameter)
 
 
 def remedy_of(identified: lb.analysis.Identifiability, parameter: str) -> Remedy:
@@ -49,7 +59,8 @@ def test_the_other_direction_as_a_longer_plan_has_it(planned: lb.analysis.Identi
     tests = one_way().tests
     other = [replace(test, direction="CCW", name="") for test in tests]
     longer = lb.Campaign((*tests, *other))
-    assert remedy.sd == pytest.approx(sd_of(DEFAULT, longer, "C_XYX"), rel=1e-9)
+    expected = ratio_of(DEFAULT, longer, one_way(), "C_XYX")
+    assert remedy.ratio == pytest.approx(expected, rel=1e-9)
     assert remedy.ratio == pytest.approx(remedy.sd / planned.parameters["C_XYX"].sd, rel=1e-9)
 
 
@@ -59,7 +70,8 @@ def test_turned_balls_as_a_longer_plan_has_them(planned: lb.analysis.Identifiabi
     tests = one_way().tests
     further = [replace(t, work_ball_deg=45.0, tool_ball_deg=45.0, name="") for t in tests]
     longer = lb.Campaign((*tests, *further))
-    assert remedy.sd == pytest.approx(sd_of(DEFAULT, longer, "E_YX2"), rel=1e-9)
+    expected = ratio_of(DEFAULT, longer, one_way(), "E_YX2")
+    assert remedy.ratio == pytest.approx(expected, rel=1e-9)
 
 
 def test_a_certificate_as_a_certified_plan_has_it() -> None:
@@ -70,7 +82,8 @@ def test_a_certificate_as_a_certified_plan_has_it() -> None:
     assert remedy.circles == 0
     instrument = lb.Instrument(**CERTIFICATES[remedy.certificate])
     certified = replace(one_way(), instrument=instrument)
-    assert remedy.sd == pytest.approx(sd_of(first, certified, "E_XX1"), rel=1e-9)
+    expected = ratio_of(first, certified, one_way(), "E_XX1")
+    assert remedy.ratio == pytest.approx(expected, rel=1e-9)
 
 
 def test_hyper_parameters_of_readings_are_carried_over_by_name() -> None:
@@ -127,7 +140,8 @@ def test_circles_of_a_scattering_campaign_are_to_be_repeated() -> None:
     remedy = remedy_of(lb.identify(model, plan()), "C_XYX")
     assert remedy.kind == RemedyKind.CIRCLES
     twice = lb.Campaign((*plan().tests, *(replace(test, name="") for test in plan().tests)))
-    assert remedy.sd == pytest.approx(sd_of(model, replace(plan(), tests=twice.tests), "C_XYX"))
+    longer = replace(plan(), tests=twice.tests)
+    assert remedy.ratio == pytest.approx(ratio_of(model, longer, plan(), "C_XYX"))
 
 
 def test_both_directions_need_no_other_one() -> None:

@@ -10,7 +10,7 @@ from ldbb_bayes.analysis.design.campaign_design import (
 )
 from ldbb_bayes.analysis.design.criteria import Criterion, Determinant, LogBayesFactor, Variance
 from ldbb_bayes.analysis.design.discrimination import Discrimination
-from ldbb_bayes.analysis.design.forecast import Expected, Forecast
+from ldbb_bayes.analysis.design.forecast import Expected, Forecast, forecast_plan
 from ldbb_bayes.analysis.design.objective import Objective
 from ldbb_bayes.analysis.design.search import efficient_rounding, exchange
 from ldbb_bayes.analysis.design.shares import Optimum, certificate, optimal_shares
@@ -33,6 +33,7 @@ __all__ = [
     "design",
     "efficient_rounding",
     "exchange",
+    "forecast_plan",
     "optimal_shares",
     "read_design",
 ]

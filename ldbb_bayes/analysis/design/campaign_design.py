@@ -20,8 +20,8 @@ from pydantic import Field
 
 from ldbb_bayes.analysis.aliases import Degeneracy, degeneracies
 from ldbb_bayes.analysis.cures import Cure, cures
-from ldbb_bayes.analysis.design.candidates import Clocking, bind_tests, running_order
-from ldbb_bayes.analysis.design.forecast import Expected, Forecast
+from ldbb_bayes.analysis.design.candidates import Clocking, bind_tests
+from ldbb_bayes.analysis.design.forecast import Expected, Forecast, states_of
 from ldbb_bayes.analysis.design.search import MAX_TESTS, ExactDesign
 from ldbb_bayes.analysis.design.shares import Optimum
 from ldbb_bayes.analysis.design.space import CriterionName, Space
@@ -123,13 +123,10 @@ class Pilot(Result):
 
 @dataclass(frozen=True)
 class Planned:
-    """Tests that a design recommends, the pilot, and the model for the analysis of the tests.
-
-    The pilot is the campaign or plan that the design starts from.
-    """
+    """Tests that a design recommends, what it chose among, and the model for their analysis."""
 
     tests: tuple[CircularTest, ...]
-    pilot: Campaign
+    space: Space
     model: HybridModel
 
 
@@ -185,8 +182,8 @@ class Design(Forecast):
     #: one row per candidate test: force_N, the columns that `columns` names, and sensitivity, the
     #: rate at which the criterion grows with the share of the candidate, at the best shares
     sensitivity: Annotated[Records, Field(exclude=True)] = field(default_factory=pd.DataFrame)
-    #: ``Planned``: the recommended tests, the pilot and the model; None where the design was read
-    #: from a file
+    #: ``Planned``: the recommended tests, what they were chosen among and the model; None where the
+    #: design was read from a file
     planned: Annotated[Any, Field(exclude=True)] = None
 
     @property
@@ -240,12 +237,7 @@ class Design(Forecast):
             If the design was read from a file.
         """
         planned = self._require_planned()
-        pilot = planned.pilot
-        ordered = running_order(planned.tests, np.random.default_rng(seed))
-        tests = _with_temperature(ordered, pilot, planned.model)
-        return replace(
-            pilot, tests=tests, foreseen=(), name=f"{pilot.name}, next campaign", order=None
-        )
+        return planned.space.plan_of(planned.tests, seed=seed)
 
     def _require_planned(self) -> Planned:
         if not isinstance(self.planned, Planned):
@@ -303,22 +295,6 @@ def read_design(path: str | os.PathLike[str]) -> Design:
     >>> best = lb.analysis.read_design("design")  # doctest: +SKIP
     """
     return read_result(path, "design", "design", Design.from_dict)
-
-
-def _with_temperature(
-    tests: tuple[CircularTest, ...], pilot: Campaign, model: HybridModel
-) -> tuple[CircularTest, ...]:
-    """Return the tests with the temperature that a drift over temperature needs.
-
-    It is the mean temperature of ``pilot``, the campaign that the design starts from. For a model
-    without such a drift, the tests are returned unchanged.
-    """
-    covariates = {term.over for term in model.nuisances if isinstance(term, Drift)}
-    if "temperature" not in covariates:
-        return tests
-    temperatures = [t.temperature_C for t in pilot.tests if t.temperature_C is not None]
-    mean_C = float(np.mean(temperatures))
-    return tuple(replace(test, temperature_C=mean_C) for test in tests)
 
 
 @one_blas_thread
@@ -404,6 +380,9 @@ def design(
     """
     require_model(model)
     require_campaign(pilot)
+    if pilot.is_plan and pilot.pilot is not None:
+        # A plan knows no more than its own pilot.
+        pilot = pilot.pilot
     check_seed(seed)
     number = len(pilot.tests) if tests is None else tests
     require_whole("tests", number)
@@ -500,8 +479,9 @@ def _describe_design(
     judged = tuple(_judge_tests(space, name, planned) for name, planned in compared.items())
     candidates = space.frame(space.tests)
     listed = optimum.share > _LISTED_SHARE
-    forecast = space.forecast(tests)
-    hyper_rms = np.sqrt((space.states.phi**2).mean(axis=0))
+    plan = space.plan_of(tests, seed=space.seed)
+    forecast = space.forecast(plan)
+    hyper_rms = np.sqrt((states_of(space.model, plan).phi ** 2).mean(axis=0))
     return Design(
         expected=forecast.expected,
         information_gain=forecast.information_gain,
@@ -522,7 +502,7 @@ def _describe_design(
         measured=not space.pilot.is_plan,
         pilot=pilot,
         sensitivity=candidates.assign(sensitivity=optimum.sensitivity),
-        planned=Planned(tests, space.pilot, _analysis_model(space, tests)),
+        planned=Planned(tests, space, _analysis_model(space, tests)),
     )
 
 
@@ -533,7 +513,7 @@ def _judge_tests(space: Space, name: str, tests: tuple[CircularTest, ...]) -> Ju
     division of as many tests among the candidates. It is zero for tests that leave a parameter
     undetermined.
     """
-    forecast = space.forecast(tests)
+    forecast = space.forecast(space.plan_of(tests, seed=space.seed))
     efficiency = space.efficiency(tests) if forecast.determined else 0.0
     return Judged(
         expected=forecast.expected,

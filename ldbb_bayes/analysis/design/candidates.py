@@ -16,12 +16,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Direction
+from ldbb_bayes.campaign.run_times import SECONDS_PER_TEST
 from ldbb_bayes.machine.chain import PLANES
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 
 __all__ = [
     "Clocking",
     "add_foreseen_tests",
+    "bind_plan",
     "bind_tests",
     "grid_of_tests",
     "running_order",
@@ -191,17 +193,64 @@ def bind_tests(
     BoundModel
         The model bound to the plan.
     """
+    plan = replace(pilot, tests=tuple(tests), foreseen=(), pilot=None, adds_to_pilot=False)
+    if not keep_pilot_tests:
+        # A design does not state when its tests are to be run.
+        plan = replace(plan, order="random")
+    return _bind_to_pilot(model, plan, pilot, keep_pilot_tests=keep_pilot_tests)
+
+
+def bind_plan(model: HybridModel, plan: Campaign) -> BoundModel:
+    """Return the model bound to a plan, as `bind_tests` does with the plan's pilot, if it has one.
+
+    The instrument and the order of the tests are the plan's own. If the plan adds to its pilot, the
+    pilot's tests come first.
+    """
+    pilot = plan.pilot
+    if pilot is None:
+        return model.bind(plan)
+    alone = replace(_with_times(plan, pilot), pilot=None, adds_to_pilot=False)
+    return _bind_to_pilot(model, alone, pilot, keep_pilot_tests=plan.adds_to_pilot)
+
+
+def _with_times(plan: Campaign, pilot: Campaign) -> Campaign:
+    """Return a plan whose tests state their times, so that their mean time is that of the pilot.
+
+    Drift acts on the tests of one campaign in the order in which they are run. Plans whose tests
+    are run in another order, and those that add to a pilot, are returned unchanged.
+    """
+    if plan.order is not None or plan.adds_to_pilot:
+        return plan
+    planned_s = np.array([test.time_s for test in plan.tests], dtype=float)
+    if not np.isfinite(planned_s).all():
+        planned_s = SECONDS_PER_TEST * np.arange(len(plan.tests))
+    pilot_s = np.array([test.time_s for test in pilot.tests], dtype=float)
+    centred_s = planned_s - planned_s.mean()
+    if np.isfinite(pilot_s).all():
+        centred_s = centred_s + pilot_s.mean()
+    tests = []
+    for test, time_s in zip(plan.tests, centred_s.tolist(), strict=True):
+        tests.append(replace(test, time_s=time_s))
+    return replace(plan, tests=tuple(tests))
+
+
+def _bind_to_pilot(
+    model: HybridModel, plan: Campaign, pilot: Campaign, *, keep_pilot_tests: bool
+) -> BoundModel:
+    """Return the model bound to the tests of a plan, with what its pilot fixes.
+
+    ``keep_pilot_tests`` says whether the pilot's own tests come first.
+    """
+    tests = plan.tests
     pilot_tests = pilot.plan().tests
     # The plan names these tests anew, so that names differ even if a test is planned repeatedly.
     planned = tuple(replace(test, name="") if test.name else test for test in tests)
     if keep_pilot_tests:
         planned = (*pilot_tests, *planned)
-    foreseen = (*pilot.foreseen, *(replace(test, direction=None) for test in pilot_tests))
-    plan = replace(pilot, tests=planned, foreseen=foreseen)
-    if not keep_pilot_tests:
-        # A design does not state when its tests are to be run.
-        plan = replace(plan, order="random")
-    return BoundModel(model, plan, pilot=pilot)
+    pilot_kinds = [replace(test, direction=None) for test in pilot_tests]
+    foreseen = (*plan.foreseen, *pilot.foreseen, *pilot_kinds)
+    joined = replace(plan, tests=planned, foreseen=foreseen)
+    return BoundModel(model, joined, pilot=pilot)
 
 
 def running_order(

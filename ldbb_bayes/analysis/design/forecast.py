@@ -1,9 +1,15 @@
 """Forecast of tests before they are run: expected uncertainties, and information gain.
 
-The forecast is computed for the linear Gaussian model, given the hyper-parameters φ (the scales of
-the noise and of other effects), and averaged over φ. The expected standard deviations (sds) account
-for the truncation (compliances must not be negative). β are the parameters (compliances, their
-slopes and geometric errors). A state is one possible machine: values of φ and β.
+There is one forecast, whoever asks for it: `design` for the tests that it recommends, `identify`
+for a plan, the page for its sliders. It is a function of the model, of the tests, and of what is
+known before them: the scales of noise and effects that a pilot leaves likely, or their prior.
+
+β are the parameters (compliances, their slopes and geometric errors), φ the hyper-parameters (the
+scales of the noise and of other effects). A state is one possible machine: values of φ and β. For
+every state, circles scatter as they may, the analysis of the tests believes in scales that are near
+the true ones (`believed_scales`), and it states the uncertainty that follows: the average of the
+variances given the scales that it believes in, and the variance of the estimates over them, with
+compliances that are not negative. The expected uncertainty is the median over all states.
 """
 
 from __future__ import annotations
@@ -12,52 +18,72 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ldbb_bayes.analysis.design.discrimination import Discrimination
-from ldbb_bayes.analysis.design.states import States, extend_hyper_parameters
+from ldbb_bayes.analysis.design.believed_scales import believed_scales
+from ldbb_bayes.analysis.design.candidates import bind_plan
+from ldbb_bayes.analysis.design.discrimination import Discrimination, discrimination_of
+from ldbb_bayes.analysis.design.states import States, extend_hyper_parameters, states_before
+from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.model.bound_information import information_of, informations_of
 from ldbb_bayes.model.gaussian import Gaussian
-from ldbb_bayes.model.hybrid import BoundModel
-from ldbb_bayes.model.linear_algebra import singular_root
+from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.results import Array, Finite, Result
 
 __all__ = [
     "Expected",
     "Forecast",
+    "Slopes",
     "expected_uncertainties",
+    "forecast_plan",
+    "forecast_tests",
     "posteriors",
-    "truncated_variances",
-    "undetermined_forecast",
+    "stated_variances",
+    "states_of",
 ]
 
-# Number of posterior means that a forecast draws at random for each possible state of the machine.
-# Each is one that an analysis of the new tests may find.
+# Number of possible states of the machine (values of parameters and hyper-parameters) that a
+# forecast averages over.
+_STATES = 64
+# Number of values of the scales that the analysis of a possible machine's tests believes in, over
+# which its stated variance is averaged.
+_BELIEFS = 4
+# Number of posterior means that a forecast draws at random for each possible state of the machine,
+# where the analysis knows the scales. Each is one that an analysis of the new tests may find.
 _MEANS_PER_STATE = 4
+# Share of the machines that state no more than the likely standard uncertainty.
+_LIKELY = 0.9
+# Standard error of the median of normally distributed values, relative to that of their mean.
+_ERROR_OF_MEDIAN = 1.2533
 # The floor of a parameter's uncertainty is its expected standard deviation if every test were run
 # this many times.
 _REPETITIONS_OF_FLOOR = 1e6
 # Singular values of the design matrix of the readings below this count as zero, when it is tested
 # whether the tests determine every parameter.
 _RANK_TOLERANCE = 1e-6
+# Seed of the random numbers of every forecast: the same for all, so that the forecasts of one plan
+# agree to the last digit, whoever asks for them.
+_SEED = 1
 
 
 @dataclass(frozen=True)
 class Expected(Result):
     """Prior and expected posterior standard deviation of one parameter, in mm, N and rad.
 
-    ``prior_sd`` is infinite for a flat prior. ``sd`` accounts for the truncation (compliances must
-    not be negative), ``untruncated_sd`` does not. The squares of both are averages over the
-    hyper-parameters. Both are infinite if, with flat priors, the tests leave a parameter
-    undetermined. ``sd_error`` is the standard error of ``sd`` from the scatter over possible states
-    of the machine. It is somewhat too large, because states are spread more evenly than independent
-    ones. ``floor_sd`` is the standard deviation if every test were run a million times. It is due
-    to nuisance effects that all tests share, and is reduced for the truncation in the same ratio as
-    ``sd``.
+    ``prior_sd`` is infinite for a flat prior. ``sd`` is the standard uncertainty that the analysis
+    of the tests states for half of all machines that are possible now, and nine in ten of them
+    state at most ``likely_sd``. Both account for the truncation (compliances must not be negative);
+    ``untruncated_sd`` is the median without it. All are infinite if, with flat priors, the tests
+    leave a parameter undetermined. ``sd_error`` is the standard error of ``sd`` from the scatter
+    over possible states of the machine. It is somewhat too large, because states are spread more
+    evenly than independent ones. ``floor_sd`` is the standard deviation if every test were run a
+    million times. It is due to nuisance effects that all tests share, and is reduced for the
+    truncation in the same ratio as ``sd``.
     """
 
     unit: str
     prior_sd: Finite
     sd: Finite
     sd_error: Finite
+    likely_sd: Finite
     untruncated_sd: Finite
     floor_sd: Finite
 
@@ -80,18 +106,160 @@ class Forecast(Result):
         return all(np.isfinite(entry.sd) for entry in self.expected.values())
 
 
-def undetermined_forecast(bound: BoundModel) -> Forecast:
+@dataclass(frozen=True)
+class Slopes:
+    """Slopes that the evidence of planned tests is about.
+
+    Slopes are changes of compliances with force.
+    """
+
+    names: tuple[str, ...]  #: names of the slopes
+    size: float = 1.0  #: size that the slopes may have, in prior standard deviations
+
+
+def forecast_plan(
+    model: HybridModel,
+    plan: Campaign,
+    *,
+    slopes: Slopes | None = None,
+    machines: int | None = None,
+) -> Forecast:
+    """Return the forecast of a plan: what half of all machines possible now will state.
+
+    Parameters
+    ----------
+    model
+        Model for the analysis of the plan's tests.
+    plan
+        Plan. What is known before it is run is what its pilot found, or else the prior.
+    slopes
+        Slopes that evidence is to be forecast for. Default: all of the model, of the size of their
+        prior standard deviations.
+    machines
+        Number of possible machines: fewer are quicker and less exact. Default: 64.
+
+    Returns
+    -------
+    Forecast
+        Expected uncertainties, information gain, and evidence for or against slopes.
+    """
+    run = 0
+    if plan.pilot is not None and plan.adds_to_pilot:
+        run = len(plan.pilot.tests)
+    states = states_of(model, plan, machines)
+    return forecast_tests(bind_plan(model, plan), states, run=run, slopes=slopes)
+
+
+def states_of(model: HybridModel, plan: Campaign, machines: int | None = None) -> States:
+    """Return the possible states of the machine before a plan is run, for its forecast.
+
+    ``machines`` is their number, by default 64.
+    """
+    pilot = plan.pilot or plan
+    number = machines or _STATES
+    return states_before(model, pilot, number, _SEED, augment=plan.adds_to_pilot)
+
+
+def forecast_tests(
+    bound: BoundModel,
+    states: States,
+    *,
+    run: int = 0,
+    slopes: Slopes | None = None,
+    known_scales: bool = False,
+) -> Forecast:
+    """Return the forecast of planned tests.
+
+    Parameters
+    ----------
+    bound
+        Model bound to the tests that are run already, followed by the planned tests.
+    states
+        Possible states of the machine before the planned tests.
+    run
+        Number of tests that are run already.
+    slopes
+        Slopes that evidence is to be forecast for. Default: all of the model, of the size of their
+        prior standard deviations.
+    known_scales
+        Whether the analysis knows the scales of noise and effects, and circles scatter alike.
+        Default: it learns the scales from its own readings.
+
+    Returns
+    -------
+    Forecast
+        Expected uncertainties, information gain, and evidence for or against slopes.
+    """
+    posterior, floor = posteriors(bound, states.phi, run)
+    if posterior is None:
+        return _undetermined_forecast(bound)
+    covariance = posterior.covariance
+    believed = covariance[:, None]
+    if not (known_scales or bound.model.prior.flat):
+        believed = _believed_covariance(bound, states, run)
+    expected = expected_uncertainties(bound, states, covariance, believed, floor)
+    if bound.model.prior.flat:
+        return Forecast(expected, np.inf, None)
+    information_gain = float(-0.5 * np.linalg.slogdet(covariance)[1].mean())
+    if slopes is None:
+        slopes = Slopes(tuple(p.name for p in bound.parameters if p.group == "slope"))
+    return Forecast(expected, information_gain, _evidence(bound, states, covariance, run, slopes))
+
+
+def _believed_covariance(bound: BoundModel, states: States, run: int) -> Array:
+    """Return covariances of the parameters at scales that the analysis of the tests believes in.
+
+    The result, shape (K, values, p, p), is in units of the prior standard deviations and for K
+    possible machines. Compliances may be negative.
+    """
+    phi = extend_hyper_parameters(bound, states.phi, run, scattering=True)
+    scales = believed_scales(bound, phi, _BELIEFS, _SEED)
+    given = bound.given(scales.reshape(-1, scales.shape[-1]))[1]
+    relative_spread = given.spread() / bound.scale[:, None]
+    covariance = relative_spread @ np.swapaxes(relative_spread, -1, -2)
+    p = len(bound.names)
+    return np.asarray(covariance.reshape(len(phi), _BELIEFS, p, p))
+
+
+def _evidence(
+    bound: BoundModel, states: States, covariance: Array, run: int, slopes: Slopes
+) -> Discrimination | None:
+    """Return the expected evidence for or against slopes; None if there are none.
+
+    ``states`` are K possible states of the machine before the tests. ``covariance`` are the
+    posterior covariances of the p parameters in each state, shape (K, p, p), in units of the prior
+    standard deviations. ``run`` is the number of tests that are run already.
+    """
+    if not slopes.names:
+        return None
+    columns = [bound.names.index(name) for name in slopes.names]
+    before = None
+    pilot = bound.pilot or bound.campaign
+    if run and not pilot.is_plan:
+        scale = bound.scale[columns]
+        marginal = states.before.marginal(columns)
+        before = Gaussian.factored(marginal.mean / scale, marginal.root, marginal.scale / scale)
+    return discrimination_of(
+        covariance[:, columns][:, :, columns],
+        slopes.names,
+        size=slopes.size,
+        before=before,
+        seed=_SEED,
+    )
+
+
+def _undetermined_forecast(bound: BoundModel) -> Forecast:
     """Return the forecast of tests that leave parameters undetermined: all sds are infinite."""
     expected = {}
     for parameter in bound.parameters:
         expected[parameter.name] = Expected(
-            parameter.unit, parameter.prior_sd, np.inf, np.inf, np.inf, np.inf
+            parameter.unit, parameter.prior_sd, np.inf, np.inf, np.inf, np.inf, np.inf
         )
     return Forecast(expected, np.inf, None)
 
 
 def expected_uncertainties(
-    bound: BoundModel, states: States, covariance: Array, floor: Array, seed: int
+    bound: BoundModel, states: States, covariance: Array, believed: Array, floor: Array
 ) -> dict[str, Expected]:
     """Return the expected uncertainty of every parameter after planned tests.
 
@@ -102,13 +270,13 @@ def expected_uncertainties(
     states
         K possible states of the machine before the tests: hyper-parameters and parameters.
     covariance
-        Posterior covariances of the p parameters in each state if compliances may be negative,
-        shape (K, p, p), in units of the prior standard deviations.
+        Posterior covariances of the p parameters in each state if compliances may be negative and
+        circles scatter alike, shape (K, p, p), in units of the prior standard deviations.
+    believed
+        The same at scales that the analysis may believe in, shape (K, values, p, p).
     floor
         Standard deviations that remain after very many tests, shape (p,), in units of the prior
         standard deviations.
-    seed
-        Seed of the random posterior means that an analysis of the tests may find.
 
     Returns
     -------
@@ -116,17 +284,16 @@ def expected_uncertainties(
         Expected uncertainty by parameter.
     """
     scale = bound.scale
-    untruncated_sd = scale * np.sqrt(np.einsum("kii->ki", covariance).mean(axis=0))
-    variance, variance_error = truncated_variances(
-        bound, states, covariance * np.outer(scale, scale), seed
+    variances = stated_variances(bound, states, believed * np.outer(scale, scale))
+    sd = np.sqrt(np.median(variances, axis=0))
+    likely_sd = np.sqrt(np.quantile(variances, _LIKELY, axis=0))
+    untruncated = stated_variances(
+        bound, states, believed * np.outer(scale, scale), truncated=False
     )
-    sd = np.sqrt(variance)
-    # The error of the sd follows from that of the variance to first order. Where the variance is
-    # zero within its error, it is the sd of a variance that is larger by one standard error.
-    sd_error = np.sqrt(variance_error)
-    is_positive = sd > 0.0
-    sd_error[is_positive] = 0.5 * variance_error[is_positive] / sd[is_positive]
-    floor_sd = scale * floor * np.minimum(1.0, sd / untruncated_sd)
+    untruncated_sd = np.sqrt(np.median(untruncated, axis=0))
+    sd_error = np.sqrt(variances).std(axis=0) * _ERROR_OF_MEDIAN / np.sqrt(len(states.phi))
+    typical_sd = np.sqrt(np.einsum("kii->ki", covariance).mean(axis=0))
+    floor_sd = floor * np.minimum(scale, sd / typical_sd)
     expected = {}
     for k, parameter in enumerate(bound.parameters):
         expected[parameter.name] = Expected(
@@ -134,21 +301,23 @@ def expected_uncertainties(
             prior_sd=parameter.prior_sd,
             sd=float(sd[k]),
             sd_error=float(sd_error[k]),
+            likely_sd=float(likely_sd[k]),
             untruncated_sd=float(untruncated_sd[k]),
             floor_sd=float(floor_sd[k]),
         )
     return expected
 
 
-def truncated_variances(
-    bound: BoundModel, states: States, covariance: Array, seed: int
-) -> tuple[Array, Array]:
-    """Return expected posterior variances with truncation, and their standard errors.
+def stated_variances(
+    bound: BoundModel, states: States, covariance: Array, *, truncated: bool = True
+) -> Array:
+    """Return the variances that analyses of planned tests state, for all possible machines.
 
-    With truncation, compliances must not be negative. A state is one possible machine. States in
-    which a compliance would be negative at a force of the new tests are left out, unless this holds
-    for all states. For every other state, posterior means that the analysis may find are drawn at
-    random. For each mean, the variance of the truncated Gaussian about it is computed.
+    A state is one possible machine. States in which a compliance would be negative at a force of
+    the new tests are left out, unless this holds for all states. For every other state, posterior
+    means that the analysis may find are drawn at random. The stated variance is the mean of the
+    variances over the scales that the analysis believes in, plus the variance of the means over
+    them. With truncation, compliances must not be negative.
 
     Parameters
     ----------
@@ -157,93 +326,105 @@ def truncated_variances(
     states
         K states of the machine before the tests.
     covariance
-        Posterior covariances of the p parameters in each state, without truncation, shape (K, p,
-        p), in internal units (mm, N, rad).
-    seed
-        Seed of the random posterior means that an analysis of the tests may find.
+        Posterior covariances of the p parameters in each state, without truncation, for n values
+        of the scales, shape (K, n, p, p), in internal units (mm, N, rad).
+    truncated
+        Whether the analyses keep compliances from being negative, if the model does.
 
     Returns
     -------
-    variance : Array
-        Mean variance over the states that are not left out, shape (p,), in internal units.
-    error : Array
-        Standard error of the mean variance, shape (p,).
+    Array
+        Variances, shape (analyses, p), in internal units.
     """
-    variance_by_state = np.einsum("kii->ki", covariance)
+    variance = np.einsum("knii->kni", covariance)
+    if bound.model.prior.flat:
+        return np.asarray(variance.mean(axis=1))
+    is_possible = np.ones(len(covariance), bool)
     if bound.truncation.active:
         is_possible = bound.truncation.holds(states.beta)
         is_possible |= not is_possible.any()
-        change = _variance_change_by_truncation(bound, states, is_possible, covariance, seed)
-        variance_by_state = variance_by_state[is_possible] + change
-    error = variance_by_state.std(axis=0) / np.sqrt(max(len(variance_by_state) - 1, 1))
-    return np.maximum(variance_by_state.mean(axis=0), 0.0), error
+    values = covariance.shape[1]
+    repetitions = max(1, _MEANS_PER_STATE // values)
+    means = _draw_posterior_means(
+        states, is_possible, covariance[is_possible], bound.scale, repetitions
+    )
+    variances = np.broadcast_to(variance[is_possible], means.shape)
+    if truncated and bound.truncation.active:
+        means, variances = _moments_inside(bound, means, covariance[is_possible])
+    stated = variances.mean(axis=2) + means.var(axis=2)
+    return np.asarray(stated.reshape(-1, stated.shape[-1]))
 
 
-def _variance_change_by_truncation(
-    bound: BoundModel, states: States, is_possible: Array, covariance: Array, seed: int
-) -> Array:
-    """Return how much the truncation changes the posterior variances, in every possible state.
-
-    With truncation, compliances must not be negative. For each state, posterior means are drawn as
-    the analysis may find them, and the variances of the truncated Gaussian about each mean are
-    averaged. The change is negative where the truncation narrows the posterior.
+def _moments_inside(bound: BoundModel, means: Array, covariance: Array) -> tuple[Array, Array]:
+    """Return means and variances of the parameters where no compliance is negative.
 
     Parameters
     ----------
     bound
         Model bound to the new tests.
-    states
-        K states of the machine before the tests.
-    is_possible
-        Mask of the states that are used, shape (K,): those in which no compliance is negative, or
-        all states if there is no such state.
+    means
+        Posterior means without truncation in internal units (mm, N, rad), shape (repetitions,
+        states, n, p).
     covariance
-        Posterior covariances of the p parameters without truncation, shape (K, p, p), in internal
-        units (mm, N, rad).
-    seed
-        Seed of the random posterior means.
+        Posterior covariances without truncation, for n values of the scales in each state, shape
+        (states, n, p, p).
 
     Returns
     -------
-    Array
-        Variance with truncation minus variance without, shape (possible states, p), in internal
-        units.
+    mean, variance : Array
+        Moments in internal units, of the shape of ``means``.
     """
     scale = bound.scale
     p = len(scale)
-    relative_covariance = covariance[is_possible] / np.outer(scale, scale)
-    relative_means = _draw_posterior_means(states, is_possible, relative_covariance, scale, seed)
-    means = scale * relative_means.reshape(-1, p)
-    spread = np.tile(singular_root(relative_covariance) * scale[:, None], (_MEANS_PER_STATE, 1, 1))
-    shift, covariance_inside, axes = bound.truncation.orthants(means, spread).moments()
+    root = _symmetric_root(covariance / np.outer(scale, scale)) * scale[:, None]
+    spread = np.broadcast_to(root, (len(means), *root.shape)).reshape(-1, p, p)
+    shift, covariance_inside, axes = bound.truncation.orthants(
+        means.reshape(-1, p), spread
+    ).moments()
     # In standard coordinates, the covariance of the parameters without truncation is the identity.
     # Along the directions ``axes`` that the truncation restricts, it becomes ``covariance_inside``.
     along_axes = spread @ np.swapaxes(axes, 1, 2)
     change_along_axes = along_axes @ (covariance_inside - np.eye(shift.shape[1]))
-    change = np.einsum("kpd,kpd->kp", change_along_axes, along_axes)
-    return np.asarray(change.reshape(relative_means.shape).mean(axis=0))
+    change = np.einsum("kpd,kpd->kp", change_along_axes, along_axes).reshape(means.shape)
+    mean_shift = np.einsum("kpd,kd->kp", along_axes, shift).reshape(means.shape)
+    variances = np.einsum("knii->kni", covariance)
+    return means + mean_shift, np.maximum(variances + change, 0.0)
 
 
 def _draw_posterior_means(
-    states: States, is_possible: Array, covariance: Array, scale: Array, seed: int
+    states: States, is_possible: Array, covariance: Array, scale: Array, repetitions: int
 ) -> Array:
     """Draw posterior means that an analysis of the new tests may find, in every possible state.
 
     Let m₁ be the mean and P₁ the precision of the p parameters β before the tests, C their
     covariance after the tests, and W = 1 − C P₁. Given β of a state, the posterior mean is normally
-    distributed with the mean m₁ + W (β − m₁) and the covariance W C. ``is_possible``, shape (K,),
-    is true for those of the K states in which no compliance is negative, or for all states if there
-    is no such state; ``covariance`` holds C for each of these. C and the result, shape (draws,
-    possible states, p), are in units of ``scale``, the prior standard deviations.
+    distributed with the mean m₁ + W (β − m₁) and the covariance W C. All n values of the scales
+    that one analysis believes in see the same readings: they have the same random numbers.
+    ``is_possible``, shape (K,), is true for the states that are used; ``covariance``, shape
+    (possible states, n, p, p), holds C for each of these. The result has the shape (repetitions,
+    possible states, n, p). All are in internal units (mm, N, rad); ``scale`` are the prior standard
+    deviations.
     """
+    covariance = covariance / np.outer(scale, scale)
     prior_mean = states.before.mean[is_possible]
     prior_precision = states.before.precision[is_possible] * np.outer(scale, scale)
-    weight = np.eye(len(scale)) - covariance @ prior_precision
-    root = singular_root(weight @ covariance)
+    weight = np.eye(len(scale)) - covariance @ prior_precision[:, None]
+    # A symmetric root changes little with the scales, so that equal random numbers mean equal
+    # readings; the columns of other roots may change their signs.
+    root = _symmetric_root(weight @ covariance)
     deviation = (states.beta[is_possible] - prior_mean) / scale
-    mean = prior_mean / scale + np.einsum("kij,kj->ki", weight, deviation)
-    noise = np.random.default_rng(seed).standard_normal((_MEANS_PER_STATE, *mean.shape))
-    return np.asarray(mean + np.einsum("kij,rkj->rki", root, noise))
+    mean = (prior_mean / scale)[:, None] + np.einsum("knij,kj->kni", weight, deviation)
+    shape = (repetitions, *deviation.shape)
+    noise = np.random.default_rng(_SEED).standard_normal(shape)
+    return np.asarray(scale * (mean + np.einsum("knij,rkj->rkni", root, noise)))
+
+
+def _symmetric_root(covariance: Array) -> Array:
+    """Return the symmetric square root of covariance matrices, shape (..., p, p)."""
+    symmetric = 0.5 * (covariance + np.swapaxes(covariance, -1, -2))
+    size, axes = np.linalg.eigh(symmetric)
+    scaled_axes = axes * np.sqrt(np.maximum(size, 0.0))[..., None, :]
+    return np.asarray(scaled_axes @ np.swapaxes(axes, -1, -2))
 
 
 def posteriors(bound: BoundModel, phi: Array, run: int) -> tuple[Gaussian | None, Array]:

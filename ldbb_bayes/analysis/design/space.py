@@ -7,7 +7,7 @@ once or several times. Shares are the fractions of the tests that are run at eac
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal, get_args
 
@@ -20,25 +20,19 @@ from ldbb_bayes.analysis.design.candidates import (
     add_foreseen_tests,
     bind_tests,
     grid_of_tests,
+    running_order,
     templates,
 )
 from ldbb_bayes.analysis.design.criteria import Criterion, Determinant, LogBayesFactor, Variance
-from ldbb_bayes.analysis.design.discrimination import Discrimination, discrimination_of
-from ldbb_bayes.analysis.design.forecast import (
-    Forecast,
-    expected_uncertainties,
-    posteriors,
-    undetermined_forecast,
-)
+from ldbb_bayes.analysis.design.forecast import Forecast, Slopes, forecast_plan
 from ldbb_bayes.analysis.design.objective import Objective
 from ldbb_bayes.analysis.design.search import ExactDesign, Search
-from ldbb_bayes.analysis.design.states import States, hyper_nodes, states_before
+from ldbb_bayes.analysis.design.states import hyper_nodes
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Direction
 from ldbb_bayes.errors import check_known, require
-from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.setting import TRAVEL_SIGNS
-from ldbb_bayes.results import Array
+from ldbb_bayes.model.terms import Drift
 from ldbb_bayes.units import inside_name
 
 __all__ = ["CriterionName", "Space"]
@@ -51,9 +45,6 @@ _OPTIONAL_COLUMNS = ("plane", "direction", "setup")
 # Number of values of the hyper-parameters (scales of the noise and of other effects) that the
 # search for a design averages over. More values do not change the design found.
 _SEARCH_NODES = 12
-# Number of possible states of the machine (values of parameters and hyper-parameters) that the
-# forecast of a design averages over.
-_FORECAST_STATES = 128
 _MAX_CANDIDATES = 5000
 # Groups of parameters. The first set holds all groups. The dictionary holds the groups that a
 # criterion of design is about; a criterion without an entry is about all groups.
@@ -268,70 +259,31 @@ class Space:
         best = self.search.shares(float(len(tests))).value
         return self.search.objective.efficiency(value, best)
 
-    @cached_property
-    def states(self) -> States:
-        """States of the machine before the tests of a design, over which a forecast averages."""
-        return states_before(
-            self.model, self.pilot, _FORECAST_STATES, self.seed, augment=self.augment
+    def plan_of(self, tests: Sequence[CircularTest], *, seed: int = 1) -> Campaign:
+        """Return tests as a plan of the pilot, in the order in which to run them.
+
+        ``seed`` is that of the random order.
+        """
+        ordered = running_order(tests, np.random.default_rng(seed))
+        return replace(
+            self.pilot,
+            tests=_with_temperature(ordered, self.pilot, self.model),
+            foreseen=(),
+            name=f"{self.pilot.name}, next campaign",
+            order=None,
+            pilot=self.pilot,
+            adds_to_pilot=self.augment,
         )
 
-    def forecast(self, tests: Sequence[CircularTest], *, states: States | None = None) -> Forecast:
-        """Return the forecast of tests, which are added to the pilot's tests if ``augment``.
-
-        Parameters
-        ----------
-        tests
-            Planned tests.
-        states
-            Possible states of the machine before the tests. Default: the property `states`, which
-            has more values of the hyper-parameters than the search uses.
-
-        Returns
-        -------
-        Forecast
-            Expected uncertainties, information gain, and evidence for or against slopes.
-        """
-        if states is None:
-            states = self.states
-        bound = bind_tests(self.model, self.pilot, tests, keep_pilot_tests=self.augment)
-        posterior, floor = posteriors(bound, states.phi, self._tests_run)
-        if posterior is None:
-            return undetermined_forecast(bound)
-        covariance = posterior.covariance
-        expected = expected_uncertainties(bound, states, covariance, floor, self.seed)
-        if self.model.prior.flat:
-            return Forecast(expected, np.inf, None)
-        information_gain = float(-0.5 * np.linalg.slogdet(covariance)[1].mean())
-        discrimination = self._discrimination(bound, states, covariance)
-        return Forecast(expected, information_gain, discrimination)
-
-    def _discrimination(
-        self, bound: BoundModel, states: States, covariance: Array
-    ) -> Discrimination | None:
-        """Return the expected evidence for or against slopes; None if the model has no slopes.
-
-        ``states`` are K possible states of the machine before the tests. ``covariance`` are the
-        posterior covariances of the p parameters in each state, shape (K, p, p), in units of the
-        prior standard deviations.
-        """
-        slopes = self.chosen
-        if self.criterion != "discriminate":
-            slopes = tuple(p.name for p in bound.parameters if p.group == "slope")
-        if not slopes:
-            return None
-        columns = [bound.names.index(name) for name in slopes]
-        before = None
-        if self.augment and not self.pilot.is_plan:
-            scale = bound.scale[columns]
-            marginal = states.before.marginal(columns)
-            before = Gaussian.factored(marginal.mean / scale, marginal.root, marginal.scale / scale)
-        return discrimination_of(
-            covariance[:, columns][:, :, columns],
-            slopes,
-            size=self.slope_size,
-            before=before,
-            seed=self.seed,
-        )
+    def forecast(self, plan: Campaign, *, machines: int | None = None) -> Forecast:
+        """Return the forecast of a plan from `plan_of`, for a number of possible machines."""
+        slopes = None
+        if self.criterion == "discriminate":
+            slopes = Slopes(self.chosen, self.slope_size)
+        elif self.slope_size != 1.0:
+            names = tuple(p.name for p in self.bound.parameters if p.group == "slope")
+            slopes = Slopes(names, self.slope_size)
+        return forecast_plan(self.model, plan, slopes=slopes, machines=machines)
 
 
 def _radii_of(pilot: Campaign) -> list[float]:
@@ -348,3 +300,19 @@ def _distinct_clockings(clockings_deg: Sequence[Clocking]) -> tuple[Clocking, ..
     for work_deg, tool_deg in reversed(clockings_deg):
         first_by_angles[work_deg % 360.0, tool_deg % 360.0] = (work_deg, tool_deg)
     return tuple(reversed(first_by_angles.values()))
+
+
+def _with_temperature(
+    tests: tuple[CircularTest, ...], pilot: Campaign, model: HybridModel
+) -> tuple[CircularTest, ...]:
+    """Return the tests with the temperature that a drift over temperature needs.
+
+    It is the mean temperature of ``pilot``, the campaign that the design starts from. For a model
+    without such a drift, the tests are returned unchanged.
+    """
+    covariates = {term.over for term in model.nuisances if isinstance(term, Drift)}
+    if "temperature" not in covariates:
+        return tests
+    temperatures = [t.temperature_C for t in pilot.tests if t.temperature_C is not None]
+    mean_C = float(np.mean(temperatures))
+    return tuple(replace(test, temperature_C=mean_C) for test in tests)

@@ -64,13 +64,15 @@ def hyper_nodes(model: HybridModel, pilot: Campaign, size: int, seed: int) -> Ar
     return nodes
 
 
-def extend_hyper_parameters(bound: BoundModel, phi: Array, run: int) -> Array:
+def extend_hyper_parameters(
+    bound: BoundModel, phi: Array, run: int, *, scattering: bool = False
+) -> Array:
     """Return the hyper-parameters of a model bound to circles already run and to new circles.
 
     The hyper-parameters φ of the pilot, the campaign that a design starts from, are extended by
     those of the new circles. The relative scale λ of the scatter of each new circle is set to 1,
-    because the prior mean of 1/λ² is 1. Other hyper-parameters that the pilot does not have get
-    values spread evenly over their prior.
+    because the prior mean of 1/λ² is 1, or to a value of its prior. Other hyper-parameters that the
+    pilot does not have get values spread evenly over their prior.
 
     Parameters
     ----------
@@ -80,6 +82,8 @@ def extend_hyper_parameters(bound: BoundModel, phi: Array, run: int) -> Array:
         K values of the pilot's φ, shape (K, h) [mm].
     run
         Number of the pilot's circles that ``bound`` includes.
+    scattering
+        Whether new circles scatter differently, as their prior says; otherwise all scatter alike.
 
     Returns
     -------
@@ -104,7 +108,7 @@ def extend_hyper_parameters(bound: BoundModel, phi: Array, run: int) -> Array:
         pilot_name = pilot_circle.get(name, "") if is_circle else name
         if pilot_name in pilot_column:
             extended[:, k] = phi[:, pilot_column[pilot_name]]
-        elif is_circle:
+        elif is_circle and not scattering:
             extended[:, k] = 1.0
     return extended
 

@@ -1,0 +1,211 @@
+"""Scales of noise and effects as the analysis of tests not yet run will believe them.
+
+φ are the hyper-parameters: the scales of the noise and of other effects. An analysis does not know
+the true scales of a machine. It estimates them from the readings and its prior, and what it states
+as uncertainty is an average over all scales that it then believes possible. Three clean circles do
+not prove that the fourth would be clean.
+
+The normal score of a scale is Φ⁻¹ of its prior probability, so that the prior of all scores v is
+N(0, 1). Readings y ~ N(0, V(v)) carry the Fisher information I_ij = ½ tr(V⁻¹ ∂_iV V⁻¹ ∂_jV) about
+them. The belief is approximated by the Gaussian of precision 1 + I. Its mean is (1 + I)⁻¹ I v̂,
+where v̂ ~ N(v, I⁻¹) scatters about the true scores v as an efficient estimate does.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import scipy.linalg
+from scipy.special import ndtr, ndtri
+
+from ldbb_bayes.model.hybrid import BoundModel
+from ldbb_bayes.model.terms.columns import BasisNoise
+from ldbb_bayes.results import Array
+
+__all__ = ["believed_scales", "fisher_information"]
+
+# Normal scores of scales are limited to this absolute value: the prior probability beyond is below
+# 1e-9.
+_LARGEST_SCORE = 6.0
+# Step of the central differences of variances with respect to the normal scores of scales.
+_STEP = 0.1
+# Scales count as known to the analysis where there are more circles than this: the average over
+# what it believes then differs little from the value at the true scales, and costs most.
+_MOST_CIRCLES = 24
+
+
+def believed_scales(bound: BoundModel, phi: Array, draws: int, seed: int) -> Array:
+    """Return scales that the analysis of planned tests may believe in, for each possible machine.
+
+    Parameters
+    ----------
+    bound
+        Model bound to the planned tests.
+    phi
+        True hyper-parameters of K possible machines, shape (K, h), lengths in mm.
+    draws
+        Number of values drawn from the belief of each analysis.
+    seed
+        Seed of the random numbers.
+
+    Returns
+    -------
+    Array
+        Hyper-parameters, shape (K, draws, h). They are the true ones where there are more than 24
+        circles.
+    """
+    machines, size = phi.shape
+    if len(bound.campaign.tests) > _MOST_CIRCLES:
+        return np.broadcast_to(phi[:, None], (machines, draws, size))
+    prior = bound.hyper_prior
+    limit = ndtr(-_LARGEST_SCORE)
+    truth = ndtri(np.clip(prior.level(phi), limit, 1.0 - limit))
+    rng = np.random.default_rng(seed)
+    error_of_estimate = rng.standard_normal((machines, size))
+    spread_of_belief = rng.standard_normal((machines, draws, size))
+    first = _belief(truth, fisher_information(bound, truth), error_of_estimate)
+    # The information about a scale grows with the scale. Half-way between the truth and the first
+    # estimate it is a better average than at the truth.
+    middle = 0.5 * (truth + first.mean)
+    belief = _belief(truth, fisher_information(bound, middle), error_of_estimate)
+    scores = belief.mean[:, None] + np.einsum("kij,knj->kni", belief.root, spread_of_belief)
+    scores = np.clip(scores, -_LARGEST_SCORE, _LARGEST_SCORE)
+    return np.asarray(prior.quantile(ndtr(scores)))
+
+
+class _Belief(NamedTuple):
+    """Gaussian approximations of what K analyses believe about the normal scores of h scales."""
+
+    mean: Array  # shape (K, h)
+    root: Array  # square root of the covariance, shape (K, h, h)
+
+
+def _belief(truth: Array, information: Array, error: Array) -> _Belief:
+    """Return the beliefs of K analyses, given the true scores and the information about them.
+
+    ``truth``, shape (K, h), are the true scores, ``information``, shape (K, h, h), is the Fisher
+    information of the readings, and ``error``, shape (K, h), standard normal errors of estimates.
+    """
+    size, axes = np.linalg.eigh(information)
+    size = np.maximum(size, 0.0)
+    # All matrices are symmetric functions of the information: they do not depend on the signs and
+    # the order of its axes.
+    weight = _along(axes, size / (size + 1.0))
+    noise = _along(axes, np.sqrt(size) / (size + 1.0))
+    mean = np.einsum("kij,kj->ki", weight, truth) + np.einsum("kij,kj->ki", noise, error)
+    return _Belief(mean, _along(axes, 1.0 / np.sqrt(size + 1.0)))
+
+
+def _along(axes: Array, values: Array) -> Array:
+    """Return symmetric matrices with given eigenvectors, shape (K, h, h), and values, (K, h)."""
+    return np.asarray((axes * values[:, None]) @ np.swapaxes(axes, -1, -2))
+
+
+def fisher_information(bound: BoundModel, scores: Array) -> Array:
+    """Return the Fisher information of planned readings about the normal scores of the scales.
+
+    The parameters of interest and all other effects are integrated out: the readings have the
+    covariance V = Σ_c s_c x_c x_cᵀ + σ², with one column x_c for every effect and its variance s_c.
+
+    Parameters
+    ----------
+    bound
+        Model bound to the planned tests.
+    scores
+        Normal scores of the h hyper-parameters at K points, shape (K, h).
+
+    Returns
+    -------
+    Array
+        Fisher information, shape (K, h, h).
+    """
+    points, size = scores.shape
+    steps = np.concatenate([np.zeros((1, size)), _STEP * np.eye(size), -_STEP * np.eye(size)])
+    stepped = (scores[:, None] + steps).reshape(-1, size)
+    phi = bound.hyper_prior.quantile(ndtr(stepped))
+    effects = _effects_at(bound, phi)
+    variances = effects.variances.reshape(points, 2 * size + 1, -1)
+    noise = effects.noise_variance.reshape(points, 2 * size + 1)
+    spare = sum(test.readings - len(test.factor) for test in bound.reduced)
+    information = np.empty((points, size, size))
+    for k in range(points):
+        slopes = (variances[k, 1 : size + 1] - variances[k, size + 1 :]) / (2.0 * _STEP)
+        noise_slope = (noise[k, 1 : size + 1] - noise[k, size + 1 :]) / (2.0 * _STEP)
+        information[k] = _information_at(
+            effects.columns, variances[k, 0], noise[k, 0], slopes, noise_slope
+        )
+        # Readings beyond the reduced ones hold white noise alone.
+        information[k] += 0.5 * spare * np.outer(noise_slope, noise_slope) / noise[k, 0] ** 2
+    return information
+
+
+def _information_at(
+    columns: Array, variances: Array, noise: float, slopes: Array, noise_slope: Array
+) -> Array:
+    """Return the Fisher information of N reduced readings at one value of the scales, shape (h, h).
+
+    Parameters
+    ----------
+    columns
+        Readings per unit of each of C effects, shape (N, C).
+    variances
+        Variance of every effect, shape (C,).
+    noise
+        Variance of the white noise.
+    slopes
+        Derivatives of the variances with respect to the h normal scores, shape (h, C).
+    noise_slope
+        Derivatives of the variance of the white noise, shape (h,).
+    """
+    covariance = (columns * variances) @ columns.T
+    covariance[np.diag_indices_from(covariance)] += noise
+    factor = scipy.linalg.cho_factor(covariance, lower=True)
+    precision = scipy.linalg.cho_solve(factor, np.eye(len(covariance)))
+    changing = np.flatnonzero(slopes.any(axis=0))
+    weighted = precision @ columns[:, changing]
+    overlap = (columns[:, changing].T @ weighted) ** 2
+    between = slopes[:, changing] @ overlap @ slopes[:, changing].T
+    with_noise = np.outer(slopes[:, changing] @ (weighted**2).sum(axis=0), noise_slope)
+    of_noise = (precision**2).sum() * np.outer(noise_slope, noise_slope)
+    return np.asarray(0.5 * (between + with_noise + with_noise.T + of_noise))
+
+
+class _Effects(NamedTuple):
+    """All effects on the reduced readings of planned tests, at w values of the scales."""
+
+    columns: Array  # readings per unit of each of C effects, shape (N, C)
+    variances: Array  # variances of the effects, shape (w, C)
+    noise_variance: Array  # variance of the white noise, shape (w,)
+
+
+def _effects_at(bound: BoundModel, phi: Array) -> _Effects:
+    """Return all effects on the planned readings, and their variances at w values of the scales.
+
+    ``phi``, shape (w, h), are the hyper-parameters, lengths in mm.
+    """
+    values = dict(zip(bound.hyper_prior.names, phi.T, strict=True))
+    factors = [test.factor for test in bound.reduced]
+    ends = np.cumsum([len(factor) for factor in factors])
+    interest = [factor @ bound.interest[r] for r, factor in enumerate(factors)]
+    columns = [np.concatenate(interest)]
+    variances = [np.broadcast_to(bound.scale**2, (len(phi), len(bound.scale)))]
+    for effect in bound.nuisance_columns:
+        if isinstance(effect, BasisNoise) or effect.private:
+            for r, factor in enumerate(factors):
+                of_test = factor if isinstance(effect, BasisNoise) else factor @ effect.values[r]
+                placed = np.zeros((ends[-1], of_test.shape[1]))
+                placed[ends[r] - len(factor) : ends[r]] = of_test
+                columns.append(placed)
+                sd = effect.sd_at(values, r)
+                variances.append(np.broadcast_to(sd**2, (len(phi), of_test.shape[1])))
+        elif effect.names:
+            of_tests = [factor @ effect.values[r] for r, factor in enumerate(factors)]
+            columns.append(np.concatenate(of_tests))
+            sd = effect.sd_at(values)
+            variances.append(np.broadcast_to(sd**2, (len(phi), len(effect.names))))
+    return _Effects(
+        np.concatenate(columns, axis=1),
+        np.concatenate(variances, axis=1),
+        values["sigma"] ** 2,
+    )

@@ -1,0 +1,65 @@
+"""Scales that the analysis of planned tests believes in: information about them, and beliefs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.special import ndtr
+
+import ldbb_bayes as lb
+from ldbb_bayes.analysis.design.believed_scales import believed_scales, fisher_information
+from tests.campaigns import plan
+
+FIRST = lb.HybridModel.first(1)
+
+
+def test_levels_are_the_inverse_of_quantiles(rng: np.random.Generator) -> None:
+    prior = lb.HybridModel.default(1).bind(plan((60,) * 4)).hyper_prior
+    levels = rng.uniform(0.01, 0.99, (20, len(prior.names)))
+    np.testing.assert_allclose(prior.level(prior.quantile(levels)), levels, atol=1e-9)
+
+
+def test_information_against_the_scatter_of_the_score(rng: np.random.Generator) -> None:
+    """The Fisher information is the covariance of the gradient of the log density, here found by
+    differences in 200 simulated campaigns."""
+    planned = plan((30,) * 4)
+    bound = FIRST.bind(planned)
+    scores = np.array([-1.0, -0.3, -0.5, 0.2])
+    phi = bound.hyper_prior.quantile(ndtr(scores))
+    step = 0.05
+    around = [scores + sign * step * axis for axis in np.eye(4) for sign in (1.0, -1.0)]
+    points = bound.hyper_prior.quantile(ndtr(np.array(around)))
+    hyper_um = bound.hyper_prior.named(phi)
+    gradients = []
+    for seed in range(200):
+        beta = bound.prior_sd * rng.standard_normal(len(bound.names))
+        parameters = dict(zip(bound.names, beta.tolist(), strict=True))
+        campaign = FIRST.without("truncation").simulate(
+            planned, seed=seed, parameters=parameters, hyper_um=hyper_um
+        )
+        heights = FIRST.bind(campaign.campaign).log_evidence(points)
+        gradients.append((heights[0::2] - heights[1::2]) / (2.0 * step))
+    information = fisher_information(bound, scores[None])[0]
+    scatter = np.cov(np.array(gradients).T)
+    root = np.linalg.inv(np.linalg.cholesky(information))
+    np.testing.assert_allclose(root @ scatter @ root.T, np.eye(4), atol=0.45)
+
+
+def test_beliefs_are_the_prior_where_readings_say_nothing() -> None:
+    """Two circles of 9 readings, each with noise as large as it may be, tell nearly nothing of the
+    smallest scale."""
+    bound = FIRST.bind(plan((9,) * 2, forces_N=(36.0, 742.0)))
+    scores = np.array([2.0, -1.5, -1.5, 0.0])
+    phi = np.tile(bound.hyper_prior.quantile(ndtr(scores)), (400, 1))
+    believed = bound.hyper_prior.level(believed_scales(bound, phi, 4, 1))
+    assert believed[..., 2].mean() == pytest.approx(0.5, abs=0.1)
+    assert believed[..., 2].std() == pytest.approx(np.sqrt(1.0 / 12.0), abs=0.08)
+
+
+def test_beliefs_are_true_after_many_circles() -> None:
+    bound = FIRST.bind(plan((360,) * 20, forces_N=np.linspace(36.0, 742.0, 20).tolist()))
+    scores = np.array([-0.5, -0.3, 0.2, 0.4])
+    phi = np.tile(bound.hyper_prior.quantile(ndtr(scores)), (50, 1))
+    believed = believed_scales(bound, phi, 4, 1)
+    ratio = believed / phi[:, None]
+    np.testing.assert_allclose(ratio.mean(axis=(0, 1)), 1.0, atol=0.15)
