@@ -26,6 +26,7 @@ from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.model.bound_information import information_of, informations_of
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
+from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array, Finite, Result
 
 __all__ = [
@@ -117,6 +118,7 @@ class Slopes:
     size: float = 1.0  #: size that the slopes may have, in prior standard deviations
 
 
+@one_blas_thread
 def forecast_plan(
     model: HybridModel,
     plan: Campaign,
@@ -142,6 +144,12 @@ def forecast_plan(
     -------
     Forecast
         Expected uncertainties, information gain, and evidence for or against slopes.
+
+    Examples
+    --------
+    >>> foretold = lb.analysis.forecast_plan(lb.HybridModel.first(0), campaign.plan())
+    >>> foretold.expected["C_XXX"].sd < foretold.expected["C_XXX"].likely_sd
+    True
     """
     run = 0
     if plan.pilot is not None and plan.adds_to_pilot:
