@@ -82,6 +82,7 @@ class Evidences(Shown):
         self._nodes: dict[str, Nodes] = {}
         self._related_models: dict[str, RelatedModels] = {}
         self._modes: dict[tuple[Hyper, ...], Array] = {}
+        self._posteriors: dict[str, HyperPosterior] = {}
 
     def of_campaign(self, campaign: Campaign) -> Evidences:
         """Return this object if it is of the given campaign.
@@ -166,15 +167,26 @@ class Evidences(Shown):
 
     @cached_property
     def _rough(self) -> Evidences:
-        return self.apart(max(self.tolerance, _ROUGH_TOLERANCE))
+        rough = self.apart(max(self.tolerance, _ROUGH_TOLERANCE))
+        # Models that are bound, and modes that are found, are the same for every tolerance.
+        rough._posteriors = self._posteriors
+        return rough
+
+    def _posterior(self, model: HybridModel) -> HyperPosterior:
+        """Return the posterior of a model's hyper-parameters, made once for equal models."""
+        key = model_to_toml(model)
+        if key not in self._posteriors:
+            check_comparable(model, self.campaign)
+            bound = BoundModel(model, self.campaign, keep_tests=self._keep_tests)
+            near = self._modes.get(bound.hyper_prior.names)
+            self._posteriors[key] = HyperPosterior(
+                bound, truncated=bound.truncation.active, near=near
+            )
+        return self._posteriors[key]
 
     def _compute_nodes(self, model: HybridModel) -> Nodes:
-        check_comparable(model, self.campaign)
-        bound = BoundModel(model, self.campaign, keep_tests=self._keep_tests)
-        names = bound.hyper_prior.names
-        posterior = HyperPosterior(
-            bound, truncated=bound.truncation.active, near=self._modes.get(names)
-        )
+        posterior = self._posterior(model)
+        names = posterior.bound.hyper_prior.names
         key = _family(model)
         if key not in self._related_models:
             plain = posterior.plain
