@@ -73,10 +73,7 @@ class NullSpace:
         interest = np.arange(self.parameters)
         basis = self._independent_vectors(interest, preferred=np.full(self.parameters, True))
         imitators = np.setdiff1d(interest, list(basis))
-        for nuisance in candidates[candidates >= self.parameters]:
-            vector = self._imitation(int(nuisance), imitators)
-            if vector is not None:
-                basis[int(nuisance)] = vector
+        basis |= self._imitations(candidates[candidates >= self.parameters], imitators)
         remaining = np.setdiff1d(candidates, list(basis))
         basis |= self._independent_vectors(remaining, preferred=remaining >= self.parameters)
         nuisances = [pivot for pivot in sorted(basis) if pivot >= self.parameters]
@@ -95,13 +92,7 @@ class NullSpace:
         effect cannot be cancelled well enough is left out.
         """
         pivots = columns[_choose_pivots(self._orthonormal_basis(columns), preferred)]
-        imitators = np.setdiff1d(columns, pivots)
-        basis = {}
-        for pivot in pivots:
-            vector = self._imitation(int(pivot), imitators)
-            if vector is not None:
-                basis[int(pivot)] = vector
-        return basis
+        return self._imitations(pivots, np.setdiff1d(columns, pivots))
 
     def _orthonormal_basis(self, columns: NDArray[np.intp]) -> Array:
         """Return k orthonormal combinations of c coefficients that change no reading, shape (c, k).
@@ -116,20 +107,36 @@ class NullSpace:
             basis = basis[:, 1:]
         return basis
 
-    def _imitation(self, target: int, imitators: NDArray[np.intp]) -> Array | None:
-        """Return a combination of a target coefficient and its imitators that changes no reading.
+    def _imitations(
+        self, targets: NDArray[np.intp], imitators: NDArray[np.intp]
+    ) -> dict[int, Array]:
+        """Return combinations of target coefficients and imitators that change no reading.
 
-        ``target`` and ``imitators`` are indices of coefficients. The target has the value one; the
-        imitators have values that cancel its effect on the readings. Imitators with the smallest
-        effects are left out if the others suffice. Return None if the imitators cannot cancel the
-        effect of the target.
+        ``targets`` and ``imitators`` are indices of coefficients. In the combination of a target
+        the target has the value one, and the imitators have values that cancel its effect on the
+        readings. Targets whose effect the imitators cannot cancel are left out.
         """
-        solved = np.zeros(self.scaled.shape[1])
-        solution = np.linalg.lstsq(
-            self._triangle[:, imitators], self._triangle[:, target], rcond=_RANK_TOLERANCE
-        )
-        solved[imitators] = -solution[0]
-        solved[target] = 1.0
+        # The imitators are the same for all targets, so that their matrix is factored once.
+        solutions = np.linalg.lstsq(
+            self._triangle[:, imitators], self._triangle[:, targets], rcond=_RANK_TOLERANCE
+        )[0]
+        imitations = {}
+        for k, target in enumerate(targets.tolist()):
+            solved = np.zeros(self.scaled.shape[1])
+            solved[imitators] = -solutions[:, k]
+            solved[target] = 1.0
+            vector = self._checked_imitation(target, solved)
+            if vector is not None:
+                imitations[target] = vector
+        return imitations
+
+    def _checked_imitation(self, target: int, solved: Array) -> Array | None:
+        """Return a combination that imitates a target coefficient, as sparse as it can be.
+
+        ``solved``, shape (m,), is the combination with all imitators. Those with the smallest
+        effects are left out if the others suffice. Return None if the combination does not cancel
+        the effect of the target.
+        """
         effect = self.largest * np.abs(solved)
         exact_limit = EXACT_SHARE * effect[target]
         change = np.abs(self.scaled @ solved).max()

@@ -49,6 +49,7 @@ from ldbb_bayes.analysis.variance_sources import (
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.inference.averaged_models import AveragedModel, averaged_models
 from ldbb_bayes.inference.coefficients import compliance_curves
+from ldbb_bayes.inference.kept_results import kept
 from ldbb_bayes.inference.nodes import HyperPosterior
 from ldbb_bayes.inference.posterior import bound_of
 from ldbb_bayes.model.bound_information import information_of
@@ -434,7 +435,6 @@ def _prior_sd_of_changes(information: Information, changes: Mapping[str, CurveCh
     return np.array([float(np.linalg.norm(change.weights)) for change in changes.values()])
 
 
-@one_blas_thread
 def judge_posterior(posterior: xr.DataTree) -> dict[str, ParameterIdentifiability]:
     """Return the verdict on every parameter of a posterior.
 
@@ -472,12 +472,7 @@ def judge_posterior(posterior: xr.DataTree) -> dict[str, ParameterIdentifiabilit
     >>> judged["C_XYX_1"].verdict.value
     'prior-limited'
     """
-    bound = bound_of(posterior)
-    models = averaged_models(posterior)
-    variance = AveragedVariance(
-        tuple(_variance_of_model(model, {}) for model in models), len(bound.names)
-    )
-    return _judge_average(variance, bound, _sampled_sd(posterior, bound, variance))
+    return dict(judge_quantities(posterior).parameters)
 
 
 class JudgedQuantities(NamedTuple):
@@ -487,6 +482,7 @@ class JudgedQuantities(NamedTuple):
     changes: dict[str, ChangeIdentifiability]
 
 
+@kept
 @one_blas_thread
 def judge_quantities(posterior: xr.DataTree) -> JudgedQuantities:
     """Return the verdicts on the parameters of a posterior, and on the changes with force.

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
+from ldbb_bayes.inference.kept_results import kept
 from ldbb_bayes.inference.posterior import bound_of, curves_of, record_of
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.prior import compliance_unit
@@ -48,6 +49,7 @@ class ForceCurves:
     compliances: dict[str, CurveDraws]  #: draws of each compliance C(F) by name, such as C_XXX
 
 
+@kept
 def force_curves(posterior: xr.DataTree) -> ForceCurves:
     """Return posterior draws of every compliance C(F) that may change with force.
 

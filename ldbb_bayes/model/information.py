@@ -178,13 +178,34 @@ class Information:
             for owner, name in zip(self.owners, self.names, strict=True)
         ]
         free = np.flatnonzero(is_free)
-        rows = self.rows(fixed) if fixed else self._all_rows
+        if times == 1.0 and self._noise_names.isdisjoint(fixed):
+            if len(free) == len(self.names):
+                return self._root, free
+            # RᵀR of the free columns of R is the precision matrix of the free coefficients, and R
+            # has fewer rows than the design matrix.
+            return np.asarray(np.linalg.qr(self._root[:, free], mode="r")), free
+        return self._root_of(np.sqrt(times) * self.rows(fixed), free), free
+
+    @cached_property
+    def _root(self) -> Array:
+        """Square root of the posterior precision matrix of all m coefficients, shape (m, m)."""
+        return self._root_of(self._all_rows, np.arange(len(self.names)))
+
+    def _root_of(self, rows: Array, free: NDArray[np.intp]) -> Array:
+        """Return a square root of the precision matrix of the free coefficients.
+
+        ``rows`` is the design matrix of all m coefficients for readings with unit noise, (k, m).
+        """
         prior = np.ones(len(free))
         if self.flat:
             prior[np.isin(free, self.interest)] = 0.0
-        free_rows = np.sqrt(times) * rows[:, free]
-        stacked = np.concatenate([free_rows, np.diag(prior)])
-        return np.asarray(np.linalg.qr(stacked, mode="r")), free
+        stacked = np.concatenate([rows[:, free], np.diag(prior)])
+        return np.asarray(np.linalg.qr(stacked, mode="r"))
+
+    @cached_property
+    def _noise_names(self) -> frozenset[str]:
+        """Class names of all terms that act as noise of single tests, and that of the readings."""
+        return frozenset(name for sources in self.noise for name in sources)
 
     def covariance(
         self,
@@ -204,6 +225,19 @@ class Information:
         times
             Number of repetitions of all readings, each with independent noise.
         """
+        if times == 1.0 and not fixed:
+            return self._covariance
+        return self._covariance_without(fixed, times)
+
+    @cached_property
+    def _covariance(self) -> Array:
+        """Posterior covariance of all m coefficients; nobody changes it, as all share it."""
+        covariance = self._covariance_without((), 1.0)
+        covariance.flags.writeable = False
+        return covariance
+
+    def _covariance_without(self, fixed: Collection[str], times: float) -> Array:
+        """Return the posterior covariance, computed anew; see `covariance`."""
         root, free = self.root(fixed, times=times)
         inverse = scipy.linalg.solve_triangular(root, np.eye(len(root)))
         covariance = np.zeros((len(self.names), len(self.names)))

@@ -18,6 +18,7 @@ from ldbb_bayes.analysis.verdicts import (
 )
 from ldbb_bayes.campaign.preview import CampaignPreview, RemarkKind, check_campaign
 from ldbb_bayes.inference.fit import Fit
+from ldbb_bayes.inference.kept_results import kept
 from ldbb_bayes.inference.posterior import bound_of, campaign_of, fit_of, record_of
 from ldbb_bayes.inference.summary import result_json, summarize_nuisances
 from ldbb_bayes.model.hybrid import BoundModel
@@ -64,6 +65,7 @@ _REMARKS_OF_FITS = (RemarkKind.ONE_LEVEL, RemarkKind.TWO_LEVELS, RemarkKind.ONE_
 # ---- JSON record of a fit
 
 
+@kept
 def full_result(posterior: xr.DataTree, prob: float) -> dict[str, Any]:
     """Return all results of a fit as a dictionary.
 
@@ -100,6 +102,7 @@ class FitWords(Shown, dict[str, Any]):
         return f"<fit in words: {self['state']}, {len(self['warnings'])} warnings>"
 
 
+@kept
 def describe_fit(posterior: xr.DataTree) -> FitWords:
     """Return the state of a fit, its verdict, misfits and warnings in words.
 
