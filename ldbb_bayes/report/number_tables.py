@@ -42,7 +42,7 @@ _SUFFIX_OF_UNIT = {"µm": "_um", "µm/m": "_um_per_m"}
 def tables(findings: Findings, others: Sequence[Beside] = ()) -> dict[str, pd.DataFrame]:
     """Return all numbers of a report as tables, except the decisions on conformity.
 
-    Those that only the annex shows (budgets, circular-test quantities, contributions) are left out
+    Those that only the annex shows (circular-test quantities, contributions) are left out
     with the annex. The key of each table is the name of its CSV file without the ending ``.csv``.
 
     Parameters
@@ -67,6 +67,7 @@ def tables(findings: Findings, others: Sequence[Beside] = ()) -> dict[str, pd.Da
         "results": _results(findings),
         "covariance": covariance.rename_axis("parameter"),
         "correlation": correlation.rename_axis("parameter"),
+        "budget": _budget(findings),
     }
     if not findings.sheets_only:
         frames |= _annex_tables(findings)
@@ -88,7 +89,6 @@ def _annex_tables(findings: Findings) -> dict[str, pd.DataFrame]:
     measured, pairs = measure_circularity(posterior)
     by_source = _with_unit_suffixes(decompose_deviation(posterior, prob=findings.prob))
     frames = {
-        "budget": _budget(findings),
         "circularity": findings.path.set_index("plane"),
         "measured_circularity": _with_unit_suffixes(measured).rename_axis("test"),
         "contributions": by_source.set_index("plane"),

@@ -20,7 +20,7 @@ from ldbb_bayes.report.findings import find
 from ldbb_bayes.report.page import Document, html_page
 from ldbb_bayes.report.sheets import sheets
 
-TABLES = {"results", "covariance", "correlation", "change_with_force"}
+TABLES = {"results", "covariance", "correlation", "budget", "change_with_force"}
 
 
 def never(*_: object, **__: object) -> None:
@@ -37,7 +37,7 @@ def folder(posterior: xr.DataTree, tmp_path_factory: pytest.TempPathFactory) -> 
     """A report without annex."""
     folder = tmp_path_factory.mktemp("sheets")
     with pytest.MonkeyPatch.context() as patch:
-        for name in ("compare", "design", "budget_uncertainty", "predict_circularity"):
+        for name in ("compare", "design", "predict_circularity"):
             patch.setattr(findings_module, name, never)
         lb.write_report(posterior, folder, sheets_only=True)
     return folder
