@@ -31,13 +31,16 @@ import pandas as pd
 from pydantic import Field
 
 from ldbb_bayes.analysis.aliases import Degeneracy, degeneracies
+from ldbb_bayes.analysis.confounding_rule import NEAR_TIE, confounding_sources
 from ldbb_bayes.analysis.cures import Cure, cures
 from ldbb_bayes.analysis.curve_changes import CurveChange, curve_changes
 from ldbb_bayes.analysis.design.candidates import bind_plan
 from ldbb_bayes.analysis.design.forecast import forecast_plan, states_of
 from ldbb_bayes.analysis.design.states import extend_hyper_parameters
-from ldbb_bayes.analysis.origins import MAJORITY, Origin, edition_terms
+from ldbb_bayes.analysis.origins import Origin, edition_terms
+from ldbb_bayes.analysis.paired_remedies import PairedRemedy, paired_remedies
 from ldbb_bayes.analysis.remedies import Remedy, remedies
+from ldbb_bayes.analysis.tried_cures import TriedCures
 from ldbb_bayes.analysis.value_of_certificates import averaged_moments, worth_of_certificates
 from ldbb_bayes.analysis.variance_sources import (
     AveragedVariance,
@@ -56,7 +59,6 @@ from ldbb_bayes.model.bound_information import information_of
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel, require_model
 from ldbb_bayes.model.information import Information
 from ldbb_bayes.model.linear_algebra import minimum_norm_solution
-from ldbb_bayes.model.terms.columns import OWN
 from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array, ByRow, Finite, Number, Result
 
@@ -65,7 +67,6 @@ if TYPE_CHECKING:
 
 __all__ = [
     "CONTRACTION_LIMIT",
-    "SAME_COMBINATION",
     "ChangeIdentifiability",
     "Identifiability",
     "JudgedQuantities",
@@ -84,19 +85,9 @@ __all__ = [
     "variance_share_removed",
 ]
 
-# Two effects act on the same combination of parameters if the squared cosine of the angle between
-# the errors that they cause is at least this.
-SAME_COMBINATION = 0.95
 # A parameter β is prior-limited where its contraction, 1 − Var(β | y) / Var(β) for readings y, is
 # below this: its posterior sd is more than half of its prior sd.
 CONTRACTION_LIMIT = 0.75
-# An effect that holds less than this share of a parameter's variance is not named with the verdict
-# on the parameter.
-_NAMED_SHARE = 0.05
-# Shares and contractions that differ from their limit by less than this count as equal to it, so
-# that no verdict depends on rounding errors: a share equal to the limit is no majority, and a
-# contraction equal to it is none that limits.
-_NEAR_TIE = 1e-6
 # A change of a parameter's least-squares estimate below this share of the parameter's prior
 # standard deviation is a rounding error.
 _ROUNDING = 1e-12
@@ -160,6 +151,9 @@ class ParameterIdentifiability(Result):
     #: cheapest cure: what would narrow the parameter, and its standard uncertainty then; None where
     #: none narrows it by a tenth, or where none was looked for
     remedy: Remedy | None
+    #: two cures together, where ``remedy`` alone leaves the parameter confounded; None elsewhere,
+    #: and where no second cure narrows it by a further tenth
+    paired_remedy: PairedRemedy | None
     unit: str  #: internal unit of the parameter (of mm, N, rad)
     prior_mean: Number  #: prior mean of the parameter; not a number for a flat prior
     #: prior standard deviation of the parameter; infinite for a flat prior
@@ -380,9 +374,16 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
         expected = SampledSd(prior_sd, posterior_sd)
     parameters = _judge_average(variance, bound, expected)
     changes_judged = _judge_changes(variance, changes, _prior_sd_of_changes(information, changes))
-    found = _remedies_of(bound, phi, parameters, changes_judged)
+    tried = TriedCures(bound, phi)
+    found = _remedies_of(tried, parameters, changes_judged)
+    sd_by_parameter = {name: entry.sd for name, entry in parameters.items()}
+    confounded = [name for name, entry in parameters.items() if entry.partners]
+    pairs = paired_remedies(tried, found, sd_by_parameter, confounded)
     return Identifiability(
-        parameters={name: replace(entry, remedy=found[name]) for name, entry in parameters.items()},
+        parameters={
+            name: replace(entry, remedy=found[name], paired_remedy=pairs.get(name))
+            for name, entry in parameters.items()
+        },
         changes={
             name: replace(entry, remedy=found[f"change of {name}"])
             for name, entry in changes_judged.items()
@@ -577,7 +578,7 @@ def confounded_parameters(bound: BoundModel, phi: Array) -> dict[str, tuple[str,
     """
     confounded = {}
     for name, (sources, likeness) in sources_of(bound, information_of(bound, phi)).items():
-        partners = _confounding_sources(sources, likeness)
+        partners = confounding_sources(sources, likeness)
         if partners:
             confounded[name] = tuple(_shares_by_name(partners))
     return confounded
@@ -595,7 +596,7 @@ def confounded_in(posterior: xr.DataTree) -> dict[str, tuple[str, ...]]:
     confounded = {}
     for i, name in enumerate(names):
         sources, likeness = variance.sources(i, (name,))
-        partners = _confounding_sources(sources, likeness)
+        partners = confounding_sources(sources, likeness)
         if partners:
             confounded[name] = tuple(_shares_by_name(partners))
     return confounded
@@ -659,34 +660,12 @@ def judge(
         How alike the errors are that two sources cause, from 0 to 1, by names of the sources.
         Default: all sources act on the same combination of parameters.
     """
-    partners = _confounding_sources(sources, likeness)
+    partners = confounding_sources(sources, likeness)
     if partners:
         return PartneredVerdict(Verdict.CONFOUNDED, partners)
-    if contraction < CONTRACTION_LIMIT - _NEAR_TIE:
+    if contraction < CONTRACTION_LIMIT - NEAR_TIE:
         return PartneredVerdict(Verdict.PRIOR_LIMITED, ())
     return PartneredVerdict(Verdict.IDENTIFIED, ())
-
-
-def _confounding_sources(
-    sources: Sequence[VarianceSource], likeness: Mapping[tuple[str, str], float] | None
-) -> tuple[VarianceSource, ...]:
-    """Return the assumed sources that hold most of a parameter's variance; empty if none do."""
-    candidates = []
-    for source in sources:
-        is_effect = source.origin == Origin.ASSUMED and source.name != OWN
-        if is_effect and source.share >= _NAMED_SHARE:
-            candidates.append(source)
-    for first in candidates:
-        partners: list[VarianceSource] = []
-        share = 0.0
-        for source in candidates:
-            if likeness is not None and likeness[first.name, source.name] < SAME_COMBINATION:
-                continue
-            partners.append(source)
-            share += source.share
-            if share > MAJORITY + _NEAR_TIE:
-                return tuple(partners)
-    return ()
 
 
 def judge_parameters(
@@ -749,6 +728,7 @@ def _judge_average(
             partner_shares=partner_shares,
             sd_if_known=sd_if_known,
             remedy=None,
+            paired_remedy=None,
             unit=parameter.unit,
             prior_mean=parameter.prior_mean,
             prior_sd=float(sampled_sd.prior[i]),
@@ -798,21 +778,20 @@ def _judge_changes(
 
 
 def _remedies_of(
-    bound: BoundModel,
-    phi: Array,
+    tried: TriedCures,
     parameters: Mapping[str, ParameterIdentifiability],
     changes: Mapping[str, ChangeIdentifiability],
 ) -> dict[str, Remedy | None]:
     """Return the cheapest cure of every parameter and change, by names as those of `remedies`.
 
-    ``phi``, shape (h,), are the hyper-parameters [mm] at which the verdicts were found.
+    ``tried`` is the campaign with each cure.
     """
     entries: list[ParameterIdentifiability | ChangeIdentifiability] = []
     entries += parameters.values()
     entries += changes.values()
     sd = np.array([entry.sd for entry in entries])
     scatter = np.array([entry.origin_shares.get(Origin.MEASURED, 0.0) for entry in entries])
-    return remedies(bound, phi, sd, scatter)
+    return remedies(tried, sd, scatter)
 
 
 def _shares_by_name(sources: Sequence[VarianceSource]) -> dict[str, float]:

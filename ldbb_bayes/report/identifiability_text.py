@@ -83,6 +83,9 @@ def _passages_of_identifiability(result: Identifiability) -> tuple[Passage, ...]
     list of combinations of parameters that no reading can resolve, each with its cures.
     """
     passages: list[Passage] = [verdicts_table(result)]
+    pairs = wording.paired_cure_items(result)
+    if pairs:
+        passages += [wording.IN_PAIRS, pairs]
     if result.certificates:
         passages.append(certificates_table(result))
     passages += [_origins_table(result), *wording.identifiability_sentences(result)]

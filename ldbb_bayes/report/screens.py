@@ -41,6 +41,9 @@ def _(result: Identifiability) -> tuple[Passage, ...]:
     """
     first, *others = wording.identifiability_screen(result)
     passages: list[Passage] = [first, verdicts_table(result)]
+    pairs = wording.paired_cure_items(result)
+    if pairs:
+        passages += [wording.IN_PAIRS, pairs]
     if result.certificates:
         passages.append(certificates_table(result, is_short=True))
     passages += [*others, *wording.not_modelled_sentences(result.not_modelled)]

@@ -31,6 +31,7 @@ from ldbb_bayes.units import (
     plus_minus,
     ranked,
     round_uncertainty,
+    two_digits,
     typeset,
     without_slopes,
 )
@@ -59,6 +60,7 @@ __all__ = [
     "ALIKE",
     "ALL_DETAILS",
     "IN_FORCE",
+    "IN_PAIRS",
     "MORE",
     "NONE_ALIKE",
     "NO_ANNEX",
@@ -106,6 +108,7 @@ __all__ = [
     "nuisance_words",
     "origin_words",
     "origins_in_words",
+    "paired_cure_items",
     "percent_of",
     "population_doubts",
     "population_sentences",
@@ -138,6 +141,7 @@ _SENTENCES: Mapping[str, Any] = tomllib.loads(
 PAGE: Mapping[str, Any] = _SENTENCES["page"]
 IN_FORCE = ("constant", "linear in force", "quadratic in force")
 ALIKE = "The readings of this campaign cannot separate:"
+IN_PAIRS = "One cure leaves these confounded; two, U then:"
 TO_SEPARATE = "To separate what looks exactly alike:"
 TO_NARROW = "What would narrow them:"
 ALL_DETAILS = "Priors, origins and what no reading separates: --details."
@@ -768,9 +772,37 @@ def cure_in_words(remedy: Remedy | None) -> str:
     """Return the cheapest cure of a parameter in a few words, such as "turn balls"; – for none."""
     if remedy is None:
         return "–"
-    if remedy.certificate:
-        return certificate_words(remedy.certificate)
-    return str(_SENTENCES["plans"][remedy.kind])
+    return _step_words(remedy.kind, remedy.certificate)
+
+
+def paired_cure_items(result: Identifiability) -> tuple[str, ...]:
+    """Return a text on every pair of cures, with the parameters for which both are needed.
+
+    An example is "G10 balls and bar ± 1 µm together: U of E_XX1 25 µm/m". A parameter that stays
+    confounded is marked.
+    """
+    effects_by_pair: dict[str, list[str]] = {}
+    for name, entry in result.parameters.items():
+        pair = entry.paired_remedy
+        if pair is None or is_slope(name):
+            continue
+        factor, unit = display_unit(entry.unit)
+        effect = f"{display_name(name)} {two_digits(2.0 * pair.sd, factor)} {unit}"
+        if pair.is_confounded:
+            effect += " (confounded even so)"
+        steps = [_step_words(step.kind, step.certificate) for step in (pair.first, pair.second)]
+        effects_by_pair.setdefault(joined(steps), []).append(effect)
+    items = []
+    for pair_words, effects in effects_by_pair.items():
+        items.append(f"{pair_words} together: U of {joined(effects)}")
+    return tuple(items)
+
+
+def _step_words(kind: str, certificate: str) -> str:
+    """Return one cure in a few words: what is certified, or else how the plan changes."""
+    if certificate:
+        return certificate_words(certificate)
+    return str(_SENTENCES["plans"][kind])
 
 
 def certificate_words(certificate: str) -> str:

@@ -31,7 +31,8 @@ from ldbb_bayes.analysis.comparison import Sign
 from ldbb_bayes.analysis.cures import Cure
 from ldbb_bayes.analysis.machine_description import VisibleParameter
 from ldbb_bayes.analysis.origins import Origin
-from ldbb_bayes.analysis.remedies import Remedy, RemedyKind
+from ldbb_bayes.analysis.remedies import Remedy
+from ldbb_bayes.analysis.tried_cures import RemedyKind
 from ldbb_bayes.analysis.variance_sources import VarianceSource
 from ldbb_bayes.campaign.preview import Remark, RemarkKind
 from ldbb_bayes.cli import app

@@ -1,0 +1,248 @@
+"""Cures that are tried: a campaign bound to the same model with one cure, or with several.
+
+A cure is a change of the plan (another order, the other direction of travel, turned balls, more
+circles, a second radius) or a certificate of the instrument. The longer plan, or the certified
+campaign, is bound to the model. Hyper-parameters φ (the scales of the noise and of other effects)
+are carried over by name (`HyperPrior.carried`). The estimate of the machine that some effects need
+stays that of the readings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from functools import cached_property
+
+import numpy as np
+
+from ldbb_bayes.analysis.confounding_rule import confounding_sources
+from ldbb_bayes.analysis.cures import at_other_radius, clocked, in_other_direction
+from ldbb_bayes.analysis.curve_changes import curve_changes
+from ldbb_bayes.analysis.value_of_certificates import missing_certificates
+from ldbb_bayes.analysis.variance_sources import sources_of
+from ldbb_bayes.campaign.campaign import Campaign, CircularTest
+from ldbb_bayes.campaign.run_times import SECONDS_PER_TEST
+from ldbb_bayes.model.bound_information import information_of
+from ldbb_bayes.model.hybrid import BoundModel
+from ldbb_bayes.model.information import Information
+from ldbb_bayes.model.terms import Drift
+from ldbb_bayes.results import Array, Result
+from ldbb_bayes.units import ranked
+
+__all__ = ["CureStep", "RemedyKind", "TriedCures", "longer_plans", "sd_by_name"]
+
+# Angle by which both balls are turned in the further circles [°]. At one angle the form error of
+# orders 2, 3 and 4 already turns by 90, 135 and 180°.
+_TURN_DEG = 45.0
+# Number of random orders of which the one least correlated with force is taken.
+_ORDERS_TRIED = 200
+
+
+class RemedyKind(StrEnum):
+    """Kind of cure, in the order of what it costs, the cheapest first."""
+
+    ORDER = "order"  #: the same circles in an order that has nothing to do with force
+    DIRECTION = "direction"  #: every circle also in the other direction of travel
+    BALLS = "balls"  #: every circle also with both balls turned in their sockets
+    CIRCLES = "circles"  #: every circle twice
+    RADIUS = "radius"  #: every circle also at a second radius
+    CERTIFICATE = "certificate"  #: a calibration certificate of the instrument
+
+
+@dataclass(frozen=True)
+class CureStep(Result):
+    """One cure: its kind and, for a certificate, what is certified."""
+
+    kind: RemedyKind  #: kind of cure
+    #: what is certified, by its key in ``CERTIFICATES``; empty for a change of the plan
+    certificate: str
+
+
+class TriedCures:
+    """A campaign with each cure that could be tried, alone or several together.
+
+    Parameters
+    ----------
+    bound
+        Model bound to a campaign or plan.
+    phi
+        Values of the h hyper-parameters, shape (h,) [mm].
+    """
+
+    def __init__(self, bound: BoundModel, phi: Array) -> None:
+        self.bound = bound
+        self.phi = phi
+        self._bound_with: dict[tuple[CureStep, ...], BoundModel] = {(): bound}
+        self._sd_with: dict[tuple[CureStep, ...], dict[str, float]] = {}
+        self._confounded_with: dict[tuple[CureStep, ...], set[str]] = {}
+
+    @cached_property
+    def steps(self) -> tuple[CureStep, ...]:
+        """All single cures that can be tried, the cheapest first."""
+        steps = [CureStep(kind, "") for kind in longer_plans(self.bound)]
+        for name in missing_certificates(self.bound.campaign.instrument):
+            steps.append(CureStep(RemedyKind.CERTIFICATE, name))
+        return tuple(steps)
+
+    def bound_with(self, *steps: CureStep) -> BoundModel | None:
+        """Return the model bound to the campaign with these cures, one after the other.
+
+        It is None if a cure cannot follow the others: a certificate of what is certified already.
+        """
+        if steps not in self._bound_with:
+            before = self.bound_with(*steps[:-1])
+            after = None if before is None else _with_cure(before, steps[-1])
+            if after is None:
+                return None
+            self._bound_with[steps] = after
+        return self._bound_with[steps]
+
+    def sd_with(self, *steps: CureStep) -> dict[str, float]:
+        """Return the standard uncertainty of every parameter and change with these cures, by name.
+
+        The names are those of `sd_by_name`; the result is empty if the cures cannot follow each
+        other.
+        """
+        if steps not in self._sd_with:
+            changed = self.bound_with(*steps)
+            self._sd_with[steps] = {}
+            if changed is not None:
+                self._sd_with[steps] = sd_by_name(changed, self._information(changed))
+        return self._sd_with[steps]
+
+    def confounded_with(self, *steps: CureStep) -> set[str]:
+        """Return the names of the parameters that are confounded with these cures."""
+        if steps not in self._confounded_with:
+            names = set()
+            changed = self.bound_with(*steps)
+            if changed is not None:
+                sources_by_name = sources_of(changed, self._information(changed))
+                for name, (sources, likeness) in sources_by_name.items():
+                    if confounding_sources(sources, likeness):
+                        names.add(name)
+            self._confounded_with[steps] = names
+        return self._confounded_with[steps]
+
+    def circles_with(self, *steps: CureStep) -> int:
+        """Return the number of circles that these cures add to the campaign."""
+        changed = self.bound_with(*steps)
+        if changed is None:
+            return 0
+        return len(changed.campaign.tests) - len(self.bound.campaign.tests)
+
+    def _information(self, changed: BoundModel) -> Information:
+        carried = changed.hyper_prior.carried(self.bound.hyper_prior, self.phi)
+        return information_of(changed, carried)
+
+
+def _with_cure(bound: BoundModel, step: CureStep) -> BoundModel | None:
+    """Return a model bound to a campaign or plan with one more cure.
+
+    It is None if the instrument has the certificate, or the plan is as the cure would make it.
+    """
+    if step.certificate:
+        statements = missing_certificates(bound.campaign.instrument).get(step.certificate)
+        if statements is None:
+            return None
+        instrument = replace(bound.campaign.instrument, **statements)
+        campaign = replace(bound.campaign, instrument=instrument)
+        return BoundModel(bound.model, campaign, pilot=bound.pilot)
+    plan = longer_plans(bound).get(step.kind)
+    if plan is None:
+        return None
+    pilot = bound.pilot
+    if pilot is None and not bound.campaign.is_plan:
+        pilot = bound.campaign
+    return BoundModel(bound.model, plan, pilot=pilot)
+
+
+def sd_by_name(
+    bound: BoundModel, information: Information, *, times: float = 1.0
+) -> dict[str, float]:
+    """Return the standard uncertainty of every parameter, then of every change with force, by name.
+
+    ``times`` is the number of repetitions of all readings.
+    """
+    covariance = information.covariance(times=times)
+    interest = information.interest
+    sd = np.sqrt(np.diag(covariance)[interest]) * information.scale[interest]
+    by_name = dict(zip(bound.names, sd.tolist(), strict=True))
+    for name, change in curve_changes(bound, information).items():
+        variance = float(change.weights @ covariance @ change.weights)
+        by_name[f"change of {name}"] = float(np.sqrt(variance))
+    return by_name
+
+
+def longer_plans(bound: BoundModel) -> Mapping[RemedyKind, Campaign]:
+    """Return the plans that the cures by a change of the plan lead to, the cheapest first.
+
+    A cure that the campaign does not need is left out: another order where nothing drifts, the
+    other direction where every plane is run both ways. A plan is run in another order; a campaign
+    that has been run is run once more in it.
+    """
+    plan = bound.campaign.plan()
+    tests = _timed(plan)
+    plans: dict[RemedyKind, Campaign] = {}
+    if bound.columns_of.get(Drift):
+        if bound.campaign.is_plan:
+            plans[RemedyKind.ORDER] = replace(plan, tests=_shuffled(tests))
+        else:
+            plans[RemedyKind.ORDER] = _extended(plan, tests, _shuffled(tests))
+    directed = in_other_direction(replace(plan, tests=tests))
+    if directed.further:
+        plans[RemedyKind.DIRECTION] = _extended(plan, directed.stated, directed.further)
+    turned = clocked(plan, (_TURN_DEG,), work_ball=True, tool_ball=True)
+    plans[RemedyKind.BALLS] = _extended(plan, tests, turned)
+    plans[RemedyKind.CIRCLES] = _extended(plan, tests, tests)
+    plans[RemedyKind.RADIUS] = _extended(plan, tests, at_other_radius(plan))
+    return plans
+
+
+def _timed(plan: Campaign) -> tuple[CircularTest, ...]:
+    """Return the circles of a plan with their times, as drift in it is modelled.
+
+    Where not all circles state their times, they are run as listed, one every six minutes. No
+    circle has a time if the plan states that its order is random.
+    """
+    if None not in [test.time_s for test in plan.tests]:
+        return tuple(plan.tests)
+    if plan.order is not None:
+        return tuple(replace(test, time_s=None) for test in plan.tests)
+    return tuple(replace(test, time_s=k * SECONDS_PER_TEST) for k, test in enumerate(plan.tests))
+
+
+def _extended(
+    plan: Campaign, before: Sequence[CircularTest], added: Sequence[CircularTest]
+) -> Campaign:
+    """Return a plan of these circles: those before, then the added ones under new names.
+
+    The added circles are run one every six minutes after the last one before, if those before have
+    times.
+    """
+    times = [test.time_s for test in before if test.time_s is not None]
+    later = []
+    for k, test in enumerate(added):
+        time_s = None
+        if times:
+            time_s = max(times) + (k + 1) * SECONDS_PER_TEST
+        later.append(replace(test, name="", time_s=time_s))
+    return replace(plan, tests=(*before, *later))
+
+
+def _shuffled(tests: Sequence[CircularTest]) -> tuple[CircularTest, ...]:
+    """Return the tests in an order that has as little as possible to do with their forces.
+
+    Of random orders with a fixed seed, it is the one with the smallest correlation of place and
+    force. The k-th test of the new order is run at the k-th time.
+    """
+    forces = np.array([float(test.force_N or 0.0) for test in tests])
+    place = np.arange(len(tests)) - 0.5 * (len(tests) - 1)
+    rng = np.random.default_rng(0)
+    orders = [rng.permutation(len(tests)) for _ in range(_ORDERS_TRIED)]
+    relation = {k: -abs(float(place @ forces[order])) for k, order in enumerate(orders)}
+    best = orders[ranked(relation, relation.__getitem__)[0]]
+    times: list[float | None] = [None] * len(tests)
+    stated = sorted(test.time_s for test in tests if test.time_s is not None)
+    times[: len(stated)] = stated
+    return tuple(replace(tests[k], time_s=time) for k, time in zip(best, times, strict=True))
