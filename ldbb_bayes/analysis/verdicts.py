@@ -319,7 +319,7 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
     hyper-parameters (the scales of the noise and of other effects); for a plan at the mean that its
     pilot leaves, or at their prior median. Standard uncertainties are averaged over the
     hyper-parameters. Those of a plan are what its analysis is expected to state, as `design`
-    foretells them.
+    expects them.
 
     Parameters
     ----------
