@@ -147,8 +147,8 @@ def forecast_plan(
 
     Examples
     --------
-    >>> foretold = lb.analysis.forecast_plan(lb.HybridModel.first(0), campaign.plan())
-    >>> foretold.expected["C_XXX"].sd < foretold.expected["C_XXX"].likely_sd
+    >>> forecast = lb.analysis.forecast_plan(lb.HybridModel.first(0), campaign.plan())
+    >>> forecast.expected["C_XXX"].sd < forecast.expected["C_XXX"].likely_sd
     True
     """
     run = 0
