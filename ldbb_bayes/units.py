@@ -156,7 +156,8 @@ def to_inside(text: str, unit: str, subject: str = "value") -> float:
     text
         Number and unit.
     unit
-        Internal unit, made of mm, N and rad, such as mm/N.
+        Internal unit, made of mm, N and rad, such as mm/N; empty for a ratio, which is a number
+        without a unit.
     subject
         Name of the quantity, for the error message.
 
@@ -175,6 +176,8 @@ def to_inside(text: str, unit: str, subject: str = "value") -> float:
         text.strip().replace("−", "-"),
         re.IGNORECASE,
     )
+    if unit == "":
+        return _ratio(match, text, subject)
     written = None
     if match is not None:
         written = _size_of(match[2])
@@ -191,6 +194,16 @@ def to_inside(text: str, unit: str, subject: str = "value") -> float:
     )
     # Round to fifteen digits, so that 60 nm/N is 6e-5 mm/N and not 6.000000000000001e-05.
     return float(f"{float(match[1]) * (written.factor / wanted.factor):.15g}")
+
+
+def _ratio(match: re.Match[str] | None, text: str, subject: str) -> float:
+    """Return the number that a text without a unit states.
+
+    ``match`` holds the number and what follows it; None if the text does not begin with a number.
+    """
+    if match is None or match[2].strip():
+        raise InputError(f"{subject} must be a number without a unit, got {text!r}. Write 1.5.")
+    return float(match[1])
 
 
 def setting_to_inside(name: str, value: Any, subject: str) -> Any:

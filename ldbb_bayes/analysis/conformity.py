@@ -19,10 +19,13 @@ import xarray as xr
 from scipy.special import ndtr, ndtri
 
 from ldbb_bayes.analysis.circularity import path_draws
+from ldbb_bayes.analysis.directional_stiffness import stiffness_draws
 from ldbb_bayes.analysis.tolerances import (
     PATH_QUANTITIES,
+    STIFFNESS_QUANTITIES,
     Tolerance,
     check_force,
+    name_in_plane,
     quantities_of,
     tolerances_in,
 )
@@ -124,9 +127,10 @@ def assess_conformity(
         Posterior from `sample`, `load` or `average`.
     tolerances : mapping of str to str or Tolerance, optional
         Tolerances by name. Default: those of the campaign. Names are those of parameters,
-        ``stiffness_X`` (1/C_XXX), and G, F_max and F_min of the machine's circular path, with the
+        ``stiffness_X`` (1/C_XXX), ``k_min``, ``k_max`` and ``k_ratio`` of the stiffness by
+        direction (see `stiffness`), and G, F_max and F_min of the machine's circular path, with the
         plane where there are several (``G_YZ``). Texts have a unit, such as ``60 nm/N``,
-        ``−20..40 µrad`` or ``≥ 18 N/µm``; a `Tolerance` is in mm, N and rad.
+        ``−20..40 µrad`` or ``≥ 18 N/µm``, except of a ratio; a `Tolerance` is in mm, N and rad.
     force_N : float, optional
         Force at which compliances, stiffnesses and the circular path are stated [N], from a tenth
         of the smallest force tested to 1.5 times the largest. Default: the model's reference force,
@@ -204,21 +208,23 @@ def _stated_draws(
 ) -> dict[str, _StatedDraws]:
     """Return posterior draws of the named quantities at a force, by name.
 
-    ``names`` are those of parameters, of stiffnesses such as ``stiffness_X``, and of the circular
-    path, such as ``G``. ``force`` is the force of the bar [N].
+    ``names`` are those of parameters, of stiffnesses such as ``stiffness_X`` or ``k_min``, and of
+    the circular path, such as ``G``. ``force`` is the force of the bar [N].
     """
     parameters = dict(zip(bound.names, bound.parameters, strict=True))
     values = draws_at(posterior, force)
     compliances = {f"stiffness_{name[2]}": name for name in bound.names if is_direct(name)}
-    paths: dict[str, Array] = {}
+    of_planes: dict[str, Array] = {}
     if any(name.startswith(tuple(PATH_QUANTITIES)) for name in names):
-        paths = _path_draws(posterior, bound, force)
+        of_planes |= _path_draws(posterior, bound, force)
+    if any(name.startswith(tuple(STIFFNESS_QUANTITIES)) for name in names):
+        of_planes |= _directional_draws(posterior, bound, force)
     draws = {}
     for name in names:
         if name in compliances:
             draws[name] = _StatedDraws(1.0 / values[compliances[name]], force)
-        elif name in paths:
-            draws[name] = _StatedDraws(paths[name], force)
+        elif name in of_planes:
+            draws[name] = _StatedDraws(of_planes[name], force)
         elif parameters[name].group == "compliance":
             draws[name] = _StatedDraws(values[name], force)
         else:
@@ -232,14 +238,26 @@ def _path_draws(posterior: xr.DataTree, bound: BoundModel, force: float) -> dict
     The names have the plane if there are several, such as ``G_YZ``. ``force`` is the force of the
     bar [N].
     """
-    several_planes = len(bound.setting.planes) > 1
+    planes = bound.setting.planes
     draws = {}
     for path in path_draws(posterior, [force], _PATH_DRAWS):
         for quantity in PATH_QUANTITIES:
-            name = quantity
-            if several_planes:
-                name = f"{quantity}_{path.place['plane']}"
+            name = name_in_plane(quantity, path.place["plane"], planes)
             draws[name] = path.quantities[quantity] * 1e-3
+    return draws
+
+
+def _directional_draws(posterior: xr.DataTree, bound: BoundModel, force: float) -> dict[str, Array]:
+    """Return posterior draws of k_min, k_max and k_ratio, by name, in mm and N.
+
+    The names have the plane if there are several, such as ``k_min_YZ``. ``force`` is the force of
+    the bar [N].
+    """
+    planes = bound.setting.planes
+    draws = {}
+    for plane, quantities in stiffness_draws(posterior, force).items():
+        for quantity, values in quantities.items():
+            draws[name_in_plane(quantity, plane, planes)] = values
     return draws
 
 

@@ -38,7 +38,6 @@ from ldbb_bayes.parallel import one_blas_thread
 from ldbb_bayes.results import Array, Number, Numbers, Result, readable
 
 __all__ = [
-    "STIFFNESS_QUANTITIES",
     "AxialDirection",
     "DirectionalStiffness",
     "PlaneStiffness",
@@ -48,8 +47,6 @@ __all__ = [
     "stiffness_draws",
 ]
 
-#: Internal unit of each quantity of a plane's stiffness that may have a tolerance.
-STIFFNESS_QUANTITIES = {"k_min": "N/mm", "k_max": "N/mm", "k_ratio": "1"}
 # Number of posterior draws from which the stiffness is computed.
 _DRAWS = 2000
 # The band of the compliance along the bar is stated at every angle that is a multiple of this [°].
@@ -315,8 +312,8 @@ def stiffness(
 def stiffness_draws(posterior: xr.DataTree, force_N: float) -> dict[str, dict[str, Array]]:
     """Return posterior draws of k_min, k_max and their ratio, by plane and quantity.
 
-    ``force_N`` is the force of the bar [N]. Each array has the shape (draws,), in the units of
-    `STIFFNESS_QUANTITIES`.
+    ``force_N`` is the force of the bar [N]. Each array has the shape (draws,). Stiffnesses are in
+    N/mm.
     """
     bound = bound_of(posterior)
     forces = _forces(bound, [force_N])

@@ -16,9 +16,11 @@ from ldbb_bayes.units import inside_name, is_direct, to_inside
 
 __all__ = [
     "PATH_QUANTITIES",
+    "STIFFNESS_QUANTITIES",
     "Quantity",
     "Tolerance",
     "check_force",
+    "name_in_plane",
     "quantities",
     "quantities_of",
     "tolerances_in",
@@ -30,11 +32,19 @@ _BOTH = ("lower", "upper")
 # Quantities of the machine's circular path that may have a tolerance, and the limit, upper or
 # lower, that is meant where a tolerance is one number without a sign.
 PATH_QUANTITIES = {"G": _UPPER, "F_max": _UPPER, "F_min": _LOWER}
+# Stiffnesses of a plane by direction that may have a tolerance, and the limit that is meant where a
+# tolerance is one number without a sign: least and greatest stiffness along the bar, and their
+# ratio.
+STIFFNESS_QUANTITIES = {"k_min": _LOWER, "k_max": _LOWER, "k_ratio": _UPPER}
+# Internal unit of each stiffness by direction; a ratio has none.
+_STIFFNESS_UNITS = {"k_min": "N/mm", "k_max": "N/mm", "k_ratio": ""}
 # Regular expressions for names of quantities that cannot be negative. The first matches direct
 # compliances (deflection along a force, or tilt about a moment); the second also matches
-# stiffnesses and the circular deviation G.
+# stiffnesses, their ratio and the circular deviation G.
 _DIRECT_COMPLIANCE = re.compile(r"C_(.)\1.")
-_NEVER_NEGATIVE = re.compile(_DIRECT_COMPLIANCE.pattern + r"|stiffness_.|G(_..)?")
+_NEVER_NEGATIVE = re.compile(
+    _DIRECT_COMPLIANCE.pattern + r"|stiffness_.|(G|k_min|k_max|k_ratio)(_..)?"
+)
 # A compliance may be stated at forces from the first number times the smallest force tested to the
 # second number times the largest force tested.
 _LEAST_FORCE_SHARE = 0.1
@@ -110,7 +120,8 @@ def quantities(units: Mapping[str, str], planes: Collection[str] = ()) -> dict[s
     units : mapping of str to str
         Internal units (mm, N, rad) of the parameters, by name.
     planes : collection of str
-        The planes in which the machine's circular path may have a tolerance.
+        The planes in which the machine's circular path, and its stiffness by direction, may have a
+        tolerance.
     """
     by_name = {}
     for name, unit in units.items():
@@ -121,20 +132,29 @@ def quantities(units: Mapping[str, str], planes: Collection[str] = ()) -> dict[s
     for name in units:
         if is_direct(name):
             by_name[f"stiffness_{name[2]}"] = Quantity("N/mm", _LOWER)
-    for name, limited_sides in PATH_QUANTITIES.items():
-        for plane in planes:
-            name_in_plane = name
-            if len(planes) > 1:
-                name_in_plane = f"{name}_{plane}"
-            by_name[name_in_plane] = Quantity("mm", limited_sides)
+    for plane in planes:
+        for name, limited_sides in PATH_QUANTITIES.items():
+            by_name[name_in_plane(name, plane, planes)] = Quantity("mm", limited_sides)
+        for name, limited_sides in STIFFNESS_QUANTITIES.items():
+            quantity = Quantity(_STIFFNESS_UNITS[name], limited_sides)
+            by_name[name_in_plane(name, plane, planes)] = quantity
     return by_name
+
+
+def name_in_plane(name: str, plane: str, planes: Collection[str]) -> str:
+    """Return the name of a plane's quantity, with the plane if there are several, as in ``G_YZ``.
+
+    ``planes`` are all planes that were tested.
+    """
+    return f"{name}_{plane}" if len(planes) > 1 else name
 
 
 def quantities_of(bound: BoundModel) -> dict[str, Quantity]:
     """Return the quantities of a bound model that may have a tolerance, by name.
 
-    The quantities are the model's parameters, stiffnesses such as ``stiffness_X``, and G, F_max and
-    F_min of the machine's circular path.
+    The quantities are the model's parameters, stiffnesses such as ``stiffness_X``, least and
+    greatest stiffness by direction and their ratio, and G, F_max and F_min of the machine's
+    circular path.
     """
     units = {parameter.name: parameter.unit for parameter in bound.parameters}
     return quantities(units, bound.setting.planes)
@@ -148,8 +168,9 @@ def tolerances_in(
     ``given`` are the tolerances as stated by the user; ``known`` are all quantities that may have
     one.
 
-    A single number such as ``60 nm/N`` is the upper limit of a direct compliance, of G or of F_max,
-    the lower limit of a stiffness or of F_min, and both limits (±) of any other quantity. A sign
+    A single number such as ``60 nm/N`` is the upper limit of a direct compliance, of G, of F_max or
+    of a ratio, the lower limit of a stiffness or of F_min, and both limits (±) of any other
+    quantity. A sign
     before the number takes precedence: ``≤`` gives an upper limit, ``≥`` a lower limit and ``±``
     both. A text such as ``−20..40 µrad`` or ``−20…40 µrad`` also gives both limits.
     """

@@ -263,3 +263,30 @@ def test_may_the_numbers_be_used(posterior: Any) -> None:
         replace(fit, concerns=(), sensitivity={}), verdicts, ("C_XXX",), comparison=open_sign
     )
     assert [reason.kind for reason in state.reasons] == [ReasonKind.OPEN_SIGN]
+
+
+# ---- stiffness by direction
+
+
+def test_a_stiffness_by_direction_may_have_a_tolerance(posterior: Any) -> None:
+    least = lb.stiffness(posterior, [389.0]).planes[0].least
+    limit = f"{least.median / 1e3} N/um"
+    decision = lb.assess_conformity(posterior, {"k_min": limit})["k_min"]
+    assert decision.probability == pytest.approx(0.5, abs=0.01)
+    assert decision.lower == pytest.approx(least.median)
+    assert decision.upper is None
+
+
+def test_a_ratio_of_stiffnesses_is_limited_by_a_number_without_unit(posterior: Any) -> None:
+    decision = lb.assess_conformity(posterior, {"k_ratio": "3"})["k_ratio"]
+    assert decision.upper == 3.0
+    assert decision.decision is Decision.CONFORMS
+
+
+def test_a_ratio_with_a_unit_is_refused(posterior: Any) -> None:
+    refuses(
+        "tolerance of k_ratio must be a number without a unit, got '3 N/µm'. Write 1.5",
+        lb.assess_conformity,
+        posterior,
+        {"k_ratio": "3 N/µm"},
+    )
