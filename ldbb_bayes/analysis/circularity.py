@@ -212,8 +212,8 @@ def _path_quantities(bound: BoundModel, r: int, path_um: Array) -> dict[str, Arr
     about_nominal_radius = extremes_of(trace + path_um[:, :1])
     return {
         "G": about_mean_radius.width,
-        "F_max": about_mean_radius.largest,
-        "F_min": about_mean_radius.smallest,
+        "F_max": np.maximum(about_mean_radius.largest, 0.0),
+        "F_min": np.minimum(about_mean_radius.smallest, 0.0),
         "squareness": path_um[:, SIN2] * factors.squareness,
         "scale_mismatch": path_um[:, COS2] * factors.scale_mismatch,
         "F_max_nominal": about_nominal_radius.largest,

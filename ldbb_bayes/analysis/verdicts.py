@@ -318,8 +318,8 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
     compliances may be negative. Shares of the variance are those at the posterior mean of the
     hyper-parameters (the scales of the noise and of other effects); for a plan at the mean that its
     pilot leaves, or at their prior median. Standard uncertainties are averaged over the
-    hyper-parameters. Those of a plan are what its analysis is expected to state, as `design`
-    expects them.
+    hyper-parameters. Those of a plan are what its analysis is expected to state; `design` states
+    the same.
 
     Parameters
     ----------

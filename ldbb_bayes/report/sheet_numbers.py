@@ -6,31 +6,31 @@ if the partner (another parameter or effect) changes the readings in the same wa
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
+import pandas as pd
 
 from ldbb_bayes.analysis.circularity import predict_circularity
 from ldbb_bayes.analysis.compliance_change import change_with_force
 from ldbb_bayes.analysis.conformity import draws_at
-from ldbb_bayes.analysis.usability import is_determined
+from ldbb_bayes.analysis.directional_stiffness import stiffness
+from ldbb_bayes.analysis.measured_paths import measure_circularity
 from ldbb_bayes.inference.posterior import bound_of
 from ldbb_bayes.inference.summary import interval_numbers
 from ldbb_bayes.model.setting import geometric_errors_of
 from ldbb_bayes.model.terms import BarLength
 from ldbb_bayes.report.findings import Findings
+from ldbb_bayes.report.stated_quantity import StatedQuantity
+from ldbb_bayes.report.stiffness_numbers import stiffness_quantities
 from ldbb_bayes.report.translation import Words
 from ldbb_bayes.units import (
     display_name,
-    display_unit,
-    is_skewed,
     is_slope,
-    state,
     three_digits,
-    value_and_uncertainty,
 )
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from ldbb_bayes.analysis.verdicts import ChangeIdentifiability, ParameterIdentifiability
     from ldbb_bayes.model.hybrid import BoundModel
 
-__all__ = ["SheetNumbers", "StatedQuantity", "ValueAndU", "remark"]
+__all__ = ["SheetNumbers", "remark"]
 
 # A compliance is said to increase or to decrease with force if the probability of that is at least
 # this.
@@ -55,89 +55,6 @@ _SHEET_1_KINDS = (
     "rotation_for_other_moment",
     "squareness",
 )
-
-
-@dataclass(frozen=True)
-class ValueAndU:
-    """A value and its expanded uncertainty (k = 2), rounded to the same decimal place."""
-
-    value: str
-    expanded: str
-
-
-@dataclass(frozen=True)
-class StatedQuantity:
-    """One quantity that the sheets of the certificate state.
-
-    Parameters
-    ----------
-    words
-        Name of the quantity in words.
-    symbol
-        Symbol of the quantity.
-    estimate, sd, interval
-        Estimate, standard uncertainty and credible interval, in ``unit``. The estimate is the mean
-        of a parameter, the inverse of a compliance's median for a stiffness, and the median of a
-        circular deviation.
-    unit
-        Unit of these numbers: that of a parameter or stiffness in mm, N and rad, and um for a
-        circular deviation.
-    entry
-        Verdict on how far the readings determine the quantity. For a stiffness it is the verdict on
-        the compliance. None for a quantity that is computed from several parameters.
-    limit
-        If only a limit of the quantity is stated, the limit in words; otherwise empty.
-    hangs_on
-        For a quantity that is computed from several parameters: effects that these parameters are
-        confounded with.
-    direction
-        For the change of a compliance with force: whether it is an increase or a decrease, as the
-        key of a remark; otherwise empty.
-    change_entry
-        For the change of a compliance with force: the verdict on it.
-    no_change
-        For the change of a compliance with force: probability that there is exactly none, which is
-        zero unless the numbers are averaged over models.
-    """
-
-    words: str
-    symbol: str
-    estimate: float
-    sd: float
-    interval: tuple[float, float]
-    unit: str
-    entry: ParameterIdentifiability | None = None
-    limit: str = ""
-    hangs_on: tuple[str, ...] = ()
-    direction: Literal["", "increases", "decreases", "no_change"] = ""
-    change_entry: ChangeIdentifiability | None = None
-    no_change: float = 0.0
-
-    def value_and_U(self) -> ValueAndU:
-        """Return value and expanded uncertainty (k = 2), in the unit shown on the sheets."""
-        if self.limit:
-            return ValueAndU(self.limit, "–")
-        if is_skewed(self.estimate, self.interval):
-            statement = state(self.estimate, self.sd, self.interval, self.unit)
-            return ValueAndU(statement.value, statement.expanded)
-        factor, _ = display_unit(self.unit)
-        value, expanded = value_and_uncertainty(self.estimate * factor, 2.0 * self.sd * factor)
-        return ValueAndU(value.replace("-", "−"), expanded)
-
-    @property
-    def is_undetermined(self) -> bool:
-        """Whether the readings leave the quantity undetermined; False without a verdict."""
-        return self.entry is not None and not is_determined(self.entry)
-
-    @property
-    def inseparable_partners(self) -> tuple[str, ...]:
-        """Names of the assumed effects that an undetermined quantity is confounded with.
-
-        There are none if the readings determine the quantity, or if it is not confounded.
-        """
-        if self.entry is None or not self.is_undetermined:
-            return ()
-        return self.entry.partners
 
 
 @dataclass(frozen=True, eq=False)
@@ -316,33 +233,79 @@ class SheetNumbers:
         return stated
 
     @cached_property
-    def path(self) -> dict[str, StatedQuantity]:
-        """Circular deviations G, F_max and F_min of the tool path in every plane, by symbol.
+    def directions(self) -> dict[str, StatedQuantity]:
+        """Stiffness by direction at the force ``force_N``, by name, such as ``k_min``."""
+        result = stiffness(self.findings.numbers, [self.force_N], prob=self.findings.prob)
+        return stiffness_quantities(result, self.words)
 
-        The deviations are those at the force ``force_N`` of the bar [N]. Effects that the geometric
-        errors are confounded with change these deviations, too.
+    @cached_property
+    def path(self) -> dict[str, StatedQuantity]:
+        """Circular deviations of the tool path in every plane, by symbol.
+
+        G, F_max and F_min are those at the force ``force_N`` of the bar [N], about the
+        least-squares circle. Effects that the geometric errors are confounded with change these
+        deviations, too.
         """
+        return self._path_quantities(self.force_N, ("G", "F_max", "F_min"))
+
+    @cached_property
+    def further_path(self) -> dict[str, StatedQuantity]:
+        """Radial deviations about the nominal circle, and circular deviation at no load, by symbol.
+
+        Those about the nominal circle are at the force ``force_N`` of the bar [N].
+        """
+        nominal = self._path_quantities(self.force_N, ("F_max_nominal", "F_min_nominal"))
+        return self.unloaded_path | nominal
+
+    @cached_property
+    def unloaded_path(self) -> dict[str, StatedQuantity]:
+        """Circular deviation of the tool path at no load, of geometry alone, by symbol."""
+        return self._path_quantities(0.0, ("G",))
+
+    def _path_quantities(self, force_N: float, names: Sequence[str]) -> dict[str, StatedQuantity]:
         prob = self.findings.prob
-        table = predict_circularity(self.findings.numbers, [self.force_N], prob=prob)
+        table = predict_circularity(self.findings.numbers, [force_N], prob=prob)
         has_several_planes = table["plane"].nunique() > 1
         hangs_on = self._partners_of_geometry()
+        suffix = "_no_load" if force_N == 0.0 else ""
         stated = {}
-        for row in table[table["quantity"].isin(["G", "F_max", "F_min"])].to_dict(orient="records"):
-            symbol = row["quantity"]
+        for row in table[table["quantity"].isin(names)].to_dict(orient="records"):
+            symbol = f"{row['quantity']}{suffix}"
             where = ""
             if has_several_planes:
-                symbol = f"{row['quantity']}_{row['plane']}"
                 where = self.words("quantities.plane", plane=row["plane"])
+                symbol = f"{symbol}_{row['plane']}"
             stated[symbol] = StatedQuantity(
-                words=self.words(f"quantities.{row['quantity']}", plane=where),
-                symbol=row["quantity"],
-                estimate=row["median"],
+                words=self.words(f"quantities.{row['quantity']}{suffix}", plane=where),
+                symbol=row["quantity"].removesuffix("_nominal"),
+                estimate=row["mean"],
                 sd=row["sd"],
                 interval=(row["ci_low"], row["ci_high"]),
                 unit="um",
                 hangs_on=hangs_on,
+                note=self._measured_words(row["plane"], row["quantity"], force_N),
             )
         return stated
+
+    @cached_property
+    def _measured(self) -> pd.DataFrame:
+        """Circular-test quantities of the readings as they are, one row per test."""
+        return measure_circularity(self.findings.posterior)[0]
+
+    def _measured_words(self, plane: str, quantity: str, force_N: float) -> str:
+        """Return what the circle itself showed, in words; empty for a path without load.
+
+        The circle is that of the first test in the plane whose force is nearest to ``force_N``.
+        """
+        if force_N == 0.0:
+            return ""
+        rows = self._measured[self._measured["plane"] == plane]
+        nearest = rows.iloc[int((rows["force_N"] - force_N).abs().to_numpy().argmin())]
+        return self.words(
+            "remarks.measured",
+            force=self.words.number(f"{nearest['force_N']:.4g}"),
+            value=self.words.number(f"{nearest[quantity]:.1f}".replace("-", "−")),
+        )
 
     def _partners_of_geometry(self) -> tuple[str, ...]:
         """Return the names of effects confounded with undetermined geometric errors."""
@@ -390,9 +353,11 @@ def remark(quantity: StatedQuantity, words: Words) -> str:
     if quantity.direction:
         return _change_remark(quantity, words)
     if quantity.entry is None:
-        if not quantity.hangs_on:
-            return ""
-        return words("remarks.confounded", partners=_partner_words(quantity.hangs_on, words))
+        confounded = ""
+        if quantity.hangs_on:
+            partners = _partner_words(quantity.hangs_on, words)
+            confounded = words("remarks.confounded", partners=partners)
+        return "; ".join(part for part in (quantity.note, confounded) if part)
     return _verdict_remark(quantity.entry, words)
 
 

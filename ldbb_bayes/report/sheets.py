@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +21,8 @@ from ldbb_bayes.report.blocks import Banner, Block, Fields, Pair, ReportSheet
 from ldbb_bayes.report.findings import Findings
 from ldbb_bayes.report.pdf import fit_to_page
 from ldbb_bayes.report.pictures import picture
-from ldbb_bayes.report.sheet_numbers import SheetNumbers, StatedQuantity, remark
+from ldbb_bayes.report.sheet_numbers import SheetNumbers, remark
+from ldbb_bayes.report.stated_quantity import StatedQuantity
 from ldbb_bayes.report.translation import Words, words_of
 from ldbb_bayes.report.wording import source_unit_words
 from ldbb_bayes.results import Table
@@ -110,8 +112,10 @@ def _first_sheet(numbers: SheetNumbers) -> Iterator[Block]:
         middle = words("sheet.middle")
     quantities = [
         *numbers.stiffnesses.values(),
+        *numbers.directions.values(),
         *numbers.further.values(),
         *numbers.path.values(),
+        *numbers.unloaded_path.values(),
     ]
     yield _table_with_U(numbers, words("sheet.results", force=force, middle=middle), quantities)
     yield from _conformity(numbers)
@@ -149,7 +153,8 @@ def _undetermined(numbers: SheetNumbers) -> list[str]:
     confounded = [quantity for quantity in numbers.path.values() if quantity.hangs_on]
     if confounded:
         symbols = words.joined([quantity.symbol for quantity in confounded])
-        items.append(f"{symbols}: {remark(confounded[0], words)}")
+        without_note = replace(confounded[0], note="")
+        items.append(f"{symbols}: {remark(without_note, words)}")
 
     if not items:
         return [words("sheet.all_determined")]
@@ -198,7 +203,13 @@ def _second_sheet(numbers: SheetNumbers) -> Iterator[Block]:
             compliances.append(quantity)
         else:
             others.append(quantity)
-    quantities = [*compliances, *numbers.changes.values(), *others, *numbers.path.values()]
+    quantities = [
+        *compliances,
+        *numbers.changes.values(),
+        *others,
+        *numbers.path.values(),
+        *numbers.further_path.values(),
+    ]
     yield _table_with_intervals(numbers, quantities)
     yield words(
         "notes.u",
@@ -206,6 +217,13 @@ def _second_sheet(numbers: SheetNumbers) -> Iterator[Block]:
         force=words.number(f"{numbers.force_N:.4g}"),
     )
     yield words("notes.words", names="; ".join(_meanings_of_partners(numbers)))
+    yield picture(
+        "stiffness_rose",
+        findings.numbers,
+        words("sheet.rose"),
+        words=words.table["figures"],
+        compact=True,
+    )
     yield picture(
         "compliance_against_force",
         findings.numbers,
@@ -305,7 +323,7 @@ def _conformity(numbers: SheetNumbers) -> Iterator[Table | str]:
     quantities = numbers.parameters | numbers.slopes
     for label, quantity in numbers.stiffnesses.items():
         quantities[f"stiffness_{label[2]}"] = quantity
-    quantities |= numbers.path
+    quantities |= numbers.path | numbers.directions
     rows = []
     for name, conformity in numbers.findings.conformity(numbers.force_N).items():
         quantity_words = display_name(name)

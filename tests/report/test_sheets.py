@@ -10,12 +10,16 @@ from campaigns import plan, refuses, simulated
 from reports import NOT_COMPARED, fitted, undrawn
 
 import ldbb_bayes as lb
+from ldbb_bayes.analysis.directional_stiffness import AxialDirection
 from ldbb_bayes.analysis.origins import Origin
 from ldbb_bayes.analysis.variance_sources import VarianceSource
+from ldbb_bayes.report import stiffness_numbers
 from ldbb_bayes.report.blocks import Banner, Fields, Pair, ReportSheet
 from ldbb_bayes.report.findings import Findings, find
-from ldbb_bayes.report.sheet_numbers import StatedQuantity, remark
+from ldbb_bayes.report.pictures import Picture
+from ldbb_bayes.report.sheet_numbers import remark
 from ldbb_bayes.report.sheets import sheets
+from ldbb_bayes.report.stated_quantity import StatedQuantity
 from ldbb_bayes.report.translation import words_of
 from ldbb_bayes.results import Table
 
@@ -186,6 +190,89 @@ def test_a_long_name_is_shortened() -> None:
 
 def test_a_language_without_words_is_refused(findings: Findings) -> None:
     refuses("language", sheets, findings, language="xx")
+
+
+# ---- stiffness by direction, and the path beside what the circles showed
+
+
+def row_of(sheet: ReportSheet, symbol: str) -> tuple[str, ...]:
+    return next(row for row in tables_of(sheet)[0].rows if row[1] == symbol)
+
+
+@pytest.mark.parametrize(
+    ("language", "words", "where"),
+    [
+        ("en", "Least stiffness in the plane", "from X (k = 2)"),
+        ("de", "Kleinste Steifigkeit in der Ebene", "zu X (k = 2)"),
+    ],
+)
+def test_the_certificate_states_the_least_stiffness_and_its_direction(
+    findings: Findings, language: str, words: str, where: str
+) -> None:
+    first, _ = sheets(findings, language=language)
+    row = row_of(first, "k_min")
+    assert row[0] == words
+    assert where in row[-1]
+
+
+def test_the_least_stiffness_is_that_of_the_analysis(findings: Findings) -> None:
+    first, _ = sheets(findings)
+    least = lb.stiffness(findings.posterior, [389.0]).planes[0].least
+    value = float(row_of(first, "k_min")[2])
+    assert value == pytest.approx(least.median / 1e3, abs=least.sd / 1e3 / 5.0)
+
+
+@pytest.mark.parametrize("symbol", ["k_max", "k_max / k_min", "ψ", "C_XXX − C_YYY"])
+def test_the_certificate_states_what_is_best_determined(findings: Findings, symbol: str) -> None:
+    first, _ = sheets(findings)
+    assert row_of(first, symbol)[3] not in ("", "–")
+
+
+def test_a_direction_that_is_not_determined_is_not_stated() -> None:
+    every = AxialDirection(40.0, 52.0, 104.0, -45.0, 125.0, 0.0, is_determined=False)
+    words = words_of("en")
+    assert stiffness_numbers._direction_words(every, "X", words) == "direction not determined"
+
+
+def test_a_direction_beyond_90_degrees_is_that_of_its_opposite() -> None:
+    direction = AxialDirection(178.0, 2.0, 4.0, 174.0, 182.0, 1.0, is_determined=True)
+    words = words_of("en")
+    text = stiffness_numbers._direction_words(direction, "X", words)
+    assert text == "at −2.0° ± 4.0° from X (k = 2)"
+
+
+def test_beside_g_stands_what_the_circle_showed(findings: Findings) -> None:
+    first, _ = sheets(findings)
+    measured, _ = lb.analysis.measure_circularity(findings.posterior)
+    shown = measured.set_index("force_N").loc[300.0, "G"]
+    assert f"circle at 300\u00a0N as measured: {shown:.1f}" in row_of(first, "G")[-1]
+
+
+def test_g_without_load_stands_on_the_certificate(findings: Findings) -> None:
+    first, _ = sheets(findings)
+    titles = [row[0] for row in tables_of(first)[0].rows]
+    assert "Circular deviation G without load" in titles
+
+
+def test_radial_deviations_from_the_nominal_circle_stand_on_sheet_2(findings: Findings) -> None:
+    _, second = sheets(findings)
+    titles = [row[0] for row in tables_of(second)[0].rows]
+    assert "Largest radial deviation from the nominal circle" in titles
+
+
+def test_the_rose_stands_on_sheet_2(findings: Findings) -> None:
+    _, second = sheets(findings)
+    pictures = [block.key for block in second.blocks if isinstance(block, Picture)]
+    assert pictures == ["stiffness_rose", "compliance_against_force"]
+
+
+def test_a_tolerance_of_the_least_stiffness_is_decided_on() -> None:
+    with_limit = findings_of(simulated(plan()), {"k_min": "10 N/um"})
+    first, _ = sheets(with_limit)
+    (row,) = tables_of(first)[1].rows
+    assert row[0] == "Least stiffness in the plane"
+    assert row[2] == "≥ 10"
+    assert row[-1] == "conforms"
 
 
 def judged(verdict: str, *partners: str) -> Any:

@@ -25,12 +25,17 @@ __all__ = ["stiffness_rose"]
 _FARTHEST = 1.6
 # Place of the rings' labels [°]: between the axes, where lines are seldom crowded.
 _LABEL_ANGLE_DEG = 67.5
+# Heights of a rose, and of a compact one [inch].
+_HEIGHT = 3.2
+_COMPACT_HEIGHT = 1.5
 _RINGS = 4  # largest number of rings
 _NM_PER_N, _ = display_unit("mm/N")
 
 
 @styled
-def stiffness_rose(posterior: xr.DataTree, words: Mapping[str, str] = WORDS) -> Figure:
+def stiffness_rose(
+    posterior: xr.DataTree, words: Mapping[str, str] = WORDS, *, compact: bool = False
+) -> Figure:
     """Draw the compliance along the bar by direction, at the smallest and the largest force.
 
     A line far from the centre means a soft direction. Each force has its 95 % band. A dashed line
@@ -42,6 +47,8 @@ def stiffness_rose(posterior: xr.DataTree, words: Mapping[str, str] = WORDS) -> 
         Posterior from `sample`, `load` or `average`.
     words : mapping of str to str
         Labels of the figure by name. Default: English.
+    compact : bool
+        Whether the figure is low, with its legend at the right of a single rose.
 
     Returns
     -------
@@ -59,13 +66,17 @@ def stiffness_rose(posterior: xr.DataTree, words: Mapping[str, str] = WORDS) -> 
     forces_N = sorted({float(tested_N.min()), float(tested_N.max())})
     result = stiffness(posterior, forces_N)
     planes = bound.setting.planes
-    height = 3.4 if len(planes) == 1 else 2.6
-    figure, all_axes = panels(len(planes), 3, height, 0.5, subplot_kw={"projection": "polar"})
+    height = _COMPACT_HEIGHT if compact else _HEIGHT
+    figure, all_axes = panels(len(planes), 3, height, 0.3, subplot_kw={"projection": "polar"})
     for axes, plane in zip(all_axes, planes, strict=True):
         roses = [rose for rose in result.planes if rose.plane == plane]
         _draw_rose(axes, roses, words)
         if len(planes) > 1:
             axes.set_title(f"{words['plane']} {plane}", fontsize=9)
+    if compact and len(planes) == 1:
+        handles, _ = all_axes[0].get_legend_handles_labels()
+        figure.legend(handles=handles, title=words["rose"], loc="outside right center")
+        return figure
     style.legend_below(figure, all_axes[0], columns=2)
     figure.suptitle(words["rose"])
     return figure

@@ -1,0 +1,156 @@
+"""Stiffness by direction as the certificate states it, with directions in words."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ldbb_bayes.analysis.tolerances import name_in_plane
+from ldbb_bayes.report.stated_quantity import StatedQuantity
+from ldbb_bayes.report.translation import Words
+from ldbb_bayes.units import round_like, three_digits, value_and_uncertainty
+
+if TYPE_CHECKING:
+    from ldbb_bayes.analysis.directional_stiffness import (
+        AxialDirection,
+        DirectionalStiffness,
+        PlaneStiffness,
+        StatedValue,
+    )
+
+__all__ = ["stiffness_quantities"]
+
+_N_PER_UM = 1e-3  # factor from N/mm to N/µm
+
+
+def stiffness_quantities(result: DirectionalStiffness, words: Words) -> dict[str, StatedQuantity]:
+    """Return the stiffness by direction at one force as the certificate states it, by name.
+
+    Names are those of tolerances, such as ``k_min``, or ``k_min_YZ`` if several planes were tested.
+    If only one plane was tested, the principal axis and the difference of the direct compliances
+    are stated, too; if three were, the principal stiffnesses in space.
+
+    Parameters
+    ----------
+    result
+        Stiffness by direction at one force.
+    words
+        Texts of the sheets in their language.
+    """
+    planes = [plane.plane for plane in result.planes]
+    stated = {}
+    for plane in result.planes:
+        for name, quantity in _of_plane(plane, words, is_only=len(planes) == 1).items():
+            stated[name_in_plane(name, plane.plane, planes)] = quantity
+    for principal in result.principal:
+        for k, axis in enumerate(principal.axes, start=1):
+            components = ", ".join(round_like(part, 2) for part in axis.direction)
+            note = words("remarks.no_direction")
+            if axis.is_determined:
+                note = words(
+                    "remarks.along",
+                    components=words.number(components.replace("-", "−")),
+                    cone=f"{axis.cone_deg:.0f}",
+                )
+            symbol = f"k_{k}"
+            title = words("quantities.principal", number=str(k))
+            stated[symbol] = _of_stiffness(title, symbol, axis.stiffness, note, words)
+    return stated
+
+
+def _of_plane(plane: PlaneStiffness, words: Words, *, is_only: bool) -> dict[str, StatedQuantity]:
+    where = ""
+    if not is_only:
+        where = words("quantities.plane", plane=plane.plane)
+    axis = plane.plane[0]
+    stated = {}
+    ends = {"k_min": (plane.least, plane.softest), "k_max": (plane.greatest, plane.stiffest)}
+    for name, (value, direction) in ends.items():
+        note = _direction_words(direction, axis, words)
+        title = words(f"quantities.{name}", plane=where)
+        stated[name] = _of_stiffness(title, name, value, note, words)
+    ratio = plane.ratio
+    limit = ""
+    if ratio.only_lower_limit:
+        limit = words("quantities.at_least", value=words.number(three_digits(ratio.ci_low)))
+    stated["k_ratio"] = StatedQuantity(
+        words=words("quantities.k_ratio", plane=where),
+        symbol="k_max / k_min",
+        estimate=ratio.median,
+        sd=ratio.sd,
+        interval=ratio.interval,
+        unit="",
+        limit=limit,
+        note=words("remarks.gain_cancels"),
+    )
+    if is_only:
+        stated |= _of_only_plane(plane, words)
+    return stated
+
+
+def _of_only_plane(plane: PlaneStiffness, words: Words) -> dict[str, StatedQuantity]:
+    """Return the principal axis and the difference of the direct compliances of a plane."""
+    axis = plane.principal_axis
+    limit = "–"
+    note = words("remarks.no_direction")
+    shift = 0.0
+    if axis.is_determined:
+        limit = ""
+        note = ""
+        shift = _turned(axis.angle_deg) - axis.angle_deg
+    principal_axis = StatedQuantity(
+        words=words("quantities.principal_axis", axis=plane.plane[0]),
+        symbol="ψ",
+        estimate=axis.angle_deg + shift,
+        sd=axis.sd_deg,
+        interval=(axis.ci_low_deg + shift, axis.ci_high_deg + shift),
+        unit="deg",
+        limit=limit,
+        note=note,
+    )
+    difference = StatedQuantity(
+        words=words("quantities.difference", axes=" − ".join(plane.plane)),
+        symbol=plane.difference_name,
+        estimate=plane.difference.mean,
+        sd=plane.difference.sd,
+        interval=plane.difference.interval,
+        unit=plane.difference.unit,
+        note=words("remarks.mount_cancels"),
+    )
+    return {"principal_axis": principal_axis, "difference": difference}
+
+
+def _of_stiffness(
+    title: str, symbol: str, value: StatedValue, note: str, words: Words
+) -> StatedQuantity:
+    limit = ""
+    if value.only_lower_limit:
+        lowest = three_digits(value.ci_low * _N_PER_UM)
+        limit = words("quantities.at_least", value=words.number(lowest))
+    return StatedQuantity(
+        words=title,
+        symbol=symbol,
+        estimate=value.median,
+        sd=value.sd,
+        interval=value.interval,
+        unit=value.unit,
+        limit=limit,
+        note=note,
+    )
+
+
+def _direction_words(direction: AxialDirection, axis: str, words: Words) -> str:
+    """Return a direction with its U (k = 2) in words, such as "at 2° ± 17° from X"."""
+    if not direction.is_determined:
+        return words("remarks.no_direction")
+    angle, expanded = value_and_uncertainty(_turned(direction.angle_deg), direction.U_deg)
+    return words(
+        "remarks.towards",
+        angle=words.number(angle.replace("-", "−")),
+        U=words.number(expanded),
+        axis=axis,
+    )
+
+
+def _turned(angle_deg: float) -> float:
+    """Return an axial direction from −90° to 90° instead of from 0° to 180°."""
+    return angle_deg - 180.0 if angle_deg > 90.0 else angle_deg
