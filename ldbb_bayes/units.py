@@ -106,6 +106,7 @@ def _units_to_write() -> dict[str, _Size]:
         "%": _Size(1e-2, 0, 0),
         "ppm": _Size(1e-6, 0, 0),
         "°": _Size(math.pi / 180.0, 0, 0),
+        "deg": _Size(math.pi / 180.0, 0, 0),
         "arcsec": _Size(math.pi / 648e3, 0, 0),
     }
     for prefix, factor in _PREFIXES.items():

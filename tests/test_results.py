@@ -129,6 +129,7 @@ def objects_of_results(
     conformity = lb.assess_conformity(posterior, {"G": "30 µm", "C_XXX": "80 nm/N"})
     budgets = lb.analysis.budget_uncertainty(posterior)
     changes = lb.analysis.change_with_force(fitted(MODEL.with_degree(1), campaign))
+    stiffness = lb.stiffness(posterior)
     return [
         next(iter(lb.analysis.judge_posterior(posterior).values())),
         lb.fit_least_squares(campaign),
@@ -145,6 +146,9 @@ def objects_of_results(
         changes,
         changes["C_XXX"],
         compared,
+        stiffness,
+        stiffness.planes[0],
+        lb.analysis.check_workflow(MODEL, campaign, replicates=10),
     ]
 
 

@@ -436,6 +436,7 @@ def _prior_sd_of_changes(information: Information, changes: Mapping[str, CurveCh
     return np.array([float(np.linalg.norm(change.weights)) for change in changes.values()])
 
 
+@one_blas_thread
 def judge_posterior(posterior: xr.DataTree) -> dict[str, ParameterIdentifiability]:
     """Return the verdict on every parameter of a posterior.
 

@@ -378,7 +378,9 @@ def _marginals(work: Work, name: str) -> Any:
     return work.cleaned(lb.inference.marginalize(model, work.read(name), tolerance=0.02))
 
 
-@golden(*CAMPAIGNS, "plan", fast=("both_ways", "plan"))
+# The forecast of a plan is a median over possible machines whose scales are found by iteration: it
+# differs by some 1e-7 between kernels.
+@golden(*CAMPAIGNS, "plan", fast=("both_ways",))
 def _identify(work: Work, name: str) -> Any:
     arguments = ("identify", work.campaign(name), "--degree", DEGREES.get(name, 1))
     record = work.run(*arguments, "--json")

@@ -130,14 +130,14 @@ def forecast_plan(
 
     Parameters
     ----------
-    model
+    model : HybridModel
         Model for the analysis of the plan's tests.
-    plan
+    plan : Campaign
         Plan. What is known before it is run is what its pilot found, or else the prior.
-    slopes
+    slopes : Slopes, optional
         Slopes that evidence is to be forecast for. Default: all of the model, of the size of their
         prior standard deviations.
-    machines
+    machines : int, optional
         Number of possible machines: fewer are quicker and less exact. Default: 64.
 
     Returns
