@@ -318,9 +318,10 @@ def campaign_record(campaign: Campaign) -> dict[str, Any]:
     """Return the entry ``campaign`` of a posterior's record, from which the campaign is rebuilt.
 
     The entry holds the fields of the campaign and of its tests. Readings and angles are left out,
-    because the group ``constant_data`` of the posterior has them.
+    because the group ``constant_data`` of the posterior has them. The pilot is left out too: it
+    matters only before the tests are run.
     """
-    campaign_fields = _fields(campaign, "name", "tests", "foreseen")
+    campaign_fields = _fields(campaign, "name", "tests", "foreseen", "pilot", "adds_to_pilot")
     for name in ("mount", "force_law", "instrument"):
         campaign_fields[name] = asdict(getattr(campaign, name))
     return {
