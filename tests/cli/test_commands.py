@@ -438,8 +438,11 @@ def test_design_is_a_plan_that_others_read(folder: Path, tmp_path: Path, invoke:
     assert record == json.loads((out / "design.json").read_text())
     tables = {"expected.csv", "sensitivity.csv"}
     figures = figure_files("expected_widths")
-    assert names_in(out) == {"campaign.toml", "model.toml", "design.json"} | tables | figures
+    files = {"campaign.toml", "model.toml", "design.json", "pilot"}
+    assert names_in(out) == files | tables | figures
     next_tests = lb.read_campaign(out)
+    assert next_tests.pilot is not None
+    assert next_tests.pilot.sha256 == lb.read_campaign(folder).sha256
     assert next_tests.is_plan
     listed = []
     for test in record["tests"]:
