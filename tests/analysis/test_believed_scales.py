@@ -21,7 +21,7 @@ def test_levels_are_the_inverse_of_quantiles(rng: np.random.Generator) -> None:
 
 def test_information_against_the_scatter_of_the_score(rng: np.random.Generator) -> None:
     """The Fisher information is the covariance of the gradient of the log density, here found by
-    differences in 200 simulated campaigns."""
+    differences in 400 simulated campaigns."""
     planned = plan((30,) * 4)
     bound = FIRST.bind(planned)
     scores = np.array([-1.0, -0.3, -0.5, 0.2])
@@ -31,7 +31,7 @@ def test_information_against_the_scatter_of_the_score(rng: np.random.Generator) 
     points = bound.hyper_prior.quantile(ndtr(np.array(around)))
     hyper_um = bound.hyper_prior.named(phi)
     gradients = []
-    for seed in range(200):
+    for seed in range(400):
         beta = bound.prior_sd * rng.standard_normal(len(bound.names))
         parameters = dict(zip(bound.names, beta.tolist(), strict=True))
         campaign = FIRST.without("truncation").simulate(
@@ -42,7 +42,7 @@ def test_information_against_the_scatter_of_the_score(rng: np.random.Generator) 
     information = fisher_information(bound, scores[None])[0]
     scatter = np.cov(np.array(gradients).T)
     root = np.linalg.inv(np.linalg.cholesky(information))
-    np.testing.assert_allclose(root @ scatter @ root.T, np.eye(4), atol=0.45)
+    np.testing.assert_allclose(root @ scatter @ root.T, np.eye(4), atol=0.35)
 
 
 def test_beliefs_are_the_prior_where_readings_say_nothing() -> None:
