@@ -133,7 +133,7 @@ def _end_gauge_length(inputs: Array) -> Array:
 
 
 def _impedance() -> list[Figure]:
-    """Return the figures of H.2, approach 1: means with their covariances."""
+    """Return the figures of H.2: from means with their covariances, and set by set."""
     readings = np.array([VOLTAGE, np.array(CURRENT) * 1e-3, PHASE])
     covariance = np.cov(readings) / readings.shape[1]
     u = np.sqrt(np.diag(covariance))
@@ -161,9 +161,14 @@ def _impedance() -> list[Figure]:
                 printed_u[k],
                 float(impedance.u[k]),
                 "Ω",
-                reason="the annex rounds the inputs' u and r first: 0.2956 Ω is printed as 0.295",
+                reason="by the second approach of the annex, below, it is 0.29549 Ω",
             )
         )
+    by_set = _impedance_of(readings.T)
+    u_by_set = by_set.std(axis=0, ddof=1) / np.sqrt(len(by_set))
+    for k, name in enumerate(("R", "X", "Z")):
+        quantity = f"u of {name}, second approach"
+        rows.append(Figure(GUIDE, example, quantity, printed_u[k], float(u_by_set[k]), "Ω"))
     rows += [
         Figure(GUIDE, example, "r(R, X)", "-0.588", float(impedance.correlation[0, 1])),
         Figure(GUIDE, example, "r(R, Z)", "-0.485", float(impedance.correlation[0, 2])),

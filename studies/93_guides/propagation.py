@@ -17,7 +17,7 @@ from scipy.special import ndtri
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.results import Array
 
-__all__ = ["Drawn", "Propagated", "propagate_distributions", "propagate_linearly", "shortest"]
+__all__ = ["Drawn", "Propagated", "propagate_distributions", "propagate_linearly"]
 
 # Step of the central differences of the Jacobian, in standard uncertainties of an input quantity.
 _STEP = 1e-3
@@ -88,12 +88,3 @@ class Drawn:
 def propagate_distributions(values: Array) -> Drawn:
     """Return mean, standard uncertainty and sorted draws of an output quantity, shape (draws,)."""
     return Drawn(float(values.mean()), float(values.std(ddof=1)), np.sort(values))
-
-
-def shortest(drawn: Drawn, prob: float) -> tuple[float, float]:
-    """Return the shortest coverage interval of an output quantity (JCGM 101, 7.7.4)."""
-    n = len(drawn.values)
-    inside = round(prob * n)
-    widths = drawn.values[inside:] - drawn.values[: n - inside]
-    first = int(np.argmin(widths))
-    return float(drawn.values[first]), float(drawn.values[first + inside])
