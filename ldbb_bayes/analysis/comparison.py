@@ -45,7 +45,7 @@ from ldbb_bayes.inference.evidence import (
     probabilities,
     require_models,
 )
-from ldbb_bayes.inference.evidences import Evidences, leave_one_out
+from ldbb_bayes.inference.evidences import Evidences, leave_one_out, left_out_log_densities
 from ldbb_bayes.inference.least_squares import fit_least_squares
 from ldbb_bayes.inference.nodes import Evidence, Nodes
 from ldbb_bayes.inference.residuals import fit_quality
@@ -544,7 +544,7 @@ def compare(
         slopes, slope_subsets, curves = varying_slopes.slope_subsets(
             plan.linear, evidences, seed=seed, prob=prob
         )
-    log_densities = _left_out_log_densities(nodes_by_model, left_out_nodes)
+    log_densities = left_out_log_densities(nodes_by_model, left_out_nodes)
     compared_models = _compare_models(nodes_by_model, log_densities, seed, prob)
     compared_tests = _compare_tests(
         nodes_by_model, left_out_nodes, log_densities, seed, evidences.tolerance
@@ -797,23 +797,6 @@ def interpolate_crossings(scale: Array, log_bayes_factor: Array) -> tuple[float,
     i = np.flatnonzero(np.sign(y[1:]) * np.sign(y[:-1]) < 0)
     crossings = x[i] + y[i] / (y[i] - y[i + 1]) * (x[i + 1] - x[i])
     return tuple(np.exp(crossings).tolist())
-
-
-def _left_out_log_densities(
-    nodes_by_model: Mapping[str, Nodes], left_out_nodes: Mapping[str, Mapping[str, Nodes]]
-) -> dict[str, Array]:
-    """Return the log density of every test r given the other tests, shape (tests,), by model.
-
-    ln p(y_r | y_−r) = ln Z(y) − ln Z(y_−r), where Z(y) is the evidence for the readings of all
-    tests and Z(y_−r) that for all tests but r. ``nodes_by_model`` holds Z(y) by model, and
-    ``left_out_nodes`` Z(y_−r) by model and test r. Arrays are empty if no test is left out.
-    """
-    log_densities = {}
-    for name, nodes in nodes_by_model.items():
-        nodes_by_test = left_out_nodes.get(name, {})
-        left_out = [fold.evidence.log_value for fold in nodes_by_test.values()]
-        log_densities[name] = nodes.evidence.log_value - np.array(left_out)
-    return log_densities
 
 
 def _elpd_differences(log_densities: Mapping[str, Array]) -> dict[str, Difference]:

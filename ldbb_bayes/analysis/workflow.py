@@ -26,7 +26,7 @@ from ldbb_bayes.analysis.posterior_calibration import calibrate_posterior
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import require
 from ldbb_bayes.inference.evidence import check_comparable
-from ldbb_bayes.inference.evidences import Evidences, leave_one_out
+from ldbb_bayes.inference.evidences import Evidences, leave_one_out, left_out_log_densities
 from ldbb_bayes.inference.nodes import Nodes
 from ldbb_bayes.inference.posterior import bound_of, fit_of, record_of
 from ldbb_bayes.inference.prior_prediction import prior_circles
@@ -129,6 +129,7 @@ def check_workflow(
     campaign: Campaign,
     *,
     replicates: int = 50,
+    draws: int = 99,
     seed: int = 1,
     executor: Executor | None = None,
     progress: Callable[[int, int], None] | None = None,
@@ -147,6 +148,8 @@ def check_workflow(
         Campaign with readings of at least two tests.
     replicates : int
         Number of simulated campaigns of the calibration, at least 10.
+    draws : int
+        Number of posterior draws of each simulated campaign, at least 9.
     seed : int
         Seed of all random numbers.
     executor : Executor, optional
@@ -183,7 +186,7 @@ def check_workflow(
     models = _models_to_stack(model)
     nodes_by_model = dict(zip(models, evidences.of(*models.values()), strict=True))
     left_out_nodes = leave_one_out(nodes_by_model, tolerance=_TOLERANCE)
-    log_densities = _left_out_log_densities(nodes_by_model, left_out_nodes)
+    log_densities = left_out_log_densities(nodes_by_model, left_out_nodes)
     fit = fit_of(posterior)
     return Workflow(
         campaign=campaign.name,
@@ -196,7 +199,12 @@ def check_workflow(
         prior_sensitivity={name: fit.sensitivity[name]["prior"] for name in fit.sensitive},
         left_out=_left_out_circles(nodes_by_model, left_out_nodes, seed),
         calibration=calibrate_posterior(
-            posterior, replicates=replicates, seed=seed, executor=executor, progress=progress
+            posterior,
+            replicates=replicates,
+            draws=draws,
+            seed=seed,
+            executor=executor,
+            progress=progress,
         ),
         stacking_weights=stacking_weights(log_densities),
         elpd={name: float(values.sum()) for name, values in log_densities.items()},
@@ -238,17 +246,6 @@ def _left_out_circles(
     for name, test in judged.items():
         circles[name] = LeftOutCircle(test.p_value, test.family_wise_p_value, test.worst_order)
     return circles
-
-
-def _left_out_log_densities(
-    nodes_by_model: Mapping[str, Nodes], left_out_nodes: Mapping[str, Mapping[str, Nodes]]
-) -> dict[str, Array]:
-    """Return the log density of every test given the others [nat], shape (tests,), by model."""
-    log_densities = {}
-    for name, nodes in nodes_by_model.items():
-        without = [fold.evidence.log_value for fold in left_out_nodes[name].values()]
-        log_densities[name] = nodes.evidence.log_value - np.array(without)
-    return log_densities
 
 
 def stacking_weights(log_densities: Mapping[str, Array]) -> dict[str, float]:

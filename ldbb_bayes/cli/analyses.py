@@ -361,9 +361,17 @@ def _check_workflow(
 ) -> None:
     """Run the checks of a Bayesian workflow and write what they find.
 
-    ``settings`` are the options of ``validate``, of which the number of replicates and the seed are
-    used. Exit with code 1 if something was found wrong.
+    ``settings`` are the options of ``validate``. Exit with code 1 if something was found wrong.
     """
+    require(
+        "data_model" not in settings,
+        "--data-model must go without --workflow, whose readings are simulated from the posterior."
+        " Leave out one of the two.",
+    )
+    require(
+        settings["sampler"] == "independent",
+        f"--sampler must be independent with --workflow, got {settings['sampler']}. Leave it out.",
+    )
     campaign = campaign_from(source, **certificates)
     output.check("workflow.json", "ranks.csv", figures=["rank_ecdf"])
     with (
@@ -374,6 +382,7 @@ def _check_workflow(
             model,
             campaign,
             replicates=settings["replicates"],
+            draws=settings["draws"],
             seed=settings["seed"],
             executor=executor,
             progress=progress,

@@ -14,6 +14,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 
+import numpy as np
+
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.errors import require
@@ -25,7 +27,7 @@ from ldbb_bayes.model.specification import model_to_toml
 from ldbb_bayes.model.terms.columns import Hyper
 from ldbb_bayes.results import Array, Shown
 
-__all__ = ["Evidences", "leave_one_out"]
+__all__ = ["Evidences", "leave_one_out", "left_out_log_densities"]
 
 # Error allowed in a log evidence [nat] that only serves to decide whether a model is rejected. If
 # the tolerance of the other evidences is larger, it is used instead.
@@ -259,3 +261,20 @@ def leave_one_out(
         for name, nodes in zip(models, evidences.of(*models.values()), strict=True):
             nodes_without[name][test] = nodes
     return nodes_without
+
+
+def left_out_log_densities(
+    nodes_by_model: Mapping[str, Nodes], left_out_nodes: Mapping[str, Mapping[str, Nodes]]
+) -> dict[str, Array]:
+    """Return the log density of every test r given the other tests, shape (tests,), by model.
+
+    ln p(y_r | y_−r) = ln Z(y) − ln Z(y_−r), where Z(y) is the evidence for the readings of all
+    tests and Z(y_−r) that for all tests but r. ``nodes_by_model`` holds Z(y) by model, and
+    ``left_out_nodes`` Z(y_−r) by model and test r. Arrays are empty if no test is left out.
+    """
+    log_densities = {}
+    for name, nodes in nodes_by_model.items():
+        nodes_by_test = left_out_nodes.get(name, {})
+        left_out = [fold.evidence.log_value for fold in nodes_by_test.values()]
+        log_densities[name] = nodes.evidence.log_value - np.array(left_out)
+    return log_densities

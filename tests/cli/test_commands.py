@@ -518,6 +518,20 @@ def test_validate(planned: Path, tmp_path: Path, invoke: Invoke) -> None:
     assert "must not exist" in invoke(*common, "--out", out)[2]
 
 
+@pytest.mark.slow
+def test_workflow(three: Path, tmp_path: Path, invoke: Invoke) -> None:
+    out = tmp_path / "w"
+    common = ("validate", three, "--workflow", "--preset", "first", "--degree", 0)
+    few = ("--replicates", 10, "--draws", 19, "--workers", 1)
+    code, stdout, _ = invoke(*common, *few, "--json", "--out", out)
+    record = json.loads(stdout)
+    assert code == (0 if record["passed"] else 1)
+    assert json.loads((out / "workflow.json").read_text()) == record
+    assert names_in(out) == {"ranks.csv", "workflow.json"} | figure_files("rank_ecdf")
+    assert len(record["prior_ranges"]) == len(record["left_out"]) == 3
+    assert record["calibration"]["draws"] == 19
+
+
 def always(answer: object) -> Callable[..., object]:
     """Return a function that gives the same answer to everything."""
 
