@@ -29,6 +29,11 @@ _LABEL_ANGLE_DEG = 67.5
 _HEIGHT = 3.2
 _COMPACT_HEIGHT = 1.5
 _RINGS = 4  # largest number of rings
+# Sizes of the labels of directions and of rings, and the same in a compact figure, which the sheets
+# enlarge to the width of the page [pt].
+_LABEL_SIZES = (8, 7)
+_COMPACT_LABEL_SIZES = (5, 4.5)
+_COMPACT_LEGEND_SIZE = 5.5
 _NM_PER_N, _ = display_unit("mm/N")
 
 
@@ -71,11 +76,20 @@ def stiffness_rose(
     for axes, plane in zip(all_axes, planes, strict=True):
         roses = [rose for rose in result.planes if rose.plane == plane]
         _draw_rose(axes, roses, words)
+        direction_size, ring_size = _COMPACT_LABEL_SIZES if compact else _LABEL_SIZES
+        axes.tick_params(axis="x", labelsize=direction_size, pad=0)
+        axes.tick_params(axis="y", labelsize=ring_size)
         if len(planes) > 1:
             axes.set_title(f"{words['plane']} {plane}", fontsize=9)
     if compact and len(planes) == 1:
         handles, _ = all_axes[0].get_legend_handles_labels()
-        figure.legend(handles=handles, title=words["rose"], loc="outside right center")
+        figure.legend(
+            handles=handles,
+            title=words["rose"],
+            loc="outside right center",
+            fontsize=_COMPACT_LEGEND_SIZE,
+            title_fontsize=_COMPACT_LEGEND_SIZE,
+        )
         return figure
     style.legend_below(figure, all_axes[0], columns=2)
     figure.suptitle(words["rose"])
@@ -107,11 +121,10 @@ def _draw_rose(axes: Any, roses: list[PlaneStiffness], words: Mapping[str, str])
     names = [f"{angle}°" for angle in range(0, 360, 45)]
     names[0] += f" {last.plane[0]}"
     names[2] += f" {last.plane[1]}"
-    axes.set_xticks(np.deg2rad(np.arange(0, 360, 45)), names, fontsize=8)
+    axes.set_xticks(np.deg2rad(np.arange(0, 360, 45)), names)
     axes.set_rlabel_position(_LABEL_ANGLE_DEG)
     rings = MaxNLocator(_RINGS).tick_values(0.0, limit)
     axes.set_yticks([ring for ring in rings if 0.0 < ring < limit])
-    axes.tick_params(axis="y", labelsize=7)
 
 
 def _closed(values: Array, turn: float = 0.0) -> Array:
