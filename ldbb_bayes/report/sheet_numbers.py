@@ -268,6 +268,9 @@ class SheetNumbers:
         has_several_planes = table["plane"].nunique() > 1
         hangs_on = self._partners_of_geometry()
         suffix = "_no_load" if force_N == 0.0 else ""
+        # Deviations at no load have a symbol of their own, as each symbol
+        # stands for one number.
+        mark = "_0" if force_N == 0.0 else ""
         stated = {}
         for row in table[table["quantity"].isin(names)].to_dict(orient="records"):
             symbol = f"{row['quantity']}{suffix}"
@@ -277,7 +280,7 @@ class SheetNumbers:
                 symbol = f"{symbol}_{row['plane']}"
             stated[symbol] = StatedQuantity(
                 words=self.words(f"quantities.{row['quantity']}{suffix}", plane=where),
-                symbol=row["quantity"].removesuffix("_nominal"),
+                symbol=f"{row['quantity']}{mark}",
                 estimate=row["mean"],
                 sd=row["sd"],
                 interval=(row["ci_low"], row["ci_high"]),

@@ -103,8 +103,8 @@ def test_the_page_of_the_published_experiment(published: tuple[Document, str]) -
     assert len(page.encode()) < 3e6
     assert [section.key for section in document.sections] == list(SECTIONS)
     assert not document.alerts
-    assert len(list(document.pictures)) == 11
-    assert [tag for tag, _ in reader.tags].count("figure") == 11
+    assert len(list(document.pictures)) == 12
+    assert [tag for tag, _ in reader.tags].count("figure") == 12
     assert "18." in page
     assert "N/µm" in page
 
@@ -353,7 +353,7 @@ def test_numbers_of_an_average() -> None:
         assert ("Stated at 1000 N, outside the tested forces" in banner.sentence) == (
             force == 1000.0
         )
-        assert re.search(r"constant compliance .* %, linear compliance .* %", sentence)
+        assert re.search(r"constant compliance .*\s%, linear compliance .*\s%", sentence)
 
 
 @pytest.mark.slow

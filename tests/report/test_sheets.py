@@ -251,7 +251,7 @@ def test_beside_g_stands_what_the_circle_showed(findings: Findings) -> None:
 def test_g_without_load_stands_on_the_certificate(findings: Findings) -> None:
     first, _ = sheets(findings)
     titles = [row[0] for row in tables_of(first)[0].rows]
-    assert "Circular deviation G without load" in titles
+    assert "Circular deviation without load" in titles
 
 
 def test_radial_deviations_from_the_nominal_circle_stand_on_sheet_2(findings: Findings) -> None:

@@ -34,7 +34,6 @@ _RINGS = 4  # largest number of rings
 _LABEL_SIZES = (8, 7)
 _COMPACT_LABEL_SIZES = (5, 4.5)
 _COMPACT_LEGEND_SIZE = 5.5
-_NM_PER_N, _ = display_unit("mm/N")
 
 
 @styled
@@ -72,10 +71,12 @@ def stiffness_rose(
     result = stiffness(posterior, forces_N)
     planes = bound.setting.planes
     height = _COMPACT_HEIGHT if compact else _HEIGHT
+    factor, unit = display_unit("mm/N")
+    title = words["rose"].format(unit=unit)
     figure, all_axes = panels(len(planes), 3, height, 0.3, subplot_kw={"projection": "polar"})
     for axes, plane in zip(all_axes, planes, strict=True):
         roses = [rose for rose in result.planes if rose.plane == plane]
-        _draw_rose(axes, roses, words)
+        _draw_rose(axes, roses, words, factor)
         direction_size, ring_size = _COMPACT_LABEL_SIZES if compact else _LABEL_SIZES
         axes.tick_params(axis="x", labelsize=direction_size, pad=0)
         axes.tick_params(axis="y", labelsize=ring_size)
@@ -85,34 +86,37 @@ def stiffness_rose(
         handles, _ = all_axes[0].get_legend_handles_labels()
         figure.legend(
             handles=handles,
-            title=words["rose"],
+            title=title,
             loc="outside right center",
             fontsize=_COMPACT_LEGEND_SIZE,
             title_fontsize=_COMPACT_LEGEND_SIZE,
         )
         return figure
     style.legend_below(figure, all_axes[0], columns=2)
-    figure.suptitle(words["rose"])
+    figure.suptitle(title)
     return figure
 
 
-def _draw_rose(axes: Any, roses: list[PlaneStiffness], words: Mapping[str, str]) -> None:
+def _draw_rose(
+    axes: Any, roses: list[PlaneStiffness], words: Mapping[str, str], factor: float
+) -> None:
     """Draw the compliance along the bar in one plane, for every force.
 
-    ``roses`` are the stiffnesses of the plane, with the largest force last.
+    ``roses`` are the stiffnesses of the plane, with the largest force last. ``factor`` converts
+    compliances in mm/N to the unit of the rings.
     """
     last = roses[-1]
-    largest = max(rose.compliance.max() for rose in roses) * _NM_PER_N
-    reach = max(largest, last.compliance_high.max() * _NM_PER_N)
+    largest = max(rose.compliance.max() for rose in roses) * factor
+    reach = max(largest, last.compliance_high.max() * factor)
     limit = min(_FARTHEST * largest, 1.05 * reach)
     limit = max(limit, 1.05 * largest)
     for rose, colour in zip(roses, reversed(PALETTE[: len(roses)]), strict=True):
         angle_rad = np.deg2rad(_closed(rose.angle_deg, 360.0))
-        low = np.maximum(_closed(rose.compliance_low) * _NM_PER_N, 0.0)
-        high = np.minimum(_closed(rose.compliance_high) * _NM_PER_N, limit)
+        low = np.maximum(_closed(rose.compliance_low) * factor, 0.0)
+        high = np.minimum(_closed(rose.compliance_high) * factor, limit)
         band(axes, angle_rad, (low, high), colour)
         label = words["rose_line"].format(force=f"{rose.force_N:.4g}")
-        axes.plot(angle_rad, _closed(rose.compliance) * _NM_PER_N, color=colour, label=label)
+        axes.plot(angle_rad, _closed(rose.compliance) * factor, color=colour, label=label)
     if last.softest.is_determined:
         direction_rad = np.deg2rad([last.softest.angle_deg, last.softest.angle_deg + 180.0])
         label = words["softest"].format(force=f"{last.force_N:.4g}")
