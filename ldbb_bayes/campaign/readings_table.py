@@ -16,7 +16,7 @@ from ldbb_bayes.campaign.text_table import Row, columns_of, read_strict_table, s
 from ldbb_bayes.errors import InputError, nearest, placed, require
 from ldbb_bayes.results import Array
 
-__all__ = ["read_readings", "tests_of_table"]
+__all__ = ["is_tidy_table", "read_readings", "tests_of_table"]
 
 # Largest number of columns that a table of readings may have.
 _LARGEST_COLUMNS = 1000
@@ -27,6 +27,8 @@ _READINGS = ("reading_um", "reading_mm")
 # Names of those columns of a table of all tests that must have the same value in all rows of one
 # test.
 _TEST_COLUMNS = ("force_N", "pressure_bar", "direction", *PER_TEST)
+# Names that the columns of a tidy table may have.
+_TIDY_COLUMNS = ("test", *_ANGLES, *_READINGS, *_TEST_COLUMNS)
 _TEXT_COLUMNS = ("test", "direction", "plane")
 # If the angles in a column named as degrees cover less than this [deg], they are probably in
 # radians and the table is refused.
@@ -45,13 +47,28 @@ def read_readings(path: Path) -> dict[str, Array]:
     return _angles_and_readings(path, _read_columns(path, (*_ANGLES, *_READINGS)))
 
 
+def is_tidy_table(path: Path) -> bool:
+    """Return whether a file is a tidy CSV: every column has a name that `tests_of_table` knows.
+
+    Other tables need an import, which finds out what their columns mean.
+    """
+    if path.suffix.lower() != ".csv":
+        return False
+    try:
+        rows, _ = read_strict_table(path)
+    except InputError:
+        return False
+    names = [name.strip() for name in rows[0].cells]
+    return rows[0].line == 1 and "test" in names and set(names) <= set(_TIDY_COLUMNS)
+
+
 def tests_of_table(path: Path) -> tuple[CircularTest, ...]:
     """Return the tests in a tidy CSV file, which has one row for each reading.
 
     The columns are test (the name of the test), force_N or pressure_bar, angle_deg or angle_rad,
     and reading_um or reading_mm; columns for further fields of a test are optional.
     """
-    columns = _read_columns(path, ("test", *_ANGLES, *_READINGS, *_TEST_COLUMNS))
+    columns = _read_columns(path, _TIDY_COLUMNS)
     require(
         "test" in columns,
         f"{path}, line 1: columns must hold 'test', got none. Name the test each row belongs to.",

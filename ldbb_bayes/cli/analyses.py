@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import pandas as pd
 import typer
@@ -26,6 +26,9 @@ from ldbb_bayes.parallel import executor_named
 from ldbb_bayes.report import wording
 from ldbb_bayes.results import Passage, parts_of
 
+if TYPE_CHECKING:
+    from ldbb_bayes.cli.sources import SourceCampaign
+
 __all__ = ["compare", "design", "identify", "validate"]
 
 # Columns of the file parameters.csv that the command identify writes, besides the parameter's name.
@@ -36,7 +39,7 @@ _COMPARISON_FIGURES = ("evidence", "compliance_with_local_fits", "geometry_with_
 
 @command
 def identify(
-    campaign: arguments.GivenCampaign,
+    source: arguments.GivenReadings,
     model: arguments.ChosenModel,
     output: arguments.OutputOptions,
     settings: Annotated[dict[str, Any], group(**options_of("identify"))],
@@ -44,6 +47,7 @@ def identify(
     """Say what holds the uncertainty of each parameter, which are confounded, and what would help.
 
     The campaign may be a plan (without readings), so that this can be found before the experiment.
+    Tables of readings are read as ``report`` reads them.
     """
     # These modules are imported here, because they load the analysis, which takes a long time.
     from ldbb_bayes.report import identifiability_text, screens
@@ -56,6 +60,7 @@ def identify(
         *ATLAS_FILES,
         figures=["prior_and_posterior"],
     )
+    campaign = source.campaign
     result = lb.identify(model, campaign)
     record = {
         "schema": 1,
@@ -76,11 +81,25 @@ def identify(
         passages = identifiability_text.parts_of(result)
     output.deliver(
         record,
-        (f"Compliance {DEGREE_NAMES[model.degree]} in force.", *_with_remarks(passages, campaign)),
+        (
+            *_assumptions_of(source),
+            f"Compliance {DEGREE_NAMES[model.degree]} in force.",
+            *_with_remarks(passages, campaign),
+        ),
         contents,
         {"prior_and_posterior": drawing("prior_and_posterior", result)},
         write_more=partial(write_atlases, campaign.machine(), circles),
     )
+
+
+def _assumptions_of(source: SourceCampaign) -> tuple[Passage, ...]:
+    """Return what the import of tables assumed, to be printed before the result."""
+    if source.imported is None:
+        return ()
+    # This is imported here, because it loads the import of tables, which takes a long time.
+    from ldbb_bayes.cli.sources import assumed_parts
+
+    return assumed_parts(source.campaign, source.imported)
 
 
 def _with_remarks(passages: tuple[Passage, ...], campaign: lb.Campaign) -> tuple[Passage, ...]:
@@ -229,7 +248,7 @@ _DESIGN_OPTIONS = group(
 
 @command
 def design(
-    campaign: arguments.GivenCampaign,
+    source: arguments.GivenReadings,
     model: arguments.ChosenModel,
     output: arguments.OutputOptions,
     settings: Annotated[dict[str, Any], _DESIGN_OPTIONS],
@@ -251,6 +270,7 @@ def design(
         "sensitivity.csv",
         figures=["expected_widths"],
     )
+    campaign = source.campaign
     result = lb.design(model, campaign, **settings)
     record = {"schema": 1, "seed": settings["seed"], **lb.report.with_words(result)}
     plan = result.plan(seed=settings["seed"])
@@ -262,7 +282,11 @@ def design(
     }
     output.deliver(
         record,
-        (*_with_remarks(parts_of(result), campaign), f"Run in this order: {_running_order(plan)}"),
+        (
+            *_assumptions_of(source),
+            *_with_remarks(parts_of(result), campaign),
+            f"Run in this order: {_running_order(plan)}",
+        ),
         contents,
         {"expected_widths": drawing("expected_widths", result)},
         write_more=partial(write_campaign_into, plan),

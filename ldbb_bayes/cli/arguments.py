@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -14,6 +14,9 @@ from ldbb_bayes.cli.options import Kind, Option, group, options_of
 from ldbb_bayes.cli.output import Output
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.model.terms import Term
+
+if TYPE_CHECKING:
+    from ldbb_bayes.cli.sources import SourceCampaign
 
 __all__ = [
     "CI",
@@ -30,6 +33,7 @@ __all__ = [
     "ChosenLayout",
     "ChosenModel",
     "GivenCampaign",
+    "GivenReadings",
     "OutputOptions",
     "PoolOptions",
     "ReportOutput",
@@ -74,6 +78,47 @@ def campaign_from(path: Path, **options: Any) -> lb.Campaign:
     return lb.read_campaign(
         path, certificates=instrument_fields(**certificates), **campaign_fields(**options)
     )
+
+
+def readings_from(files: list[Path], **options: Any) -> SourceCampaign:
+    """Return the campaign or plan that files hold: a campaign, a stored fit, or tables.
+
+    Parameters
+    ----------
+    files
+        Paths as typed by the user.
+    **options
+        Values of the options for tables, for their layout, and for certificates.
+
+    Returns
+    -------
+    SourceCampaign
+        The campaign, with the assumptions of its import if the files are tables.
+
+    Raises
+    ------
+    InputError
+        If the files cannot be read, or options and files contradict each other.
+    """
+    # These are imported here, because they load the import of tables, which takes a long time.
+    from ldbb_bayes.cli.sources import ReportSource
+    from ldbb_bayes.reading.file_patterns import matching
+
+    layout_options = {}
+    certificates = {}
+    for option_name in list(options):
+        if option_name in _LAYOUT_KEYWORDS:
+            layout_options[option_name] = options.pop(option_name)
+        elif option_name in _CERTIFICATE_KEYWORDS:
+            certificates[option_name] = options.pop(option_name)
+    source = ReportSource(
+        files,
+        matching(files),
+        _layout(**layout_options),
+        campaign_fields(**options),
+        instrument_fields(**certificates),
+    )
+    return source.read_any()
 
 
 def instrument_fields(*, balls: lb.Ball | None = None, **options: Any) -> dict[str, Any]:
@@ -298,6 +343,14 @@ _CERTIFICATE_KEYWORDS = [
     "bar_certificate",
     "force_certificate",
 ]
+# Options that say how tables are to be read, and the keywords that their values are handed on as.
+_LAYOUT_OPTIONS = options_of(
+    "layout",
+    column=Kind(str, _read_column),
+    columns=Kind(list[str], _read_columns),
+    sheets=Kind(str, _read_sheets),
+)
+_LAYOUT_KEYWORDS = [option.to or name for name, option in _LAYOUT_OPTIONS.items()]
 # Options that several commands have, by name. Each constant below is one of these options.
 _SHARED = options_of("shared")
 CI = _SHARED["ci"]
@@ -321,6 +374,24 @@ _CAMPAIGN_PATH = inspect.Parameter(
 GivenCampaign = Annotated[
     "lb.Campaign", group(campaign_from, _CAMPAIGN_PATH, **_TABLE_OPTIONS, **_CERTIFICATE_OPTIONS)
 ]
+_FILES = inspect.Parameter(
+    "files",
+    inspect.Parameter.KEYWORD_ONLY,
+    annotation=Annotated[
+        list[Path],
+        typer.Argument(
+            help=(
+                "A campaign folder, a campaign.toml, a fit, or tables as they are found"
+                " (workbook, CSV, text; * and ? are expanded)."
+            ),
+            metavar="CAMPAIGN|FILE...",
+        ),
+    ],
+)
+GivenReadings = Annotated[
+    "SourceCampaign",
+    group(readings_from, _FILES, **_TABLE_OPTIONS, **_CERTIFICATE_OPTIONS, **_LAYOUT_OPTIONS),
+]
 Certificates = Annotated[dict[str, Any], group(instrument_fields, **_CERTIFICATE_OPTIONS)]
 TableFields = Annotated[dict[str, Any], group(campaign_fields, **_TABLE_OPTIONS)]
 ChosenModel = Annotated["lb.HybridModel", group(model_from, **_model_options())]
@@ -330,13 +401,5 @@ OutputOptions = Annotated[Output, group(Output, **options_of("output"))]
 ReportOutput = Annotated[
     Output, group(Output, **{**options_of("output"), **options_of("report_output")})
 ]
-LAYOUT_OPTIONS = group(
-    _layout,
-    **options_of(
-        "layout",
-        column=Kind(str, _read_column),
-        columns=Kind(list[str], _read_columns),
-        sheets=Kind(str, _read_sheets),
-    ),
-)
+LAYOUT_OPTIONS = group(_layout, **_LAYOUT_OPTIONS)
 ChosenLayout = Annotated["lb.reading.Layout", LAYOUT_OPTIONS]

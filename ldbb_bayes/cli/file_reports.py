@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -15,15 +15,14 @@ from ldbb_bayes.campaign.folder import IMPORT_NAME, write_campaign_into
 from ldbb_bayes.cli.fit_results import RESULT_FILES, with_tolerances, write_result
 from ldbb_bayes.cli.output import Output, write_files
 from ldbb_bayes.cli.progress import Begin
-from ldbb_bayes.cli.sources import ReportSource, SourceCampaign, has_unstated_balls
+from ldbb_bayes.cli.sources import ReportSource, SourceCampaign, assumed_parts
 from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.files import staged_folder
 from ldbb_bayes.inference.evidences import Evidences
 from ldbb_bayes.inference.posterior import campaign_of, model_of, record_of
 from ldbb_bayes.parallel import second_process, start_early
-from ldbb_bayes.reading.assumptions import Assumption
 from ldbb_bayes.reading.layout import layout_to_toml
-from ldbb_bayes.report import fit_tables, text, wording
+from ldbb_bayes.report import fit_tables, wording
 from ldbb_bayes.report.page import REPORT_FILES, Document
 
 if TYPE_CHECKING:
@@ -359,7 +358,7 @@ def _printed_parts(
     if analyses.averaged is None:
         heading = "Linear compliance:"
     parts: list[Any] = [
-        *_assumed_parts(campaign, source.imported),
+        *assumed_parts(campaign, source.imported),
         *wording.preview_sentences(lb.check_campaign(campaign)),
         heading,
         fit_tables.results_table(
@@ -385,26 +384,3 @@ def _printed_annex(analyses: _Analyses) -> tuple[Any, ...]:
     else:
         parts.append(f"Run next: {', '.join(test.name for test in design.plan().tests)}")
     return tuple(parts)
-
-
-def _assumed_parts(campaign: lb.Campaign, imported: lb.reading.Imported | None) -> tuple[Any, ...]:
-    """Return what to print on the assumptions about files and balls.
-
-    ``imported`` is the import of the tables with its assumptions; None if the campaign was not
-    imported.
-    """
-    assumptions: tuple[Assumption, ...] = ()
-    if imported is not None:
-        assumptions = imported.assumptions
-    if has_unstated_balls(campaign):
-        balls = Assumption(
-            "",
-            "balls",
-            "as the model assumes",
-            "nothing says otherwise",
-            "--balls, --work-ball, --tool-ball",
-        )
-        assumptions = (*assumptions, balls)
-    if imported is None:
-        return tuple(wording.assumption_words(assumption) for assumption in assumptions)
-    return tuple(text.parts_of(replace(imported, assumptions=assumptions)))

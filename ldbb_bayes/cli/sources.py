@@ -1,4 +1,4 @@
-"""Input of ``ldbb-bayes report``: files of readings, a campaign, or fits."""
+"""Input of several commands, as ``report`` reads it: files of readings, a campaign, or fits."""
 
 from __future__ import annotations
 
@@ -9,11 +9,15 @@ from typing import Any, NamedTuple
 
 import ldbb_bayes as lb
 from ldbb_bayes.campaign.campaign import LABELS
+from ldbb_bayes.campaign.readings_table import is_tidy_table
 from ldbb_bayes.cli.questions import complete_campaign
 from ldbb_bayes.errors import require
+from ldbb_bayes.inference.posterior import campaign_of
+from ldbb_bayes.reading.assumptions import Assumption
 from ldbb_bayes.reading.importing import Imported
+from ldbb_bayes.report import text, wording
 
-__all__ = ["TOML_NAME", "ReportSource", "SourceCampaign", "has_unstated_balls"]
+__all__ = ["TOML_NAME", "ReportSource", "SourceCampaign", "assumed_parts", "has_unstated_balls"]
 
 # Name of the file by which a folder is recognised as a campaign.
 TOML_NAME = "campaign.toml"
@@ -44,9 +48,41 @@ def has_unstated_balls(campaign: lb.Campaign) -> bool:
     return campaign.instrument.work == campaign.instrument.tool == lb.Ball()
 
 
+def assumed_parts(campaign: lb.Campaign, imported: Imported | None) -> tuple[Any, ...]:
+    """Return what to print on the assumptions about files and balls.
+
+    Parameters
+    ----------
+    campaign
+        The campaign.
+    imported
+        Import of the tables with its assumptions; None if the campaign was not imported.
+
+    Returns
+    -------
+    tuple
+        Tables and sentences.
+    """
+    assumptions: tuple[Assumption, ...] = ()
+    if imported is not None:
+        assumptions = imported.assumptions
+    if has_unstated_balls(campaign):
+        balls = Assumption(
+            "",
+            "balls",
+            "as the model assumes",
+            "nothing says otherwise",
+            "--balls, --work-ball, --tool-ball",
+        )
+        assumptions = (*assumptions, balls)
+    if imported is None:
+        return tuple(wording.assumption_words(assumption) for assumption in assumptions)
+    return tuple(text.parts_of(replace(imported, assumptions=assumptions)))
+
+
 @dataclass(frozen=True)
 class ReportSource:
-    """File paths of a report's input, and options that describe tables and instrument.
+    """File paths of a command's input, and options that describe tables and instrument.
 
     Parameters
     ----------
@@ -127,13 +163,9 @@ class ReportSource:
         InputError
             If files cannot be read or contain no readings, or options do not apply to them.
         """
-        if self.is_campaign:
-            campaign = self._read_campaign()
-            imported = None
-            unstated = set()
-        else:
-            imported = self._import_tables()
-            campaign = imported.campaign
+        campaign, imported = self._read_readings()
+        unstated: set[str] = set()
+        if imported is not None:
             unstated = set(imported.unsaid)
         require(
             not campaign.is_plan,
@@ -154,12 +186,50 @@ class ReportSource:
             imported = replace(imported, campaign=campaign, assumptions=tuple(assumptions))
         return SourceCampaign(campaign, imported)
 
+    def read_any(self) -> SourceCampaign:
+        """Return the campaign or plan, read from its folder, from a stored fit, or from tables.
+
+        Nothing is asked of the user.
+
+        Returns
+        -------
+        SourceCampaign
+
+        Raises
+        ------
+        InputError
+            If files cannot be read, or options do not apply to them.
+        """
+        first = self.paths[0]
+        if self.is_result and not self.is_campaign:
+            require(
+                len(self.paths) == 1,
+                f"one fit must be given, got {len(self.paths)}. Name one of them.",
+            )
+            self.refuse_table_options()
+            return SourceCampaign(campaign_of(lb.load(first)), None)
+        is_tidy = len(self.paths) == 1 and first.is_file() and is_tidy_table(first)
+        is_missing = len(self.paths) == 1 and not first.is_file()
+        if is_missing or (is_tidy and self.layout == lb.reading.Layout()):
+            campaign = lb.read_campaign(
+                first, certificates=self.certificates, **self.campaign_fields
+            )
+            return SourceCampaign(campaign, None)
+        return self._read_readings()
+
+    def _read_readings(self) -> SourceCampaign:
+        """Return the campaign of a campaign folder or campaign.toml, or the one of tables."""
+        if self.is_campaign:
+            return SourceCampaign(self._read_campaign(), None)
+        imported = self._import_tables()
+        return SourceCampaign(imported.campaign, imported)
+
     def _read_campaign(self) -> lb.Campaign:
         first = self.paths[0]
         require(
             len(self.paths) == 1,
-            f"report must have one campaign, got {len(self.paths)}. Report each by itself; several"
-            " fits go side by side.",
+            f"one campaign must be given, got {len(self.paths)} files. Take each by itself; report"
+            " sets several fits side by side.",
         )
         require(
             self.layout == lb.reading.Layout(),
