@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -142,25 +143,14 @@ def instrument_fields(*, balls: lb.Ball | None = None, **options: Any) -> dict[s
     InputError
         If a DCC cannot be read, or an option and a DCC state the same quantity.
     """
-    from_files: dict[str, Any] = {}
-    for kind in ("bar", "force"):
-        file = options.pop(f"{kind}_dcc", None)
-        if file is not None:
-            for name, value in lb.campaign.read_dcc(file).fields(kind).items():
-                from_files[f"{kind}_{name}"] = value
-    for ball in ("work", "tool"):
-        file = options.pop(f"{ball}_dcc", None)
-        if file is not None:
-            from_files[ball] = lb.Ball(**lb.campaign.read_dcc(file).fields("ball"))
-
+    from_files = _fields_from_dccs(options)
     for name in from_files:
-        is_ball = name in ("work", "tool")
-        flag = None
-        if name in options:
-            flag = f"--{name}-ball" if is_ball else f"--{name.replace('_', '-')}"
-        elif is_ball and balls is not None:
-            flag = "--balls"
-        if flag is not None:
+        flag = ""
+        if name in ("work", "tool"):
+            flag = _ball_flag(name, options, balls)
+        elif name in options:
+            flag = f"--{name.replace('_', '-')}"
+        if flag:
             raise InputError(
                 f"what a DCC says must not be given by hand as well, got {flag} too. Keep one of"
                 " them."
@@ -169,6 +159,30 @@ def instrument_fields(*, balls: lb.Ball | None = None, **options: Any) -> dict[s
     if balls is not None:
         fields = {"work": balls, "tool": balls}
     return fields | from_files | options
+
+
+def _fields_from_dccs(options: dict[str, Any]) -> dict[str, Any]:
+    """Take the paths of DCCs out of the options, and return the fields of `Instrument` in them."""
+    fields: dict[str, Any] = {}
+    for kind in ("bar", "force"):
+        file = options.pop(f"{kind}_dcc", None)
+        if file is not None:
+            for name, value in lb.campaign.read_dcc(file).fields(kind).items():
+                fields[f"{kind}_{name}"] = value
+    for ball in ("work", "tool"):
+        file = options.pop(f"{ball}_dcc", None)
+        if file is not None:
+            fields[ball] = lb.Ball(**lb.campaign.read_dcc(file).fields("ball"))
+    return fields
+
+
+def _ball_flag(name: str, options: Mapping[str, Any], balls: lb.Ball | None) -> str:
+    """Return the option that states the ball ``name``; empty without one."""
+    if name in options:
+        return f"--{name}-ball"
+    if balls is not None:
+        return "--balls"
+    return ""
 
 
 def campaign_fields(

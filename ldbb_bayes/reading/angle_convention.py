@@ -79,17 +79,27 @@ def angle_convention(recording: Recording, plane: str) -> AngleConvention:
     sense = layout.angle_sense or _single(recording, "sense", [entry.sense for entry in words])
     if not zero and not sense:
         return AngleConvention(1, 0.0)
+    return _convention_in_words(recording, plane, words, zero, sense)
+
+
+def _convention_in_words(
+    recording: Recording, plane: str, words: list[_Words], zero: str, sense: str
+) -> AngleConvention:
+    """Return the convention of angles that begin at the axis ``zero`` and run in ``sense``.
+
+    One of both may be empty: angles then begin at the plane's first axis, or run
+    counter-clockwise from there.
+    """
     first_axis = f"+{plane[0]}"
-    if not sense:
-        if zero != first_axis:
-            raise OpenQuestionError(
-                f"{recording.place}: angles from {zero} must run clockwise or counter-clockwise,"
-                " got no word on it. Say which: --angle-sense CW or CCW.",
-                "angle_sense",
-                ("CW", "CCW"),
-            )
-        sense = "CCW"
     zero = zero or first_axis
+    if not sense and zero != first_axis:
+        raise OpenQuestionError(
+            f"{recording.place}: angles from {zero} must run clockwise or counter-clockwise, got no"
+            " word on it. Say which: --angle-sense CW or CCW.",
+            "angle_sense",
+            ("CW", "CCW"),
+        )
+    sense = sense or "CCW"
     for entry in words:
         options = "--angle-zero, --angle-sense"
         recording.note("angle", f"from {zero}, {sense}", entry.source, options)
