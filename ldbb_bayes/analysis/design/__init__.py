@@ -11,6 +11,7 @@ from ldbb_bayes.analysis.design.campaign_design import (
 from ldbb_bayes.analysis.design.criteria import Criterion, Determinant, LogBayesFactor, Variance
 from ldbb_bayes.analysis.design.discrimination import Discrimination
 from ldbb_bayes.analysis.design.forecast import Expected, Forecast, forecast_plan
+from ldbb_bayes.analysis.design.goals import Goal, goals_in
 from ldbb_bayes.analysis.design.objective import Objective
 from ldbb_bayes.analysis.design.search import efficient_rounding, exchange
 from ldbb_bayes.analysis.design.shares import Optimum, certificate, optimal_shares
@@ -23,6 +24,7 @@ __all__ = [
     "Discrimination",
     "Expected",
     "Forecast",
+    "Goal",
     "Judged",
     "Limits",
     "LogBayesFactor",
@@ -34,6 +36,7 @@ __all__ = [
     "efficient_rounding",
     "exchange",
     "forecast_plan",
+    "goals_in",
     "optimal_shares",
     "read_design",
 ]

@@ -1,0 +1,189 @@
+"""Goals of a campaign: the largest expanded uncertainty U (k = 2) that a parameter may have.
+
+A goal is absolute, as in E_C0YX = 10 µrad, or relative to the value that will be found, as in
+C_XXX = 5 %. A relative goal is stricter on a stiffer machine: its limit is known only with the
+value.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ldbb_bayes.errors import InputError, check_known, require
+from ldbb_bayes.model.hybrid import BoundModel
+from ldbb_bayes.results import Array, Result
+from ldbb_bayes.units import inside_name, to_inside
+
+__all__ = ["COVERAGE_FACTOR", "Goal", "goals_in"]
+
+# Coverage factor k of the expanded uncertainty U = k u that a goal is about (GUM, 6.3.3).
+COVERAGE_FACTOR = 2.0
+# A number followed by a percent sign, such as 5 %: a goal relative to the value itself.
+_PERCENTAGE = re.compile(r"\s*([+−-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)\s*%\s*", re.IGNORECASE)
+# A goal may be introduced by a sign that says what a goal is anyway: U is a limit, and symmetric.
+_SIGN = re.compile(r"^\s*(±|≤|<=)\s*")
+
+
+@dataclass(frozen=True)
+class Goal(Result):
+    """Largest expanded uncertainty U (k = 2) that a parameter may have: U ≤ limit.
+
+    Exactly one of ``absolute`` and ``share`` is a number.
+
+    Examples
+    --------
+    >>> from ldbb_bayes.analysis.design import Goal
+    >>> float(Goal("C_XXX", "mm/N", share=0.05).limit_U(6e-5))
+    3e-06
+    """
+
+    name: str  #: name of the parameter, such as C_XXX
+    unit: str  #: internal unit of the parameter (of mm, N and rad)
+    absolute: float | None = None  #: the limit of U in ``unit``; None for a relative goal
+    #: the limit of U as a fraction of the parameter's absolute value; None for an absolute goal
+    share: float | None = None
+
+    @property
+    def is_relative(self) -> bool:
+        """Whether the limit is a fraction of the parameter's value."""
+        return self.share is not None
+
+    def limit_U(self, value: ArrayLike) -> Array:
+        """Return the largest U that the goal permits where the parameter has these values.
+
+        Parameters
+        ----------
+        value
+            Values of the parameter in its internal unit, of any shape.
+
+        Returns
+        -------
+        Array
+            Limits of U in the same unit and of the same shape.
+        """
+        size = np.abs(np.asarray(value, dtype=float))
+        if self.share is not None:
+            return np.asarray(self.share * size)
+        return np.full(size.shape, self.absolute)
+
+    def limit_u(self, value: ArrayLike) -> Array:
+        """Return the largest standard uncertainty u = U/2 that the goal permits."""
+        return np.asarray(self.limit_U(value) / COVERAGE_FACTOR)
+
+    def is_met(self, value: ArrayLike, u: ArrayLike) -> Array:
+        """Return whether a standard uncertainty u meets the goal where the value is as given.
+
+        Parameters
+        ----------
+        value
+            Values of the parameter in its internal unit.
+        u
+            Standard uncertainties in the same unit, of the same shape.
+
+        Returns
+        -------
+        Array
+            Truth values of the same shape.
+        """
+        return np.asarray(np.asarray(u) <= self.limit_u(value))
+
+
+def goals_in(bound: BoundModel, stated: Mapping[str, str | float | Goal]) -> dict[str, Goal]:
+    """Return goals by name of the parameter, after reading and checking them.
+
+    Parameters
+    ----------
+    bound
+        The model, bound to a campaign or a plan: it knows the parameters and their units.
+    stated
+        Goals by name: texts with a unit, such as "10 µrad" or "5 %", numbers in internal units
+        (mm, N, rad), or goals.
+
+    Returns
+    -------
+    dict
+        Goals by name of the parameter, in the order in which they were stated.
+
+    Raises
+    ------
+    InputError
+        For an unknown parameter, a unit of another kind, an uncertainty that is not above zero, or
+        a percentage of a parameter that may well be zero.
+    """
+    require(
+        isinstance(stated, Mapping) and len(stated) > 0,
+        f"goals must be uncertainties U by name, got {stated!r}. Give for example"
+        " {'C_XXX': '5 %', 'E_C0YX': '10 µrad'}.",
+    )
+    parameters = {parameter.name: parameter for parameter in bound.parameters}
+    goals: dict[str, Goal] = {}
+    for stated_name, entry in stated.items():
+        name = inside_name(str(stated_name))
+        check_known("goal", [name], parameters)
+        require(
+            name not in goals,
+            f"a goal must be stated once, got two of {name}. Leave out one of them.",
+        )
+        parameter = parameters[name]
+        goals[name] = _read_goal(name, parameter.unit, parameter.group, entry)
+    return goals
+
+
+def _read_goal(name: str, unit: str, group: str, entry: object) -> Goal:
+    """Return the goal of a parameter from a text, a number in internal units, or a goal."""
+    subject = f"goal of {name}"
+    goal: Goal
+    if isinstance(entry, Goal):
+        goal = entry
+        require(
+            goal.name == name and goal.unit == unit,
+            f"{subject} must be of {name} in {unit}, got one of {goal.name} in {goal.unit}."
+            " Correct the name.",
+        )
+    elif isinstance(entry, str):
+        goal = _goal_from_text(subject, name, unit, entry)
+    elif isinstance(entry, int | float) and not isinstance(entry, bool):
+        goal = Goal(name, unit, absolute=float(entry))
+    else:
+        raise InputError(
+            f"{subject} must be a text with a unit, or a number in {unit}, got {entry!r}. Write for"
+            " example '5 %' or '2 nm/N'."
+        )
+    _check_size(subject, group, goal, entry)
+    return goal
+
+
+def _goal_from_text(subject: str, name: str, unit: str, text: str) -> Goal:
+    """Return the goal that a text states; ``subject`` names it in messages."""
+    number = _SIGN.sub("", text)
+    percentage = _PERCENTAGE.fullmatch(number)
+    if percentage is None:
+        return Goal(name, unit, absolute=to_inside(number, unit, subject))
+    percent = float(percentage[1].replace("−", "-"))
+    return Goal(name, unit, share=float(f"{percent / 100.0:.15g}"))
+
+
+def _check_size(subject: str, group: str, goal: Goal, entry: object) -> None:
+    """Refuse a goal that no uncertainty can be held against."""
+    size = goal.share if goal.absolute is None else goal.absolute
+    require(
+        size is not None and np.isfinite(size) and size > 0.0,
+        f"{subject} must be an uncertainty above 0, got {entry}. Uncertainties have no sign, and"
+        " none is zero: state the largest U (k = 2) that will do.",
+    )
+    if goal.share is None:
+        return
+    require(
+        group == "compliance",
+        f"{subject} must be an uncertainty with its unit, got {entry}. A percentage is of a"
+        f" compliance; {goal.name} may well be zero.",
+    )
+    require(
+        goal.share < 1.0,
+        f"{subject} must be below 100 %, got {entry}. At 100 % the value is not known at all.",
+    )
