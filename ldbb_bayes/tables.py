@@ -68,7 +68,9 @@ _IN_UNIT_OF_ROW = frozenset(
     )
 )
 # Names of columns whose numbers are rounded like the standard uncertainty in the same row.
-_ROUNDED_LIKE_U = frozenset(("mean", "median", "ci_low", "ci_high", "estimate", "difference"))
+_ROUNDED_LIKE_U = frozenset(
+    ("mean", "median", "ci_low", "ci_high", "estimate", "difference", "U_k2")
+)
 # Names of columns that hold a standard uncertainty.
 _STANDARD_UNCERTAINTIES = ("sd", "u")
 # Names of columns with an estimate and its uncertainty. When a table is too wide, columns are moved

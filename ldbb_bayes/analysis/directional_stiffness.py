@@ -28,6 +28,7 @@ from ldbb_bayes.analysis.circle_columns import ANGLE_RAD, first_circle
 from ldbb_bayes.analysis.extremes import CurveExtremes, extremes_of, without_noise_excess
 from ldbb_bayes.campaign.campaign import distinct_forces
 from ldbb_bayes.errors import check_probability, require
+from ldbb_bayes.inference.coefficients import ElasticDraws, ModelDraws, elastic_draws
 from ldbb_bayes.inference.posterior import bound_of, elastic_draws_of
 from ldbb_bayes.inference.summary import interval_numbers
 from ldbb_bayes.machine.chain import LINEAR
@@ -45,6 +46,7 @@ __all__ = [
     "StatedValue",
     "stiffness",
     "stiffness_draws",
+    "stiffness_of_fit",
 ]
 
 # Number of posterior draws from which the stiffness is computed.
@@ -71,13 +73,14 @@ _TENSOR_ANGLES_RAD = np.array([0.0, 0.5 * np.pi, 0.25 * np.pi])
 class StatedValue(Result):
     """A quantity with its standard uncertainty u, U (k = 2) and credible interval."""
 
-    unit: str  #: unit of all numbers: N/mm, mm/N, or 1 for a ratio
+    unit: str  #: unit of all numbers: N/mm, mm/N, or empty for a ratio
     mean: Number  #: posterior mean
     sd: Number  #: standard uncertainty u: the posterior standard deviation
     U_k2: Number  #: expanded uncertainty U = 2 u
     median: Number  #: posterior median
     ci_low: Number  #: lower end of the equal-tailed credible interval
     ci_high: Number  #: upper end of the equal-tailed credible interval
+    within_U: float  #: share of the posterior draws within mean ± U
     #: whether only the lower end is determined: a compliance that may be nearly zero is a stiffness
     #: without upper limit
     only_lower_limit: bool = False
@@ -101,6 +104,7 @@ class AxialDirection(Result):
     U_deg: float  #: expanded uncertainty U = 2 u
     ci_low_deg: float  #: lower end of the equal-tailed credible interval
     ci_high_deg: float  #: upper end of the equal-tailed credible interval
+    within_U: float  #: share of the posterior draws within mean ± U
     #: length of the mean of exp(2iθ): 1 if all draws agree, 0 if every direction is equally likely
     concentration: float
     #: whether the interval is narrower than 90°; if not, the readings do not determine the
@@ -188,7 +192,10 @@ class DirectionalStiffness(Result):
         """Return all numbers as a table, one row per plane, force and quantity.
 
         Columns are plane, force_N, quantity, unit, mean, sd, U_k2, median, ci_low, ci_high and
-        is_determined. Directions are in degrees.
+        is_determined. Directions are in degrees. If three planes were tested, the rows of principal
+        stiffnesses have the plane XYZ, and x, y, z and cone_deg of their axis: the components of
+        its unit vector, and the half angle of the cone that holds it with the probability of the
+        intervals.
         """
         rows = []
         for plane in self.planes:
@@ -197,7 +204,7 @@ class DirectionalStiffness(Result):
         for principal in self.principal:
             place = {"plane": "XYZ", "force_N": principal.force_N}
             for k, axis in enumerate(principal.axes):
-                rows.append(place | _row_of_value(f"k_{k + 1}", axis.stiffness))
+                rows.append(place | _row_of_axis(f"k_{k + 1}", axis))
         caption = f"Stiffness by direction, {100 * self.prob:g} % intervals"
         return readable(pd.DataFrame(rows), caption)
 
@@ -215,6 +222,12 @@ def _rows_of_plane(plane: PlaneStiffness) -> list[dict[str, object]]:
         rows.append(_row_of_value(plane.cross_name, plane.cross))
     rows.append(_row_of_value(plane.difference_name, plane.difference))
     return rows
+
+
+def _row_of_axis(name: str, axis: PrincipalAxis) -> dict[str, object]:
+    x, y, z = axis.direction
+    direction = {"x": x, "y": y, "z": z, "cone_deg": axis.cone_deg}
+    return _row_of_value(name, axis.stiffness) | direction
 
 
 def _row_of_value(name: str, value: StatedValue) -> dict[str, object]:
@@ -296,6 +309,31 @@ def stiffness(
     forces = _forces(bound, forces_N)
     circles = [first_circle(bound, plane) for plane in bound.setting.planes]
     draws = elastic_draws_of(posterior, circles, forces, _DRAWS)
+    return _stiffness_of(bound, circles, forces, draws, prob)
+
+
+def stiffness_of_fit(
+    draws: ModelDraws, force_N: float, *, prob: float = 0.95
+) -> DirectionalStiffness:
+    """Return the stiffness by direction at one force, as `stiffness` does of a posterior.
+
+    ``draws`` are posterior draws of one model that has been fitted, and ``force_N`` is the force of
+    the bar [N]. A posterior takes longer to build than its stiffness takes to compute.
+    """
+    bound = draws.bound
+    forces = _forces(bound, [force_N])
+    circles = [first_circle(bound, plane) for plane in bound.setting.planes]
+    elastic = elastic_draws(draws.thinned(_DRAWS), circles, forces, np.random.default_rng(0))
+    return _stiffness_of(bound, circles, forces, elastic, prob)
+
+
+def _stiffness_of(
+    bound: BoundModel, circles: Sequence[int], forces: Array, draws: ElasticDraws, prob: float
+) -> DirectionalStiffness:
+    """Return the stiffness by direction from draws of compliances and deflections.
+
+    ``circles`` are the indices of the tests whose circles the draws are of, one per plane.
+    """
     planes = []
     for k, r in enumerate(circles):
         for f, force in enumerate(forces.tolist()):
@@ -378,7 +416,7 @@ def _plane_stiffness(
         compliance_high=band[1],
         least=_stated_stiffness(extremes.largest, prob),
         greatest=_stated_stiffness(extremes.smallest, prob),
-        ratio=_stated("1", _ratio(extremes), prob, _hardly_positive(extremes.smallest, prob)),
+        ratio=_stated("", _ratio(extremes), prob, _hardly_positive(extremes.smallest, prob)),
         softest=_direction(ANGLE_RAD[extremes.index_of_largest], prob),
         stiffest=_direction(ANGLE_RAD[extremes.index_of_smallest], prob),
         principal_axis=_direction(principal_rad, prob),
@@ -510,8 +548,14 @@ def _stated(unit: str, draws: Array, prob: float, only_lower_limit: bool = False
         median=numbers["median"],
         ci_low=numbers["ci_low"],
         ci_high=numbers["ci_high"],
+        within_U=_share_within(draws - numbers["mean"], 2.0 * numbers["sd"]),
         only_lower_limit=only_lower_limit,
     )
+
+
+def _share_within(deviation: Array, expanded: float) -> float:
+    """Return the share of deviations from the mean that are no larger than U."""
+    return float(np.mean(np.abs(deviation) <= expanded))
 
 
 def _direction(angle_rad: Array, prob: float) -> AxialDirection:
@@ -528,6 +572,7 @@ def _direction(angle_rad: Array, prob: float) -> AxialDirection:
         U_deg=2.0 * sd_deg,
         ci_low_deg=mean_deg + low,
         ci_high_deg=mean_deg + high,
+        within_U=_share_within(deviation_deg, 2.0 * sd_deg),
         concentration=float(abs(resultant)),
         is_determined=high - low < _WIDEST_DEG,
     )

@@ -22,7 +22,7 @@ from ldbb_bayes.cli.options import (
 )
 from ldbb_bayes.cli.output import Output
 from ldbb_bayes.cli.progress import counting_progress
-from ldbb_bayes.fleet.dataset import FLEET_COLUMNS, JOURNAL, read_batch
+from ldbb_bayes.fleet.dataset import FLEET_COLUMNS, JOURNAL, read_batch, read_fleet
 from ldbb_bayes.parallel import executor_named
 from ldbb_bayes.results import Table
 
@@ -140,7 +140,7 @@ def trend(
     step of one parameter. The exit code is 0 whether or not a change is found.
     """
     output.check("trend.json", "trend.csv", figures=["control_chart"])
-    rows = read_batch(batches, FLEET_COLUMNS)
+    rows = read_fleet(batches)
     result = lb.fleet.find_trend(rows, tolerances=tolerances, **settings)
     record = {"schema": 1, **lb.report.with_words(result)}
     output.deliver(

@@ -6,7 +6,7 @@ import json
 import os
 import traceback
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from pathlib import Path
@@ -15,12 +15,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ldbb_bayes.analysis.conformity import assess_conformity
+from ldbb_bayes.analysis.directional_stiffness import stiffness_of_fit
+from ldbb_bayes.analysis.tolerances import name_in_plane
 from ldbb_bayes.analysis.verdicts import confounded_parameters
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.campaign.folder import labels_of, read_campaign
 from ldbb_bayes.errors import InputError, plain_reason
 from ldbb_bayes.fleet.campaign_statistics import sufficient_statistics
 from ldbb_bayes.fleet.compliance_meaning import stands_for
+from ldbb_bayes.fleet.dataset import PARAMETER_COLUMNS
 from ldbb_bayes.fleet.linear_or_constant import linear_over_constant
 from ldbb_bayes.inference.mcmc import StoppingRule
 from ldbb_bayes.inference.nodes import HyperPosterior
@@ -94,8 +97,9 @@ def fit_row(settings: Settings, job: Job) -> dict[str, Any]:
     Returns
     -------
     Values by column. ``parameters`` holds the unit, moments and interval of each parameter by its
-    name; ``conformity`` holds the probability and decision of each quantity with a tolerance. The
-    row of a campaign that cannot be fitted has status "failed" and a reason.
+    name; ``stiffness`` the same of the stiffness by direction; ``conformity`` holds the probability
+    and decision of each quantity with a tolerance. The row of a campaign that cannot be fitted has
+    status "failed" and a reason.
     """
     origin: dict[str, Any] = {}
     try:
@@ -217,8 +221,8 @@ def _functions_of_further_columns(
 
     The Bayes factor is computed if the settings ask for it, the compliances of the model depend on
     force, and the campaign has several forces. Sufficient statistics are computed from every fit.
-    If the priors are flat, neither of the two is computed. Conformity is computed if the campaign
-    has tolerances.
+    If the priors are flat, neither of the two is computed. The stiffness by direction is computed
+    from every fit, and conformity if the campaign has tolerances.
     """
     model = settings.model
     steps: dict[str, Callable[[], dict[str, Any]]] = {}
@@ -226,6 +230,7 @@ def _functions_of_further_columns(
         if settings.compare and model.degree and campaign.force_levels > 1:
             steps["Bayes factor"] = partial(_bayes_factor_columns, density)
         steps["sufficient statistics"] = partial(_statistics_columns, density)
+    steps["stiffness"] = partial(_stiffness_columns, fitted, settings.prob)
     if campaign.tolerances:
         steps["conformity"] = partial(_conformity_columns, fitted)
     return steps
@@ -244,6 +249,38 @@ def _bayes_factor_columns(density: HyperPosterior) -> dict[str, Any]:
 
 def _statistics_columns(density: HyperPosterior) -> dict[str, Any]:
     return sufficient_statistics(density.plain).columns()
+
+
+def _stiffness_columns(fitted: FittedModel, prob: float) -> dict[str, Any]:
+    """Return the stiffness by direction at the reference force, by name of the quantity.
+
+    Where a stiffness has only a lower limit, the other numbers are missing; a direction that the
+    readings do not determine has none.
+    """
+    reference_N = fitted.draws.bound.setting.reference_force_N
+    if not reference_N > 0.0:
+        return {}
+    table = stiffness_of_fit(fitted.draws, reference_N, prob=prob).table()
+    planes = fitted.draws.bound.setting.planes
+    numbers: dict[str, dict[str, Any]] = {}
+    for row in table.to_dict(orient="records"):
+        if row["quantity"] in fitted.draws.bound.names:
+            continue  # a cross compliance, which is among the parameters
+        name = str(row["quantity"]).replace("−", "minus").replace(" ", "_")
+        if row["plane"] in planes:
+            name = name_in_plane(name, row["plane"], planes)
+        numbers[name] = {"unit": row["unit"], **_determined_numbers(row)}
+    return {"stiffness": numbers}
+
+
+def _determined_numbers(row: Mapping[Hashable, Any]) -> dict[str, float | None]:
+    """Return the numbers of a row of `DirectionalStiffness.table` that the readings determine."""
+    numbers: dict[str, float | None] = {name: row[name] for name in PARAMETER_COLUMNS}
+    if not row["is_determined"]:
+        numbers = dict.fromkeys(numbers)
+        if row["unit"] != "deg":
+            numbers["ci_low"] = row["ci_low"]
+    return numbers
 
 
 def _conformity_columns(fitted: FittedModel) -> dict[str, Any]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import islice
@@ -22,10 +23,13 @@ __all__ = [
     "DATASET",
     "FLEET_COLUMNS",
     "JOURNAL",
+    "PARAMETER_COLUMNS",
     "PART",
     "STATISTICS_TYPES",
+    "STIFFNESS_NAME",
     "check_pyarrow",
     "read_batch",
+    "read_fleet",
     "write_dataset",
 ]
 
@@ -40,7 +44,13 @@ _SCHEMA = 4
 _METADATA_KEY = b"ldbb_bayes"
 # Numbers that a batch's table holds of every parameter. Each number has a column of its own, such
 # as C_XXX.mean.
-_PARAMETER_COLUMNS = ("mean", "sd", "median", "ci_low", "ci_high")
+PARAMETER_COLUMNS = ("mean", "sd", "median", "ci_low", "ci_high")
+# Names of the stiffnesses by direction in a batch's table: least, greatest and principal ones,
+# their ratio, directions and the difference of the axes, with the plane if there are several.
+STIFFNESS_NAME = re.compile(
+    r"(k_min|k_max|k_ratio|softest_direction|stiffest_direction|principal_axis|C_..._minus_C_...)"
+    r"(_[XYZ]{2})?|k_[123]"
+)
 # Values that a batch's table holds of every quantity with a tolerance, and their Arrow types. Each
 # value has a column of its own, such as C_XXX.decision.
 _CONFORMITY_TYPES = {"probability": "double", "decision": "string"}
@@ -117,8 +127,9 @@ def write_dataset(
 def _schema(rows: Iterable[Mapping[str, Any]], about: Mapping[str, Any]) -> pa.Schema:
     """Return the Arrow schema of a batch's table: names, types and units of columns, and metadata.
 
-    ``rows`` are the rows of the table. There are columns for each parameter and each quantity with
-    a tolerance that occurs in any row. ``about`` is information on the batch for the metadata.
+    ``rows`` are the rows of the table. There are columns for each parameter, each stiffness by
+    direction and each quantity with a tolerance that occurs in any row. ``about`` is information on
+    the batch for the metadata.
     """
     import pyarrow as pa  # an optional dependency
 
@@ -126,11 +137,11 @@ def _schema(rows: Iterable[Mapping[str, Any]], about: Mapping[str, Any]) -> pa.S
     quantities: dict[str, None] = {}
     for row in rows:
         quantities |= dict.fromkeys(row.get("conformity", {}))
-        for name, numbers in row.get("parameters", {}).items():
+        for name, numbers in _numbers_of(row).items():
             unit_by_parameter.setdefault(name, numbers["unit"])
     fields = [_field(name, kind, _unit_in(name)) for name, kind in COLUMN_TYPES.items()]
     for name, unit in unit_by_parameter.items():
-        fields += [_field(f"{name}.{column}", "double", unit) for column in _PARAMETER_COLUMNS]
+        fields += [_field(f"{name}.{column}", "double", unit) for column in PARAMETER_COLUMNS]
     for name in quantities:
         for column, kind in _CONFORMITY_TYPES.items():
             fields.append(_field(f"{name}.{column}", kind))
@@ -162,18 +173,24 @@ def _unit_in(column: str) -> str:
 def _flatten(row: dict[str, Any]) -> dict[str, Any]:
     """Return a campaign's row in which each number of each parameter has a column of its own.
 
-    In the given row, the entry ``parameters`` holds the numbers of each parameter, and the entry
-    ``conformity`` the probability and decision of each quantity with a tolerance. The columns are
-    called, for example, C_XXX.mean and C_XXX.decision.
+    In the given row, the entries ``parameters`` and ``stiffness`` hold the numbers of each
+    parameter and of each stiffness by direction, and the entry ``conformity`` the probability and
+    decision of each quantity with a tolerance. The columns are called, for example, C_XXX.mean and
+    C_XXX.decision.
     """
     flat = dict(row)
-    for name, numbers in row.get("parameters", {}).items():
-        for column in _PARAMETER_COLUMNS:
+    for name, numbers in _numbers_of(row).items():
+        for column in PARAMETER_COLUMNS:
             flat[f"{name}.{column}"] = numbers[column]
     for name, decision in row.get("conformity", {}).items():
         for column in _CONFORMITY_TYPES:
             flat[f"{name}.{column}"] = decision[column]
     return flat
+
+
+def _numbers_of(row: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
+    """Return the numbers of each parameter and of each stiffness by direction, by name."""
+    return {**row.get("parameters", {}), **row.get("stiffness", {})}
 
 
 def _groups(rows: Iterator[dict[str, Any]], size: int) -> Iterator[list[dict[str, Any]]]:
@@ -199,10 +216,13 @@ def read_batch(
     Every parameter and hyper-parameter (scale of the noise or of another effect) has NAME.mean,
     NAME.sd, NAME.median, NAME.ci_low and NAME.ci_high in internal units (mm, N, rad), which
     ``attrs["units"]`` states. Every quantity with a tolerance has NAME.probability (of conformance)
-    and NAME.decision. Columns ``gaussian_…`` hold the posterior and prior moments of parameters and
-    instrument errors, which `find_trend` and `fit_population` use. The posterior is the one without
-    truncation (compliances may be negative). The covariance is given by its lower triangle, row by
-    row.
+    and NAME.decision. Stiffnesses by direction at the reference force have the columns of
+    parameters: k_min, k_max, k_ratio, softest_direction, stiffest_direction, principal_axis [deg],
+    C_XXX_minus_C_YYY, with the plane if there are several (k_min_YZ), and k_1 to k_3 of three
+    planes; see `stiffness`. Columns ``gaussian_…`` hold the posterior and prior moments of
+    parameters and instrument errors, which `find_trend` and `fit_population` use. The posterior is
+    the one without truncation (compliances may be negative). The covariance is given by its lower
+    triangle, row by row.
 
     Parameters
     ----------
@@ -233,20 +253,44 @@ def read_batch(
     >>> rows.to_dict("records")
     [{'campaign': 'campaigns/machine_1', 'status': 'done', 'tests': 6}]
     """
+    return _read(path, columns, None)
+
+
+def read_fleet(
+    path: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
+) -> pd.DataFrame:
+    """Return what a trend needs of batches: columns for fleets, and stiffnesses by direction.
+
+    Batches that were written without stiffnesses by direction lack these columns. ``path`` and the
+    errors raised are those of `read_batch`.
+    """
+    return _read(path, FLEET_COLUMNS, STIFFNESS_NAME)
+
+
+def _read(
+    path: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
+    columns: Sequence[str] | None,
+    further: re.Pattern[str] | None,
+) -> pd.DataFrame:
+    """Return rows of batches with the given columns, and with those of quantities so named.
+
+    ``further`` matches the names of quantities whose columns are read, too, where they exist.
+    """
     check_pyarrow()
     import pyarrow as pa  # an optional dependency
 
     paths = [path] if isinstance(path, str | os.PathLike) else list(path)
     if not paths:
         raise InputError("batches must be given, got none. Name the --out folder of a batch.")
-    datasets = [_read_table(_dataset_of(Path(entry)), columns) for entry in paths]
+    datasets = [_read_table(_dataset_of(Path(entry)), columns, further) for entry in paths]
     table = pa.concat_tables([dataset.table for dataset in datasets], promote_options="default")
     if columns is not None:
         known_columns: dict[str, None] = {}
         for dataset in datasets:
             known_columns |= dict.fromkeys(dataset.schema.names)
         check_known("column", columns, known_columns)
-        table = table.select(list(dict.fromkeys(columns)))
+        quantities = [name for name in table.column_names if name not in columns]
+        table = table.select([*dict.fromkeys(columns), *quantities])
     rows: pd.DataFrame = table.to_pandas()
     rows.attrs["units"] = _parameter_units(table.schema)
     return rows
@@ -282,6 +326,16 @@ def _dataset_of(path: Path) -> Path:
     )
 
 
+def _columns_of_quantities(schema: pa.Schema, names: re.Pattern[str]) -> list[str]:
+    """Return the columns, such as k_min.mean, of the quantities whose names match."""
+    columns = []
+    for column in schema.names:
+        name, dot, _ = column.rpartition(".")
+        if dot and names.fullmatch(name):
+            columns.append(column)
+    return columns
+
+
 class _Dataset(NamedTuple):
     """Requested columns of the table of a batch, and the schema of all its columns."""
 
@@ -289,10 +343,13 @@ class _Dataset(NamedTuple):
     schema: pa.Schema
 
 
-def _read_table(path: Path, columns: Sequence[str] | None) -> _Dataset:
+def _read_table(
+    path: Path, columns: Sequence[str] | None, further: re.Pattern[str] | None
+) -> _Dataset:
     """Return the requested columns of a batch's table; raise an `InputError` for any other file.
 
-    Columns that the table does not have are left out; None requests all columns.
+    Columns that the table does not have are left out; None requests all columns. Columns of
+    quantities whose names match ``further`` are requested, too.
     """
     import pyarrow as pa  # an optional dependency
     import pyarrow.parquet as pq
@@ -300,6 +357,8 @@ def _read_table(path: Path, columns: Sequence[str] | None) -> _Dataset:
     try:
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
             schema = file.schema_arrow
+            if columns is not None and further is not None:
+                columns = [*columns, *_columns_of_quantities(schema, further)]
             table = file.read(columns)
             table.validate(full=True)
     except (pa.ArrowException, OSError, ValueError) as error:

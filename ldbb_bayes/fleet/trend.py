@@ -47,6 +47,11 @@ from ldbb_bayes.fleet.deviations import deviating
 from ldbb_bayes.fleet.fleet_statistics import FleetStatistics, fleet_statistics
 from ldbb_bayes.fleet.interval_summary import Summary, name_intervals
 from ldbb_bayes.fleet.selection import Caveat, CaveatKind, check_rows, choose, labels
+from ldbb_bayes.fleet.stiffness_series import (
+    StiffnessOfVisit,
+    stiffness_series,
+    stiffness_table,
+)
 from ldbb_bayes.model.gaussian import Gaussian
 from ldbb_bayes.model.mixtures import mixture_moments, mixture_quantiles
 from ldbb_bayes.parallel import one_blas_thread
@@ -173,6 +178,9 @@ class Trend(Result):
     #: decisions on conformity with tolerances, by quantity with a tolerance, then by campaign; each
     #: decision is from one campaign alone, with a normal distribution of the estimate
     conformity: Mapping[str, Mapping[str, Conformity]]
+    #: stiffness by direction, by quantity such as k_min, of every campaign in the order of time and
+    #: from it alone; empty if the batches were written without it
+    stiffness: Mapping[str, tuple[StiffnessOfVisit, ...]]
     #: probability that the estimate from one campaign lies within its control limits if the machine
     #: did not change
     limits_probability: float = LIMITS
@@ -189,10 +197,11 @@ class Trend(Result):
 
 @parts_of.register
 def _trend_parts(trend: Trend) -> tuple[Table | str, ...]:
-    """Return what to print of a trend: tables of parameters and of conformity, then sentences.
+    """Return what to print of a trend: tables of its quantities, then sentences.
 
-    The table of conformity holds the decisions from the newest campaign and is left out if there
-    are no tolerances. The sentences state the findings and the limitations.
+    The tables are of parameters, of conformity and of stiffness by direction. That of conformity
+    holds the decisions from the newest campaign and is left out if there are no tolerances. The
+    sentences state the findings and the limitations.
     """
     heads = ("parameter", "level now", "U, common", "P(changed)", "change, if it did", "of level")
     rows = [_table_row(name, change) for name, change in trend.parameters.items()]
@@ -209,6 +218,8 @@ def _trend_parts(trend: Trend) -> tuple[Table | str, ...]:
         newest_campaign = trend.campaigns[-1].campaign
         passages.append(conformity_table(newest_decisions))
         passages += [f"Of the newest campaign alone, {newest_campaign}.", ""]
+    if trend.stiffness:
+        passages += [stiffness_table(trend.stiffness), ""]
     passages += trend_sentences(trend)
     passages += map(caveat_words, trend.caveats)
     return tuple(passages)
@@ -384,6 +395,7 @@ def find_trend(
         caveats=(*caveats, *_caveats_of_series(statistics)),
         estimates=_estimates(statistics, visits, chart, step_probabilities, prob),
         conformity=_conformities(statistics, names, chart, tolerances, newest_tolerances),
+        stiffness=stiffness_series(relied.iloc[order], names),
     )
 
 

@@ -17,11 +17,19 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from ldbb_bayes.analysis.directional_stiffness import (
+    AxialDirection,
+    PlaneStiffness,
+    PrincipalStiffness,
+    StatedValue,
+    stiffness,
+)
+from ldbb_bayes.analysis.tolerances import name_in_plane
 from ldbb_bayes.analysis.verdicts import judge_posterior
 from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.files import write_whole
 from ldbb_bayes.inference.force_curves import force_curves
-from ldbb_bayes.inference.posterior import campaign_of
+from ldbb_bayes.inference.posterior import bound_of, campaign_of
 from ldbb_bayes.inference.summary import result_json
 from ldbb_bayes.report import wording
 from ldbb_bayes.report.fit_tables import describe_fit
@@ -31,7 +39,13 @@ from ldbb_bayes.units import display_name, is_slope
 
 __all__ = ["dsi_unit", "write_dcc"]
 
-_DSI = {"mm": r"\milli\metre", "um": r"\micro\metre", "N": r"\newton", "rad": r"\radian"}
+_DSI = {
+    "mm": r"\milli\metre",
+    "um": r"\micro\metre",
+    "N": r"\newton",
+    "rad": r"\radian",
+    "deg": r"\degree",
+}
 # Number of hexadecimal digits of the digest in the identifier of a certificate file.
 _DIGEST_LENGTH = 32
 
@@ -70,8 +84,9 @@ def write_dcc(posterior: xr.DataTree, path: str | os.PathLike[str], *, prob: flo
 
     The file holds mean, U (k = 2), interval and covariance of every parameter of the machine in
     internal units (mm, N, rad). The change of each compliance over the tested forces stands among
-    the results; slopes, which are coefficients of this change, stand with the covariance. The file
-    states that it is unsigned and is not a calibration certificate.
+    the results; slopes, which are coefficients of this change, stand with the covariance. The
+    stiffness by direction at the reference force follows, without what the readings do not
+    determine. The file states that it is unsigned and is not a calibration certificate.
 
     Parameters
     ----------
@@ -95,8 +110,11 @@ def write_dcc(posterior: xr.DataTree, path: str | os.PathLike[str], *, prob: flo
     Examples
     --------
     >>> file = lb.report.write_dcc(posterior, "dcc.xml")
-    >>> file.read_text(encoding="utf-8").count("<si:valueExpandedMU>")  # U of every parameter
-    19
+    >>> text = file.read_text(encoding="utf-8")
+    >>> text.count("<si:valueExpandedMU>")  # U of parameters, changes and stiffnesses
+    26
+    >>> 'id="k_min"' in text
+    True
     """
     result = result_json(posterior, prob=prob)
     campaign = campaign_of(posterior)
@@ -116,7 +134,12 @@ def write_dcc(posterior: xr.DataTree, path: str | os.PathLike[str], *, prob: flo
         identifier=f"ldbb_bayes-{digest[:_DIGEST_LENGTH]}",
         verdict=describe_fit(posterior)["verdict"],
         parameters=parameters,
-        quantities=[*compliances, *_change_entries(posterior), *geometric_errors],
+        quantities=[
+            *compliances,
+            *_change_entries(posterior),
+            *_stiffness_entries(posterior, prob),
+            *geometric_errors,
+        ],
         covariance=_covariance_columns(covariance, [entry["unit"] for entry in entries.values()]),
         factor=_coverage_factor(draws, covariance, prob),
         models=len(result.get("averaged", {}).get("models", ())),
@@ -215,6 +238,91 @@ def _change_entries(posterior: xr.DataTree) -> list[dict[str, Any]]:
                 "verdict": difference,
             }
         )
+    return entries
+
+
+def _stiffness_entries(posterior: xr.DataTree, prob: float) -> list[dict[str, Any]]:
+    """Return what the certificate file states of the stiffness by direction.
+
+    The stiffness is that at the model's reference force. Stiffnesses that have only a lower limit,
+    and directions that the readings do not determine, are left out: no value ± U describes them.
+    The entries are like those of parameters.
+    """
+    reference_N = bound_of(posterior).setting.reference_force_N
+    if not reference_N > 0.0:
+        return []
+    result = stiffness(posterior, [reference_N], prob=prob)
+    planes = [plane.plane for plane in result.planes]
+    entries = []
+    for plane in result.planes:
+        for entry in _entries_of_plane(plane):
+            entry["name"] = name_in_plane(entry["name"], plane.plane, planes)
+            if entry["kind"] != "difference":
+                entry["shown"] = name_in_plane(entry["shown"], plane.plane, planes)
+            entries.append(entry)
+    for principal in result.principal:
+        entries += _principal_entries(principal)
+    return entries
+
+
+def _entries_of_plane(plane: PlaneStiffness) -> list[dict[str, Any]]:
+    """Return the entries of one plane, without the plane in their names."""
+    axis = plane.plane[0]
+    difference_name = plane.difference_name.replace(" ", "")
+    entries = [
+        _value_entry("k_min", "k_min", "stiffness", plane.least),
+        _value_entry("k_max", "k_max", "stiffness", plane.greatest),
+        _value_entry("k_ratio", "k_ratio", "ratio", plane.ratio),
+        _direction_entry("softest_direction", "θ(k_min)", axis, plane.softest),
+        _direction_entry("stiffest_direction", "θ(k_max)", axis, plane.stiffest),
+        _direction_entry("principal_axis", "ψ", axis, plane.principal_axis),
+        _value_entry("difference", difference_name, "difference", plane.difference),
+    ]
+    return [entry for entry in entries if entry]
+
+
+def _value_entry(name: str, shown: str, kind: str, value: StatedValue) -> dict[str, Any]:
+    """Return the entry of a stiffness, ratio or difference; empty if it has only a lower limit."""
+    if value.only_lower_limit:
+        return {}
+    return {
+        "mean": value.mean,
+        "sd": value.sd,
+        "name": name,
+        "shown": shown,
+        "kind": kind,
+        "unit": dsi_unit(value.unit),
+        "within": value.within_U,
+        "verdict": "",
+    }
+
+
+def _direction_entry(name: str, shown: str, axis: str, direction: AxialDirection) -> dict[str, Any]:
+    """Return the entry of a direction; empty if the readings do not determine it."""
+    if not direction.is_determined:
+        return {}
+    return {
+        "mean": direction.angle_deg,
+        "sd": direction.sd_deg,
+        "name": name,
+        "shown": shown,
+        "kind": "direction",
+        "unit": dsi_unit("deg"),
+        "within": direction.within_U,
+        "verdict": f"from axis {axis}; a direction and its opposite are the same",
+    }
+
+
+def _principal_entries(principal: PrincipalStiffness) -> list[dict[str, Any]]:
+    """Return the entries of the principal stiffnesses in space, with their axes as description."""
+    entries = []
+    for k, axis in enumerate(principal.axes, start=1):
+        entry = _value_entry(f"k_{k}", f"k_{k}", "principal", axis.stiffness)
+        if entry and axis.is_determined:
+            x, y, z = axis.direction
+            entry["verdict"] = f"along ({x:.2f}, {y:.2f}, {z:.2f}) ± {axis.cone_deg:.0f}°"
+        if entry:
+            entries.append(entry)
     return entries
 
 

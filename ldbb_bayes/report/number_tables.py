@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from ldbb_bayes.analysis.compliance_change import change_with_force
+from ldbb_bayes.analysis.directional_stiffness import stiffness
 from ldbb_bayes.analysis.measured_paths import measure_circularity
 from ldbb_bayes.analysis.path_contributions import decompose_deviation
 from ldbb_bayes.inference.posterior import bound_of, draws_of
@@ -26,6 +27,7 @@ TABLE_FILES = (
     "results.csv",
     "averaged.csv",
     "change_with_force.csv",
+    "stiffness.csv",
     "covariance.csv",
     "correlation.csv",
     "budget.csv",
@@ -39,7 +41,9 @@ TABLE_FILES = (
 _SUFFIX_OF_UNIT = {"µm": "_um", "µm/m": "_um_per_m"}
 
 
-def tables(findings: Findings, others: Sequence[Beside] = ()) -> dict[str, pd.DataFrame]:
+def tables(
+    findings: Findings, others: Sequence[Beside] = (), *, force_N: float | None = None
+) -> dict[str, pd.DataFrame]:
     """Return all numbers of a report as tables, except the decisions on conformity.
 
     Those that only the annex shows (circular-test quantities, contributions) are left out
@@ -51,6 +55,8 @@ def tables(findings: Findings, others: Sequence[Beside] = ()) -> dict[str, pd.Da
         All results of the fit that the report shows.
     others
         Other campaigns that the report compares with the first one.
+    force_N
+        Force at which the sheets state stiffness [N]. Default: the model's reference force.
 
     Returns
     -------
@@ -68,6 +74,7 @@ def tables(findings: Findings, others: Sequence[Beside] = ()) -> dict[str, pd.Da
         "covariance": covariance.rename_axis("parameter"),
         "correlation": correlation.rename_axis("parameter"),
         "budget": _budget(findings),
+        "stiffness": _stiffness(findings, force_N),
     }
     if not findings.sheets_only:
         frames |= _annex_tables(findings)
@@ -132,6 +139,20 @@ def _changes(findings: Findings) -> pd.DataFrame:
     if not rows:
         return pd.DataFrame()
     return _with_reading_units(pd.DataFrame.from_dict(rows, orient="index"))
+
+
+def _stiffness(findings: Findings, force_N: float | None) -> pd.DataFrame:
+    """Return a table of the stiffness by direction, one row per plane, force and quantity.
+
+    The forces are the smallest tested, the reference force, the largest tested, and the force at
+    which the sheets state stiffness.
+    """
+    numbers = findings.numbers
+    table = stiffness(numbers, prob=findings.prob).table()
+    if force_N is not None and force_N not in table["force_N"].to_list():
+        further = stiffness(numbers, [force_N], prob=findings.prob).table()
+        table = pd.concat([table, further])
+    return pd.DataFrame(table).set_index("plane")
 
 
 def _budget(findings: Findings) -> pd.DataFrame:

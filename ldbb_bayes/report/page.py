@@ -347,7 +347,7 @@ def write_report(
         force_N=force_N,
         progress=progress,
     )
-    frames = tables(findings, others)
+    frames = tables(findings, others, force_N=force_N)
     decisions = findings.conformity(force_N)
     conformity = {name: decision.as_dict() for name, decision in decisions.items()}
     if conformity:

@@ -15,17 +15,24 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from campaigns import cases
+import xarray as xr
+from campaigns import cases, plan, simulated
 from reports import SCRIPT, awkward, fitted
 from scipy.stats import chi2
 
 import ldbb_bayes as lb
 from ldbb_bayes.inference.summary import result_json
+from ldbb_bayes.report import dcc_export
 from ldbb_bayes.report.dcc_export import dsi_unit
 from ldbb_bayes.units import display_name, is_slope
 
 SI = "{https://ptb.de/si}"
 STRUCTURE = cases(__file__, "dcc_structure.toml")
+
+
+@pytest.fixture(scope="module")
+def posterior() -> xr.DataTree:
+    return fitted(lb.HybridModel.first(1), simulated(plan()))
 
 
 def check_structure(path: Path) -> ElementTree.Element:
@@ -53,6 +60,53 @@ def words(root: ElementTree.Element, tag: str) -> list[str]:
     return " ".join(texts).split()
 
 
+def stiffness_of(posterior: xr.DataTree) -> dict[str, tuple[float, float, str]]:
+    """Mean, u and unit of the stiffness by direction at the reference force, by its sign."""
+    (plane,) = lb.stiffness(posterior, [389.0], prob=0.9).planes
+    values = {
+        "k_min": plane.least,
+        "k_max": plane.greatest,
+        "k_ratio": plane.ratio,
+        "C_XXX−C_YYY": plane.difference,
+    }
+    directions = {
+        "θ(k_min)": plane.softest,
+        "θ(k_max)": plane.stiffest,
+        "ψ": plane.principal_axis,
+    }
+    stated = {}
+    for name, value in values.items():
+        assert not value.only_lower_limit
+        stated[name] = (value.mean, value.sd, value.unit)
+    for name, direction in directions.items():
+        if direction.is_determined:
+            stated[name] = (direction.angle_deg, direction.sd_deg, "deg")
+    return stated
+
+
+def test_what_is_not_determined_is_left_out(posterior: xr.DataTree) -> None:
+    (plane,) = lb.stiffness(posterior, [389.0]).planes
+    assert len(dcc_export._entries_of_plane(plane)) == 7
+    direction = replace(plane.softest, is_determined=False)
+    greatest = replace(plane.greatest, only_lower_limit=True)
+    unknown = replace(plane, softest=direction, greatest=greatest)
+    names = [entry["name"] for entry in dcc_export._entries_of_plane(unknown)]
+    assert names == ["k_min", "k_ratio", "stiffest_direction", "principal_axis", "difference"]
+
+
+def test_principal_stiffnesses_state_their_axes(tmp_path: Path) -> None:
+    planes = tuple(
+        replace(test, plane=plane, name=f"{plane}{test.force_N:g}")
+        for plane in ("XY", "YZ", "ZX")
+        for test in plan().tests
+    )
+    posterior = fitted(lb.HybridModel.first(1), simulated(replace(plan(), tests=planes)))
+    root = check_structure(lb.report.write_dcc(posterior, tmp_path / "dcc.xml"))
+    names = {quantity.get("id") for quantity in root.iter("{https://ptb.de/dcc}quantity")}
+    assert {"k_1", "k_min_XY", "difference_YZ"} <= names
+    assert "along (" in (tmp_path / "dcc.xml").read_text("utf-8")
+
+
 def test_numbers_are_those_of_the_summary(recovered: lb.Campaign, tmp_path: Path) -> None:
     stated = {
         "serial_number": "4711",
@@ -78,6 +132,7 @@ def test_numbers_are_those_of_the_summary(recovered: lb.Campaign, tmp_path: Path
     }
     for name, change in lb.analysis.change_with_force(posterior, prob=0.9).items():
         stated_values[f"Δ{name}"] = (change.change.mean, change.change.sd, change.unit)
+    stated_values |= stiffness_of(posterior)
     assert set(quantities) == {display_name(name) for name in stated_values}
     for name, (mean, sd, unit) in stated_values.items():
         quantity = quantities[display_name(name)]

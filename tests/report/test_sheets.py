@@ -229,13 +229,13 @@ def test_the_certificate_states_what_is_best_determined(findings: Findings, symb
 
 
 def test_a_direction_that_is_not_determined_is_not_stated() -> None:
-    every = AxialDirection(40.0, 52.0, 104.0, -45.0, 125.0, 0.0, is_determined=False)
+    every = AxialDirection(40.0, 52.0, 104.0, -45.0, 125.0, 0.95, 0.0, is_determined=False)
     words = words_of("en")
     assert stiffness_numbers._direction_words(every, "X", words) == "direction not determined"
 
 
 def test_a_direction_beyond_90_degrees_is_that_of_its_opposite() -> None:
-    direction = AxialDirection(178.0, 2.0, 4.0, 174.0, 182.0, 1.0, is_determined=True)
+    direction = AxialDirection(178.0, 2.0, 4.0, 174.0, 182.0, 0.95, 1.0, is_determined=True)
     words = words_of("en")
     text = stiffness_numbers._direction_words(direction, "X", words)
     assert text == "at −2.0° ± 4.0° from X (k = 2)"

@@ -1,0 +1,112 @@
+"""Stiffness by direction of one machine over time, from each campaign alone.
+
+The stiffnesses are those of a batch's table. The model of a change does not follow them: each is a
+function of several compliances, whose changes a trend looks for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import pandas as pd
+
+from ldbb_bayes.fleet.dataset import STIFFNESS_NAME
+from ldbb_bayes.results import Result, Table
+from ldbb_bayes.units import plus_minus
+
+__all__ = ["StiffnessOfVisit", "stiffness_series", "stiffness_table"]
+
+# Text of a cell whose quantity the readings do not determine.
+_NOT_DETERMINED = "not determined"
+
+
+@dataclass(frozen=True)
+class StiffnessOfVisit(Result):
+    """A stiffness by direction at the reference force of one campaign, from this campaign alone.
+
+    Numbers that the readings do not determine are None: all of a direction, and all but the lower
+    end of the interval of a stiffness that has no upper limit.
+    """
+
+    campaign: str  #: label of the campaign
+    force_N: float  #: reference force of the campaign, at which the stiffness is stated
+    unit: str  #: unit of the numbers: N/mm, mm/N, deg, or empty for a ratio
+    mean: float | None  #: posterior mean
+    sd: float | None  #: standard uncertainty u
+    U_k2: float | None  #: expanded uncertainty U = 2 u
+    #: lower and upper end of the equal-tailed credible interval
+    interval: tuple[float | None, float | None]
+
+    @property
+    def text(self) -> str:
+        """Value ± U with its unit, or what is determined of it."""
+        low, high = self.interval
+        if self.mean is not None and self.sd is not None and low is not None and high is not None:
+            return plus_minus(self.mean, self.sd, (low, high), self.unit).rstrip()
+        if low is None:
+            return _NOT_DETERMINED
+        return f"at least {low * 1e-3:.3g} N/µm"
+
+
+def stiffness_series(
+    rows: pd.DataFrame, campaigns: Sequence[str]
+) -> dict[str, tuple[StiffnessOfVisit, ...]]:
+    """Return the stiffness by direction of every campaign, by quantity such as ``k_min``.
+
+    Parameters
+    ----------
+    rows
+        Rows of a batch's table in the order of time. Tables without stiffnesses by direction give
+        an empty result.
+    campaigns
+        Labels of the campaigns, one for each row.
+    """
+    names: dict[str, None] = {}
+    for column in rows.columns:
+        name, _, number = str(column).rpartition(".")
+        if number == "mean" and STIFFNESS_NAME.fullmatch(name):
+            names[name] = None
+    series = {}
+    for name in names:
+        visits = []
+        for campaign, (_, row) in zip(campaigns, rows.iterrows(), strict=True):
+            visits.append(_visit(name, campaign, row))
+        series[name] = tuple(visits)
+    return series
+
+
+def _visit(name: str, campaign: str, row: pd.Series) -> StiffnessOfVisit:
+    sd = _number(row[f"{name}.sd"])
+    return StiffnessOfVisit(
+        campaign=campaign,
+        force_N=float(row["reference_force_N"]),
+        unit=_unit_of(name),
+        mean=_number(row[f"{name}.mean"]),
+        sd=sd,
+        U_k2=None if sd is None else 2.0 * sd,
+        interval=(_number(row[f"{name}.ci_low"]), _number(row[f"{name}.ci_high"])),
+    )
+
+
+def _number(value: float | None) -> float | None:
+    return None if pd.isna(value) else float(value)
+
+
+def _unit_of(name: str) -> str:
+    if name.startswith("k_ratio"):
+        return ""
+    if name.startswith("k_"):
+        return "N/mm"
+    if "_minus_" in name:
+        return "mm/N"
+    return "deg"
+
+
+def stiffness_table(series: Mapping[str, Sequence[StiffnessOfVisit]]) -> Table:
+    """Return a table of the stiffness by direction at the first and at the newest campaign."""
+    rows = []
+    heads = ("quantity", "first", "newest")
+    for name, visits in series.items():
+        rows.append((name.replace("_minus_", " − "), visits[0].text, visits[-1].text))
+    return Table.of("Stiffness by direction, each campaign alone", heads, rows, text=heads[1:])

@@ -1,0 +1,100 @@
+"""Stiffness by direction in a batch's table and in a trend: the numbers of `lb.stiffness`."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from batches import LINEAR, write_campaigns
+
+import ldbb_bayes as lb
+from ldbb_bayes.fleet.batch import Batch
+from ldbb_bayes.fleet.campaign_row import _determined_numbers
+from ldbb_bayes.fleet.dataset import FLEET_COLUMNS, read_fleet
+from ldbb_bayes.fleet.stiffness_series import stiffness_series, stiffness_table
+
+pytest.importorskip("pyarrow")
+ESS = 150.0
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    return write_campaigns(tmp_path_factory.mktemp("campaigns"), 2)
+
+
+@pytest.fixture(scope="module")
+def batch(folders: list[str], tmp_path_factory: pytest.TempPathFactory) -> Batch:
+    out = tmp_path_factory.mktemp("batch") / "out"
+    return lb.fleet.run_batch(folders, out, model=LINEAR, ess=ESS, seed=3, compare=False)
+
+
+def test_a_row_states_the_stiffness_of_the_fit(folders: list[str], batch: Batch) -> None:
+    rule = lb.inference.StoppingRule(ess=ESS)
+    campaign = lb.read_campaign(folders[1])
+    posterior = lb.sample(LINEAR, campaign, sampler="independent", seed=3, rule=rule)
+    (plane,) = lb.stiffness(posterior, [389.0]).planes
+    row = batch.rows().iloc[1]
+    np.testing.assert_allclose(row["k_min.mean"], plane.least.mean)
+    np.testing.assert_allclose(row["k_max.ci_high"], plane.greatest.ci_high)
+    np.testing.assert_allclose(row["k_ratio.sd"], plane.ratio.sd)
+    np.testing.assert_allclose(row["C_XXX_minus_C_YYY.mean"], plane.difference.mean)
+    np.testing.assert_allclose(row["principal_axis.mean"], plane.principal_axis.angle_deg)
+
+
+def test_units_of_the_stiffness_are_those_of_the_table(batch: Batch) -> None:
+    units = batch.rows().attrs["units"]
+    assert units["k_min"] == "N/mm"
+    assert units["principal_axis"] == "deg"
+
+
+def row_of(unit: str, *, is_determined: bool) -> dict[str, Any]:
+    numbers = dict.fromkeys(("mean", "sd", "median", "ci_low", "ci_high"), 1.0)
+    return {"unit": unit, "is_determined": is_determined, **numbers}
+
+
+def test_a_stiffness_without_upper_limit_keeps_its_lower_one() -> None:
+    numbers = _determined_numbers(row_of("N/mm", is_determined=False))
+    assert [name for name, value in numbers.items() if value is not None] == ["ci_low"]
+
+
+def test_a_direction_that_is_not_determined_is_missing() -> None:
+    numbers = _determined_numbers(row_of("deg", is_determined=False))
+    assert set(numbers.values()) == {None}
+
+
+def test_a_trend_states_the_stiffness_of_every_campaign(batch: Batch) -> None:
+    rows = read_fleet(batch.out)
+    trend = lb.fleet.find_trend(rows, include_misfits=True)
+    visits = trend.stiffness["k_min"]
+    assert [visit.campaign for visit in visits] == [visit.campaign for visit in trend.campaigns]
+    assert [visit.mean for visit in visits] == rows["k_min.mean"].to_list()
+    assert {visit.force_N for visit in visits} == {389.0}
+    assert "Stiffness by direction, each campaign alone" in str(trend)
+
+
+def test_the_record_of_a_trend_holds_the_stiffness(batch: Batch) -> None:
+    trend = lb.fleet.find_trend(read_fleet(batch.out), include_misfits=True)
+    record = json.loads(json.dumps(trend.as_dict()))
+    first = record["stiffness"]["k_min"][0]
+    assert first["U_k2"] == 2.0 * first["sd"]
+    assert len(first["ci95"]) == 2
+
+
+def test_a_batch_written_without_stiffness_has_a_trend(batch: Batch) -> None:
+    rows = read_fleet(batch.out)[list(FLEET_COLUMNS)]
+    assert lb.fleet.find_trend(rows, include_misfits=True).stiffness == {}
+
+
+def test_what_is_not_determined_is_said() -> None:
+    rows = pd.DataFrame({"reference_force_N": [300.0]})
+    for number in ("mean", "sd", "median", "ci_low", "ci_high"):
+        rows[f"k_max.{number}"] = [None]
+        rows[f"softest_direction.{number}"] = [None]
+    rows["k_max.ci_low"] = [25e3]
+    series = stiffness_series(rows, ["first"])
+    assert series["k_max"][0].text == "at least 25 N/µm"
+    assert series["softest_direction"][0].text == "not determined"
+    assert "at least 25 N/µm" in str(stiffness_table(series))
