@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+
+import numpy as np
 
 from ldbb_bayes.analysis.comparison import Comparison, Sign
 from ldbb_bayes.analysis.verdicts import ParameterIdentifiability, Verdict
 from ldbb_bayes.inference.fit import ConcernKind, Fit, State
 from ldbb_bayes.results import Result
 
-__all__ = ["Judgement", "Reason", "ReasonKind", "Use", "is_determined", "state_of"]
+__all__ = ["Judgement", "Reason", "ReasonKind", "Use", "state_of", "undetermined_parameters"]
 
 
-# Readings y hardly determine a parameter β whose contraction 1 − Var(β | y) / Var(β) is below this:
-# its standard uncertainty is then more than about a third of its prior standard deviation.
-_HARDLY_DETERMINED = 0.9
+# The limit of the ratio of a parameter's posterior and prior standard deviation, above which the
+# readings hardly determine it, lies between these two values. Where exactly depends on the
+# campaign: in the widest gap, on a logarithmic scale, between the ratios of its parameters, so that
+# parameters that are known equally well are judged alike.
+_LEAST_RATIO = 0.25
+_LARGEST_RATIO = 0.4
 
 
 class Use(StrEnum):
@@ -63,13 +68,37 @@ class Judgement(Result):
     reasons: tuple[Reason, ...] = ()
 
 
-def is_determined(entry: ParameterIdentifiability) -> bool:
-    """Return whether the readings determine a parameter.
+def undetermined_parameters(verdicts: Mapping[str, ParameterIdentifiability]) -> frozenset[str]:
+    """Return the names of the parameters that the readings hardly determine.
 
-    They do so if its verdict is identified, or if its posterior standard deviation is at most about
-    a third of its prior standard deviation. For a flat prior they always do.
+    A parameter with the verdict identified, or with a flat prior, is determined. Another one is
+    not, if the ratio of its posterior and prior standard deviation is above a limit between 0.25
+    and 0.4. The limit lies in the widest gap between the ratios of these parameters, so that of two
+    parameters with nearly the same ratio both are determined, or neither is.
+
+    Parameters
+    ----------
+    verdicts : mapping of str to ParameterIdentifiability
+        Verdict on each parameter, by name.
+
+    Returns
+    -------
+    frozenset of str
     """
-    return entry.verdict == Verdict.IDENTIFIED or not entry.contraction < _HARDLY_DETERMINED
+    ratios = {}
+    for name, entry in verdicts.items():
+        if entry.verdict != Verdict.IDENTIFIED and np.isfinite(entry.contraction):
+            ratios[name] = float(np.sqrt(max(1.0 - entry.contraction, 0.0)))
+    limit = _limit_in_widest_gap(list(ratios.values()))
+    return frozenset(name for name, ratio in ratios.items() if ratio > limit)
+
+
+def _limit_in_widest_gap(ratios: Sequence[float]) -> float:
+    """Return the middle of the widest gap between ratios from 0.25 to 0.4, on a log scale."""
+    inside = sorted(ratio for ratio in ratios if _LEAST_RATIO < ratio < _LARGEST_RATIO)
+    logarithms = np.log([_LEAST_RATIO, *inside, _LARGEST_RATIO])
+    widest = int(np.diff(logarithms).argmax())
+    return float(np.exp(0.5 * (logarithms[widest] + logarithms[widest + 1])))
 
 
 def state_of(
@@ -134,8 +163,9 @@ def _reservations(
     """
     reasons = []
     undetermined = []
+    hardly_determined = undetermined_parameters(verdicts)
     for name, entry in verdicts.items():
-        if name in stated and not is_determined(entry):
+        if name in stated and name in hardly_determined:
             undetermined.append(entry.name)
             reasons.append(Reason(ReasonKind.NOT_DETERMINED, (entry.name,), entry.partners))
     sensitive = [name for name in fit.sensitive if name in stated and name not in undetermined]

@@ -354,9 +354,9 @@ def _printed_parts(
     parameters = {
         name: summary for name, summary in result["parameters"].items() if name in constant_names
     }
-    heading = "Averaged over constant and linear compliance:"
-    if analyses.averaged is None:
-        heading = "Linear compliance:"
+    heading = "Linear compliance:"
+    if analyses.averaged is not None:
+        heading = wording.averaged_over(record_of(analyses.averaged)["averaged"]["probability"])
     parts: list[Any] = [
         *assumed_parts(campaign, source.imported),
         *wording.preview_sentences(lb.check_campaign(campaign)),

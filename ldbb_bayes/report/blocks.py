@@ -8,7 +8,7 @@ from typing import TypeAlias
 from ldbb_bayes.report.pictures import Picture
 from ldbb_bayes.results import Table
 
-__all__ = ["Banner", "Block", "Fields", "Pair", "ReportSheet"]
+__all__ = ["Banner", "Block", "Fields", "Items", "Pair", "PictureRow", "ReportSheet"]
 
 # Ratio of width to height above which a figure needs the full width of a certificate's sheet.
 _WIDE = 1.6
@@ -24,10 +24,13 @@ class Fields:
         Name and text of each field; an empty text leaves a blank line for handwriting.
     tall
         Whether the fields are tall enough for signatures.
+    heading
+        Heading of the fields; empty if they need none.
     """
 
     entries: tuple[tuple[str, str], ...]
     tall: bool = False
+    heading: str = ""
 
 
 @dataclass(frozen=True)
@@ -71,7 +74,51 @@ class Pair:
         return bool(width > _WIDE * height)
 
 
-Block: TypeAlias = str | Fields | Banner | Table | Pair | Picture
+@dataclass(frozen=True)
+class Items:
+    """A heading of a certificate's sheet with a list of sentences below it.
+
+    Parameters
+    ----------
+    heading
+        Heading of the list.
+    items
+        Sentences of the list.
+    """
+
+    heading: str
+    items: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class PictureRow:
+    """Figures of a certificate's sheet, side by side where none of them is wide.
+
+    Parameters
+    ----------
+    pictures
+        The figures from left to right.
+    """
+
+    pictures: tuple[Picture, ...]
+
+    @property
+    def shares(self) -> tuple[float, ...]:
+        """Share of every figure in the width of the row, for figures of the same height."""
+        ratios = []
+        for picture in self.pictures:
+            width, height = picture.figure.get_size_inches()
+            ratios.append(float(width / height))
+        return tuple(ratio / sum(ratios) for ratio in ratios)
+
+    @property
+    def stacked(self) -> bool:
+        """Whether the first figure is so wide that the others are placed below it."""
+        width, height = self.pictures[0].figure.get_size_inches()
+        return bool(width > _WIDE * height)
+
+
+Block: TypeAlias = str | Fields | Banner | Items | Table | Pair | PictureRow | Picture
 """One piece of the content of a certificate's sheet; a plain string is a note."""
 
 

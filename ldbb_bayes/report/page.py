@@ -21,7 +21,7 @@ from ldbb_bayes.files import check_target, staged_folder, write_whole
 from ldbb_bayes.inference.posterior import campaign_of, fit_of, record_of
 from ldbb_bayes.inference.summary import result_json
 from ldbb_bayes.report import wording
-from ldbb_bayes.report.blocks import Banner, Block, Pair, ReportSheet
+from ldbb_bayes.report.blocks import Banner, Block, Pair, PictureRow, ReportSheet
 from ldbb_bayes.report.dcc_export import write_dcc
 from ldbb_bayes.report.findings import Beside, Compared, Findings, Recommended, find
 from ldbb_bayes.report.html_templates import template_of
@@ -92,6 +92,8 @@ class Document(Shown):
         for block in self._blocks():
             if isinstance(block, Pair):
                 yield block.picture
+            elif isinstance(block, PictureRow):
+                yield from block.pictures
             elif isinstance(block, Picture):
                 yield block
         for section in self.sections:

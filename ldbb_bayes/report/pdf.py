@@ -17,7 +17,7 @@ import matplotlib as mpl
 from fpdf import FPDF
 from fpdf.fonts import FontFace
 
-from ldbb_bayes.report.blocks import Banner, Block, Fields, Pair, ReportSheet
+from ldbb_bayes.report.blocks import Banner, Block, Fields, Items, Pair, PictureRow, ReportSheet
 from ldbb_bayes.report.pictures import Picture
 from ldbb_bayes.results import Table
 
@@ -36,6 +36,8 @@ _PAIRED_WIDTH = 104.0  # width of a figure with a list of sentences beside it [m
 _PAIRED_HEIGHT = 88.0
 # Largest height allowed for a figure without a list of sentences [mm].
 _PICTURE_HEIGHT = 100.0
+_ROW_GAP = 4.0  # distance between two figures side by side [mm]
+_BULLET_WIDTH = 4.0  # width of the mark before an item of a list [mm]
 _DPI = 300.0
 _MM_PER_INCH = 25.4
 _LINE_HEIGHT = 0.46  # height of a line of text per point of the size of its letters [mm]
@@ -139,10 +141,14 @@ def _draw_block(pdf: FPDF, block: Block, scale: float, pictures: bool) -> None:
         _draw_fields(pdf, block, scale)
     elif isinstance(block, Banner):
         _draw_banner(pdf, block, scale)
+    elif isinstance(block, Items):
+        _draw_items(pdf, block, scale)
     elif isinstance(block, Table):
         _draw_table(pdf, block, scale)
     elif isinstance(block, Pair):
         _draw_pair(pdf, block, scale, pictures)
+    elif isinstance(block, PictureRow):
+        _draw_row(pdf, block, scale, pictures)
     else:
         _draw_picture(pdf, block, _WIDTH, _PICTURE_HEIGHT * scale, pictures)
 
@@ -176,6 +182,17 @@ def _draw_banner(pdf: FPDF, banner: Banner, scale: float) -> None:
         pdf, banner.sentence, 10.0 * scale, bold=True, grey=ink, border=1, padding=1.6, fill=True
     )
     pdf.set_fill_color(255)
+
+
+def _draw_items(pdf: FPDF, items: Items, scale: float) -> None:
+    """Draw a heading and a list of sentences; ``scale`` is the relative size of the letters."""
+    _write(pdf, items.heading, 9.0 * scale, bold=True)
+    for item in items.items:
+        pdf.set_xy(_LEFT, pdf.y + 0.8 * scale)
+        _write(pdf, "•", 8.2 * scale, width=_BULLET_WIDTH)
+        pdf.set_xy(_LEFT + _BULLET_WIDTH, pdf.y - _LINE_HEIGHT * 8.2 * scale)
+        _write(pdf, item, 8.2 * scale, width=_WIDTH - _BULLET_WIDTH)
+    pdf.set_x(_LEFT)
 
 
 # ---- form fields
@@ -216,6 +233,8 @@ def _draw_fields(pdf: FPDF, fields: Fields, scale: float) -> None:
     ``scale`` is the relative size of the letters.
     """
     space = 0.7 * scale
+    if fields.heading:
+        _write(pdf, fields.heading, 9.0 * scale, bold=True)
     if fields.tall:
         pdf.set_y(max(pdf.y, _SIGNATURES))
         space = 9.0 * scale
@@ -320,10 +339,42 @@ def _draw_pair(pdf: FPDF, pair: Pair, scale: float, pictures: bool) -> None:
     pdf.set_y(max(bottom, pdf.y))
 
 
-def _draw_picture(pdf: FPDF, picture: Picture, width: float, height: float, pictures: bool) -> None:
+def _draw_row(pdf: FPDF, row: PictureRow, scale: float, pictures: bool) -> None:
+    """Draw figures side by side, or below one another if the first is wide.
+
+    ``scale`` is the relative size of the letters. If ``pictures`` is false, the places of the
+    figures are left empty.
+    """
+    if row.stacked:
+        for picture in row.pictures:
+            _draw_picture(pdf, picture, _WIDTH, 0.5 * _PICTURE_HEIGHT * scale, pictures)
+        return
+    top = pdf.y
+    left = _LEFT
+    bottom = top
+    gaps = _ROW_GAP * (len(row.pictures) - 1)
+    for picture, share in zip(row.pictures, row.shares, strict=True):
+        width = share * (_WIDTH - gaps)
+        pdf.set_y(top)
+        _draw_picture(pdf, picture, width, _PICTURE_HEIGHT * scale, pictures, left=left)
+        bottom = max(bottom, pdf.y)
+        left += width + _ROW_GAP
+    pdf.set_xy(_LEFT, bottom)
+
+
+def _draw_picture(
+    pdf: FPDF,
+    picture: Picture,
+    width: float,
+    height: float,
+    pictures: bool,
+    *,
+    left: float = _LEFT,
+) -> None:
     """Draw a figure as large as ``width`` and ``height`` allow [mm], with its caption below.
 
-    If ``pictures`` is false, the figure's place is left empty.
+    ``left`` is the position of its left edge [mm]. If ``pictures`` is false, the figure's place is
+    left empty.
     """
     inches = picture.figure.get_size_inches()
     width = min(width, height * inches[0] / inches[1])
@@ -331,6 +382,6 @@ def _draw_picture(pdf: FPDF, picture: Picture, width: float, height: float, pict
         image = io.BytesIO()
         dpi = _DPI * width / _MM_PER_INCH / inches[0]
         picture.figure.savefig(image, format="png", dpi=dpi)
-        pdf.image(image, _LEFT, pdf.y, width, alt_text=picture.caption)
-    pdf.set_xy(_LEFT, pdf.y + width * inches[1] / inches[0])
+        pdf.image(image, left, pdf.y, width, alt_text=picture.caption)
+    pdf.set_xy(left, pdf.y + width * inches[1] / inches[0])
     _write(pdf, picture.caption, 6.8, width=max(width, 60.0), grey=_SOFT_INK)

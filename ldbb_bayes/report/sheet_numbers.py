@@ -19,6 +19,7 @@ from ldbb_bayes.analysis.compliance_change import change_with_force
 from ldbb_bayes.analysis.conformity import draws_at
 from ldbb_bayes.analysis.directional_stiffness import stiffness
 from ldbb_bayes.analysis.measured_paths import measure_circularity
+from ldbb_bayes.analysis.usability import undetermined_parameters
 from ldbb_bayes.inference.posterior import bound_of
 from ldbb_bayes.inference.summary import interval_numbers
 from ldbb_bayes.model.setting import geometric_errors_of
@@ -35,6 +36,7 @@ from ldbb_bayes.units import (
 
 if TYPE_CHECKING:
     from ldbb_bayes.analysis.compliance_change import ChangeWithForce
+    from ldbb_bayes.analysis.directional_stiffness import DirectionalStiffness, PlaneStiffness
     from ldbb_bayes.analysis.verdicts import ChangeIdentifiability, ParameterIdentifiability
     from ldbb_bayes.model.hybrid import BoundModel
 
@@ -43,18 +45,11 @@ __all__ = ["SheetNumbers", "remark"]
 # A compliance is said to increase or to decrease with force if the probability of that is at least
 # this.
 _SURE = 0.95
-_MOST_NAMES = 2  # largest number of effects that a remark names as confounded with a quantity
 # If the credible interval of a compliance begins below this share of its median, only a limit of
 # the stiffness 1 / C is stated.
 _HARDLY_POSITIVE = 0.2
 _ROTATED_AXIS = str.maketrans("ABC", "XYZ")  # linear axis about which each rotation A, B, C turns
-_SHEET_1_KINDS = (
-    "cross",
-    "rotation_for_force",
-    "rotation_for_moment",
-    "rotation_for_other_moment",
-    "squareness",
-)
+_SHEET_1_KINDS = ("squareness",)
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,8 +87,7 @@ class SheetNumbers:
     def changes(self) -> dict[str, StatedQuantity]:
         """Change of each compliance C(F) from the smallest force tested to the largest, by name."""
         stated = {}
-        changes = change_with_force(self.findings.numbers, prob=self.findings.prob)
-        for name, change in changes.items():
+        for name, change in self.changes_with_force.items():
             stated[name] = StatedQuantity(
                 words=self.words(
                     "quantities.change",
@@ -113,10 +107,51 @@ class SheetNumbers:
         return stated
 
     @cached_property
+    def changes_with_force(self) -> Mapping[str, ChangeWithForce]:
+        """Change of each compliance over the tested forces, with its probabilities, by name."""
+        return change_with_force(self.findings.numbers, prob=self.findings.prob)
+
+    @cached_property
+    def planes(self) -> tuple[str, ...]:
+        """Planes that were tested, such as XY."""
+        return tuple(plane.plane for plane in self._directional.planes)
+
+    @property
+    def stiffness_by_plane(self) -> Sequence[PlaneStiffness]:
+        """Stiffness by direction at the force ``force_N``, one for each plane."""
+        return self._directional.planes
+
+    def stiffness_of_axis(self, axis: str) -> StatedQuantity | None:
+        """Return the stiffness of a linear axis, such as X; None if it was not determined."""
+        for compliance in bound_of(self.findings.numbers).compliances:
+            if compliance.kind == "direct" and compliance.joint == axis:
+                return self.stiffnesses[compliance.label]
+        return None
+
+    @cached_property
+    def reversals(self) -> dict[str, Mapping[str, float]]:
+        """Difference between the directions of travel, of the second order, by plane.
+
+        It is half the difference of two circles, the coefficient of sin 2θ of the term
+        `Hysteresis`. Planes that were run in one direction are left out.
+        """
+        tests = bound_of(self.findings.posterior).campaign.tests
+        coefficients = self.findings.result["nuisances"]
+        reversals = {}
+        for plane in self.planes:
+            directions = {str(test.direction) for test in tests if test.plane == plane}
+            suffix = f"_{plane}" if len(self.planes) > 1 else ""
+            name = f"hysteresis{suffix}_sin2"
+            if len(directions) > 1 and name in coefficients:
+                reversals[plane] = coefficients[name]
+        return reversals
+
+    @cached_property
     def _stated(self) -> dict[str, StatedQuantity]:
         """Compliances, slopes and geometric errors but for offsets of the tool ball, by name."""
         bound = bound_of(self.findings.numbers)
         names = _names_by_label(bound)
+        undetermined = undetermined_parameters(self.findings.verdicts)
         stated = {}
         for parameter in bound.parameters:
             name = names[parameter.compliance]
@@ -131,6 +166,7 @@ class SheetNumbers:
                 interval=(summary["ci_low"], summary["ci_high"]),
                 unit=parameter.unit,
                 entry=self.findings.verdicts.get(parameter.name),
+                is_undetermined=parameter.name in undetermined,
             )
         return stated
 
@@ -235,8 +271,11 @@ class SheetNumbers:
     @cached_property
     def directions(self) -> dict[str, StatedQuantity]:
         """Stiffness by direction at the force ``force_N``, by name, such as ``k_min``."""
-        result = stiffness(self.findings.numbers, [self.force_N], prob=self.findings.prob)
-        return stiffness_quantities(result, self.words)
+        return stiffness_quantities(self._directional, self.words)
+
+    @cached_property
+    def _directional(self) -> DirectionalStiffness:
+        return stiffness(self.findings.numbers, [self.force_N], prob=self.findings.prob)
 
     @cached_property
     def path(self) -> dict[str, StatedQuantity]:
@@ -378,18 +417,25 @@ def _change_remark(quantity: StatedQuantity, words: Words) -> str:
 def _verdict_remark(entry: ParameterIdentifiability | ChangeIdentifiability, words: Words) -> str:
     """Return the verdict on a parameter, or on a change with force, in a few words."""
     if entry.verdict == "confounded":
-        return words(
-            "remarks.confounded", partners=_partner_words(tuple(entry.partner_shares), words)
-        )
+        partners = [
+            words("remarks.partner", name=words.term(name), share=_percent(share, words))
+            for name, share in entry.partner_shares.items()
+        ]
+        return words("remarks.confounded", partners=words.joined(partners))
     if entry.verdict == "prior-limited":
         return words("remarks.prior")
     return words(
         "remarks.identified",
         source=words.term(entry.held_by.name),
-        share=words.percent(entry.held_by.share),
+        share=_percent(entry.held_by.share, words),
         origin=words(f"origins.{entry.held_by.origin}"),
     )
 
 
-def _partner_words(names: Any, words: Words) -> str:
-    return words.joined([words.term(name) for name in names[:_MOST_NAMES]])
+def _percent(share: float, words: Words) -> str:
+    """Return a share in per cent as text, rounded as everywhere else a verdict is stated."""
+    return words("percent", value=f"{100.0 * share:.0f}")
+
+
+def _partner_words(names: Sequence[str], words: Words) -> str:
+    return words.joined([words.term(name) for name in names])

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
-from ldbb_bayes.analysis.usability import is_determined
 from ldbb_bayes.units import display_unit, is_skewed, state, value_and_uncertainty
 
 if TYPE_CHECKING:
@@ -57,6 +56,8 @@ class StatedQuantity:
         zero unless the numbers are averaged over models.
     note
         A remark in the language of the sheets that stands before any other.
+    is_undetermined
+        Whether the readings leave the quantity undetermined, see `undetermined_parameters`.
     """
 
     words: str
@@ -72,6 +73,7 @@ class StatedQuantity:
     change_entry: ChangeIdentifiability | None = None
     no_change: float = 0.0
     note: str = ""
+    is_undetermined: bool = False
 
     def value_and_U(self) -> ValueAndU:
         """Return value and expanded uncertainty (k = 2), in the unit shown on the sheets."""
@@ -83,11 +85,6 @@ class StatedQuantity:
         factor, _ = display_unit(self.unit)
         value, expanded = value_and_uncertainty(self.estimate * factor, 2.0 * self.sd * factor)
         return ValueAndU(value.replace("-", "−"), expanded)
-
-    @property
-    def is_undetermined(self) -> bool:
-        """Whether the readings leave the quantity undetermined; False without a verdict."""
-        return self.entry is not None and not is_determined(self.entry)
 
     @property
     def inseparable_partners(self) -> tuple[str, ...]:

@@ -71,6 +71,7 @@ __all__ = [
     "annex_words",
     "assumed_words",
     "assumption_words",
+    "averaged_over",
     "caveat_words",
     "certificate_rows",
     "certificate_words",
@@ -1208,6 +1209,19 @@ def annex_words(degree: int, averaged: bool) -> str:
     of the sheets are averages over models.
     """
     return _sentence("annex_words", degree, averaged)
+
+
+def averaged_over(probabilities: Mapping[str, float]) -> str:
+    """Return a heading that names everything that numbers are averaged over.
+
+    ``probabilities`` are those of the averaged models and of the rival explanations, by name.
+    """
+    degrees = [name for name in probabilities if name in DEGREE_NAMES]
+    rivals = [name for name in probabilities if name not in DEGREE_NAMES]
+    beside = ""
+    if rivals:
+        beside = f", each with and without {joined(rivals)}"
+    return f"Averaged over {joined(degrees)} compliance{beside}:"
 
 
 def instrument_words(force_N: float, same_instrument: bool) -> str:

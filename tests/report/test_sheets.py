@@ -13,11 +13,13 @@ import ldbb_bayes as lb
 from ldbb_bayes.analysis.directional_stiffness import AxialDirection
 from ldbb_bayes.analysis.origins import Origin
 from ldbb_bayes.analysis.variance_sources import VarianceSource
-from ldbb_bayes.report import stiffness_numbers
-from ldbb_bayes.report.blocks import Banner, Fields, Pair, ReportSheet
+from ldbb_bayes.report import stiffness_numbers, wording
+from ldbb_bayes.report.blocks import Banner, Fields, Items, Pair, PictureRow, ReportSheet
 from ldbb_bayes.report.findings import Findings, find
-from ldbb_bayes.report.pictures import Picture
-from ldbb_bayes.report.sheet_numbers import remark
+from ldbb_bayes.report.plain_findings import best_step
+from ldbb_bayes.report.plain_findings import findings_of as findings_of_sheet
+from ldbb_bayes.report.sheet_fields import assumption_fields
+from ldbb_bayes.report.sheet_numbers import SheetNumbers, remark
 from ldbb_bayes.report.sheets import sheets
 from ldbb_bayes.report.stated_quantity import StatedQuantity
 from ldbb_bayes.report.translation import words_of
@@ -262,8 +264,11 @@ def test_radial_deviations_from_the_nominal_circle_stand_on_sheet_2(findings: Fi
 
 def test_the_rose_stands_on_sheet_2(findings: Findings) -> None:
     _, second = sheets(findings)
-    pictures = [block.key for block in second.blocks if isinstance(block, Picture)]
-    assert pictures == ["stiffness_rose", "compliance_against_force"]
+    (row,) = [block for block in second.blocks if isinstance(block, PictureRow)]
+    assert [picture.key for picture in row.pictures] == [
+        "stiffness_rose",
+        "compliance_against_force",
+    ]
 
 
 def test_a_tolerance_of_the_least_stiffness_is_decided_on() -> None:
@@ -290,10 +295,18 @@ def judged(verdict: str, *partners: str) -> Any:
 @pytest.mark.parametrize(
     ("language", "entry", "text"),
     [
-        ("en", judged("identified"), "identified; limited by mount (39 %, assumed)"),
-        ("de", judged("identified"), "bestimmt; begrenzt durch Aufnahme (39 %, angenommen)"),
-        ("en", judged("confounded", "Mount", "Drift"), "confounded with mount and drift"),
-        ("de", judged("confounded", "Mount", "Drift"), "vermengt mit Aufnahme und Drift"),
+        ("en", judged("identified"), "identified, limited by mount (39 %, assumed)"),
+        ("de", judged("identified"), "bestimmt, begrenzt durch Aufnahme (39 %, angenommen)"),
+        (
+            "en",
+            judged("confounded", "Mount", "Drift"),
+            "confounded with mount (30 %) and drift (30 %)",
+        ),
+        (
+            "de",
+            judged("confounded", "Mount", "Drift"),
+            "vermengt mit Aufnahme (30 %) und Drift (30 %)",
+        ),
         ("en", judged("prior-limited"), "prior-limited"),
         ("de", judged("prior-limited"), "durch Vorwissen begrenzt"),
     ],
@@ -306,19 +319,19 @@ def test_verdicts_on_sheets(language: str, entry: Any, text: str) -> None:
 @pytest.mark.parametrize(
     ("language", "direction", "no_change", "text"),
     [
-        ("en", "increases", 0.0, "increases with force; confounded with joint load"),
-        ("en", "no_change", 0.0, "no change shown; confounded with joint load"),
+        ("en", "increases", 0.0, "increases with force; confounded with joint load (30 %)"),
+        ("en", "no_change", 0.0, "no change shown; confounded with joint load (30 %)"),
         (
             "en",
             "no_change",
             0.9,
-            "no change shown (exactly none: 90 %); confounded with joint load",
+            "no change shown (exactly none: 90 %); confounded with joint load (30 %)",
         ),
         (
             "de",
             "no_change",
             0.9,
-            "keine Änderung nachgewiesen (genau keine: 90 %); vermengt mit Achslast",
+            "keine Änderung nachgewiesen (genau keine: 90 %); vermengt mit Achslast (30 %)",
         ),
     ],
 )
@@ -341,3 +354,144 @@ def test_changes_on_sheets(language: str, direction: Any, no_change: float, text
 @pytest.mark.parametrize("language", ["en", "de"])
 def test_every_origin_has_its_words(language: str) -> None:
     assert set(words_of(language).table["origins"]) == set(map(str, Origin))
+
+
+@pytest.mark.parametrize("term", sorted(words_of("en").table["terms"]))
+def test_sheets_and_terminal_name_an_effect_alike(term: str) -> None:
+    expected = {"Parameters": "its prior"}.get(term, wording.term_words(term))
+    assert words_of("en").term(term) == expected
+
+
+@pytest.mark.parametrize("entry", [judged("identified"), judged("confounded", "Mount", "Drift")])
+def test_sheets_and_terminal_state_a_verdict_alike(entry: Any) -> None:
+    quantity = StatedQuantity("Compliance", "C_XXX", 1.0, 0.1, (0.8, 1.2), "mm/N", entry)
+    stated = remark(quantity, words_of("en")).replace("\u00a0", " ")
+    assert stated == wording.verdict_words(entry).replace("\u00a0", " ")
+
+
+# ---- both sheets stand alone
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_both_sheets_have_lines_to_sign(findings: Findings, number: int) -> None:
+    last = sheets(findings)[number].blocks[-1]
+    assert isinstance(last, Fields)
+    assert last.tall
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_both_sheets_name_machine_serial_number_and_date(findings: Findings, number: int) -> None:
+    fields = next(block for block in sheets(findings)[number].blocks if isinstance(block, Fields))
+    names = {name for name, _ in fields.entries}
+    assert {"Machine (maker, type)", "Serial number", "Date of the tests", "Axes"} <= names
+
+
+@pytest.fixture(scope="module")
+def rests_on(findings: Findings) -> dict[str, str]:
+    """What the numbers rest on, by name."""
+    numbers = SheetNumbers(findings, words_of("en"), 389.0)
+    return dict(assumption_fields(numbers))
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("Axes", "wCAFYXZSt, plane XY (assumed)"),
+        ("Readings, work ball's mount", "compensated for 2.33 µm/bar (assumed)"),
+        ("Force of a pressure P", "126.04 N/bar · P − 14.2 N (assumed)"),
+        ("Bar length", "U = 19 µm (assumed)"),
+    ],
+)
+def test_what_decides_a_number_is_marked(rests_on: dict[str, str], name: str, text: str) -> None:
+    assert rests_on[name] == text
+
+
+def test_a_value_that_is_not_the_default_is_stated() -> None:
+    campaign = simulated(plan(compensated=False))
+    numbers = SheetNumbers(findings_of(campaign), words_of("en"), 389.0)
+    text = dict(assumption_fields(numbers))["Readings, work ball's mount"]
+    assert text == "not compensated: 2.33 µm/bar subtracted (stated)"
+
+
+def test_what_a_compliance_contains_is_said(findings: Findings) -> None:
+    _, second = sheets(findings)
+    notes = [block for block in second.blocks if isinstance(block, str)]
+    assert any("C_XXX: C_XXX + C_XXY" in note for note in notes)
+
+
+def test_sheet_2_states_U_and_not_u(findings: Findings) -> None:
+    _, second = sheets(findings)
+    heads = tables_of(second)[0].heads
+    assert "U (k = 2)" in heads
+    assert "u" not in heads
+
+
+# ---- sheet 1 in plain words
+
+
+def plain_of(sheet: ReportSheet) -> Items:
+    return next(block for block in sheet.blocks if isinstance(block, Items))
+
+
+def test_plain_words_follow_the_fields(findings: Findings) -> None:
+    first, _ = sheets(findings)
+    assert [type(block).__name__ for block in first.blocks[:3]] == ["Banner", "Fields", "Items"]
+
+
+def test_plain_words_say_where_the_machine_yields_most(findings: Findings) -> None:
+    first, _ = sheets(findings)
+    stiffness = row_of(first, "k_min")
+    sentence = plain_of(first).items[0]
+    assert f"stiffness {stiffness[2]} ± {stiffness[3]} N/µm" in sentence
+
+
+def test_plain_words_name_the_softer_axis_with_its_probability(findings: Findings) -> None:
+    numbers = SheetNumbers(findings, words_of("en"), 389.0)
+    (soft,) = [finding for finding in findings_of_sheet(numbers) if finding.kind == "soft-axis"]
+    assert soft.values["softer"] == "X"  # the truth: 55 against 42 nm/N
+    assert soft.probability > 0.95
+
+
+def test_no_more_than_three_findings(findings: Findings) -> None:
+    numbers = SheetNumbers(findings, words_of("en"), 389.0)
+    likely = findings_of_sheet(numbers)
+    assert len(likely) <= 3
+    assert all(finding.probability >= 0.9 for finding in likely)
+
+
+def test_one_direction_cannot_show_backlash(findings: Findings) -> None:
+    first, _ = sheets(findings)
+    assert any(
+        "Backlash and servo mismatch were not tested" in item for item in plain_of(first).items
+    )
+
+
+def undetermined(*partners: str) -> StatedQuantity:
+    """A quantity that the readings do not determine, confounded with these effects."""
+    entry = judged("confounded", *partners)
+    return StatedQuantity("Q", "Q", 1.0, 1.0, (-1.0, 3.0), "mm", entry, is_undetermined=True)
+
+
+def test_the_one_step_is_about_what_holds_most_of_what_is_not_determined() -> None:
+    quantities = {"P0": undetermined("Mount", "Drift"), "P1": undetermined("Drift")}
+    numbers: Any = SimpleNamespace(parameters=quantities)
+    assert best_step(numbers) == "Drift"
+
+
+def test_no_step_is_needed_where_all_is_determined() -> None:
+    quantity = StatedQuantity("Q", "Q", 1.0, 0.1, (0.8, 1.2), "mm", judged("confounded", "Mount"))
+    numbers: Any = SimpleNamespace(parameters={"P0": quantity})
+    assert best_step(numbers) == ""
+
+
+@pytest.mark.parametrize("language", ["en", "de"])
+def test_every_effect_has_a_step(language: str) -> None:
+    table = words_of(language).table
+    assert table["steps"].keys() == table["terms"].keys() - {"CircleScale"}
+
+
+@pytest.mark.parametrize("language", ["en", "de"])
+def test_the_banner_counts_what_is_not_determined(language: str) -> None:
+    sentence = words_of(language)("state.not_determined", count="5", all="11", names="…")
+    assert "5" in sentence
+    assert "11" in sentence

@@ -14,7 +14,7 @@ from ldbb_bayes.analysis.directional_stiffness import PlaneStiffness, stiffness
 from ldbb_bayes.inference.posterior import bound_of
 from ldbb_bayes.report.figures import style
 from ldbb_bayes.report.figures.parameter_figures import WORDS
-from ldbb_bayes.report.figures.style import GREY, PALETTE, band, panels, styled
+from ldbb_bayes.report.figures.style import GREY, PALETTE, band, new_figure, panels, styled
 from ldbb_bayes.results import Array
 from ldbb_bayes.units import display_unit
 
@@ -25,15 +25,13 @@ __all__ = ["stiffness_rose"]
 _FARTHEST = 1.6
 # Place of the rings' labels [°]: between the axes, where lines are seldom crowded.
 _LABEL_ANGLE_DEG = 67.5
-# Heights of a rose, and of a compact one [inch].
-_HEIGHT = 3.2
-_COMPACT_HEIGHT = 1.5
+_HEIGHT = 3.2  # height of a rose [inch]
+# Width and height of a compact figure of one plane, which a sheet shows beside another one [inch].
+_COMPACT_SIZE = (3.4, 3.7)
 _RINGS = 4  # largest number of rings
-# Sizes of the labels of directions and of rings, and the same in a compact figure, which the sheets
-# enlarge to the width of the page [pt].
-_LABEL_SIZES = (8, 7)
-_COMPACT_LABEL_SIZES = (5, 4.5)
-_COMPACT_LEGEND_SIZE = 5.5
+# Sizes of the labels of directions and of rings [pt].
+_DIRECTION_SIZE = 8
+_RING_SIZE = 7
 
 
 @styled
@@ -52,7 +50,7 @@ def stiffness_rose(
     words : mapping of str to str
         Labels of the figure by name. Default: English.
     compact : bool
-        Whether the figure is low, with its legend at the right of a single rose.
+        Whether the figure of one plane is only as wide as its rose.
 
     Returns
     -------
@@ -70,30 +68,27 @@ def stiffness_rose(
     forces_N = sorted({float(tested_N.min()), float(tested_N.max())})
     result = stiffness(posterior, forces_N)
     planes = bound.setting.planes
-    height = _COMPACT_HEIGHT if compact else _HEIGHT
     factor, unit = display_unit("mm/N")
     title = words["rose"].format(unit=unit)
-    figure, all_axes = panels(len(planes), 3, height, 0.3, subplot_kw={"projection": "polar"})
+    polar = {"projection": "polar"}
+    is_narrow = compact and len(planes) == 1
+    if is_narrow:
+        figure = new_figure(*_COMPACT_SIZE)
+        all_axes = [figure.subplots(subplot_kw=polar)]
+    else:
+        figure, all_axes = panels(len(planes), 3, _HEIGHT, 0.3, subplot_kw=polar)
     for axes, plane in zip(all_axes, planes, strict=True):
         roses = [rose for rose in result.planes if rose.plane == plane]
         _draw_rose(axes, roses, words, factor)
-        direction_size, ring_size = _COMPACT_LABEL_SIZES if compact else _LABEL_SIZES
-        axes.tick_params(axis="x", labelsize=direction_size, pad=0)
-        axes.tick_params(axis="y", labelsize=ring_size)
+        axes.tick_params(axis="x", labelsize=_DIRECTION_SIZE, pad=0)
+        axes.tick_params(axis="y", labelsize=_RING_SIZE)
         if len(planes) > 1:
             axes.set_title(f"{words['plane']} {plane}", fontsize=9)
-    if compact and len(planes) == 1:
-        handles, _ = all_axes[0].get_legend_handles_labels()
-        figure.legend(
-            handles=handles,
-            title=title,
-            loc="outside right center",
-            fontsize=_COMPACT_LEGEND_SIZE,
-            title_fontsize=_COMPACT_LEGEND_SIZE,
-        )
-        return figure
-    style.legend_below(figure, all_axes[0], columns=2)
-    figure.suptitle(title)
+    style.legend_below(figure, all_axes[0], columns=1 if is_narrow else 2)
+    if is_narrow:
+        figure.suptitle(title.replace("; ", "\n"))
+    else:
+        figure.suptitle(title)
     return figure
 
 

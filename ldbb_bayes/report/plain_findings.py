@@ -1,0 +1,288 @@
+"""What the sheets say first, in plain words: the machine under load, what to look at, one step.
+
+What to look at is at most three findings, each with its probability: the softer axis of a plane,
+compliance that changes with force, a difference between the two directions of travel (backlash or
+servo mismatch), and squareness.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+from ldbb_bayes.model.terms.columns import OWN
+from ldbb_bayes.report.blocks import Items
+from ldbb_bayes.report.sheet_numbers import SheetNumbers
+from ldbb_bayes.report.stated_quantity import StatedQuantity
+from ldbb_bayes.units import display_unit, ranked, value_and_uncertainty
+
+if TYPE_CHECKING:
+    from ldbb_bayes.report.translation import Words
+
+__all__ = ["Finding", "FindingKind", "best_step", "findings_of", "plain_words"]
+
+_MOST_FINDINGS = 3  # largest number of findings that sheet 1 names
+# A finding is named if its probability is at least this.
+_LIKELY = 0.9
+_N_PER_UM_OF_N_PER_MM = 1e-3  # factor from N/mm to N/µm
+_LOAD_N = 100.0  # load whose deflection is stated in plain words [N]
+_UM_PER_MM = 1e3
+
+
+class FindingKind(StrEnum):
+    """Kind of a finding on what to look at or repair."""
+
+    SOFT_AXIS = "soft-axis"
+    CHANGE = "change"
+    REVERSAL = "reversal"
+    SQUARENESS = "squareness"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something to look at or to repair, with its probability.
+
+    ``values`` are texts that the sentence on the finding names, by their place in the sentence.
+    """
+
+    kind: FindingKind
+    probability: float
+    values: Mapping[str, str]
+
+
+def plain_words(numbers: SheetNumbers) -> Items:
+    """Return what sheet 1 says first, in plain words.
+
+    Parameters
+    ----------
+    numbers
+        Quantities that the sheets state.
+
+    Returns
+    -------
+    Items
+    """
+    words = numbers.words
+    items = [*_under_load(numbers), *_findings_in_words(numbers), _not_determined(numbers)]
+    return Items(words("sheet.plain"), tuple(items))
+
+
+# ---- the machine under load
+
+
+def _under_load(numbers: SheetNumbers) -> Iterator[str]:
+    """Yield a sentence on the stiffness of every plane, and one on its path."""
+    words = numbers.words
+    force = words.number(f"{numbers.force_N:.4g}")
+    has_several_planes = len(numbers.planes) > 1
+    for plane in numbers.planes:
+        suffix = f"_{plane}" if has_several_planes else ""
+        least = numbers.directions[f"k_min{suffix}"]
+        greatest = numbers.directions[f"k_max{suffix}"]
+        deflection_um = _LOAD_N / (least.estimate * _N_PER_UM_OF_N_PER_MM)
+        yield words(
+            "plain.stiffness",
+            plane=plane,
+            force=force,
+            least=_with_U(least, words),
+            where=least.note,
+            greatest=_with_U(greatest, words),
+            there=greatest.note,
+            load=words.number(f"{_LOAD_N:g}"),
+            deflection=words.number(f"{deflection_um:.2g}"),
+        )
+        circle = numbers.path[f"G{suffix}"]
+        unloaded = numbers.unloaded_path[f"G_no_load{suffix}"]
+        yield words(
+            "plain.path",
+            plane=plane,
+            force=force,
+            loaded=_with_U(circle, words),
+            unloaded=_with_U(unloaded, words),
+        )
+
+
+def _with_U(quantity: StatedQuantity, words: Words) -> str:
+    """Return a value with its expanded uncertainty, such as "17.5 ± 2.0", or its limit."""
+    statement = quantity.value_and_U()
+    if quantity.limit:
+        return words.number(statement.value)
+    if "/" in statement.expanded:
+        return words.number(f"{statement.value} ({statement.expanded})")
+    return words.number(f"{statement.value} ± {statement.expanded}")
+
+
+# ---- what to look at
+
+
+def findings_of(numbers: SheetNumbers) -> tuple[Finding, ...]:
+    """Return what to look at or to repair, the most probable first; at most three findings.
+
+    Parameters
+    ----------
+    numbers
+        Quantities that the sheets state.
+
+    Returns
+    -------
+    tuple of Finding
+        Findings with a probability of at least 90 %.
+    """
+    candidates = [
+        *_soft_axes(numbers),
+        *_changes(numbers),
+        *_reversals(numbers),
+        *_squareness(numbers),
+    ]
+    likely = [finding for finding in candidates if finding.probability >= _LIKELY]
+    return tuple(ranked(likely, lambda finding: finding.probability)[:_MOST_FINDINGS])
+
+
+def _probability_of_sign(mean: float, sd: float) -> float:
+    """Return the probability that a quantity with a normal distribution has its mean's sign."""
+    if not sd > 0.0:
+        return 1.0
+    return 0.5 * (1.0 + math.erf(abs(mean) / sd / math.sqrt(2.0)))
+
+
+def _soft_axes(numbers: SheetNumbers) -> Iterator[Finding]:
+    """Yield for every plane which of its two axes yields more."""
+    words = numbers.words
+    for plane in numbers.stiffness_by_plane:
+        difference = plane.difference
+        softer = plane.plane[0]
+        stiffer = plane.plane[1]
+        if difference.mean < 0.0:
+            softer = plane.plane[1]
+            stiffer = plane.plane[0]
+        stiffness = numbers.stiffness_of_axis(softer)
+        other = numbers.stiffness_of_axis(stiffer)
+        if stiffness is None or other is None:
+            continue
+        values = {
+            "softer": softer,
+            "stiffer": stiffer,
+            "soft": _with_U(stiffness, words),
+            "stiff": _with_U(other, words),
+        }
+        probability = _probability_of_sign(difference.mean, difference.sd)
+        yield Finding(FindingKind.SOFT_AXIS, probability, values)
+
+
+def _changes(numbers: SheetNumbers) -> Iterator[Finding]:
+    """Yield the compliance whose change with force has the most probable sign."""
+    words = numbers.words
+    probabilities = {
+        name: max(change.probability_of_increase, change.probability_of_decrease)
+        for name, change in numbers.changes_with_force.items()
+    }
+    if not probabilities:
+        return
+    name = ranked(probabilities, probabilities.__getitem__)[0]
+    quantity = numbers.changes[name]
+    values = {
+        "symbol": quantity.symbol.removeprefix("Δ"),
+        "direction": words("remarks.increases"),
+        "change": _with_U(quantity, words),
+        "unit": words.unit(display_unit(quantity.unit)[1]),
+    }
+    if quantity.estimate < 0.0:
+        values["direction"] = words("remarks.decreases")
+    yield Finding(FindingKind.CHANGE, probabilities[name], values)
+
+
+def _reversals(numbers: SheetNumbers) -> Iterator[Finding]:
+    """Yield for every plane run in both directions how far circles of the two directions differ.
+
+    The difference is that of the second order, sin 2θ, as servo mismatch and unequal backlash of
+    the two axes make it.
+    """
+    words = numbers.words
+    for plane, coefficient in numbers.reversals.items():
+        mean_um = 2.0 * coefficient["mean"] * _UM_PER_MM
+        sd_um = 2.0 * coefficient["sd"] * _UM_PER_MM
+        value, expanded = value_and_uncertainty(abs(mean_um), 2.0 * sd_um)
+        values = {"plane": plane, "difference": words.number(f"{value} ± {expanded}")}
+        yield Finding(FindingKind.REVERSAL, _probability_of_sign(mean_um, sd_um), values)
+
+
+def _squareness(numbers: SheetNumbers) -> Iterator[Finding]:
+    """Yield for every squareness error the probability of its sign."""
+    words = numbers.words
+    for quantity in numbers.further.values():
+        values = {"name": quantity.words, "value": _with_U(quantity, words)}
+        probability = _probability_of_sign(quantity.estimate, quantity.sd)
+        yield Finding(FindingKind.SQUARENESS, probability, values)
+
+
+def _findings_in_words(numbers: SheetNumbers) -> Iterator[str]:
+    words = numbers.words
+    findings = findings_of(numbers)
+    for finding in findings:
+        probability = words.percent(finding.probability)
+        key = str(finding.kind).replace("-", "_")
+        yield words(f"plain.{key}", probability=probability, **finding.values)
+    if not findings:
+        yield words("plain.nothing", limit=words.percent(_LIKELY))
+    change = next(_changes(numbers), None)
+    if change is not None and change.probability < _LIKELY:
+        probability = words.percent(change.probability)
+        yield words("plain.no_change", symbol=change.values["symbol"], probability=probability)
+    if not numbers.reversals:
+        yield words("plain.one_way")
+
+
+# ---- what was not determined, and the one step that would help most
+
+
+def best_step(numbers: SheetNumbers) -> str:
+    """Return the effect that holds most of what is not determined, by its class name.
+
+    Parameters
+    ----------
+    numbers
+        Quantities that the sheets state.
+
+    Returns
+    -------
+    str
+        Class name of a model term, or the name of the priors; empty if all is determined.
+    """
+    shares: dict[str, float] = {}
+    for quantity in numbers.parameters.values():
+        entry = quantity.entry
+        if entry is None or not quantity.is_undetermined:
+            continue
+        partners = entry.partner_shares or {entry.held_by.name: entry.held_by.share}
+        for name, share in partners.items():
+            shares[name] = shares.get(name, 0.0) + share
+    if not shares:
+        return ""
+    return ranked(shares, shares.__getitem__)[0]
+
+
+def _not_determined(numbers: SheetNumbers) -> str:
+    words = numbers.words
+    step = best_step(numbers)
+    if not step:
+        return words("plain.all_determined")
+    undetermined = []
+    helped = []
+    for quantity in numbers.parameters.values():
+        if quantity.entry is None or not quantity.is_undetermined:
+            continue
+        undetermined.append(quantity.symbol)
+        if step in (quantity.entry.held_by.name, *quantity.entry.partners):
+            helped.append(quantity.symbol)
+    steps = words.table["steps"]
+    return words(
+        "plain.not_determined",
+        count=str(len(undetermined)),
+        all=str(len(numbers.parameters)),
+        names=words.joined(undetermined),
+        step=steps.get(step, steps[OWN]),
+        helped=words.joined(helped),
+    )

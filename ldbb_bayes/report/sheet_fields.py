@@ -1,0 +1,240 @@
+"""Form fields of the certificate's sheets: machine, tests, and what the numbers rest on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ldbb_bayes.analysis.assumed_sizes import AssumedSize, deciding_assumptions
+from ldbb_bayes.campaign.campaign import Campaign, CampaignFields
+from ldbb_bayes.campaign.loading import ForceLaw, MountCompensation
+from ldbb_bayes.campaign.run_times import TimeSource, time_source
+from ldbb_bayes.inference.posterior import bound_of
+from ldbb_bayes.model.terms import Angle, BallForm, BarLength, ForceError, Mount
+from ldbb_bayes.model.terms.columns import OWN
+from ldbb_bayes.report.findings import Findings
+from ldbb_bayes.report.sheet_instrument import instrument_pieces
+from ldbb_bayes.report.sheet_numbers import SheetNumbers
+from ldbb_bayes.report.translation import Words
+from ldbb_bayes.report.wording import source_unit_words
+from ldbb_bayes.units import display_unit, two_digits
+
+__all__ = ["assumption_fields", "campaign_fields", "identity_fields", "shorten"]
+
+_LONGEST_ENTRY = 70  # largest number of characters of a text in a form field
+_CAMPAIGN_ENTRIES = ("machine_type", "serial_number", "date", "operator", "place")
+_DEVICE_ENTRIES = ("ball_bar", "ball_bar_calibrated", "force_device")
+# Entries that tell which machine was measured and when; they stand on both sheets.
+_IDENTITY_ENTRIES = ("machine_type", "serial_number", "date")
+# Entry of the sheet that says in which order the tests were run, by what tells it.
+_ORDER_ENTRIES = {
+    TimeSource.TIMES: "entries.by_times",
+    TimeSource.LISTED: "entries.as_listed",
+    TimeSource.RANDOM: "entries.random_order",
+    TimeSource.NO_DRIFT: "entries.no_drift",
+}
+# Terms whose assumed sizes are those of the parts of the instrument: each assumption is stated
+# once.
+_TERMS_OF_PIECES = frozenset(
+    term.__name__ for term in (Angle, BallForm, BarLength, ForceError, Mount)
+)
+
+
+def shorten(text: str) -> str:
+    """Return a text that fits a form field; a longer one ends with an ellipsis."""
+    if len(text) <= _LONGEST_ENTRY:
+        return text
+    return f"{text[: _LONGEST_ENTRY - 1]}…"
+
+
+# ---- machine, operator, tests and instrument
+
+
+def campaign_fields(findings: Findings, words: Words) -> Iterator[tuple[str, str]]:
+    """Yield the name and the text of each form field of sheet 1, such as operator and place.
+
+    A text that the campaign does not state is empty.
+
+    Parameters
+    ----------
+    findings
+        All results of a fit that a report shows.
+    words
+        Texts of the sheets in their language.
+
+    Yields
+    ------
+    tuple of str
+    """
+    campaign = bound_of(findings.posterior).campaign
+    yield from _stated_entries(campaign, _CAMPAIGN_ENTRIES, words)
+    yield words("fields.machine"), _machine(campaign, words)
+    yield from _stated_entries(campaign, _DEVICE_ENTRIES, words)
+    yield words("fields.temperature"), _temperature(campaign, words)
+    yield words("fields.tests"), _tests(campaign, words)
+    yield words("fields.path"), _path(campaign, words)
+    yield words("fields.certificates"), _certificates(findings, words)
+
+
+def identity_fields(findings: Findings, words: Words) -> tuple[tuple[str, str], ...]:
+    """Return the form fields that tell which machine was measured and when.
+
+    Parameters
+    ----------
+    findings
+        All results of a fit that a report shows.
+    words
+        Texts of the sheets in their language.
+
+    Returns
+    -------
+    tuple of tuple of str
+    """
+    campaign = bound_of(findings.posterior).campaign
+    machine = (words("fields.machine"), _machine(campaign, words))
+    return (*_stated_entries(campaign, _IDENTITY_ENTRIES, words), machine)
+
+
+def _stated_entries(
+    campaign: Campaign, keys: tuple[str, ...], words: Words
+) -> Iterator[tuple[str, str]]:
+    for key in keys:
+        yield words(f"fields.{key}"), shorten(str(getattr(campaign, key) or ""))
+
+
+def _machine(campaign: Campaign, words: Words) -> str:
+    """Return the machine's axes and the planes of the tests as text."""
+    planes = list(dict.fromkeys(str(test.plane) for test in campaign.tests))
+    return words("entries.machine", topology=campaign.topology, planes=words.joined(planes))
+
+
+def _temperature(campaign: Campaign, words: Words) -> str:
+    temperatures = [test.temperature_C for test in campaign.tests if test.temperature_C is not None]
+    if not temperatures:
+        return ""
+    ends = [words.number(f"{end:.1f}") for end in (min(temperatures), max(temperatures))]
+    return words("entries.temperature", range=" … ".join(dict.fromkeys(ends)))
+
+
+def _tests(campaign: Campaign, words: Words) -> str:
+    """Return the number of circles, their forces and radii as text."""
+    radii_mm = sorted({test.circle.radius_mm for test in campaign.tests})
+    return words(
+        "entries.tests",
+        count=str(len(campaign.tests)),
+        low=words.number(f"{min(campaign.forces_N):.4g}"),
+        high=words.number(f"{max(campaign.forces_N):.4g}"),
+        radius=words.number(", ".join(f"{radius:g}" for radius in radii_mm)),
+    )
+
+
+def _path(campaign: Campaign, words: Words) -> str:
+    """Return feed, directions of travel and order of the tests as text."""
+    path = []
+    if campaign.feed_mm_per_min:
+        path.append(words("entries.feed", feed=f"{campaign.feed_mm_per_min:g}"))
+    directions = dict.fromkeys(str(test.direction) for test in campaign.tests if test.direction)
+    if directions:
+        path.append("/".join(directions))
+    if len(campaign.tests) > 1:
+        path.append(words(_ORDER_ENTRIES[time_source(campaign)]))
+    return ", ".join(path)
+
+
+def _certificates(findings: Findings, words: Words) -> str:
+    """Return what certificates state of the instrument as text."""
+    stated = []
+    for piece in instrument_pieces(findings, words):
+        if piece.is_stated:
+            stated.append(f"{words(f'entries.{piece.key}')} {piece.size}{piece.certificate}")
+    return ", ".join(stated) or words("entries.none")
+
+
+# ---- what the numbers rest on
+
+
+def assumption_fields(numbers: SheetNumbers) -> Iterator[tuple[str, str]]:
+    """Yield every assumption that decides a number, with its size and whether it was stated.
+
+    Parameters
+    ----------
+    numbers
+        Quantities that the sheets state.
+
+    Yields
+    ------
+    tuple of str
+        Name of the assumption, and its text with the mark *stated* or *assumed*.
+    """
+    words = numbers.words
+    campaign = bound_of(numbers.findings.posterior).campaign
+    machine = _machine(campaign, words)
+    is_stated = campaign.topology != CampaignFields.topology
+    yield words("fields.machine"), _marked(machine, is_stated, words)
+    yield words("assumptions.readings"), _mount_text(campaign, words)
+    yield words("assumptions.force_law"), _force_law_text(campaign, words)
+    for piece in instrument_pieces(numbers.findings, words):
+        text = f"{piece.size}{piece.certificate}"
+        yield words(f"assumptions.{piece.key}"), _marked(text, piece.is_stated, words)
+    budgets = numbers.findings.budgets
+    stated = {name: budgets[name] for name in (*numbers.parameters, *numbers.slopes)}
+    for assumption in deciding_assumptions(stated):
+        if assumption.term in _TERMS_OF_PIECES:
+            continue
+        sizes = [_assumed_size(assumption.term, size, words) for size in assumption.sizes]
+        name = words.term(assumption.term)
+        yield name[:1].upper() + name[1:], _marked(words.joined(sizes), False, words)
+    priors = _deciding_priors(numbers)
+    if priors:
+        yield words("assumptions.before"), _marked("; ".join(priors), False, words)
+
+
+def _marked(text: str, is_stated: bool, words: Words) -> str:
+    """Return a text with the mark *stated* or *assumed*."""
+    mark = words("origins.assumed")
+    if is_stated:
+        mark = words("origins.stated")
+    return f"{text} ({mark})"
+
+
+def _mount_text(campaign: Campaign, words: Words) -> str:
+    mount = campaign.mount
+    key = "compensated" if mount.compensated else "not_compensated"
+    deflection = words.number(f"{mount.deflection_um_per_bar:g}")
+    text = words(f"assumptions.{key}", deflection=deflection)
+    return _marked(text, mount != MountCompensation(), words)
+
+
+def _force_law_text(campaign: Campaign, words: Words) -> str:
+    law = campaign.force_law
+    sign = "−" if law.offset_N < 0.0 else "+"
+    text = words(
+        "assumptions.law",
+        slope=words.number(f"{law.slope_N_per_bar:g}"),
+        offset=words.number(f"{sign} {abs(law.offset_N):g}"),
+    )
+    return _marked(text, law != ForceLaw(), words)
+
+
+def _assumed_size(term: str, size: AssumedSize, words: Words) -> str:
+    """Return the size of an assumed effect as text: twice its standard uncertainty."""
+    factor, label = source_unit_words(size.source, term, size.unit)
+    value = words.number(two_digits(2.0 * size.sd, factor))
+    text = f"±\u00a0{value}\u00a0{words.unit(label)}"
+    if size.differs:
+        return words("entries.up_to", size=text)
+    return text
+
+
+def _deciding_priors(numbers: SheetNumbers) -> list[str]:
+    """Return the priors of quantities that are limited by them, as texts such as "E_XX1 ± …"."""
+    words = numbers.words
+    priors = []
+    for quantity in (*numbers.parameters.values(), *numbers.changes.values()):
+        entry = quantity.entry or quantity.change_entry
+        if entry is not None and entry.held_by.name == OWN and np.isfinite(entry.prior_sd):
+            factor, label = display_unit(entry.unit)
+            size = words.number(two_digits(2.0 * entry.prior_sd, factor))
+            priors.append(f"{quantity.symbol} ±\u00a0{size}\u00a0{words.unit(label)}")
+    return priors

@@ -1,0 +1,130 @@
+"""Parts of the instrument (bar, balls, mount, …) with their certified or assumed uncertainties."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ldbb_bayes.inference.posterior import bound_of, campaign_of
+from ldbb_bayes.model.terms import BallForm, uncertainties
+from ldbb_bayes.model.terms.base import Uncertainty
+from ldbb_bayes.report.findings import Findings
+from ldbb_bayes.report.translation import Words
+from ldbb_bayes.units import display_unit, two_digits
+
+__all__ = ["InstrumentPiece", "instrument_pieces"]
+
+_LONGEST_CERTIFICATE = 32  # largest number of characters of the name of a calibration certificate
+# Names of the errors of the instrument whose uncertainties the sheets of the certificate state, by
+# part of the instrument.
+_UNCERTAINTY_OF_PIECE = {
+    "bar": "bar_length",
+    "work": "work_form_2",
+    "tool": "tool_form_2",
+    "mount": "mount",
+    "force": "force_gain",
+    "angle": "angle_reference",
+}
+
+
+@dataclass(frozen=True)
+class InstrumentPiece:
+    """A part of the instrument with its certified or assumed uncertainty.
+
+    ``key`` names the part, such as ``bar``. ``size`` is the part's certified value or grade as
+    text, or its uncertainty U (k = 2). ``certificate`` is the name of its certificate in brackets;
+    empty if it has none. ``is_stated`` is whether a certificate states its uncertainty.
+    """
+
+    key: str
+    size: str
+    certificate: str
+    is_stated: bool
+
+
+def instrument_pieces(findings: Findings, words: Words) -> list[InstrumentPiece]:
+    """Return the parts of the instrument (bar, balls, …) whose errors the model includes.
+
+    Parameters
+    ----------
+    findings
+        All results of a fit that a report shows.
+    words
+        Texts of the sheets in their language.
+
+    Returns
+    -------
+    list of InstrumentPiece
+    """
+    bound = bound_of(findings.posterior)
+    assumed = uncertainties(bound.campaign, bound.model.nuisances).assumed
+    by_name = {uncertainty.name: uncertainty for uncertainty in assumed}
+    pieces = []
+    for key, name in _UNCERTAINTY_OF_PIECE.items():
+        if name in by_name:
+            uncertainty = by_name[name]
+            size = _ball_size(findings, key, words)
+            if not size:
+                size = words.number(_size(key, uncertainty))
+            certificate = _certificate_name(findings, key)
+            pieces.append(InstrumentPiece(key, size, certificate, uncertainty.stated))
+    return pieces
+
+
+def _ball_size(findings: Findings, key: str, words: Words) -> str:
+    """Return the grade of a ball as text, such as G10, or else its sphericity, such as 0.2 µm.
+
+    ``key`` names a part of the instrument. The text is empty if the part is not a ball, or if
+    harmonics of its form are stated instead. Of a ball of which nothing is stated, the sphericity
+    is the one that the model assumes.
+    """
+    if key not in ("work", "tool"):
+        return ""
+    bound = bound_of(findings.posterior)
+    ball = getattr(bound.campaign.instrument, key)
+    if ball is not None and ball.grade:
+        return str(ball.grade)
+    if ball is not None and ball.stated_sphericity_um is not None:
+        return _sphericity(ball.sphericity_um, words)
+    if ball is not None and ball.harmonics_um:
+        return ""
+    for term in bound.model.nuisances:
+        if isinstance(term, BallForm):
+            return _sphericity(term.sphericity_um, words)
+    return ""
+
+
+def _sphericity(sphericity_um: float, words: Words) -> str:
+    return words("entries.sphericity", size=words.number(f"{sphericity_um:g}"))
+
+
+def _size(key: str, uncertainty: Uncertainty) -> str:
+    """Return the certified uncertainty U (k = 2) of a part of the instrument as text.
+
+    ``key`` names the part. For the bar, the error of its length precedes the uncertainty if it is
+    not zero.
+    """
+    if uncertainty.unit == "1" or key == "mount":
+        size = f"{two_digits(2.0 * uncertainty.sd / (uncertainty.value or 1.0), 100.0)} %"
+    elif uncertainty.unit == "rad":
+        size = f"{two_digits(np.degrees(2.0 * uncertainty.sd))}°"
+    else:
+        factor, label = display_unit(uncertainty.unit)
+        size = f"{two_digits(2.0 * uncertainty.sd, factor)} {label}"
+    size = f"U = {size}"
+    if key == "bar" and uncertainty.value:
+        size = f"{uncertainty.value * 1e3:+.4g} µm, {size}".replace("-", "−")
+    return size
+
+
+def _certificate_name(findings: Findings, key: str) -> str:
+    """Return the name of the certificate of a part of the instrument, in brackets.
+
+    ``key`` names the part, such as ``bar``. The text is empty if the part has no certificate.
+    """
+    certificates = campaign_of(findings.posterior).instrument.certificates
+    for name, certificate in certificates.items():
+        if name.startswith(key):
+            return f" ({certificate.split(': ')[0][:_LONGEST_CERTIFICATE]})"
+    return ""

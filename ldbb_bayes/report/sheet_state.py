@@ -1,0 +1,136 @@
+"""Whether the numbers of the certificate can be used, and what the readings do not determine."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from ldbb_bayes.analysis.usability import Use, state_of
+from ldbb_bayes.inference.posterior import campaign_of, fit_of
+from ldbb_bayes.report.blocks import Banner
+from ldbb_bayes.report.findings import Findings
+from ldbb_bayes.report.sheet_instrument import instrument_pieces
+from ldbb_bayes.report.sheet_numbers import SheetNumbers, remark
+from ldbb_bayes.report.stated_quantity import StatedQuantity
+from ldbb_bayes.report.translation import Words
+
+__all__ = ["banner", "undetermined_texts"]
+
+_MOST_REASONS = 2  # largest number of reasons in the banner on whether the numbers can be used
+_MOST_IN_WORDS = 2  # largest number of quantities that the banner names in words, not as symbols
+_MOST_UNDETERMINED = 12  # largest number of undetermined quantities that sheet 1 lists
+
+
+def banner(numbers: SheetNumbers) -> Banner:
+    """Return the banner that states whether the numbers can be used, and the main reasons."""
+    words = numbers.words
+    findings = numbers.findings
+    quantities = numbers.parameters
+    comparison = None if isinstance(findings.comparison, str) else findings.comparison
+    state_of_use = state_of(
+        fit_of(findings.posterior), findings.verdicts, quantities, comparison=comparison
+    )
+    is_unusable = state_of_use.use == Use.DO_NOT_USE
+    names_by_kind: dict[str, list[str]] = {}
+    for reason in state_of_use.reasons:
+        names = names_by_kind.setdefault(str(reason.kind).replace("-", "_"), [])
+        names += reason.names
+    reasons = []
+    for kind, names in names_by_kind.items():
+        text = words(
+            f"state.{kind}",
+            names=words.joined(_labels(names, quantities)),
+            count=str(len(names)),
+            all=str(len(quantities)),
+        )
+        reasons.append(text)
+    if findings.flat:
+        reasons.append(words("state.least_squares"))
+    forces_N = campaign_of(findings.numbers).forces_N
+    if not forces_N.min() <= numbers.force_N <= forces_N.max():
+        outside = words("state.outside", force=words.number(f"{numbers.force_N:.4g}"))
+        # A force outside the tested range is the first reason for caution, or the second one if the
+        # numbers cannot be used for another reason.
+        reasons.insert(1 if is_unusable else 0, outside)
+
+    kind = "usable"
+    if is_unusable:
+        kind = "unusable"
+    elif reasons:
+        kind = "reserved"
+    because = "; ".join(reasons[:_MOST_REASONS]) or words("state.fits")
+    if not is_unusable:
+        because += _missing_certificates(findings, words)
+    sentence = words(
+        "state.sentence",
+        state=words(f"state.{kind}"),
+        reason=because[:1].upper() + because[1:],
+    )
+    return Banner(kind, sentence)
+
+
+def _labels(names: Sequence[str], quantities: Mapping[str, StatedQuantity]) -> list[str]:
+    """Return the names of one or two quantities in words, and of more quantities as symbols.
+
+    The names of tests or hyper-parameters are returned as they are.
+    """
+    labels = []
+    for name in names:
+        if name not in quantities:
+            labels.append(name)
+        elif len(names) > _MOST_IN_WORDS:
+            labels.append(quantities[name].symbol)
+        else:
+            labels.append(quantities[name].words)
+    return labels
+
+
+def _missing_certificates(findings: Findings, words: Words) -> str:
+    """Return a note that some or all parts of the instrument have no certificate.
+
+    The note is empty if all have one, or for a fit by least squares, which assumes nothing of the
+    instrument.
+    """
+    if findings.flat:
+        return ""
+    is_stated = [piece.is_stated for piece in instrument_pieces(findings, words)]
+    if all(is_stated):
+        return ""
+    if any(is_stated):
+        return words("state.partly_stated")
+    return words("state.none_stated")
+
+
+def undetermined_texts(numbers: SheetNumbers) -> list[str]:
+    """Return texts on what the readings do not determine, each with the reason.
+
+    If the readings determine everything, the only text states this.
+    """
+    words = numbers.words
+    items = []
+    if 0.05 < numbers.findings.varying < 0.95:
+        probability = words.percent(numbers.findings.varying)
+        items.append(words("notes.varying", probability=probability))
+    for quantity in numbers.parameters.values():
+        if quantity.is_undetermined:
+            items.append(f"{quantity.words} ({quantity.symbol}): {remark(quantity, words)}")
+    unknown_signs = [
+        symbol
+        for symbol, quantity in numbers.changes.items()
+        if quantity.direction == "no_change" and numbers.findings.varying > 0.5
+    ]
+    if unknown_signs:
+        items.append(words("notes.unknown_signs", symbols=words.joined(unknown_signs)))
+    confounded = [quantity for quantity in numbers.path.values() if quantity.hangs_on]
+    if confounded:
+        symbols = words.joined([quantity.symbol for quantity in confounded])
+        without_note = replace(confounded[0], note="")
+        items.append(f"{symbols}: {remark(without_note, words)}")
+
+    if not items:
+        return [words("sheet.all_determined")]
+    excess = len(items) - _MOST_UNDETERMINED
+    if excess > 0:
+        continued = words("sheet.continued", count=str(excess))
+        return [*items[:_MOST_UNDETERMINED], continued]
+    return items
