@@ -34,11 +34,16 @@ _ORDER_ENTRIES = {
     TimeSource.RANDOM: "entries.random_order",
     TimeSource.NO_DRIFT: "entries.no_drift",
 }
-# Terms whose assumed sizes are those of the parts of the instrument: each assumption is stated
+# Term whose assumed sizes are those of a part of the instrument, by part: each assumption is stated
 # once.
-_TERMS_OF_PIECES = frozenset(
-    term.__name__ for term in (Angle, BallForm, BarLength, ForceError, Mount)
-)
+_TERM_OF_PIECE = {
+    "bar": BarLength.__name__,
+    "work": BallForm.__name__,
+    "tool": BallForm.__name__,
+    "mount": Mount.__name__,
+    "force": ForceError.__name__,
+    "angle": Angle.__name__,
+}
 
 
 def shorten(text: str) -> str:
@@ -174,13 +179,15 @@ def assumption_fields(numbers: SheetNumbers) -> Iterator[tuple[str, str]]:
     yield words("fields.machine"), _marked(machine, is_stated, words)
     yield words("assumptions.readings"), _mount_text(campaign, words)
     yield words("assumptions.force_law"), _force_law_text(campaign, words)
+    terms_of_pieces = set()
     for piece in instrument_pieces(numbers.findings, words):
         text = f"{piece.size}{piece.certificate}"
+        terms_of_pieces.add(_TERM_OF_PIECE[piece.key])
         yield words(f"assumptions.{piece.key}"), _marked(text, piece.is_stated, words)
     budgets = numbers.findings.budgets
     stated = {name: budgets[name] for name in (*numbers.parameters, *numbers.slopes)}
     for assumption in deciding_assumptions(stated):
-        if assumption.term in _TERMS_OF_PIECES:
+        if assumption.term in terms_of_pieces:
             continue
         sizes = [_assumed_size(assumption.term, size, words) for size in assumption.sizes]
         name = words.term(assumption.term)

@@ -253,14 +253,15 @@ def _table_with_intervals(numbers: SheetNumbers, quantities: Sequence[StatedQuan
     words = numbers.words
     rows = []
     for quantity in quantities:
-        statement = state(quantity.estimate, quantity.sd, quantity.interval, quantity.unit)
-        interval = words("interval", low=statement.ends[0], high=statement.ends[1])
+        statement = quantity.value_and_U()
+        ends = state(quantity.estimate, quantity.sd, quantity.interval, quantity.unit).ends
+        interval = words("interval", low=ends[0], high=ends[1])
         rows.append(
             (
                 quantity.words,
                 quantity.symbol,
                 words.number(statement.value),
-                words.number(quantity.value_and_U().expanded),
+                words.number(statement.expanded),
                 words.number(interval),
                 words.unit(display_unit(quantity.unit)[1]),
                 remark(quantity, words),
