@@ -27,6 +27,7 @@ def posterior(recovered: lb.Campaign) -> xr.DataTree:
         lb.assess_conformity,
         lb.analysis.budget_uncertainty,
         lb.analysis.judge_posterior,
+        lb.analysis.validate_gum,
         lb.figures.traces,
         lambda posterior: lb.write_report(posterior, "report"),
     ],

@@ -14,6 +14,9 @@ from .design import read_design as read_design
 from .differences import compare_posteriors as compare_posteriors
 from .directional_stiffness import DirectionalStiffness as DirectionalStiffness
 from .directional_stiffness import PlaneStiffness as PlaneStiffness
+from .gum_validation import GumComparison as GumComparison
+from .gum_validation import GumValidation as GumValidation
+from .gum_validation import validate_gum as validate_gum
 from .measured_paths import measure_circularity as measure_circularity
 from .path_contributions import decompose_deviation as decompose_deviation
 from .posterior_calibration import calibrate_posterior as calibrate_posterior

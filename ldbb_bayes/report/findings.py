@@ -15,6 +15,7 @@ from ldbb_bayes.analysis.circularity import predict_circularity
 from ldbb_bayes.analysis.comparison import Comparison, compare
 from ldbb_bayes.analysis.conformity import assess_conformity
 from ldbb_bayes.analysis.design import Design, design
+from ldbb_bayes.analysis.gum_validation import GumValidation, validate_gum
 from ldbb_bayes.analysis.verdicts import JudgedQuantities, judge_posterior, judge_quantities
 from ldbb_bayes.campaign.preview import CampaignPreview, check_campaign
 from ldbb_bayes.errors import InputError
@@ -150,6 +151,11 @@ class Findings:
     def budgets(self) -> Mapping[str, Budget]:
         """Uncertainty budget of every parameter of the certificate, by name."""
         return budget_uncertainty(self.numbers)
+
+    @cached_property
+    def gum_validation(self) -> GumValidation:
+        """The GUM's linear propagation beside the numbers of the certificate, by JCGM 101."""
+        return validate_gum(self.numbers, prob=self.prob)
 
     @cached_property
     def path(self) -> pd.DataFrame:

@@ -31,6 +31,7 @@ TABLE_FILES = (
     "covariance.csv",
     "correlation.csv",
     "budget.csv",
+    "gum_validation.csv",
     "circularity.csv",
     "measured_circularity.csv",
     "contributions.csv",
@@ -75,6 +76,7 @@ def tables(
         "correlation": correlation.rename_axis("parameter"),
         "budget": _budget(findings),
         "stiffness": _stiffness(findings, force_N),
+        "gum_validation": _gum_validation(findings),
     }
     if not findings.sheets_only:
         frames |= _annex_tables(findings)
@@ -166,6 +168,23 @@ def _budget(findings: Findings) -> pd.DataFrame:
                 row[columns.get(field, field)] = value
             rows.append(row)
     return pd.DataFrame(rows).set_index("parameter")
+
+
+def _gum_validation(findings: Findings) -> pd.DataFrame:
+    """Return a table of the GUM's interval beside that of the distribution, for every parameter."""
+    rows = {}
+    for name, entry in findings.gum_validation.parameters.items():
+        fields = asdict(entry)
+        agreeing = fields.pop("digits")
+        rows[name] = {
+            **fields,
+            "d_low": entry.d_low,
+            "d_high": entry.d_high,
+            "agreeing_digits": agreeing,
+            "validated": entry.validated,
+            "decided": entry.decided,
+        }
+    return pd.DataFrame.from_dict(rows, orient="index").rename_axis("parameter")
 
 
 def _averaged(findings: Findings) -> pd.DataFrame:

@@ -171,6 +171,7 @@ def _second_sheet(numbers: SheetNumbers) -> Iterator[Block]:
     )
     yield words("notes.words", names="; ".join(_meanings_of_partners(numbers)))
     yield from _sums(findings, words)
+    yield _gum_sentence(numbers)
     rests_on = tuple(assumption_fields(numbers))
     yield Fields(rests_on, heading=words("sheet.rests_on"))
     yield words("notes.rests_on")
@@ -208,6 +209,22 @@ def _sums(findings: Findings, words: Words) -> Iterator[str]:
             sums.append(f"{display_name(parameter.name)}: {sum_in_words(parameter)}")
     if sums:
         yield words("notes.sums", sums="; ".join(sums))
+
+
+def _gum_sentence(numbers: SheetNumbers) -> str:
+    """Return which quantities the GUM's law of propagation states as the sheet does (JCGM 101)."""
+    words = numbers.words
+    validation = numbers.findings.gum_validation
+    by_use: dict[bool, list[str]] = {True: [], False: []}
+    for name, entry in validation.parameters.items():
+        if name in numbers.parameters:
+            by_use[entry.validated].append(display_name(name))
+    digits = str(validation.digits)
+    if not by_use[False]:
+        return words("notes.gum_agrees", digits=digits)
+    if not by_use[True]:
+        return words("notes.gum_differs", digits=digits)
+    return words("notes.gum_agrees_in_part", digits=digits, symbols=words.joined(by_use[True]))
 
 
 def _meanings_of_partners(numbers: SheetNumbers) -> list[str]:

@@ -20,7 +20,15 @@ from ldbb_bayes.report.findings import find
 from ldbb_bayes.report.page import Document, html_page
 from ldbb_bayes.report.sheets import sheets
 
-TABLES = {"results", "covariance", "correlation", "budget", "change_with_force", "stiffness"}
+TABLES = {
+    "results",
+    "covariance",
+    "correlation",
+    "budget",
+    "gum_validation",
+    "change_with_force",
+    "stiffness",
+}
 
 
 def never(*_: object, **__: object) -> None:

@@ -1,0 +1,225 @@
+"""Comparison of a posterior with the GUM's law of propagation, as JCGM 101, section 8, requires.
+
+y is the estimate of a parameter, u its standard uncertainty and k the coverage factor. The law of
+propagation states y ± k u of a linear model. The scales of the noise and of other effects (the
+hyper-parameters φ) are known in it. JCGM 101 propagates distributions instead; here these are the
+posterior, with φ unknown and, if the model says so, no compliance negative.
+
+The two agree within n significant digits of u if both ends of their intervals differ by at most the
+numerical tolerance δ = 10^l / 2. The standard uncertainty, rounded to n digits, is a whole number
+times 10^l (JCGM 101, 7.9.2 and 8.1). Where they do not agree, JCGM 101 has the interval of the
+distribution stated.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.special import ndtri
+
+from ldbb_bayes.errors import check_probability, require
+from ldbb_bayes.inference.averaged_models import AveragedModel, averaged_models
+from ldbb_bayes.inference.marginal_mixtures import marginal_mixtures
+from ldbb_bayes.inference.posterior import bound_of, draws_of
+from ldbb_bayes.parallel import one_blas_thread
+from ldbb_bayes.results import ByName, Result
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = [
+    "GumComparison",
+    "GumValidation",
+    "agreeing_digits",
+    "numerical_tolerance",
+    "validate_gum",
+]
+
+# Largest number of significant digits of a standard uncertainty that are looked at.
+_MOST_DIGITS = 2
+# JCGM 101, 8.2, has the ends of the distribution's interval computed to this share of the numerical
+# tolerance.
+_SHARE_OF_TOLERANCE = 0.2
+# The numerical error of an end of the distribution's interval is this multiple of its standard
+# error, as in JCGM 101, 7.9.4.
+_STANDARD_ERRORS = 2.0
+
+
+@dataclass(frozen=True)
+class GumComparison(Result):
+    """One parameter by the GUM's law of propagation, and by its distribution (JCGM 101)."""
+
+    unit: str  #: unit of all numbers
+    gum_estimate: float  #: estimate y of the linear model, scales of noise and effects known
+    gum_u: float  #: standard uncertainty u of ``gum_estimate``
+    gum_low: float  #: lower end y − k u of the interval by the GUM
+    gum_high: float  #: upper end y + k u of the interval by the GUM
+    mean: float  #: mean of the distribution
+    sd: float  #: standard deviation of the distribution
+    low: float  #: lower end of the equal-tailed interval of the distribution
+    high: float  #: upper end of the equal-tailed interval of the distribution
+    error: float  #: numerical error of ``low`` and ``high``: twice the larger standard error
+    tolerance: float  #: numerical tolerance δ at the digits stated
+    digits: int  #: largest number of significant digits of u within which the two agree, 0 to 2
+
+    @property
+    def d_low(self) -> float:
+        """Distance between the lower ends of the two intervals."""
+        return abs(self.gum_low - self.low)
+
+    @property
+    def d_high(self) -> float:
+        """Distance between the upper ends of the two intervals."""
+        return abs(self.gum_high - self.high)
+
+    @property
+    def validated(self) -> bool:
+        """Whether the GUM's interval may be used: both ends differ by at most the tolerance."""
+        return max(self.d_low, self.d_high) <= self.tolerance
+
+    @property
+    def decided(self) -> bool:
+        """Whether the numerical error leaves no doubt about ``validated``.
+
+        This is so if the error is at most a fifth of the tolerance, as JCGM 101, 8.2, requires, or
+        if it is smaller than what the larger distance is away from the tolerance.
+        """
+        distance = abs(max(self.d_low, self.d_high) - self.tolerance)
+        return self.error <= max(_SHARE_OF_TOLERANCE * self.tolerance, distance)
+
+
+@dataclass(frozen=True, eq=False)
+class GumValidation(Result):
+    """The GUM's law of propagation beside the posterior, for every parameter.
+
+    Examples
+    --------
+    >>> validation = lb.analysis.validate_gum(posterior)
+    >>> entry = validation.parameters["C_YYY"]
+    >>> entry.gum_low < entry.low, entry.digits <= 2
+    (True, True)
+    """
+
+    prob: float  #: probability of the intervals
+    digits: int  #: number of significant digits of u within which the two are to agree
+    #: probability of the model that is propagated; 1 if the posterior is of one model
+    probability_of_model: float
+    parameters: dict[str, GumComparison]  #: comparison by name of the parameter
+
+    @property
+    def validated(self) -> tuple[str, ...]:
+        """Names of the parameters whose interval by the GUM may be used."""
+        return tuple(name for name, entry in self.parameters.items() if entry.validated)
+
+    @property
+    def not_validated(self) -> tuple[str, ...]:
+        """Names of the parameters of which the interval of the distribution is to be used."""
+        return tuple(name for name, entry in self.parameters.items() if not entry.validated)
+
+
+@one_blas_thread
+def validate_gum(
+    posterior: xr.DataTree, *, prob: float = 0.95, digits: int = _MOST_DIGITS
+) -> GumValidation:
+    """Return the GUM's linear propagation beside the posterior, as JCGM 101, section 8, compares.
+
+    The GUM's side is the linear model with the scales of noise and of other effects at their
+    posterior means, where uncertainty budgets are drawn up, and with negative compliances allowed.
+    Its interval is y ± k u with the k of a normal distribution. In an average over models it is of
+    the most probable model alone, because a law of propagation has one model.
+
+    Parameters
+    ----------
+    posterior : DataTree
+        Posterior from `sample`, `load` or `average`.
+    prob : float
+        Probability of the intervals, between 0 and 1.
+    digits : {1, 2}
+        Number of significant digits of u within which the intervals are to agree.
+
+    Returns
+    -------
+    GumValidation
+        Comparison of every parameter of the model that is propagated, in mm, N and rad.
+
+    Raises
+    ------
+    InputError
+        For a probability that is not between 0 and 1, or a number of digits other than 1 or 2.
+
+    Examples
+    --------
+    >>> entry = lb.analysis.validate_gum(posterior, digits=1).parameters["C_YYY"]
+    >>> entry.unit, entry.tolerance  # half a unit of the only digit of u
+    ('mm/N', 5e-07)
+    """
+    check_probability(prob)
+    require(
+        digits in range(1, _MOST_DIGITS + 1),
+        f"digits must be 1 or 2, got {digits}. Uncertainties are stated with two.",
+    )
+    model = _most_probable(averaged_models(posterior))
+    tail = 0.5 - 0.5 * prob
+    levels = np.array([tail, 1.0 - tail])
+    mixtures = marginal_mixtures(posterior)
+    bound = bound_of(posterior)
+    beta, _ = draws_of(posterior, bound)
+    mean = beta.mean(axis=0)
+    sd = beta.std(axis=0, ddof=1)
+    low, high = mixtures.quantiles(levels)
+    errors = _STANDARD_ERRORS * mixtures.quantile_errors(levels).max(axis=0)
+    linear = model.bound.given(model.phi.mean(axis=0)[None])[1]
+    expanded = float(ndtri(1.0 - tail)) * linear.sd[0]
+    parameters = bound.parameters
+    comparisons = ByName[GumComparison]()
+    for row, place in enumerate(model.places.tolist()):
+        estimate = linear.mean[0, row]
+        gum_low = estimate - expanded[row]
+        gum_high = estimate + expanded[row]
+        distance = max(abs(gum_low - low[place]), abs(gum_high - high[place]))
+        comparisons[parameters[place].name] = GumComparison(
+            unit=parameters[place].unit,
+            gum_estimate=float(estimate),
+            gum_u=float(linear.sd[0, row]),
+            gum_low=float(gum_low),
+            gum_high=float(gum_high),
+            mean=float(mean[place]),
+            sd=float(sd[place]),
+            low=float(low[place]),
+            high=float(high[place]),
+            error=float(errors[place]),
+            tolerance=numerical_tolerance(float(sd[place]), digits),
+            digits=agreeing_digits(float(distance), float(sd[place])),
+        )
+    return GumValidation(prob, digits, model.probability, comparisons)
+
+
+def _most_probable(models: list[AveragedModel]) -> AveragedModel:
+    """Return the model with most draws; the first of several with equally many."""
+    probabilities = [model.probability for model in models]
+    return models[int(np.argmax(probabilities))]
+
+
+def numerical_tolerance(u: float, digits: int) -> float:
+    """Return the numerical tolerance δ of a standard uncertainty u with significant digits.
+
+    Rounded to ``digits`` significant digits, u is a whole number times 10^l; δ is half of 10^l
+    (JCGM 101, 7.9.2). It is zero if u is zero.
+    """
+    if u == 0.0:
+        return 0.0
+    exponent = int(f"{u:.{digits - 1}e}".partition("e")[2])
+    return float(f"5e{exponent - digits}")
+
+
+def agreeing_digits(distance: float, u: float) -> int:
+    """Return within how many significant digits of u two intervals agree, at most two.
+
+    ``distance`` is the larger of the distances between their lower and between their upper ends.
+    """
+    for digits in range(_MOST_DIGITS, 0, -1):
+        if distance <= numerical_tolerance(u, digits):
+            return digits
+    return 0

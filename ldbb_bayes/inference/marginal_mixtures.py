@@ -1,0 +1,152 @@
+"""Marginal posterior densities of the parameters as mixtures, from draws of a posterior.
+
+β are the p parameters: compliances, their slopes and geometric errors. φ are the hyper-parameters,
+the scales of the noise and of other effects. Given φ and the readings, β is Gaussian with a mean m
+and a covariance V. The marginal density of a parameter is therefore a mixture of Gaussians, one for
+every draw of φ. Its quantiles scatter less from seed to seed than those of the draws of β
+themselves (Rao-Blackwell theorem).
+
+Truncation, if it is active, restricts β to A β ≥ 0: compliances that are not negative. Let β_j
+alone change, and the other parameters with it along V_j / V_jj, so that what is independent of β_j
+keeps its drawn value. Then β_j is Gaussian, N(m_j, V_jj), between the two values at which the first
+row of A β becomes negative.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+from scipy.special import ndtr
+
+from ldbb_bayes.inference.averaged_models import AveragedModel, averaged_models
+from ldbb_bayes.inference.coefficients import evenly_spaced
+from ldbb_bayes.inference.integrals import CHUNK, Index
+from ldbb_bayes.results import Array
+
+__all__ = ["MarginalMixtures", "marginal_mixtures"]
+
+# Largest number of posterior draws, and so of components of each mixture.
+_COMPONENTS = 8192
+# Number of bisections in the search for a quantile; they leave 1e-12 of the range of the draws.
+_BISECTIONS = 42
+# The components are divided into this number of batches of successive draws. The scatter between
+# batches shows the standard error of a quantile, also where successive draws are correlated.
+_BATCHES = 16
+
+
+class MarginalMixtures(NamedTuple):
+    """Marginal densities of p parameters, each a mixture of n truncated Gaussians of equal weight.
+
+    The bounds are infinite where no truncation acts. A component of zero standard deviation is the
+    drawn value itself.
+    """
+
+    beta: Array  #: drawn parameters, shape (n, p)
+    mean: Array  #: means of the Gaussians before truncation, shape (n, p)
+    sd: Array  #: standard deviations of the Gaussians before truncation, shape (n, p)
+    low: Array  #: lower bounds of the parameters, shape (n, p)
+    high: Array  #: upper bounds of the parameters, shape (n, p)
+
+    def cdf(self, x: Array) -> Array:
+        """Return the probability of values up to x of each parameter; x and result: shape (p,)."""
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            low = (self.low - self.mean) / self.sd
+            high = (self.high - self.mean) / self.sd
+            z = np.clip((x - self.mean) / self.sd, low, high)
+            # Probabilities in the upper tail are computed from the mirrored density, where they are
+            # not lost beside one.
+            sign = np.where(low > 0.0, -1.0, 1.0)
+            at_low = ndtr(sign * low)
+            total = ndtr(sign * high) - at_low
+            share = (ndtr(sign * z) - at_low) / total
+        share = np.where(np.isfinite(share), share, x >= self.beta)
+        return np.asarray(share.mean(axis=0))
+
+    def quantiles(self, levels: Array) -> Array:
+        """Return quantiles of the p parameters at some probabilities, shape (levels, p)."""
+        lowest = self.beta.min(axis=0)
+        highest = self.beta.max(axis=0)
+        margin = highest - lowest
+        quantiles = []
+        for level in levels:
+            below = lowest - margin
+            above = highest + margin
+            for _ in range(_BISECTIONS):
+                middle = 0.5 * (below + above)
+                reached = self.cdf(middle) >= level
+                above = np.where(reached, middle, above)
+                below = np.where(reached, below, middle)
+            quantiles.append(0.5 * (below + above))
+        return np.array(quantiles)
+
+    def quantile_errors(self, levels: Array) -> Array:
+        """Return standard errors of `quantiles`, shape (levels, p), from batches of draws."""
+        count = min(_BATCHES, len(self.beta))
+        quantiles = []
+        for batch in np.array_split(np.arange(len(self.beta)), count):
+            components = MarginalMixtures(*(array[batch] for array in self))
+            quantiles.append(components.quantiles(levels))
+        return np.asarray(np.std(quantiles, axis=0, ddof=1) / np.sqrt(count))
+
+
+def marginal_mixtures(posterior: xr.DataTree) -> MarginalMixtures:
+    """Return the marginal densities of all parameters of a posterior, with at most 8192 components.
+
+    In an average over models, every model has its share of the components. A parameter that a model
+    lacks is zero there.
+    """
+    models = averaged_models(posterior)
+    total = sum(len(model.phi) for model in models)
+    size = min(_COMPONENTS, total)
+    of_models = []
+    for model in models:
+        count = max(1, round(size * len(model.phi) / total))
+        of_models.append(_of_model(model, evenly_spaced(len(model.phi), count)))
+    joined = [np.concatenate(arrays) for arrays in zip(*of_models, strict=True)]
+    return MarginalMixtures(*joined)
+
+
+def _of_model(model: AveragedModel, draws: Index) -> MarginalMixtures:
+    """Return the mixtures from the draws of one model with the given indices, for p parameters.
+
+    Parameters that the model lacks are zero, with a standard deviation of zero.
+    """
+    beta = model.beta[draws]
+    mean = np.zeros(beta.shape)
+    sd = np.zeros(beta.shape)
+    low = np.full(beta.shape, -np.inf)
+    high = np.full(beta.shape, np.inf)
+    for start in range(0, len(draws), CHUNK):
+        rows = slice(start, start + CHUNK)
+        components = _given_hyper_parameters(model, model.phi[draws[rows]], beta[rows])
+        mean[rows, model.places] = components.mean
+        sd[rows, model.places] = components.sd
+        low[rows, model.places] = components.low
+        high[rows, model.places] = components.high
+    return MarginalMixtures(beta, mean, sd, low, high)
+
+
+def _given_hyper_parameters(model: AveragedModel, phi: Array, beta: Array) -> MarginalMixtures:
+    """Return the components of the parameters of one model, for each of w draws of φ and β.
+
+    ``phi`` has the shape (w, h); ``beta``, shape (w, p), has all parameters of the average.
+    """
+    conditional = model.bound.given(phi)[1]
+    of_model = beta[:, model.places]
+    spread = conditional.spread()
+    sd = np.sqrt((spread**2).sum(axis=2))
+    low = np.full(sd.shape, -np.inf)
+    high = np.full(sd.shape, np.inf)
+    truncation = model.bound.truncation
+    if truncation.active:
+        # Compliances that must not be negative, and their change per unit of every parameter.
+        compliances = of_model @ truncation.rows.T
+        covariance = conditional.spread(truncation.rows) @ np.swapaxes(spread, 1, 2)
+        rate = covariance / sd[:, None] ** 2
+        with np.errstate(divide="ignore", invalid="ignore"):
+            bounds = of_model[:, None] - compliances[:, :, None] / rate
+        low = np.where(rate > 0.0, bounds, -np.inf).max(axis=1)
+        high = np.where(rate < 0.0, bounds, np.inf).min(axis=1)
+    return MarginalMixtures(of_model, conditional.mean, sd, low, high)
