@@ -9,7 +9,9 @@ from .compliance_change import ChangeWithForce as ChangeWithForce
 from .compliance_change import change_with_force as change_with_force
 from .conformity import Conformity as Conformity
 from .design import Design as Design
+from .design import NextCircle as NextCircle
 from .design import forecast_plan as forecast_plan
+from .design import next_circle as next_circle
 from .design import read_design as read_design
 from .differences import compare_posteriors as compare_posteriors
 from .directional_stiffness import DirectionalStiffness as DirectionalStiffness

@@ -42,6 +42,7 @@ __all__ = [
     "assess_conformity",
     "draws_at",
     "normal_conformity",
+    "quantity_draws",
     "stiffness_conformity",
 ]
 
@@ -177,6 +178,22 @@ def assess_conformity(
     for name, stated in _stated_draws(posterior, bound, limits, force).items():
         decisions[name] = _decide_by_draws(known[name].unit, stated, limits[name], confidence)
     return decisions
+
+
+def quantity_draws(posterior: xr.DataTree, decisions: Mapping[str, Conformity]) -> dict[str, Array]:
+    """Return posterior draws of quantities that were decided on, by name, in mm, N and rad.
+
+    Each array has the shape (draws,); quantities of the circular path have 2000 draws, evenly
+    spaced among all.
+    """
+    bound = bound_of(posterior)
+    force = bound.setting.reference_force_N
+    for decision in decisions.values():
+        force = decision.force_N or force
+    return {
+        name: stated.values
+        for name, stated in _stated_draws(posterior, bound, decisions, force).items()
+    }
 
 
 def draws_at(posterior: xr.DataTree, force_N: float) -> dict[str, Array]:

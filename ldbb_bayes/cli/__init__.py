@@ -17,6 +17,7 @@ from ldbb_bayes.cli.atlases import machine
 from ldbb_bayes.cli.campaigns import check, import_, simulate
 from ldbb_bayes.cli.fits import demo, fit, summarize
 from ldbb_bayes.cli.fleets import batch, population, trend
+from ldbb_bayes.cli.next_circles import next_
 from ldbb_bayes.cli.options import EXIT_BAD_INPUT, EXIT_INTERRUPTED, command, fail, option
 from ldbb_bayes.cli.reporting import report
 from ldbb_bayes.errors import InputError
@@ -97,6 +98,7 @@ app.command()(population)
 app.command()(identify)
 app.command()(compare)
 app.command()(design)
+app.command("next")(next_)
 app.command()(simulate)
 app.command()(summarize)
 app.command()(validate)

@@ -342,6 +342,10 @@ def _read_negated(flag_is_set: bool, flag: str) -> bool:
     return not flag_is_set
 
 
+def _read_goals(entries: list[str], flag: str) -> dict[str, str]:
+    return pairs_in(entries, flag, "NAME=U")
+
+
 def _read_tolerances(entries: list[str], flag: str) -> dict[str, str]:
     return pairs_in(entries, flag, 'NAME="VALUE UNIT"')
 
@@ -362,5 +366,6 @@ _KINDS: Mapping[str, Any] = {
     "ball": Kind(str, ball_in, "G20|0.5um"),
     "negated": Kind(bool, _read_negated),
     "points": Kind(list[str], points_in, "X,Y,Z"),
+    "goals": Kind(list[str], _read_goals),
     "tolerances": Kind(list[str], _read_tolerances),
 }

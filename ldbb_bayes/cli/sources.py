@@ -17,7 +17,14 @@ from ldbb_bayes.reading.assumptions import Assumption
 from ldbb_bayes.reading.importing import Imported
 from ldbb_bayes.report import text, wording
 
-__all__ = ["TOML_NAME", "ReportSource", "SourceCampaign", "assumed_parts", "has_unstated_balls"]
+__all__ = [
+    "TOML_NAME",
+    "ReportSource",
+    "SourceCampaign",
+    "assumed_parts",
+    "has_unstated_balls",
+    "import_parts",
+]
 
 # Name of the file by which a folder is recognised as a campaign.
 TOML_NAME = "campaign.toml"
@@ -78,6 +85,24 @@ def assumed_parts(campaign: lb.Campaign, imported: Imported | None) -> tuple[Any
     if imported is None:
         return tuple(wording.assumption_words(assumption) for assumption in assumptions)
     return tuple(text.parts_of(replace(imported, assumptions=assumptions)))
+
+
+def import_parts(source: SourceCampaign) -> tuple[Any, ...]:
+    """Return what to print on the assumptions of an import; nothing if there was none.
+
+    Parameters
+    ----------
+    source
+        The campaign and its import.
+
+    Returns
+    -------
+    tuple
+        Tables and sentences.
+    """
+    if source.imported is None:
+        return ()
+    return assumed_parts(source.campaign, source.imported)
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,7 @@ from ldbb_bayes.report import (
     campaign_text,  # noqa: F401 - its import registers functions for campaigns
     identifiability_text,  # noqa: F401 - its import registers functions for identifiability
     machine_text,  # noqa: F401 - its import registers functions for machines
+    next_circle_text,  # noqa: F401 - its import registers functions for the next circle
     screens,  # noqa: F401 - its import registers what print shows of long results
     wording,
 )

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from ldbb_bayes.analysis.calibration import Validation
     from ldbb_bayes.analysis.comparison import Comparison
     from ldbb_bayes.analysis.cures import Cure
-    from ldbb_bayes.analysis.design import Design
+    from ldbb_bayes.analysis.design import Design, NextCircle
     from ldbb_bayes.analysis.machine_description import VisibleParameter
     from ldbb_bayes.analysis.remedies import Remedy
     from ldbb_bayes.analysis.verdicts import (
@@ -105,6 +105,8 @@ __all__ = [
     "look_sentences",
     "machine_sentences",
     "model_words",
+    "next_circle_head",
+    "next_circle_model",
     "not_modelled_sentences",
     "nuisance_words",
     "origin_words",
@@ -1047,6 +1049,22 @@ def _varied_settings(design: Design) -> list[str]:
     if bool((table[clockings] != 0.0).any(axis=None)):
         return clockings + varied
     return varied
+
+
+# ---- sentences on the next circle
+
+
+def next_circle_head(step: NextCircle) -> tuple[str, ...]:
+    """Return sentences on the next circle to run, or that the campaign may stop."""
+    row = step.table.to_dict(orient="records")[0]
+    return _sentences("next_circle_head", step, row)
+
+
+def next_circle_model(step: NextCircle) -> tuple[str, ...]:
+    """Return a sentence on constant and linear compliance; none for a model without slopes."""
+    if step.model is None:
+        return ()
+    return _sentences("next_circle_model", step)
 
 
 # ---- sentences on an uncertainty budget

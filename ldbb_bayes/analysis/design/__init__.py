@@ -12,6 +12,7 @@ from ldbb_bayes.analysis.design.criteria import Criterion, Determinant, LogBayes
 from ldbb_bayes.analysis.design.discrimination import Discrimination
 from ldbb_bayes.analysis.design.forecast import Expected, Forecast, forecast_plan
 from ldbb_bayes.analysis.design.goals import Goal, goals_in
+from ldbb_bayes.analysis.design.next_circle import ModelSoFar, NextCircle, next_circle
 from ldbb_bayes.analysis.design.objective import Objective
 from ldbb_bayes.analysis.design.search import efficient_rounding, exchange
 from ldbb_bayes.analysis.design.shares import Optimum, certificate, optimal_shares
@@ -28,6 +29,8 @@ __all__ = [
     "Judged",
     "Limits",
     "LogBayesFactor",
+    "ModelSoFar",
+    "NextCircle",
     "Objective",
     "Optimum",
     "Variance",
@@ -37,6 +40,7 @@ __all__ = [
     "exchange",
     "forecast_plan",
     "goals_in",
+    "next_circle",
     "optimal_shares",
     "read_design",
 ]

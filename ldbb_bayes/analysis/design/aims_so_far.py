@@ -1,0 +1,226 @@
+"""Aims of a campaign under way as they stand: reached or not, and how probably after a circle.
+
+An aim is a goal for the expanded uncertainty U (k = 2) of a parameter, or the decision whether a
+quantity keeps its tolerance. Each is judged by the posterior of the circles run, and by the
+covariances of the parameters that are expected after one more circle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+from scipy.special import ndtr, ndtri
+
+from ldbb_bayes.analysis.conformity import Conformity, Decision, assess_conformity, quantity_draws
+from ldbb_bayes.analysis.design.aims import UncertaintyAim
+from ldbb_bayes.analysis.design.goals import COVERAGE_FACTOR, Goal
+from ldbb_bayes.analysis.tolerances import Tolerance
+from ldbb_bayes.inference.coefficients import evenly_spaced
+from ldbb_bayes.inference.nodes import Nodes
+from ldbb_bayes.inference.posterior import draws_of
+from ldbb_bayes.model.hybrid import BoundModel
+from ldbb_bayes.results import Array, Result
+
+__all__ = [
+    "GoalSoFar",
+    "GoalState",
+    "Known",
+    "ToleranceSoFar",
+    "ToleranceState",
+    "goal_states",
+    "known_from",
+    "tolerance_states",
+]
+
+# Number of values of the hyper-parameters at which possible circles are weighed.
+_NODES = 16
+# Number of values of the hyper-parameters over which means and standard deviations of the
+# parameters are averaged, and number of posterior draws of the parameters.
+_DRAWS = 1024
+# Least distance of an estimate from a tolerance limit that the choice of a circle aims at, in
+# present standard uncertainties: at the very limit no campaign is long enough to decide.
+_LEAST_DISTANCE = 0.2
+# Least standard uncertainty asked for, relative to the present one. A goal relative to a parameter
+# that may be zero would ask for none at all.
+_LEAST_TARGET = 1e-3
+
+
+@dataclass(frozen=True)
+class GoalSoFar(Result):
+    """One goal for an expanded uncertainty U (k = 2) now, and after the best next circle.
+
+    All numbers but probabilities are in ``unit``.
+    """
+
+    unit: str
+    value: float  #: posterior mean of the parameter
+    U: float  #: expanded uncertainty of the parameter now
+    limit: float  #: largest U that the goal permits; at the posterior mean if it is relative
+    #: probability that the goal is met already; between 0 and 1 if it is relative to the parameter,
+    #: whose true value is not known
+    probability: float
+    U_next: float  #: U expected after the best next circle
+    probability_next: float  #: probability that the goal is met after the best next circle
+    #: U that would remain after very many of the best circles; if it is above ``limit``, circles
+    #: alone do not reach the goal
+    U_floor: float
+
+
+@dataclass(frozen=True)
+class ToleranceSoFar(Result):
+    """Decision on a quantity with a tolerance now, and after the best next circle."""
+
+    now: Conformity  #: decision now, as `assess_conformity` states it
+    decided_next: float  #: probability that it is decided after the best next circle
+
+    @property
+    def decided(self) -> bool:
+        """Whether the quantity is found to conform, or not to conform."""
+        return self.now.decision is not Decision.NOT_DECIDED
+
+
+class Known(NamedTuple):
+    """What the readings so far tell about the p parameters."""
+
+    bound: BoundModel
+    mean: Array  # posterior means, shape (p,)
+    sd: Array  # posterior standard deviations, shape (p,)
+    draws: Array  # posterior draws, shape (n, p)
+    phi: Array  # equally likely values of the hyper-parameters, shape (K, h)
+
+
+def known_from(nodes: Nodes, seed: int) -> Known:
+    """Return what the nodes of a posterior tell about the parameters."""
+    rng = np.random.default_rng(seed)
+    mean, sd = nodes.moments(components=_DRAWS)
+    draws, _ = nodes.draw(_DRAWS, rng)
+    free = nodes.integral.resample(_NODES, rng)
+    return Known(nodes.bound, mean, sd, draws, nodes.bound.hyper_prior.phi(free))
+
+
+def _inflation(sd: float, weights: Array, covariance: Array) -> float:
+    """Return the ratio of the stated uncertainty to that for given hyper-parameters.
+
+    ``weights``, shape (p,), define the combination of parameters, and ``covariance``, shape (K, p,
+    p), holds for K values of the hyper-parameters.
+    """
+    return sd / float(np.sqrt((covariance @ weights @ weights).mean()))
+
+
+@dataclass(frozen=True, eq=False)
+class GoalState:
+    """A goal, what is known of its parameter, and the aim that follows."""
+
+    goal: Goal
+    unit: str
+    mean: float
+    sd: float
+    draws: Array  # posterior draws of the parameter, shape (n,)
+    aim: UncertaintyAim
+
+    def is_met(self) -> Array:
+        """Return for every posterior draw whether the present uncertainty reaches the goal."""
+        return self.goal.is_met(self.draws, self.sd)
+
+    def probability(self, sd: Array) -> float:
+        """Return the probability that uncertainties, shape (K,), reach the goal."""
+        limits = self.goal.limit_U(self.draws)
+        return float((COVERAGE_FACTOR * sd[:, None] <= limits).mean())
+
+    def so_far(self, after: Array, floor: Array) -> GoalSoFar:
+        """Return the goal now, and for covariances after the best circle and after very many."""
+        sd_next = self.aim.sd(after)
+        expected_sd = min(float(np.sqrt((sd_next**2).mean())), self.sd)
+        probability = self.probability(np.array([self.sd]))
+        return GoalSoFar(
+            unit=self.unit,
+            value=self.mean,
+            U=COVERAGE_FACTOR * self.sd,
+            limit=float(self.goal.limit_U(np.array(self.mean))),
+            probability=probability,
+            U_next=COVERAGE_FACTOR * expected_sd,
+            probability_next=max(self.probability(sd_next), probability),
+            U_floor=COVERAGE_FACTOR
+            * min(float(np.sqrt((self.aim.sd(floor) ** 2).mean())), expected_sd),
+        )
+
+
+def goal_states(
+    goals: Mapping[str, Goal], known: Known, covariance: Array, confidence: float
+) -> dict[str, GoalState]:
+    """Return the state of every goal, given the covariances before the next circle."""
+    states = {}
+    for name, goal in goals.items():
+        column = known.bound.names.index(name)
+        weights = np.zeros(len(known.bound.names))
+        weights[column] = known.bound.scale[column]
+        sd = float(known.sd[column])
+        draws = known.draws[:, column]
+        limits = goal.limit_U(draws)
+        target = float(np.quantile(limits, 1.0 - confidence)) / COVERAGE_FACTOR
+        aim = UncertaintyAim(
+            weights=weights,
+            target=max(target, _LEAST_TARGET * sd),
+            inflation=_inflation(sd, weights, covariance),
+            is_reached=bool((COVERAGE_FACTOR * sd <= limits).mean() >= confidence),
+        )
+        unit = known.bound.parameters[column].unit
+        states[name] = GoalState(goal, unit, float(known.mean[column]), sd, draws, aim)
+    return states
+
+
+@dataclass(frozen=True, eq=False)
+class ToleranceState:
+    """The decision on a tolerance now, and the aim that follows."""
+
+    now: Conformity
+    aim: UncertaintyAim
+
+    def so_far(self, after: Array) -> ToleranceSoFar:
+        """Return the decision now, and its probability for covariances after the best circle."""
+        sd = self.now.sd
+        sd_next = min(float(np.sqrt((self.aim.sd(after) ** 2).mean())), sd)
+        shift_sd = max(float(np.sqrt(sd**2 - sd_next**2)), _LEAST_TARGET * sd)
+        guard_band = float(ndtri(self.now.confidence)) * sd_next
+        low, high = self.now.limits
+        edges = np.array([low - guard_band, low + guard_band, high - guard_band, high + guard_band])
+        below_low, inside_low, inside_high, above_high = ndtr((edges - self.now.mean) / shift_sd)
+        conforms = max(float(inside_high - inside_low), 0.0)
+        return ToleranceSoFar(self.now, float(below_low) + conforms + float(1.0 - above_high))
+
+
+def tolerance_states(
+    posterior: xr.DataTree,
+    tolerances: Mapping[str, str | Tolerance],
+    known: Known,
+    covariance: Array,
+    confidence: float,
+) -> dict[str, ToleranceState]:
+    """Return the decision on every tolerance, and the aim to decide it.
+
+    A quantity is replaced by its regression on the parameters, over the posterior draws.
+    """
+    decisions = assess_conformity(posterior, tolerances, confidence=confidence)
+    draws = quantity_draws(posterior, decisions)
+    parameters = draws_of(posterior, known.bound)[0]
+    states = {}
+    for name, now in decisions.items():
+        values = draws[name]
+        standard = (parameters - known.mean) / known.bound.scale
+        standard = standard[evenly_spaced(len(standard), len(values))]
+        weights = np.linalg.lstsq(standard, values - values.mean())[0]
+        limits = [limit for limit in now.limits if np.isfinite(limit)]
+        distance = min(abs(now.mean - limit) for limit in limits)
+        target = max(distance, _LEAST_DISTANCE * now.sd) / float(ndtri(confidence))
+        aim = UncertaintyAim(
+            weights=weights,
+            target=target,
+            inflation=_inflation(now.sd, weights, covariance),
+            is_reached=now.decision is not Decision.NOT_DECIDED,
+        )
+        states[name] = ToleranceState(now, aim)
+    return states

@@ -1,0 +1,60 @@
+"""Covariances of the parameters after one more circle, for many possible circles at once.
+
+Let P be the precision of all coefficients given the circles run, G the derivatives of a possible
+circle's reduced readings with respect to them, in standard deviations of the noise, and Σ = P⁻¹.
+After the circle, the covariance of the parameters of interest is
+
+    Σ_ss − Σ_s Gᵀ (1 + G Σ Gᵀ)⁻¹ G Σ_s.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ldbb_bayes.analysis.design.objective import Objective
+from ldbb_bayes.results import Array
+
+__all__ = ["CandidateCovariances"]
+
+
+class CandidateCovariances:
+    """Covariances of the parameters of interest before and after one of several possible circles.
+
+    Parameters
+    ----------
+    objective
+        Information of the circles run (its ``prior``) and of every possible circle (its ``rows``),
+        at K values of the hyper-parameters. The s parameters of interest are the last of the p
+        coefficients; all are in units of their prior standard deviations.
+    """
+
+    def __init__(self, objective: Objective) -> None:
+        self._rows = objective.rows
+        self._interest = objective.interest
+        self._covariance = np.linalg.inv(objective.prior)
+
+    @property
+    def before(self) -> Array:
+        """Covariances of the s parameters of interest before the next circle, shape (K, s, s)."""
+        s = self._interest
+        return np.asarray(self._covariance[:, -s:, -s:])
+
+    def after(self) -> Array:
+        """Return the covariances after each circle, shape (K, candidates, s, s)."""
+        s = self._interest
+        results = []
+        for rows, covariance in zip(self._rows, self._covariance, strict=True):
+            spread = rows @ covariance
+            readings = spread @ np.swapaxes(rows, -1, -2) + np.eye(rows.shape[1])
+            of_interest = spread[..., -s:]
+            weighted = np.linalg.solve(readings, of_interest)
+            results.append(covariance[-s:, -s:] - np.swapaxes(of_interest, -1, -2) @ weighted)
+        return np.array(results)
+
+    def run(self, candidate: int) -> None:
+        """Count one of the possible circles as run."""
+        rows = self._rows[:, candidate]
+        spread = rows @ self._covariance
+        readings = spread @ np.swapaxes(rows, -1, -2) + np.eye(rows.shape[1])
+        weighted = np.linalg.solve(readings, spread)
+        self._covariance = self._covariance - np.swapaxes(spread, -1, -2) @ weighted

@@ -1,0 +1,396 @@
+"""The next circle of a campaign that is under way, and whether to stop.
+
+A campaign need not be planned as a whole. After each circle the posterior states what is known, and
+the next circle is the one that brings the aims closest. There are three kinds of aims: the expanded
+uncertainty U (k = 2) of a parameter is small enough; constant or linear compliance is decided; a
+tolerance is kept or not. The campaign may stop as soon as every aim is reached with the confidence
+asked for. Evidence and posterior do not depend on the reason why a campaign was stopped.
+
+The best next circle makes the sum of the expected distances from all aims smallest (`aims`). It is
+looked for at a few values of the hyper-parameters φ (scales of the noise and of other effects) that
+the readings leave likely, from the information of every possible circle, without a fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Annotated, Any, NamedTuple
+
+import numpy as np
+from pydantic import Field
+from scipy.special import expit
+
+from ldbb_bayes.analysis.design.aims import Aim, SlopesAim, total_distance
+from ldbb_bayes.analysis.design.aims_so_far import (
+    GoalSoFar,
+    GoalState,
+    Known,
+    ToleranceSoFar,
+    goal_states,
+    known_from,
+    tolerance_states,
+)
+from ldbb_bayes.analysis.design.campaign_objective import objective_of
+from ldbb_bayes.analysis.design.candidate_covariances import CandidateCovariances
+from ldbb_bayes.analysis.design.candidates import Clocking, bind_tests
+from ldbb_bayes.analysis.design.criteria import Determinant
+from ldbb_bayes.analysis.design.discrimination import discrimination_of
+from ldbb_bayes.analysis.design.goals import Goal, goals_in
+from ldbb_bayes.analysis.design.objective import Objective
+from ldbb_bayes.analysis.design.space import Space
+from ldbb_bayes.analysis.rival_explanations import compare_explanations
+from ldbb_bayes.analysis.tolerances import Tolerance
+from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Direction, require_campaign
+from ldbb_bayes.errors import check_seed, require
+from ldbb_bayes.inference.evidences import Evidences
+from ldbb_bayes.inference.sample import sample
+from ldbb_bayes.model.gaussian import Gaussian
+from ldbb_bayes.model.hybrid import HybridModel, require_model
+from ldbb_bayes.parallel import one_blas_thread
+from ldbb_bayes.results import Array, Records, Result
+
+__all__ = ["ModelSoFar", "NextCircle", "next_circle"]
+
+# Error allowed in a log evidence [nat]: a decision at 95 % needs a log Bayes factor of 3 nat.
+_TOLERANCE = 0.2
+# Number of possible circles, the best ones, with which a campaign is continued in thought, and the
+# largest number of further circles.
+_CONTINUED = 12
+_MOST_CIRCLES = 20
+# An uncertainty cannot fall below the one that would remain if each of the best possible circles
+# were run this many times.
+_VERY_MANY = 1e6
+# Number of best possible circles that the result lists.
+_LISTED = 5
+# Default number of force levels to choose from, in equal steps over the range of the campaign.
+_LEVELS = 9
+
+
+@dataclass(frozen=True)
+class ModelSoFar(Result):
+    """Decision between constant and linear compliance now, and after the best next circle."""
+
+    #: log Bayes factor of linear over constant compliance, averaged over rival explanations [nat]
+    log_bayes_factor: float
+    log_bayes_factor_error: float  #: its numerical error [nat]
+    probability_linear: float  #: posterior probability of linear compliance
+    #: whether one of the two has the confidence asked for
+    decided: bool
+    decided_next: float  #: probability that it is decided after the best next circle
+
+    @property
+    def probability(self) -> float:
+        """Posterior probability of the more probable of constant and linear compliance."""
+        return max(self.probability_linear, 1.0 - self.probability_linear)
+
+
+class _Chosen(NamedTuple):
+    """The best next circle, and the space of circles that it was chosen from."""
+
+    space: Space
+    test: CircularTest
+
+
+@dataclass(frozen=True, eq=False)
+class NextCircle(Result):
+    """The best next circle of a campaign, and what is reached already.
+
+    Examples
+    --------
+    >>> step = lb.analysis.next_circle(lb.HybridModel.first(1), campaign)
+    >>> step.circles, step.finished
+    (6, False)
+    >>> step.plan().tests[0].force_N == step.table["force_N"][0]
+    True
+    """
+
+    circles: int  #: number of circles run
+    confidence: float  #: probability with which an aim counts as reached
+    goals: dict[str, GoalSoFar]  #: goals for uncertainties, by parameter
+    goals_probability: float  #: probability that all goals are met already; 1 if there are none
+    #: decision between constant and linear compliance; None for a model without slopes
+    model: ModelSoFar | None
+    model_is_aim: bool  #: whether the campaign goes on until ``model`` is decided
+    tolerances: dict[str, ToleranceSoFar]  #: decisions on tolerances, by quantity
+    finished: bool  #: whether every aim is reached, so that the campaign may stop
+    #: number of further circles after which every aim is expected to be reached; None if 20 are not
+    #: enough
+    more_circles: int | None
+    #: the best next circles, the best first: force_N, angles of the balls, radius, other settings
+    #: in which circles differ, and share, the part of the way to all aims that the circle goes
+    table: Annotated[Records, Field(alias="next")]
+    #: the best next circle, and what it was chosen from; None if read from a file
+    chosen: Annotated[Any, Field(exclude=True)] = None
+
+    def plan(self) -> Campaign:
+        """Return the best next circle as a plan that adds to the circles run."""
+        plan: Campaign = self.chosen.space.plan_of([self.chosen.test])
+        return plan
+
+
+@one_blas_thread
+def next_circle(
+    model: HybridModel,
+    campaign: Campaign,
+    *,
+    goals: Mapping[str, str | Goal] = MappingProxyType({}),
+    tolerances: Mapping[str, str | Tolerance] | None = None,
+    decide_model: bool = False,
+    forces_N: Sequence[float] = (),
+    clockings_deg: Sequence[Clocking] = (),
+    radii_mm: Sequence[float] = (),
+    directions: Sequence[Direction] = (),
+    confidence: float = 0.95,
+    seed: int = 1,
+) -> NextCircle:
+    """Return the best next circle of a campaign, and whether its aims are reached already.
+
+    Parameters
+    ----------
+    model : HybridModel
+        Model with which the campaign is analysed.
+    campaign : Campaign
+        Campaign with the readings of the circles run so far.
+    goals : mapping of str to str
+        Goals for expanded uncertainties U (k = 2), by parameter, such as ``{"C_XXX": "5%"}``.
+    tolerances : mapping of str to str or Tolerance, optional
+        Tolerances to decide on, as `assess_conformity` takes them. Default: the campaign's.
+    decide_model : bool
+        Whether the campaign goes on until constant or linear compliance is decided. This is so
+        anyway if there are neither goals nor tolerances.
+    forces_N : sequence of float
+        Force levels to choose from [N]. Default: nine in equal steps over the campaign's range.
+    clockings_deg : sequence of pair of float
+        Angles of work ball and tool ball to choose from [°]. Default: those of the campaign.
+    radii_mm : sequence of float
+        Radii to choose from [mm]. Default: those of the campaign.
+    directions : sequence of {"CW", "CCW"}
+        Directions of travel to choose from. Default: those of the campaign.
+    confidence : float
+        Probability with which an aim counts as reached, between 0.5 and 1.
+    seed : int
+        Seed of the random numbers.
+
+    Returns
+    -------
+    NextCircle
+        The best next circles, and how the aims stand now and are expected to stand after the best.
+
+    Raises
+    ------
+    InputError
+        For a plan without readings, flat priors, unknown names, or numbers out of range.
+
+    Examples
+    --------
+    >>> step = lb.analysis.next_circle(
+    ...     lb.HybridModel.first(1), campaign, goals={"C_XXX": "20%"}, forces_N=(36.0, 742.0)
+    ... )
+    >>> step.finished, step.goals["C_XXX"].probability > 0.95
+    (True, True)
+    """
+    require_model(model)
+    require_campaign(campaign)
+    _check_arguments(model, campaign, confidence)
+    check_seed(seed)
+    space = Space(
+        model=model,
+        pilot=campaign,
+        forces_N=forces_N or _default_forces(campaign),
+        clockings_deg=clockings_deg or _clockings_of(campaign),
+        radii_mm=radii_mm,
+        directions=directions,
+        augment=True,
+        seed=seed,
+    )
+    evidences = Evidences(space.pilot, tolerance=_TOLERANCE)
+    known = known_from(evidences.of(model)[0], seed)
+    objective = _objective(space, known)
+    circles = CandidateCovariances(objective)
+    if tolerances is None:
+        tolerances = campaign.tolerances
+    read_goals = {}
+    if goals:
+        read_goals = goals_in(known.bound, goals)
+    of_goals = goal_states(read_goals, known, circles.before, confidence)
+    of_tolerances = {}
+    if tolerances:
+        posterior = sample(model, space.pilot, sampler="independent", seed=seed)
+        of_tolerances = tolerance_states(posterior, tolerances, known, circles.before, confidence)
+    odds = _ModelOdds.of(model, known, evidences, confidence)
+    model_is_aim = odds is not None and (decide_model or not (goals or tolerances))
+    aims: list[Aim] = [state.aim for state in of_goals.values()]
+    aims += [state.aim for state in of_tolerances.values()]
+    if odds is not None and model_is_aim:
+        aims.append(odds.aim)
+
+    distance_now = float(total_distance(aims, circles.before))
+    covariances = circles.after()
+    distances = total_distance(aims, covariances)
+    order = np.argsort(distances, kind="stable")
+    best = int(order[0])
+    after = covariances[:, best]
+    continued = objective.among(order[:_CONTINUED])
+    floor = _covariances_after_very_many(continued)
+    goals_probability = _joint_probability(of_goals, known)
+    finished = all(aim.is_reached for aim in aims) and goals_probability >= confidence
+    listed = order[:_LISTED]
+    table = space.frame([space.tests[k] for k in listed])
+    return NextCircle(
+        circles=len(campaign.tests),
+        confidence=confidence,
+        goals={name: state.so_far(after, floor) for name, state in of_goals.items()},
+        goals_probability=goals_probability,
+        model=None if odds is None else odds.so_far(after),
+        model_is_aim=model_is_aim,
+        tolerances={name: state.so_far(after) for name, state in of_tolerances.items()},
+        finished=finished,
+        more_circles=0 if finished else _circles_to_go(aims, continued),
+        table=table.assign(share=_shares_of_the_way(distance_now, distances[listed])),
+        chosen=_Chosen(space, space.tests[best]),
+    )
+
+
+def _check_arguments(model: HybridModel, campaign: Campaign, confidence: float) -> None:
+    """Refuse a plan, flat priors, and a confidence out of range."""
+    require(
+        not campaign.is_plan,
+        "campaign must have readings, got a plan. Run its first circles, or use design.",
+    )
+    require(
+        not model.prior.flat,
+        "the model must have proper priors, got flat ones. Use the default preset.",
+    )
+    require(
+        0.5 < confidence < 1.0,
+        f"confidence must lie between 0.5 and 1, got {confidence}. For 95 % give 0.95.",
+    )
+
+
+def _default_forces(campaign: Campaign) -> list[float]:
+    """Return nine force levels [N] in equal steps over the range of a campaign."""
+    low = float(campaign.forces_N.min())
+    high = float(campaign.forces_N.max())
+    levels: list[float] = np.unique(np.linspace(low, high, _LEVELS).round(1)).tolist()
+    return levels
+
+
+def _clockings_of(campaign: Campaign) -> list[Clocking]:
+    """Return the different pairs of ball angles of a campaign's circles [°]."""
+    pairs = [(test.work_ball_deg, test.tool_ball_deg) for test in campaign.tests]
+    return list(dict.fromkeys(pairs))
+
+
+def _objective(space: Space, known: Known) -> Objective:
+    """Return the information of the circles run and of every possible circle.
+
+    All parameters are of interest. The criterion of the objective is not used.
+    """
+    bound = bind_tests(space.model, space.pilot, space.tests, keep_pilot_tests=True)
+    names = known.bound.names
+    run = len(space.pilot.tests)
+    return objective_of(bound, run, known.phi, names, Determinant(len(names)))
+
+
+def _joint_probability(states: Mapping[str, GoalState], known: Known) -> float:
+    """Return the posterior probability that all goals are met."""
+    met = np.ones(len(known.draws), bool)
+    for state in states.values():
+        met &= state.is_met()
+    return float(met.mean())
+
+
+def _covariances_after_very_many(objective: Objective) -> Array:
+    """Return covariances of the parameters after very many of each possible circle, (K, p, p)."""
+    rows = objective.rows
+    information = (np.swapaxes(rows, -1, -2) @ rows).sum(axis=1)
+    return np.linalg.inv(objective.prior + _VERY_MANY * information)[
+        :, -objective.interest :, -objective.interest :
+    ]
+
+
+def _circles_to_go(aims: Sequence[Aim], objective: Objective) -> int | None:
+    """Return the number of further circles after which every aim is expected to be reached.
+
+    After each circle the best of the possible ones is chosen again. None if the aims are not
+    reached after the largest number of circles.
+    """
+    circles = CandidateCovariances(objective)
+    for number in range(1, _MOST_CIRCLES + 1):
+        circles.run(int(np.argmin(total_distance(aims, circles.after()))))
+        if all(aim.is_reached or float(aim.distance(circles.before)) <= 0.0 for aim in aims):
+            return number
+    return None
+
+
+def _shares_of_the_way(distance_now: float, distances: Array) -> Array:
+    """Return the part of the way to all aims that circles go, for the distances after them."""
+    if distance_now <= 0.0:
+        return np.ones(len(distances))
+    return np.clip((distance_now - distances) / distance_now, 0.0, 1.0)
+
+
+# ---- constant or linear compliance
+
+
+@dataclass(frozen=True, eq=False)
+class _ModelOdds:
+    """Odds of linear over constant compliance, and the aim to decide between them."""
+
+    known: Known
+    columns: list[int]  # indices of the slopes among the parameters
+    log_bayes_factor: float
+    error: float
+    threshold: float  # log Bayes factor of a decision [nat]
+
+    @classmethod
+    def of(
+        cls, model: HybridModel, known: Known, evidences: Evidences, confidence: float
+    ) -> _ModelOdds | None:
+        """Return the odds, averaged over rival explanations; None for a model without slopes."""
+        parameters = known.bound.parameters
+        columns = [k for k, parameter in enumerate(parameters) if parameter.group == "slope"]
+        if not columns:
+            return None
+        pair = {"constant": model.with_degree(0), "linear": model}
+        averaged = compare_explanations(pair, evidences).averaged
+        threshold = float(np.log(confidence / (1.0 - confidence)))
+        return cls(
+            known,
+            columns,
+            averaged.log_bayes_factor,
+            averaged.log_bayes_factor_error,
+            threshold,
+        )
+
+    @property
+    def is_decided(self) -> bool:
+        """Whether the evidence decides."""
+        return abs(self.log_bayes_factor) >= self.threshold
+
+    @property
+    def aim(self) -> SlopesAim:
+        """The aim to decide between constant and linear compliance."""
+        return SlopesAim(self.columns, self.threshold, self.is_decided)
+
+    def so_far(self, after: Array) -> ModelSoFar:
+        """Return the decision now, and its probability for covariances after the best circle."""
+        scale = self.known.bound.scale[self.columns]
+        given = self.known.bound.given(self.known.phi)[1]
+        now = Gaussian.factored(given.mean, given.root, given.scale).marginal(self.columns)
+        expected = discrimination_of(
+            after[:, self.columns][:, :, self.columns],
+            tuple(self.known.bound.names[k] for k in self.columns),
+            size=1.0,
+            before=Gaussian.factored(now.mean / scale, now.root, now.scale / scale),
+            threshold=self.threshold,
+        )
+        probability = float(expit(self.log_bayes_factor))
+        decided_next = (
+            probability * expected.decisive_with + (1.0 - probability) * expected.decisive_without
+        )
+        return ModelSoFar(
+            self.log_bayes_factor, self.error, probability, self.is_decided, decided_next
+        )

@@ -1,0 +1,68 @@
+"""Command ``next`` of ``ldbb-bayes``: the next circle of a campaign, and whether to stop."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Annotated, Any
+
+import ldbb_bayes as lb
+from ldbb_bayes.campaign.folder import write_campaign_into
+from ldbb_bayes.cli import arguments
+from ldbb_bayes.cli.options import Kind, command, group, options_of
+from ldbb_bayes.cli.ranges import read_clockings, read_range
+
+if TYPE_CHECKING:
+    from ldbb_bayes.cli.sources import SourceCampaign
+
+__all__ = ["next_"]
+
+_OPTIONS = group(
+    **options_of("next", range=Kind(str, read_range), clockings=Kind(str, read_clockings))
+)
+
+
+@command
+def next_(
+    source: arguments.GivenReadings,
+    model: arguments.ChosenModel,
+    output: arguments.OutputOptions,
+    settings: Annotated[dict[str, Any], _OPTIONS],
+) -> None:
+    """Say which circle to run next, how probably the goals are met already, and when to stop.
+
+    Run it after each circle, with the readings of all circles so far. With --out the next circle is
+    written as a plan, with a sheet for the operator. Evidence and intervals stay valid however
+    often one looks.
+    """
+    # These are imported here, because they load the analysis, which takes a long time.
+    from ldbb_bayes.report import next_circle_text, operator_sheet
+
+    output.check("campaign.toml", "next.json", operator_sheet.NAME)
+    step = lb.analysis.next_circle(model, source.campaign, **settings)
+    record = {
+        "schema": 1,
+        "campaign": source.campaign.name,
+        "seed": settings["seed"],
+        **lb.report.with_words(step),
+    }
+    contents = {}
+    write_more = None
+    if output.out is not None:
+        plan = step.plan()
+        contents = {"next.json": record, operator_sheet.NAME: operator_sheet.page(step, plan)}
+        write_more = partial(write_campaign_into, plan)
+    output.deliver(
+        record,
+        (*_assumptions_of(source), *next_circle_text.parts_of(step)),
+        contents,
+        write_more=write_more,
+        note=f", a plan of one circle; {operator_sheet.NAME} is for the operator",
+    )
+
+
+def _assumptions_of(source: SourceCampaign) -> tuple[Any, ...]:
+    """Return what the import of tables assumed, to be printed before the result."""
+    # This is imported here, because it loads the import of tables, which takes a long time.
+    from ldbb_bayes.cli.sources import import_parts
+
+    return import_parts(source)

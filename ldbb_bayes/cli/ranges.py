@@ -1,0 +1,75 @@
+"""Options whose value is a range LO:HI:STEP or a list of numbers, and clockings of both balls."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from ldbb_bayes.cli.values import numbers_in
+from ldbb_bayes.errors import InputError
+
+__all__ = ["read_clockings", "read_range"]
+
+# Largest number of values in a range LO:HI:STEP; more are probably due to a mistyped step.
+_MOST_VALUES = 5000
+# Largest rounding error of the number of steps in a range LO:HI:STEP. It is allowed so that the
+# range 0:0.3:0.1 has three steps and ends at 0.3.
+_ROUNDING = 1e-8
+
+
+def read_range(entry: str, flag: str) -> tuple[float, ...]:
+    """Return the numbers that the typed text of an option states.
+
+    The text ``entry`` is a range LO:HI:STEP, whose ends are included, or a comma-separated list;
+    ``flag`` names the option in error messages.
+    """
+    if ":" not in entry:
+        return numbers_in(entry, flag)
+    limits = _numbers_or_none(entry.split(":"))
+    if len(limits) != 3 or limits[2] <= 0 or limits[1] < limits[0]:
+        raise InputError(
+            f"{flag} must be LO:HI:STEP with LO ≤ HI and STEP > 0, or a list, got {entry!r}. For"
+            " example 36:742:1 or 36,364,742."
+        )
+    low, high, step = limits
+    steps = (high - low) / step
+    if steps > _MOST_VALUES:
+        raise InputError(
+            f"{flag} must give at most {_MOST_VALUES} values, got {steps:.3g}. Take a longer step."
+        )
+    values_below = math.ceil(steps - _ROUNDING)
+    if values_below >= _MOST_VALUES:
+        raise InputError(
+            f"{flag} must give at most {_MOST_VALUES} values, got {values_below + 1}. Take a longer"
+            " step."
+        )
+    return (*(low + step * k for k in range(values_below)), high)
+
+
+def _numbers_or_none(entries: Sequence[str]) -> tuple[float, ...]:
+    """Return the numbers that texts state; an empty tuple if any text is not a finite number."""
+    try:
+        numbers = tuple(map(float, entries))
+    except ValueError:
+        return ()
+    return numbers if all(map(math.isfinite, numbers)) else ()
+
+
+def read_clockings(entry: str, flag: str) -> tuple[tuple[float, float], ...]:
+    """Return pairs of angles [deg] by which work ball and tool ball are turned about their stems.
+
+    The typed text ``entry`` is a list or range of angles of the work ball alone, or a list of pairs
+    WORK/TOOL. ``flag`` names the option in error messages.
+    """
+    if "/" not in entry:
+        return tuple((angle, 0.0) for angle in read_range(entry, flag))
+    clockings = []
+    for pair in entry.split(","):
+        angles = numbers_in(pair, flag, "/")
+        if len(angles) != 2:
+            raise InputError(
+                f"{flag} must be all angles of the work ball, or all WORK/TOOL, got {entry!r}. For"
+                " example 0/0,45/90."
+            )
+        clockings.append((angles[0], angles[1]))
+    return tuple(clockings)

@@ -1,0 +1,88 @@
+"""The next circle of a campaign under way as tables and sentences."""
+
+from __future__ import annotations
+
+from ldbb_bayes.analysis.design import NextCircle
+from ldbb_bayes.report import wording
+from ldbb_bayes.results import Passage, Table, parts_of
+from ldbb_bayes.units import display_name, display_unit, two_digits
+
+__all__ = ["aims_passages", "parts_of"]
+
+
+@parts_of.register
+def _passages_of_next_circle(step: NextCircle) -> tuple[Passage, ...]:
+    """Return what to run next, how the aims stand, and the next best circles."""
+    passages: list[Passage] = [*wording.next_circle_head(step), *aims_passages(step)]
+    if not step.finished:
+        passages.append(_circles_table(step))
+    return tuple(passages)
+
+
+def aims_passages(step: NextCircle) -> list[Passage]:
+    """Return tables and sentences on the aims: now, and after the next circle.
+
+    Parameters
+    ----------
+    step
+        The next circle, and the aims.
+
+    Returns
+    -------
+    list
+        Tables and sentences.
+    """
+    passages: list[Passage] = []
+    if step.goals:
+        passages.append(_goals_table(step))
+    if step.tolerances:
+        passages.append(_tolerances_table(step))
+    return [*passages, *wording.next_circle_model(step)]
+
+
+def _goals_table(step: NextCircle) -> Table:
+    """Return a table of the goals: U now, after the next circle, and at least."""
+    rows = []
+    for name, goal in step.goals.items():
+        factor, unit = display_unit(goal.unit)
+        sizes = [two_digits(size, factor) for size in (goal.U, goal.limit)]
+        later = [two_digits(size, factor) for size in (goal.U_next, goal.U_floor)]
+        met = wording.probability_words(goal.probability)
+        met_next = wording.probability_words(goal.probability_next)
+        rows.append((display_name(name), *sizes, met, later[0], met_next, later[1], unit))
+    heads = ("goal for U", "now", "wanted", "met", "after the next", "met", "no less than", "unit")
+    return Table.of("", heads, rows, text=("unit",))
+
+
+def _tolerances_table(step: NextCircle) -> Table:
+    """Return a table of the decisions on tolerances."""
+    rows = []
+    for name, state in step.tolerances.items():
+        now = state.now
+        factor, unit = display_unit(now.unit)
+        limits = wording.limit_words(now.lower, now.upper, factor)
+        rows.append(
+            (
+                display_name(name),
+                two_digits(now.mean, factor),
+                two_digits(2.0 * now.sd, factor),
+                limits,
+                unit,
+                wording.probability_words(now.probability),
+                now.decision.value,
+                wording.probability_words(state.decided_next),
+            )
+        )
+    heads = ("tolerance", "value", "U", "limit", "unit", "conforms", "decision", "decided next")
+    return Table.of("", heads, rows, text=("unit", "limit", "decision"))
+
+
+def _circles_table(step: NextCircle) -> Table:
+    """Return a table of the best next circles, the best first."""
+    columns = [str(column) for column in step.table.columns[:-1]]
+    heads = [wording.PAGE["tests"].get(name, name) for name in columns]
+    rows = []
+    for row in step.table.to_numpy(dtype=object).tolist():
+        settings = [str(value) if isinstance(value, str) else f"{value:.4g}" for value in row[:-1]]
+        rows.append([*settings, f"{100.0 * float(row[-1]):.1f}"])
+    return Table.of("", (*heads, "of the way (%)"), rows)

@@ -1,0 +1,54 @@
+"""Sheet for the operator: the next circle to run, and how the aims of the campaign stand."""
+
+from __future__ import annotations
+
+from ldbb_bayes.analysis.design import NextCircle
+from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.report import wording
+from ldbb_bayes.report.html_templates import template_of
+from ldbb_bayes.report.next_circle_text import aims_passages
+
+__all__ = ["NAME", "page"]
+
+NAME = "sheet.html"  # name of the sheet's file
+
+
+def page(step: NextCircle, plan: Campaign) -> str:
+    """Return the sheet as an HTML page that can be printed.
+
+    Parameters
+    ----------
+    step
+        The next circle, and the aims.
+    plan
+        The next circle as a plan.
+
+    Returns
+    -------
+    str
+        HTML.
+    """
+    return template_of("operator.html.j2").render(
+        title=f"Circle {step.circles + 1} of {plan.pilot.name if plan.pilot else plan.name}",
+        head=wording.next_circle_head(step),
+        settings=_settings(plan),
+        passages=aims_passages(step),
+    )
+
+
+def _settings(plan: Campaign) -> list[tuple[str, str]]:
+    """Return the settings of the plan's only circle, and fields to be filled in, with units."""
+    test = plan.tests[0]
+    force = float(test.force_N or 0.0)
+    return [
+        ("Force", f"{force:.4g} N"),
+        ("Pressure", f"{plan.force_law.pressure_bar(force):.3g} bar"),
+        ("Plane", str(test.plane)),
+        ("Direction", test.direction or "as before"),
+        ("Radius", f"{test.radius_mm:g} mm"),
+        ("Work ball turned", f"{test.work_ball_deg:g}°"),
+        ("Tool ball turned", f"{test.tool_ball_deg:g}°"),
+        ("File", ""),
+        ("Time", ""),
+        ("Temperature (°C)", ""),
+    ]

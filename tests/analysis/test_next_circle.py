@@ -1,0 +1,236 @@
+"""The next circle of a campaign under way, held against fits, forecasts and dense algebra."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import ldbb_bayes as lb
+from ldbb_bayes.analysis.design.aims import SlopesAim, UncertaintyAim, total_distance
+from ldbb_bayes.analysis.design.candidate_covariances import CandidateCovariances
+from ldbb_bayes.analysis.design.criteria import Determinant
+from ldbb_bayes.analysis.design.next_circle import NextCircle, next_circle
+from ldbb_bayes.analysis.design.objective import Objective
+from ldbb_bayes.campaign.campaign import Campaign
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.inference.posterior import draws_of
+
+MODEL = lb.HybridModel.default(degree=1)
+TURNED = ((0.0, 0.0), (45.0, 45.0), (90.0, 90.0))
+GOALS = {"C_XXX": "14 %", "E_C0YX": "10 µrad", "C_CXY": "30 nrad/N"}
+
+
+@pytest.fixture(scope="module")
+def step(recovered: Campaign) -> NextCircle:
+    """The next circle of the recovered experiment, for three goals; balls may be turned."""
+    return next_circle(MODEL, recovered, goals=GOALS, clockings_deg=TURNED, tolerances={})
+
+
+@pytest.fixture(scope="module")
+def fitted(recovered: Campaign) -> dict[str, np.ndarray]:
+    """Posterior draws of every parameter, from a fit of its own."""
+    posterior = lb.sample(MODEL, recovered, sampler="independent", seed=3)
+    bound = MODEL.bind(recovered)
+    return dict(zip(bound.names, draws_of(posterior, bound)[0].T, strict=True))
+
+
+# ---- algebra
+
+
+@pytest.fixture
+def objective(rng: np.random.Generator) -> Objective:
+    """Three possible circles at two values of the hyper-parameters; six coefficients."""
+    root = rng.standard_normal((2, 6, 6))
+    prior = root @ np.swapaxes(root, 1, 2) + np.eye(6)
+    return Objective(rng.standard_normal((2, 3, 4, 6)), prior, 2, Determinant(2))
+
+
+def _dense(objective: Objective, k: int, candidates: list[int]) -> np.ndarray:
+    precision = objective.prior[k].copy()
+    for candidate in candidates:
+        rows = objective.rows[k, candidate]
+        precision += rows.T @ rows
+    return np.linalg.inv(precision)[-2:, -2:]
+
+
+def test_covariances_after_a_circle_are_those_of_the_summed_precision(
+    objective: Objective,
+) -> None:
+    after = CandidateCovariances(objective).after()
+    assert np.allclose(after[1, 2], _dense(objective, 1, [2]), rtol=1e-10)
+
+
+def test_a_circle_that_was_run_counts(objective: Objective) -> None:
+    circles = CandidateCovariances(objective)
+    circles.run(0)
+    assert np.allclose(circles.before[0], _dense(objective, 0, [0]), rtol=1e-10)
+
+
+def test_circles_run_one_after_another_add_up(objective: Objective) -> None:
+    circles = CandidateCovariances(objective)
+    circles.run(0)
+    assert np.allclose(circles.after()[0, 1], _dense(objective, 0, [0, 1]), rtol=1e-9)
+
+
+def test_the_distance_from_an_uncertainty_is_zero_at_the_target() -> None:
+    aim = UncertaintyAim(np.array([2.0, 0.0]), target=6.0, inflation=1.0, is_reached=False)
+    covariance = np.diag([9.0, 1.0])[None]
+    assert float(aim.distance(covariance)) == pytest.approx(0.0)
+
+
+def test_the_distance_from_an_uncertainty_is_the_log_of_the_ratio() -> None:
+    aim = UncertaintyAim(np.array([2.0, 0.0]), target=3.0, inflation=1.5, is_reached=False)
+    covariance = np.diag([9.0, 1.0])[None]
+    assert float(aim.distance(covariance)) == pytest.approx(np.log(3.0))
+
+
+def test_the_distance_from_a_decision_follows_the_expected_log_bayes_factor() -> None:
+    aim = SlopesAim([0], threshold=3.0, is_reached=False)
+    # One slope with precision 1 + λ, λ = 8: Φ = λ²/(1 + λ)/4.
+    covariance = np.diag([1.0 / 9.0, 1.0])[None]
+    assert float(aim.distance(covariance)) == pytest.approx(np.log(3.0 / (64.0 / 36.0)))
+
+
+def test_a_reached_aim_hardly_counts() -> None:
+    covariance = np.diag([9.0, 1.0])[None]
+    open_aim = UncertaintyAim(np.array([2.0, 0.0]), 3.0, 1.0, is_reached=False)
+    reached = replace(open_aim, is_reached=True)
+    both = float(total_distance([open_aim, reached], covariance))
+    assert both == pytest.approx(np.log(2.0), rel=2e-3)
+
+
+# ---- what is known so far
+
+
+@pytest.mark.parametrize("name", GOALS)
+def test_U_is_that_of_a_fit(name: str, step: NextCircle, fitted: dict[str, np.ndarray]) -> None:
+    bound_of_space = step.chosen.space.bound
+    assert name in bound_of_space.names
+    assert pytest.approx(2.0 * fitted[name].std(), rel=0.06) == step.goals[name].U
+
+
+def test_a_relative_goal_is_met_with_the_probability_that_the_value_is_large_enough(
+    step: NextCircle, fitted: dict[str, np.ndarray]
+) -> None:
+    goal = step.goals["C_XXX"]
+    share = float((0.14 * fitted["C_XXX"] >= goal.U).mean())
+    assert goal.probability == pytest.approx(share, abs=0.06)
+
+
+def test_an_absolute_goal_is_met_or_not(step: NextCircle) -> None:
+    assert step.goals["E_C0YX"].probability == 0.0
+
+
+def test_the_log_bayes_factor_is_that_of_compare(recovered: Campaign, step: NextCircle) -> None:
+    models = {"constant": MODEL.with_degree(0), "linear": MODEL}
+    comparison = lb.compare(models, recovered, tolerance=0.05)
+    assert comparison.explanations is not None
+    averaged = comparison.explanations.averaged.log_bayes_factor
+    assert step.model is not None
+    assert step.model.log_bayes_factor == pytest.approx(averaged, abs=0.25)
+
+
+def test_a_decision_on_a_tolerance_is_that_of_a_fit(recovered: Campaign) -> None:
+    tolerances = {"stiffness_X": "17 N/µm"}
+    state = next_circle(MODEL, recovered, tolerances=tolerances).tolerances["stiffness_X"]
+    posterior = lb.sample(MODEL, recovered, sampler="independent", seed=1)
+    decision = lb.assess_conformity(posterior, tolerances)["stiffness_X"]
+    assert state.now.probability == pytest.approx(decision.probability, abs=0.01)
+
+
+# ---- what the next circle brings
+
+
+@pytest.mark.parametrize("name", GOALS)
+def test_U_after_the_next_circle_is_about_that_of_the_forecast(name: str, step: NextCircle) -> None:
+    forecast = lb.analysis.forecast_plan(MODEL, step.plan())
+    expected = 2.0 * forecast.expected[name].sd
+    assert step.goals[name].U_next == pytest.approx(expected, rel=0.25)
+
+
+def test_the_best_circle_is_the_best_by_the_forecast_too(recovered: Campaign) -> None:
+    goals = {"E_C0YX": "1 µrad"}
+    forces = (36.0, 389.0, 742.0)
+    step = next_circle(
+        MODEL, recovered, goals=goals, clockings_deg=TURNED, forces_N=forces, tolerances={}
+    )
+    space = step.chosen.space
+    expected = []
+    for test in space.tests:
+        forecast = space.forecast(space.plan_of([test]), machines=16)
+        expected.append(forecast.expected["E_C0YX"].sd)
+    best = expected[space.tests.index(step.chosen.test)]
+    assert best <= 1.05 * min(expected)
+
+
+def test_the_balls_are_turned_for_squareness(step: NextCircle) -> None:
+    assert step.chosen.test.work_ball_deg > 0.0
+
+
+def test_the_floor_is_below_what_is_expected_next(step: NextCircle) -> None:
+    assert step.goals["C_XXX"].U_floor <= step.goals["C_XXX"].U_next
+
+
+def test_the_plan_adds_to_the_circles_run(recovered: Campaign, step: NextCircle) -> None:
+    assert step.plan().adds_to_pilot
+    assert step.plan().pilot is not None
+    assert step.plan().pilot.sha256 == recovered.sha256
+
+
+def test_the_same_seed_gives_the_same_answer(recovered: Campaign, step: NextCircle) -> None:
+    again = next_circle(MODEL, recovered, goals=GOALS, clockings_deg=TURNED, tolerances={})
+    assert again.as_dict() == step.as_dict()
+
+
+# ---- stopping
+
+
+def test_a_campaign_whose_goals_are_met_may_stop(recovered: Campaign) -> None:
+    step = next_circle(MODEL, recovered, goals={"C_XXX": "40 %"}, tolerances={})
+    assert step.finished
+    assert step.more_circles == 0
+
+
+def test_without_goals_the_campaign_goes_on_until_the_model_is_decided(
+    recovered: Campaign,
+) -> None:
+    step = next_circle(MODEL, recovered)
+    assert step.model_is_aim
+    assert not step.finished
+
+
+def test_a_goal_that_circles_cannot_reach_is_said_to_be_out_of_reach(recovered: Campaign) -> None:
+    step = next_circle(MODEL, recovered, goals={"E_C0YX": "2 µrad"}, tolerances={})
+    assert step.more_circles is None
+    assert step.goals["E_C0YX"].U_floor > step.goals["E_C0YX"].limit
+
+
+def test_constant_compliance_has_no_decision_between_models(recovered: Campaign) -> None:
+    step = next_circle(MODEL.with_degree(0), recovered, goals={"C_XXX": "20 %"}, tolerances={})
+    assert step.model is None
+
+
+# ---- refusals
+
+
+def test_a_plan_is_refused(recovered: Campaign) -> None:
+    with pytest.raises(InputError, match="must have readings, got a plan"):
+        next_circle(MODEL, recovered.plan())
+
+
+def test_flat_priors_are_refused(recovered: Campaign) -> None:
+    with pytest.raises(InputError, match="must have proper priors"):
+        next_circle(lb.HybridModel.from_preset("paper", 1), recovered)
+
+
+@pytest.mark.parametrize("confidence", [0.5, 1.0, float("nan")])
+def test_a_confidence_out_of_range_is_refused(confidence: float, recovered: Campaign) -> None:
+    with pytest.raises(InputError, match=r"confidence must lie between 0\.5 and 1"):
+        next_circle(MODEL, recovered, confidence=confidence)
+
+
+def test_an_unknown_goal_is_refused(recovered: Campaign) -> None:
+    with pytest.raises(InputError, match="C_XXZ"):
+        next_circle(MODEL, recovered, goals={"C_XXZ": "5 %"})

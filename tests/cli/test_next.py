@@ -1,0 +1,91 @@
+"""The command ``next``: which circle to run next, and whether to stop."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from campaigns import Invoke
+
+import ldbb_bayes as lb
+
+GOAL = ("--goal", "C_XXX=40%")
+
+
+def test_a_goal_that_is_met_stops_the_campaign(folder: Path, invoke: Invoke) -> None:
+    stdout = invoke("next", folder, "--preset", "first", "--goal", "C_XXX=1mm/N")[1]
+    assert stdout.startswith("Stop: after 4 circles every aim is reached")
+
+
+def test_a_goal_that_is_not_met_names_the_next_circle(folder: Path, invoke: Invoke) -> None:
+    stdout = invoke("next", folder, "--preset", "first", "--goal", "E_C0YX=0.1urad")[1]
+    assert stdout.startswith("Run next: ")
+
+
+def test_json_states_the_probability_that_a_goal_is_met(folder: Path, invoke: Invoke) -> None:
+    record = json.loads(invoke("next", folder, *GOAL, "--json")[1])
+    assert 0.0 <= record["goals"]["C_XXX"]["probability"] <= 1.0
+
+
+def test_json_states_that_constant_or_linear_stands(folder: Path, invoke: Invoke) -> None:
+    record = json.loads(invoke("next", folder, *GOAL, "--json")[1])
+    assert 0.0 <= record["model"]["probability_linear"] <= 1.0
+
+
+def test_json_states_a_decision_on_a_tolerance(folder: Path, invoke: Invoke) -> None:
+    record = json.loads(invoke("next", folder, "--tolerance", "C_XXX=1 µm/N", "--json")[1])
+    assert record["tolerances"]["C_XXX"]["now"]["decision"] == "conforms"
+
+
+def test_the_numbers_are_those_of_python(folder: Path, invoke: Invoke) -> None:
+    record = json.loads(invoke("next", folder, *GOAL, "--json")[1])
+    step = lb.analysis.next_circle(
+        lb.HybridModel.default(1), lb.read_campaign(folder), goals={"C_XXX": "40 %"}
+    )
+    assert record["goals"] == step.as_dict()["goals"]
+
+
+def test_the_next_circle_is_written_as_a_plan(folder: Path, tmp_path: Path, invoke: Invoke) -> None:
+    out = tmp_path / "next"
+    invoke("next", folder, "--preset", "first", "--goal", "E_C0YX=0.1urad", "--out", out)
+    plan = lb.read_campaign(out)
+    assert len(plan.tests) == 1
+    assert plan.adds_to_pilot
+
+
+def test_the_operators_sheet_has_the_force_and_the_pressure(
+    folder: Path, tmp_path: Path, invoke: Invoke
+) -> None:
+    out = tmp_path / "next"
+    invoke("next", folder, "--preset", "first", "--goal", "E_C0YX=0.1urad", "--out", out)
+    sheet = (out / "sheet.html").read_text(encoding="utf-8")
+    test = lb.read_campaign(out).tests[0]
+    assert f"<dd>{test.force_N:.4g} N</dd>" in sheet
+    assert " bar</dd>" in sheet
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--goal", "C_XXX"), "--goal must be NAME=U"),
+        (("--goal", "C_XXX=5"), "goal of C_XXX must be a number with its unit"),
+        (("--goal", "E_C0YX=5%"), "must be an uncertainty with its unit"),
+        (("--confidence", "1"), "confidence must lie between 0.5 and 1"),
+        (("--forces", "0"), "forces must be finite and > 0"),
+        (("--directions", "up"), "'up'"),
+    ],
+)
+def test_bad_options_are_refused(
+    options: tuple[str, ...], message: str, folder: Path, invoke: Invoke
+) -> None:
+    code, stdout, stderr = invoke("next", folder, *options)
+    assert code == 2
+    assert message in stderr
+    assert stdout == ""
+
+
+def test_a_plan_is_refused(planned: Path, invoke: Invoke) -> None:
+    code, _, stderr = invoke("next", planned)
+    assert code == 2
+    assert "must have readings, got a plan" in stderr
