@@ -19,6 +19,7 @@ import xarray as xr
 from ldbb_bayes.campaign.campaign import Campaign, require_campaign
 from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.errors import check_probability, check_seed, require
+from ldbb_bayes.inference.circle_spread import draw_new_noise_factors
 from ldbb_bayes.inference.coefficients import (
     ModelDraws,
     draw_of_circle,
@@ -55,8 +56,11 @@ def predict(
     Bar, balls, mount and force device are those of the posterior. The effects of the machine and of
     shared nuisances (effects that are modelled but not of interest, such as ball form) are drawn
     from the posterior. Set-up shift (of zero and centre), discrepancy (unexplained deviations of a
-    circle), random force error and white noise are drawn anew. Effects that the campaign does not
-    show, such as the length of the bar at another radius, are drawn from their prior.
+    circle), random force error and white noise are drawn anew, with shift and discrepancy as unlike
+    from circle to circle as those of the measured circles are. Effects that the campaign does not
+    show, such as the length of the bar at another radius, are drawn from their prior. Where times
+    are not stated, the new circles count as run after the measured ones; state ``time_s`` of all
+    tests to predict a circle that was run among them.
 
     Parameters
     ----------
@@ -124,11 +128,25 @@ def new_circles(draws: ModelDraws, plan: Campaign, rng: np.random.Generator) -> 
     phi = planned.hyper_prior.draw(len(draws.beta), rng)
     for column, name in enumerate(draws.bound.hyper_prior.names):
         phi[:, names.index(name)] = draws.phi[:, column]
+    measured_factors = _noise_factors(draws)
+    for name in planned.setting.circle:
+        if measured_factors.size and str(name) in names:
+            phi[:, names.index(str(name))] = draw_new_noise_factors(measured_factors, rng)
     coefficients = _draw_shared_of_plan(measured, planned, phi, draws.beta, rng)
     sigma = phi[:, names.index("sigma")]
     for r, test in enumerate(plan.tests):
         circle = coefficients[:, r] + draw_of_circle(planned, phi, r, rng)
         yield readings_drawn(circle, sigma, test.angles_rad(), rng)
+
+
+def _noise_factors(draws: ModelDraws) -> Array:
+    """Return the drawn noise factors λ of the R measured circles, shape (draws, R).
+
+    There are none if the model has no factor for each circle.
+    """
+    names = draws.bound.hyper_prior.names
+    factors = [str(name) for name in draws.bound.setting.circle if str(name) in names]
+    return draws.phi[:, [names.index(name) for name in factors]]
 
 
 def _draw_shared_of_plan(

@@ -1,0 +1,55 @@
+"""How much a circle that is not measured scatters, learnt from the circles that are.
+
+The factor λ multiplies the set-up shift and the discrepancy of one circle. Its prior, λ² ~
+InvGamma(a, a) with a = 3/2, has heavy tails, so that an odd circle among those measured does not
+move the compliances. Circles of one machine mostly scatter alike. A band for a new circle that
+takes its λ from the prior is then too wide. Here a is learnt: every posterior draw of the λ of R
+measured circles gives the probability
+
+    p(a | λ_1 … λ_R) ∝ p(a) Π InvGamma(λ_r²; a, a)
+
+of each of some shapes a, and λ of the new circle is drawn with a shape of that probability. The
+model and its posterior remain as they are.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.special import gammaln, softmax
+
+from ldbb_bayes.results import Array
+
+__all__ = ["draw_new_noise_factors", "shape_probabilities"]
+
+# Shapes a that are considered. The first is that of the model's prior; large ones mean circles that
+# scatter alike.
+_SHAPES = np.array([1.5, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0, 40.0])
+# Prior probability of the first shape; the others share the rest equally. Few circles can then not
+# rule out that the next one is odd.
+_FIRST_PROBABILITY = 0.5
+
+
+def draw_new_noise_factors(noise_factors: Array, rng: np.random.Generator) -> Array:
+    """Return a noise factor λ of a new circle for each of n posterior draws, shape (n,).
+
+    ``noise_factors``, shape (n, R), are the drawn factors of the R measured circles.
+    """
+    cumulative = shape_probabilities(noise_factors).cumsum(axis=1)
+    levels = rng.random((len(noise_factors), 1))
+    chosen = np.minimum((cumulative < levels).sum(axis=1), len(_SHAPES) - 1)
+    shapes = _SHAPES[chosen]
+    return np.asarray(np.sqrt(shapes / rng.standard_gamma(shapes)))
+
+
+def shape_probabilities(noise_factors: Array) -> Array:
+    """Return the probability of every shape a for each of n posterior draws, shape (n, shapes).
+
+    ``noise_factors``, shape (n, R), are the drawn factors of the R measured circles.
+    """
+    prior = np.full(len(_SHAPES), (1.0 - _FIRST_PROBABILITY) / (len(_SHAPES) - 1))
+    prior[0] = _FIRST_PROBABILITY
+    log_square = 2.0 * np.log(noise_factors).sum(axis=1)[:, None]
+    inverse_square = (noise_factors**-2.0).sum(axis=1)[:, None]
+    constant = noise_factors.shape[1] * (_SHAPES * np.log(_SHAPES) - gammaln(_SHAPES))
+    log_density = constant - (_SHAPES + 1.0) * log_square - _SHAPES * inverse_square
+    return np.asarray(softmax(np.log(prior) + log_density, axis=1))
