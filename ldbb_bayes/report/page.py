@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ from ldbb_bayes.files import check_target, staged_folder, write_whole
 from ldbb_bayes.inference.posterior import campaign_of, fit_of, record_of
 from ldbb_bayes.inference.summary import result_json
 from ldbb_bayes.report import wording
+from ldbb_bayes.report.annex_translation import annex_translation
 from ldbb_bayes.report.blocks import Banner, Block, Pair, PictureRow, ReportSheet
 from ldbb_bayes.report.dcc_export import write_dcc
 from ldbb_bayes.report.findings import Beside, Compared, Findings, Recommended, find
@@ -64,7 +65,7 @@ class Document(Shown):
     annex
         Whether the sections are printed in addition to the sheets when the page is printed.
     language
-        Language of the sheets.
+        Language of the sheets and of the annex.
     """
 
     title: str
@@ -148,7 +149,7 @@ def compose(
         )
         sections.insert(0, Section("beside", "Campaigns side by side", tuple(side_by_side)))
         title += f", beside {wording.joined([other.name for other in others])}"
-    return Document(
+    document = Document(
         title,
         _lines(findings),
         tuple(_alerts(findings, others)),
@@ -156,6 +157,26 @@ def compose(
         finished_sheets,
         annex,
         language,
+    )
+    names = [name, *(other.name for other in others)]
+    names += [test.name for test in findings.seen.tests]
+    return _in_language(document, frozenset(names))
+
+
+def _in_language(document: Document, names: frozenset[str]) -> Document:
+    """Return a document whose annex is in the language of the sheets.
+
+    ``names`` are those of campaigns and tests, which are not translated.
+    """
+    translation = annex_translation(words_of(document.language), names)
+    if translation is None:
+        return document
+    return replace(
+        document,
+        title=translation.text(document.title),
+        lines=tuple(translation.text(line) for line in document.lines),
+        alerts=tuple(translation.text(alert) for alert in document.alerts),
+        sections=tuple(translation.section(section) for section in document.sections),
     )
 
 
@@ -214,7 +235,8 @@ def html_page(document: Document) -> str:
     str
     """
     style = Markup(template_of("report.css").render())
-    return template_of("report.html.j2").render(document=document, style=style)
+    page = words_of(document.language).table["page"]
+    return template_of("report.html.j2").render(document=document, style=style, page=page)
 
 
 def check_report_target(folder: Path) -> None:
@@ -285,7 +307,7 @@ def write_report(
     tolerances : mapping of quantity to Tolerance, optional
         Tolerances for which the sheets state conformity. Default: those of the campaign.
     language : str
-        Language of the sheets: en or de.
+        Language of the sheets and of the annex: en or de.
     annex : bool
         Whether the annex, the sections that follow the sheets, is printed too when the page is
         printed.

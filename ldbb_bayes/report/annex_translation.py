@@ -1,0 +1,262 @@
+"""Translation of the annex, sentence by sentence, from a catalogue whose keys are English texts.
+
+The annex shows the same results as the terminal, in the same words. Its texts are made in English,
+and replaced as a whole when the page is made, as message catalogues such as gettext's do it. A key
+of the catalogue may have places in braces, ``{a}``; what stands there is translated in its turn. A
+place whose name begins with ``n`` takes numbers alone. Results are never read from sentences:
+nothing but the shown text depends on a translation.
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cache
+from importlib.resources import files
+from typing import Any, NamedTuple
+
+from matplotlib.text import Text
+from matplotlib.ticker import FixedFormatter
+
+from ldbb_bayes.report.pictures import Picture
+from ldbb_bayes.report.sections import Details, Part, Section
+from ldbb_bayes.report.translation import Words
+from ldbb_bayes.results import Table
+
+__all__ = ["AnnexTranslation", "annex_translation", "has_english"]
+
+_TEMPLATES = files("ldbb_bayes.report") / "templates"
+_PLACE = re.compile(r"\\\{(\w+)\\\}")
+_NUMBER = r"[-+−±]?[\d.,eE−+<>≥≤ /\[\]…%°-]*\d[\d.,]*"
+# A number with decimals that is not a part of a version or a date, such as 0.3.0.
+_DECIMALS = re.compile(r"(?<![\d.])(\d+)\.(\d+)(?![\d.])")
+_SENTENCE_ENDS = re.compile(r"(?<=[.?!]) (?=[A-Z('{]|u[: ]|ln |\d+ %)")
+# What joins the items of a list, the strongest first.
+_JOINTS = ("; ", ": ", ", ", " and ", " or ")
+_WORD = re.compile(r"(?<![\w./\\-])(?:[A-Za-z][a-z]{2,}|of|by|to|or|at|is|it|as)(?![\w/\\(=])")
+# Words that are the same in every language: symbols, units, names of programs and quantities.
+_SAME = frozenset(
+    (
+        "bar",
+        "bayes",
+        "cos",
+        "decay",
+        "delta",
+        "eig",
+        "elpd",
+        "emcee",
+        "eta",
+        "kappa",
+        "lambda",
+        "ldbb",
+        "linear",
+        "Linux",
+        "nat",
+        "numpy",
+        "omega",
+        "Python",
+        "scipy",
+        "sigma",
+        "sin",
+        "tau",
+    )
+)
+# An interval, whose ends a language with a decimal comma separates by a semicolon.
+_INTERVAL = re.compile(r"\[([^\[\],;]+), ([^\[\],;]+)\]")
+
+
+class _Joint(NamedTuple):
+    """Pieces of a text, and what joins them in the language."""
+
+    pieces: list[str]
+    word: str
+
+
+class _Phrase(NamedTuple):
+    """A pattern of the catalogue, and the translation with the same places."""
+
+    pattern: re.Pattern[str]
+    translation: str
+    size: int
+
+
+@dataclass(frozen=True, eq=False)
+class AnnexTranslation:
+    """Texts of the annex in one language.
+
+    Parameters
+    ----------
+    words
+        Texts of the sheets in the same language.
+    catalogue
+        Translations by English text.
+    kept
+        Texts that stay as they are: names of campaigns and tests.
+    missing
+        English texts without a translation, as they are met.
+    """
+
+    words: Words
+    catalogue: Mapping[str, str]
+    kept: frozenset[str] = frozenset()
+    missing: set[str] = field(default_factory=set)
+    _known: dict[str, str | None] = field(default_factory=dict)
+
+    def text(self, text: str) -> str:
+        """Return a text in the language, with its decimal mark."""
+        return self._numbers(self._translated(text))
+
+    def section(self, section: Section) -> Section:
+        """Return a section of the annex with all its texts in the language."""
+        content = tuple(self._part(part) for part in section.content)
+        return Section(section.key, self.text(section.title), content)
+
+    def _part(self, part: Part) -> Any:
+        if isinstance(part, str):
+            return part if "\n" in part else self.text(part)
+        if isinstance(part, tuple):
+            return tuple(self.text(item) for item in part)
+        if isinstance(part, Table):
+            return self._table(part)
+        if isinstance(part, Picture):
+            return self._picture(part)
+        content = tuple(self._part(inner) for inner in part.content)
+        return Details(self.text(part.summary), content)
+
+    def _table(self, table: Table) -> Table:
+        rows = []
+        for row in table.rows:
+            rows.append(tuple(self._cell(cell) for cell in row))
+        heads = tuple(self.text(head) for head in table.heads)
+        return replace(table, caption=self.text(table.caption), heads=heads, rows=tuple(rows))
+
+    def _cell(self, cell: Any) -> Any:
+        return self.text(cell) if isinstance(cell, str) else cell
+
+    def _picture(self, picture: Picture) -> Picture:
+        """Return a figure whose labels are in the language; the figure itself is changed."""
+        for label in picture.figure.findobj(Text):
+            lines = [self.text(line) for line in label.get_text().split("\n")]
+            label.set_text("\n".join(lines))
+        for axes in picture.figure.axes:
+            for axis in (axes.xaxis, axes.yaxis):
+                formatter = axis.get_major_formatter()
+                if isinstance(formatter, FixedFormatter):
+                    formatter.seq = [self.text(name) for name in formatter.seq]
+        return Picture(picture.key, self.text(picture.caption), picture.figure)
+
+    # ---- one text
+
+    def _translated(self, text: str) -> str:
+        translation = self._of(text)
+        if translation is None:
+            self.missing.add(text)
+            return text
+        return translation
+
+    def _of(self, text: str) -> str | None:
+        """Return the translation of a text; None if the catalogue has none for a part of it."""
+        if text not in self._known:
+            self._known[text] = self._found(text)
+        return self._known[text]
+
+    def _found(self, text: str) -> str | None:
+        if text in self.kept or not has_english(text):
+            return text
+        known = self._looked_up(text)
+        if known is not None:
+            return known
+        for joint in self._joints(text):
+            pieces = [self._of(piece) for piece in joint.pieces]
+            if None not in pieces:
+                return joint.word.join(map(str, pieces))
+        return None
+
+    def _looked_up(self, text: str) -> str | None:
+        """Return the translation of a text that has a key or a pattern of its own, else None."""
+        if text in self.catalogue:
+            return self.catalogue[text]
+        lower = self.catalogue.get(text[:1].lower() + text[1:])
+        if lower is not None:
+            return lower[:1].upper() + lower[1:]
+        for phrase in _phrases(self.words.language):
+            match = phrase.pattern.fullmatch(text)
+            if match is None:
+                continue
+            places = {name: self._of(value) for name, value in match.groupdict().items()}
+            if None not in places.values():
+                return phrase.translation.format(**places)
+        return None
+
+    def _joints(self, text: str) -> Iterator[_Joint]:
+        """Yield the ways to split a text: into sentences, then at the joints of a list."""
+        sentences = _SENTENCE_ENDS.split(text)
+        if len(sentences) > 1:
+            yield _Joint(sentences, " ")
+        for joint in _JOINTS:
+            if joint in text:
+                word = self.catalogue.get(joint.strip(), joint.strip())
+                yield _Joint(text.split(joint), joint.replace(joint.strip(), word))
+
+    def _numbers(self, text: str) -> str:
+        mark = str(self.words.table["decimal"])
+        interval = self.words("interval", low=r"\g<1>", high=r"\g<2>")
+        return _DECIMALS.sub(rf"\g<1>{mark}\g<2>", _INTERVAL.sub(interval, text))
+
+
+@cache
+def _catalogue(language: str) -> Mapping[str, str]:
+    source = _TEMPLATES / f"annex_{language}.toml"
+    tables = tomllib.loads(source.read_text(encoding="utf-8"))
+    entries: dict[str, str] = {}
+    for table in tables.values():
+        entries |= table
+    return entries
+
+
+@cache
+def _phrases(language: str) -> tuple[_Phrase, ...]:
+    """Return the patterns of a catalogue, those with the longest fixed text first."""
+    phrases = []
+    for key, translation in _catalogue(language).items():
+        if "{" not in key:
+            continue
+        fixed = re.escape(key)
+        pattern = _PLACE.sub(_group, fixed)
+        size = len(_PLACE.sub("", fixed))
+        phrases.append(_Phrase(re.compile(pattern, re.DOTALL), translation, size))
+    return tuple(sorted(phrases, key=lambda phrase: -phrase.size))
+
+
+def _group(match: re.Match[str]) -> str:
+    """Return the group of a pattern for a place such as {a}, or {n1} for a number."""
+    inside = ".+?"
+    if match[1].startswith("n"):
+        inside = _NUMBER
+    return f"(?P<{match[1]}>{inside})"
+
+
+def has_english(text: str) -> bool:
+    """Return whether a text has a word that is not the same in every language."""
+    return any(word not in _SAME for word in _WORD.findall(text))
+
+
+def annex_translation(words: Words, kept: frozenset[str]) -> AnnexTranslation | None:
+    """Return the translation of the annex; None for English, in which the annex is made.
+
+    Parameters
+    ----------
+    words
+        Texts of the sheets in the language.
+    kept
+        Texts that stay as they are, such as names of tests.
+
+    Returns
+    -------
+    AnnexTranslation or None
+    """
+    if not (_TEMPLATES / f"annex_{words.language}.toml").is_file():
+        return None
+    return AnnexTranslation(words, _catalogue(words.language), kept)

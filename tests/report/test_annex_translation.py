@@ -1,0 +1,180 @@
+"""The German annex: no English text is left on it, and its catalogue is complete."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Iterator
+from importlib.resources import files
+from typing import Any
+
+import pytest
+from campaigns import plan, simulated
+from reports import fitted, undrawn
+
+import ldbb_bayes as lb
+from ldbb_bayes.report import wording
+from ldbb_bayes.report.annex_translation import AnnexTranslation, annex_translation, has_english
+from ldbb_bayes.report.findings import find
+from ldbb_bayes.report.page import compose, html_page
+from ldbb_bayes.report.translation import words_of
+
+TEMPLATES = files("ldbb_bayes.report") / "templates"
+# English words that no German text of the sheets or of the page has.
+ENGLISH = re.compile(r"\b(the|of|and|with|is|are|by|which|not|from|to|for|each|this|that)\b")
+
+
+GERMAN_TABLES = (
+    "sheet",
+    "fields",
+    "entries",
+    "heads",
+    "quantities",
+    "remarks",
+    "state",
+    "notes",
+    "plain",
+    "steps",
+    "assumptions",
+    "means",
+    "terms",
+    "page",
+)
+
+
+def catalogue() -> dict[str, str]:
+    tables = tomllib.loads((TEMPLATES / "annex_de.toml").read_text(encoding="utf-8"))
+    entries: dict[str, str] = {}
+    for table in tables.values():
+        entries |= table
+    return entries
+
+
+def german(*names: str) -> AnnexTranslation:
+    translation = annex_translation(words_of("de"), frozenset(names))
+    assert translation is not None
+    return translation
+
+
+def leaves(table: Any) -> Iterator[str]:
+    if isinstance(table, str):
+        yield table
+    elif isinstance(table, dict):
+        for value in table.values():
+            yield from leaves(value)
+    else:
+        for value in table:
+            yield from leaves(value)
+
+
+# ---- the catalogue
+
+
+def test_a_translation_has_the_places_of_its_text() -> None:
+    for english, text in catalogue().items():
+        places = set(re.findall(r"\{(\w+)\}", english))
+        assert set(re.findall(r"\{(\w+)\}", text)) <= places, english
+
+
+def test_no_translation_is_english() -> None:
+    for text in catalogue().values():
+        without_title = re.sub("„[^“]*“", "", text)
+        assert not ENGLISH.search(without_title), text
+
+
+@pytest.mark.parametrize("table", GERMAN_TABLES)
+def test_no_word_of_the_german_sheets_is_english(table: str) -> None:
+    for text in leaves(words_of("de").table[table]):
+        assert not ENGLISH.search(text), text
+
+
+def test_every_term_of_the_glossary_is_translated() -> None:
+    meanings = tomllib.loads((TEMPLATES / "glossary.toml").read_text(encoding="utf-8"))
+    translation = german()
+    for term, meaning in meanings.items():
+        translation.text(term)
+        translation.text(meaning)
+    assert not translation.missing
+
+
+@pytest.mark.parametrize("table", ["sections", "pictures", "tests", "notes"])
+def test_titles_captions_and_notes_are_translated(table: str) -> None:
+    translation = german()
+    for text in leaves(wording.PAGE[table]):
+        translation.text(text)
+    assert not translation.missing
+
+
+# ---- one text
+
+
+@pytest.mark.parametrize(
+    ("english", "text"),
+    [
+        ("ball form", "Kugelform"),
+        ("Ball form", "Kugelform"),
+        ("mount 39 % (assumed)", "Aufnahme 39 % (angenommen)"),
+        ("mount 9 %, drift 5 %", "Aufnahme 9 %, Drift 5 %"),
+        ("confounded with position and drift", "vermengt mit Achsposition und Drift"),
+        ("+6.67 µm/m of E_XX1", "+6,67 µm/m von E_XX1"),
+        ("[-0.5, 1.5]", "[-0,5; 1,5]"),
+        ("numpy 2.4.6, scipy 1.17.1", "numpy 2.4.6, scipy 1.17.1"),
+        ("C_XXX", "C_XXX"),
+    ],
+)
+def test_a_text_is_translated(english: str, text: str) -> None:
+    assert german().text(english) == text
+
+
+def test_a_name_is_not_translated() -> None:
+    assert german("position and drift").text("position and drift") == "position and drift"
+
+
+def test_a_text_without_translation_is_noted() -> None:
+    translation = german()
+    assert translation.text("something quite new") == "something quite new"
+    assert translation.missing == {"something quite new"}
+
+
+def test_english_is_not_translated() -> None:
+    assert annex_translation(words_of("en"), frozenset()) is None
+
+
+@pytest.mark.parametrize("text", ["C_XXX", "12.5 µm/m", "nrad/N", "cos 2θ", "–"])
+def test_symbols_are_no_english(text: str) -> None:
+    assert not has_english(text)
+
+
+# ---- a whole page
+
+
+@pytest.mark.parametrize("degree", [0, 1])
+def test_a_german_page_has_no_english_text(degree: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    undrawn(monkeypatch)
+    missing: set[str] = set()
+    monkeypatch.setattr(
+        AnnexTranslation, "__post_init__", lambda self: setattr_of(self, missing), raising=False
+    )
+    posterior = fitted(lb.HybridModel.first(degree), simulated(plan()))
+    reason = wording.NO_ANNEX
+    document = compose(find(posterior, comparison=reason, recommended=reason), language="de")
+    assert document.sections
+    assert not missing
+
+
+def setattr_of(translation: AnnexTranslation, missing: set[str]) -> None:
+    object.__setattr__(translation, "missing", missing)
+
+
+@pytest.mark.slow
+def test_a_german_page_with_comparison_and_design_has_no_english_text(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    missing: set[str] = set()
+    monkeypatch.setattr(
+        AnnexTranslation, "__post_init__", lambda self: setattr_of(self, missing), raising=False
+    )
+    posterior = fitted(lb.HybridModel.first(1), simulated(plan()))
+    page = html_page(compose(find(posterior), language="de"))
+    assert not missing
+    assert '<html lang="de">' in page
