@@ -7,7 +7,6 @@ import inspect
 import json
 import re
 import sys
-import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
 from functools import cache
@@ -60,14 +59,6 @@ html_copy_source = html_show_sourcelink = False
 pygments_style, pygments_dark_style = "friendly", "github-dark"
 
 PACKAGE = Path(ldbb_bayes.__file__).parent
-
-
-def glossary() -> str:
-    """The terms of art, as the page of a report explains them."""
-    terms = tomllib.loads(
-        (PACKAGE / "report" / "templates" / "glossary.toml").read_text(encoding="utf-8")
-    )
-    return "\n".join(f"{term}\n: {text}\n" for term, text in terms.items())
 
 
 def commands() -> str:
@@ -399,7 +390,6 @@ def plain_types(
 
 ALIAS = re.compile(r"alias='(\w+)'")
 WRITTEN: dict[str, Callable[[str], str]] = {
-    "glossary": lambda _: glossary(),
     "commands": lambda _: commands(),
     "roles": lambda _: roles(),
     "units": lambda _: units(),

@@ -176,7 +176,7 @@ def path_draws(
         forces = [0.0, *distinct_forces(bound.setting.force_N).tolist()]
     require(
         min(forces) >= 0.0,
-        f"forces_N must not be negative, got {min(forces):g}. The bar pulls tool and table apart.",
+        f"forces_N must not be negative, got {min(forces):g}. The bar pushes tool and table apart.",
     )
     circles = [first_circle(bound, plane) for plane in bound.setting.planes]
     loaded = np.array([force for force in forces if force > 0.0])

@@ -101,7 +101,7 @@ def decompose_deviation(
         force = float(force_N)
     require(
         force >= 0.0,
-        f"force_N must not be negative, got {force:g}. The bar pulls tool and table apart.",
+        f"force_N must not be negative, got {force:g}. The bar pushes tool and table apart.",
     )
     rows = []
     for plane in bound.setting.planes:

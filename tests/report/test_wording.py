@@ -773,3 +773,12 @@ def test_headings_of_identifiability_differ() -> None:
     assert wording.ALIKE.endswith(":")
     assert wording.NONE_ALIKE.endswith(".")
     assert len(wording.IN_FORCE) == len(DEGREE_NAMES)
+
+
+def test_the_page_of_the_glossary_is_the_glossary() -> None:
+    """The page can be read in a checkout, and says what a report says."""
+    glossary = tomllib.loads((TEMPLATES / "glossary.toml").read_text(encoding="utf-8"))
+    path = Path(__file__).parents[2] / "docs" / "reference" / "glossary.md"
+    rows = [line for line in path.read_text(encoding="utf-8").splitlines() if line.startswith("|")]
+    expected = [f"| {term} | {meaning} |" for term, meaning in glossary.items()]
+    assert [row.replace("\\|", "|") for row in rows[2:]] == expected
