@@ -162,7 +162,7 @@ def _split_line(path: Path, line: int, content: str, separator: str) -> list[str
         Character between cells.
     """
     if separator == " ":
-        return content.split()
+        return _split_at_blanks(content)
     if '"' not in content:
         return [cell.strip() for cell in content.split(separator)]
     try:
@@ -173,6 +173,20 @@ def _split_line(path: Path, line: int, content: str, separator: str) -> list[str
             f" {content[:LONGEST_CELL_SHOWN]!r}. Correct the line."
         ) from None
     return [cell.strip() for cell in cells]
+
+
+def _split_at_blanks(content: str) -> list[str]:
+    """Return the cells of a line that any number of blanks separate; quotes hold a cell together.
+
+    Quotes that are not closed, such as a sign for inches, are part of their cells.
+    """
+    if '"' not in content:
+        return content.split()
+    single_spaced = " ".join(content.split())
+    try:
+        return next(csv.reader(io.StringIO(single_spaced), delimiter=" ", strict=True))
+    except (csv.Error, StopIteration):
+        return content.split()
 
 
 def columns_of(place: str, rows: Sequence[Row], width: int) -> tuple[list[int], list[list[str]]]:

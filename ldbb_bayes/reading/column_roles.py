@@ -19,6 +19,7 @@ from ldbb_bayes.reading.words import (
     LONGEST_NAME,
     OTHER_QUANTITY,
     ROLES,
+    UNITS,
     WORDS,
     comparable,
     unit_named,
@@ -39,6 +40,8 @@ __all__ = [
 
 # Words that may follow or precede "test" in the header of the column that names the tests.
 _NUMBERING = {"name", "no", "nr", "number", "id", "label", "index"}
+# Roles that the unit of a column tells where its name does not.
+_ROLES_BY_UNIT = ("angle", "reading", "force")
 # A role word of at most this many letters, such as "t" or "dir", must be a whole word of a header;
 # a longer one may also be the beginning of a word.
 _SHORT_WORD = 3
@@ -197,7 +200,9 @@ class ColumnRoles:
     readings: list[int] = field(default_factory=list)
 
 
-def find_columns(place: str, layout: Layout, headers: Sequence[str]) -> ColumnRoles:
+def find_columns(
+    place: str, layout: Layout, headers: Sequence[str], units: Sequence[str] = ()
+) -> ColumnRoles:
     """Return the roles of the columns, as the layout states them or else from their headers.
 
     Parameters
@@ -208,6 +213,9 @@ def find_columns(place: str, layout: Layout, headers: Sequence[str]) -> ColumnRo
         Layout that the user states.
     headers
         Header of each column; all are empty for a table without a header.
+    units
+        Unit of each column; empty where none is stated. A column whose name is not known has the
+        role of its unit, if no other column has that role or unit.
 
     Raises
     ------
@@ -222,6 +230,8 @@ def find_columns(place: str, layout: Layout, headers: Sequence[str]) -> ColumnRo
     for role in ROLES:
         if role not in roles.columns:
             _find_role(place, role, roles, headers)
+    for role in _ROLES_BY_UNIT:
+        _find_role_by_unit(role, roles, units)
     _settle_time(roles, layout, headers)
     _settle_readings(roles)
     if len(roles.readings) > 1 and "test" in roles.columns:
@@ -332,6 +342,20 @@ def _find_role(place: str, role: str, roles: ColumnRoles, headers: Sequence[str]
     column = candidates[0]
     if role == "reading" or headers[column] not in PER_TEST:
         roles.columns[role] = column
+
+
+def _find_role_by_unit(role: str, roles: ColumnRoles, units: Sequence[str]) -> None:
+    """Give a role that no column has to the only free column with a unit of that role."""
+    has_abscissa = "angle" in roles.columns or "time" in roles.columns
+    if role in roles.columns or (role == "angle" and has_abscissa):
+        return
+    if role == "reading" and roles.readings:
+        return
+    assigned = {*roles.columns.values(), *roles.readings}
+    in_unit = [column for column, unit in enumerate(units) if unit in UNITS[role]]
+    free = [column for column in in_unit if column not in assigned]
+    if len(free) == 1:
+        roles.columns[role] = free[0]
 
 
 def _candidates(role: str, columns: Sequence[int], headers: Sequence[str]) -> list[int]:

@@ -120,7 +120,7 @@ def find_heading(sheet: Sheet, layout: Layout) -> Heading:
     place = sheet.place
     if header.line:
         place = f"{sheet.place}, line {header.line}"
-    column_roles = find_columns(place, layout, header.headers)
+    column_roles = find_columns(place, layout, header.headers, header.units)
     units = list(header.units)
     for column in column_roles.readings:
         name = header.headers[column]
@@ -343,6 +343,8 @@ def _column_names(sheet: Sheet, header_row: int, block: int) -> list[str]:
         names = _join_units(names)
     cells_below = sheet.rows[block].cells
     width = len(cells_below)
+    if len(names) == width - 1 and _number_rows(sheet.rows[block:]):
+        names.insert(0, "")  # R writes names of rows, but no header above them
     while len(names) > width and not names[-1]:
         names.pop()
     if len(names) > width or any(cells_below[len(names) :]):
@@ -352,6 +354,11 @@ def _column_names(sheet: Sheet, header_row: int, block: int) -> list[str]:
             " cells by semicolons; --header-line where it is another, 0 for none."
         )
     return names + [""] * (width - len(names))
+
+
+def _number_rows(rows: Sequence[Row]) -> bool:
+    """Return whether the first cells of a table's rows are 1, 2, 3 and so on."""
+    return all(row.cells[0] == str(number) for number, row in enumerate(rows, start=1))
 
 
 def _join_units(words: Sequence[str]) -> list[str]:
@@ -415,6 +422,9 @@ def note_heading(sheet: Sheet, heading: Heading, layout: Layout, log: Assumption
     """
     _note_format(sheet, heading, layout, log)
     _note_columns(sheet, heading, layout, log)
+    if _has_numbered_rows(sheet, heading):
+        reason = "the header has one name fewer than the table has columns"
+        log.add(sheet.place, "column 1", "numbers of the rows, not used", reason, "--header-line")
     unused = _unused_headers(heading)
     if unused:
         log.add(
@@ -424,6 +434,14 @@ def note_heading(sheet: Sheet, heading: Heading, layout: Layout, log: Assumption
             "no role is known for them",
             "--…-column, or a [[test]] in --layout",
         )
+
+
+def _has_numbered_rows(sheet: Sheet, heading: Heading) -> bool:
+    """Return whether the first column is one of row numbers, which the header does not name."""
+    if heading.headers[0]:
+        return False
+    n_names = {row.line: len(row.cells) for row in sheet.rows}
+    return n_names.get(heading.line, 0) == len(heading.headers) - 1
 
 
 def _note_columns(sheet: Sheet, heading: Heading, layout: Layout, log: AssumptionLog) -> None:

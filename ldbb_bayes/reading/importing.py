@@ -32,6 +32,7 @@ from ldbb_bayes.reading.lines_above import (
     statements_in,
     unknown_length,
 )
+from ldbb_bayes.reading.paired_columns import split_pairs
 from ldbb_bayes.reading.recording import LOAD_LISTS, LOAD_ROLES, Recording, option_for
 from ldbb_bayes.reading.sheet_selection import SheetSelection, select_sheets
 from ldbb_bayes.reading.splitting import layout_names, split_sheet
@@ -178,9 +179,10 @@ def _select_tables(
     """
     sheets = []
     for path in paths:
-        sheets += read_sheets(
+        for sheet in read_sheets(
             path, encoding=layout.encoding, separator=layout.separator, sheets=layout.sheets
-        )
+        ):
+            sheets += split_pairs(sheet, layout)
     return select_sheets(sheets, layout, log, matched)
 
 

@@ -31,8 +31,8 @@ __all__ = [
     "seconds_of",
 ]
 
-# Pattern of a sign that separates thousands: a blank of any width, or an apostrophe.
-_GAP = r"[ '\u00a0\u202f\u2009]"
+# Pattern of a sign that separates thousands: a blank of any width, an apostrophe or an underscore.
+_GAP = r"[ '’_\u00a0\u202f\u2009]"
 _EXPONENT = r"(?:[eEdD][+\-−–]?\d+)?"
 # Pattern of a cell that is a number, with a decimal point or a decimal comma.
 _NUMBER_CELL = re.compile(
@@ -142,9 +142,9 @@ def number(cell: str, decimal: str = ".") -> float:
         as 1e999, and for a misplaced mark, as in 1,23.4.
     """
     has_digit = re.search(r"\d", cell) is not None
-    if "_" in cell or not has_digit:  # Python would read 1_000 and nan as numbers
+    if not has_digit:  # Python would read nan as a number
         raise ValueError(cell)
-    if decimal == ".":
+    if decimal == "." and "_" not in cell:  # Python would read 1_0 as a number
         with suppress(ValueError):
             return _finite_number(cell)
     text = cell.strip().translate(_MINUS_SIGNS)

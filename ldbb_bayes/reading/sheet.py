@@ -16,7 +16,8 @@ class Sheet:
     """Cells of one text file, or of one sheet of a workbook, as texts."""
 
     path: Path  #: path of the file
-    name: str  #: name of the sheet; empty for a text file
+    #: name of the sheet; for a text file empty, or the name of one of several tables in it
+    name: str
     rows: list[Row]  #: rows of cells with their line numbers; empty lines are left out
     encoding: str = ""  #: encoding of a text file; empty for a workbook
     separator: str = ""  #: separator of cells in a text file; empty for a workbook
@@ -28,6 +29,7 @@ class Sheet:
     format_units: Mapping[tuple[int, int], str] = field(default_factory=dict)
     #: line number and index of the column of formulas without a stored value
     formulas_without_value: Collection[tuple[int, int]] = ()
+    n_headers: int = 0  #: number of repeated headers inside the table, which are left out
     #: whether number formats and hidden rows of the workbook are known
     is_examined: bool = False
     hidden_rows: int = 0  #: number of hidden rows, which are left out
@@ -49,7 +51,8 @@ class Sheet:
     def place(self) -> str:
         """Name of the sheet in error messages: path of the file, and name of the sheet."""
         if self.name:
-            return f"{self.path}, sheet {self.name!r}"
+            kind = "table" if self.separator else "sheet"
+            return f"{self.path}, {kind} {self.name!r}"
         return str(self.path)
 
     def texts(self, rows: Iterable[Row]) -> Iterator[tuple[int, str]]:

@@ -97,12 +97,16 @@ def select_sheets(
 
 
 def _note_hidden(sheets: Sequence[Sheet], log: AssumptionLog) -> None:
-    """Add hidden sheets and rows, which are left out, to the log.
+    """Add hidden sheets and rows and repeated headers, which are left out, to the log.
 
     Hidden rows and the formats of cells are not seen in workbooks other than XLSX; this is noted.
     """
     paths = set()
     for sheet in sheets:
+        if sheet.n_headers:
+            headers = f"repeated headers: {sheet.n_headers}"
+            remedy = "save them as files of their own"
+            log.add(sheet.place, "left out", headers, "the table goes on below them", remedy)
         if sheet.hidden_rows:
             rows = f"{sheet.hidden_rows} hidden rows"
             remedy = "show them in the spreadsheet program"
@@ -113,7 +117,7 @@ def _note_hidden(sheets: Sequence[Sheet], log: AssumptionLog) -> None:
         if sheet.hidden_sheets:
             names = ", ".join(repr(name) for name in sheet.hidden_sheets)[:LONGEST_NAME]
             log.add(str(sheet.path), "left out", f"hidden sheets: {names}", "hidden", "--sheets")
-        if sheet.name and not sheet.is_examined:
+        if sheet.name and not sheet.encoding and not sheet.is_examined:
             subject = "hidden rows and number formats"
             reason = "this kind of workbook does not show them"
             log.add(str(sheet.path), subject, "not looked at", reason, "save it as XLSX")

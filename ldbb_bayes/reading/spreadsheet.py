@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
 from ldbb_bayes.campaign.text_table import (
     ARCHIVE_SIGNATURE,
-    BYTE_ORDER_MARKS,
     COMPOUND_SIGNATURE,
     Row,
     decode_text,
@@ -18,7 +16,10 @@ from ldbb_bayes.campaign.text_table import (
 )
 from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.reading.cell_units import number_in_cell, split_units
+from ldbb_bayes.reading.encodings import encoding_of
+from ldbb_bayes.reading.labview import is_labview, rows_of_labview
 from ldbb_bayes.reading.sheet import Sheet
+from ldbb_bayes.reading.stacked_tables import split_tables
 from ldbb_bayes.reading.workbook import WORKBOOK_SUFFIXES, read_workbook
 
 __all__ = ["read_sheets"]
@@ -27,12 +28,6 @@ __all__ = ["read_sheets"]
 _NARROW = {code: code - 0xFEE0 for code in range(0xFF01, 0xFF5F)} | {0x3000: 0x20}
 # First bytes of PDF files and pictures, which hold no table that can be read.
 _PICTURE_SIGNATURES = (b"%PDF-", b"\x89PNG\r\n", b"\xff\xd8\xff", b"GIF8")
-# Number of bytes at the beginning of a text file that are searched for zeros, which indicate the
-# encoding UTF-16.
-_HEAD_BYTES = 4096
-# A text file is taken for UTF-16 if, of the bytes at its beginning, more than this share are zeros
-# in the first place of a pair of bytes, or more than this share are zeros in the second place.
-_SHARE_OF_ZEROS = 0.2
 # Characters that may separate the cells of a text file, in order of preference.
 _SEPARATORS = (";", "\t", "|", ",", " ")
 # Number of lines by which possible separators of cells are compared.
@@ -73,7 +68,10 @@ def read_sheets(
     )
     is_workbook = raw.startswith((ARCHIVE_SIGNATURE, COMPOUND_SIGNATURE))
     if is_workbook or path.suffix.lower() in WORKBOOK_SUFFIXES:
-        return [_with_plain_cells(sheet) for sheet in read_workbook(path, raw, sheets)]
+        tables = []
+        for sheet in read_workbook(path, raw, sheets):
+            tables += split_tables(_with_plain_cells(sheet))
+        return tables
     if raw.startswith(_PICTURE_SIGNATURES):
         return [Sheet(path, "", [])]
     if sheets:
@@ -82,12 +80,16 @@ def read_sheets(
             " asked for. Leave it out."
         )
     if encoding is None:
-        encoding = _find_encoding(raw)
+        encoding = encoding_of(raw)
     text = decode_text(path, raw, encoding)
     if separator is None:
         separator = _find_separator(text.split("\n"))
-    rows = rows_of_text(path, text, separator)
-    return [_with_plain_cells(Sheet(path, "", rows, encoding, separator))]
+    if is_labview(text):
+        separator = "\t" if "\t" in text else ","
+        rows = rows_of_labview(rows_of_text(path, text, separator))
+    else:
+        rows = rows_of_text(path, text, separator)
+    return split_tables(_with_plain_cells(Sheet(path, "", rows, encoding, separator)))
 
 
 def _with_plain_cells(sheet: Sheet) -> Sheet:
@@ -97,27 +99,6 @@ def _with_plain_cells(sheet: Sheet) -> Sheet:
         rows.append(Row(row.line, [cell.translate(_NARROW).strip() for cell in row.cells]))
     split = split_units(rows)
     return replace(sheet, rows=split.rows, cell_units=split.units)
-
-
-def _find_encoding(raw: bytes) -> str:
-    """Return the encoding of a text file, from its byte-order mark or its zero bytes.
-
-    A text file with neither is in UTF-8 if it can be decoded so, else in Windows-1252. No library
-    is used to find the encoding, because libraries often mistake Windows-1252 with few non-ASCII
-    characters for another encoding.
-    """
-    for encoding, mark in BYTE_ORDER_MARKS.items():
-        if raw.startswith(mark):
-            return encoding
-    head = raw[:_HEAD_BYTES]
-    if head[1::2].count(0) > _SHARE_OF_ZEROS * len(head):
-        return "utf-16-le"
-    if head[::2].count(0) > _SHARE_OF_ZEROS * len(head):
-        return "utf-16-be"
-    with suppress(UnicodeDecodeError):
-        raw.decode("utf-8")
-        return "utf-8"
-    return "cp1252"
 
 
 def _find_separator(lines: Sequence[str]) -> str:

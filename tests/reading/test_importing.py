@@ -421,7 +421,6 @@ def test_names_say_plane_and_radius(tmp_path: Path) -> None:
             (HEADER, [*CIRCLE[:3], f"{bad},{bad}", *CIRCLE[3:]], {}, "line 5")
             for bad in ("NaN", "n/a", "#DIV/0!", "paused")
         ],
-        *[(HEADER, [*CIRCLE[:n], HEADER, *CIRCLE[n:]], {}, f"line {n + 2}") for n in (1, 5, 8, 12)],
     ],
 )
 def test_refused(

@@ -1,0 +1,110 @@
+"""Encoding of a foreign text file, from its byte-order mark, its zero bytes or its words."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from contextlib import suppress
+
+import charset_normalizer
+
+from ldbb_bayes.campaign.text_table import BYTE_ORDER_MARKS
+from ldbb_bayes.reading.words import ROLES, WORDS, comparable
+
+__all__ = ["encoding_of"]
+
+# Number of bytes at the beginning of a text file that are searched for zeros, which indicate the
+# encoding UTF-16.
+_HEAD_BYTES = 4096
+# A text file is taken for UTF-16 if, of the bytes at its beginning, more than this share are zeros
+# in the first place of a pair of bytes, or more than this share are zeros in the second place.
+_SHARE_OF_ZEROS = 0.2
+# Encodings that are tried for a text that is not UTF-8, in order of preference: of the West, of
+# Macintosh, of Cyrillic, Greek and central European writing, and of East Asia.
+_ENCODINGS = (
+    "cp1252",
+    "mac_roman",
+    "cp1251",
+    "koi8_r",
+    "cp1253",
+    "cp1250",
+    "cp932",
+    "gb18030",
+    "big5",
+    "euc_kr",
+    "euc_jp",
+    "cp850",
+)
+# Number of lines with letters outside ASCII that are examined.
+_LINES_EXAMINED = 50
+# Fewest bytes outside ASCII for which the guess of the library counts.
+_FEWEST_BYTES = 8
+_WORD = re.compile(r"[^\W\d_]+|[°µμ]+")
+
+
+def encoding_of(raw: bytes) -> str:
+    """Return the encoding of a text file.
+
+    A text without byte-order mark and zero bytes is in UTF-8 if it can be decoded so. Otherwise it
+    is in that encoding in which most of its words are words for columns and units. Without any such
+    word the library's guess counts if the text has many letters outside ASCII, else Windows-1252.
+
+    Parameters
+    ----------
+    raw
+        Content of the file.
+    """
+    for encoding, mark in BYTE_ORDER_MARKS.items():
+        if raw.startswith(mark):
+            return encoding
+    head = raw[:_HEAD_BYTES]
+    if head[1::2].count(0) > _SHARE_OF_ZEROS * len(head):
+        return "utf-16-le"
+    if head[::2].count(0) > _SHARE_OF_ZEROS * len(head):
+        return "utf-16-be"
+    with suppress(UnicodeDecodeError):
+        raw.decode("utf-8")
+        return "utf-8"
+    lines = [line for line in raw.split(b"\n") if not line.isascii()][:_LINES_EXAMINED]
+    return _encoding_of_words(lines) or _guess_of_library(b"\n".join(lines))
+
+
+def _encoding_of_words(lines: Sequence[bytes]) -> str:
+    """Return the encoding in which most words of some lines are known; empty if none is known."""
+    best_encoding = ""
+    best_score = 0
+    for encoding in _ENCODINGS:
+        try:
+            text = b"\n".join(lines).decode(encoding)
+        except UnicodeDecodeError:
+            continue
+        words = {comparable(word) for word in _WORD.findall(text) if not word.isascii()}
+        score = len(words & _KNOWN_WORDS)
+        if score > best_score:
+            best_encoding = encoding
+            best_score = score
+    return best_encoding
+
+
+def _guess_of_library(text: bytes) -> str:
+    n_bytes = sum(byte > 127 for byte in text)
+    if n_bytes >= _FEWEST_BYTES:
+        match = charset_normalizer.from_bytes(text).best()
+        if match is not None:
+            return str(match.encoding)
+    return "cp1252"
+
+
+def _known_words() -> frozenset[str]:
+    """Return all words for columns and units that have letters outside ASCII."""
+    words: set[str] = set()
+    for role_words in ROLES.values():
+        words.update(role_words)
+    for units in WORDS["units"].values():
+        for unit, (_, *synonyms) in units.items():
+            words.update((unit, *synonyms))
+    words.update(WORDS["encoding"]["words"].split())
+    return frozenset(comparable(word) for word in words if not word.isascii())
+
+
+_KNOWN_WORDS = _known_words()

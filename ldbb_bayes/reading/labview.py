@@ -1,0 +1,82 @@
+"""Text files of LabVIEW (LVM), whose header states units and time steps of the channels."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ldbb_bayes.campaign.text_table import Row
+
+__all__ = ["is_labview", "rows_of_labview"]
+
+_FIRST_WORDS = "LabVIEW Measurement"
+_END = "***End_of_Header***"
+# Labels of the lines of the first header that state something about the test.
+_KEPT_LABELS = ("Operator", "Date", "Time", "Description", "Project")
+
+
+def is_labview(text: str) -> bool:
+    """Return whether a text file is one of LabVIEW."""
+    return text.startswith(_FIRST_WORDS)
+
+
+def rows_of_labview(rows: Sequence[Row]) -> list[Row]:
+    """Return the rows of a LabVIEW file as a plain table with units in its header.
+
+    The unit of the first column is that of ``X_Dimension``, seconds for a time; the units of the
+    others are those of ``Y_Unit_Label``. Without a column of times (``X_Columns`` is ``No``) one is
+    made from ``X0`` and ``Delta_X``. Rows of a file with another structure are returned unchanged.
+
+    Parameters
+    ----------
+    rows
+        Rows of the file, whose cells tabs separate.
+    """
+    ends = [k for k, row in enumerate(rows) if row.cells[:1] == [_END]]
+    if len(ends) != 2 or ends[1] + 1 >= len(rows):
+        return list(rows)
+    labels = {}
+    for row in rows[: ends[1]]:
+        labels[row.cells[0]] = row.cells[1:]
+    plain = [row for row in rows[: ends[0]] if row.cells[0] in _KEPT_LABELS]
+    names = rows[ends[1] + 1]
+    header = _names_with_units(names.cells, labels)
+    plain.append(Row(names.line, header))
+    for number, row in enumerate(rows[ends[1] + 2 :]):
+        cells = list(row.cells) + [""] * (len(header) - len(row.cells))
+        if _has_no_times(labels):
+            cells[0] = _time_of(number, labels)
+        plain.append(Row(row.line, cells))
+    return plain
+
+
+def _has_no_times(labels: dict[str, list[str]]) -> bool:
+    return labels.get("X_Columns", [""])[0] == "No"
+
+
+def _time_of(number: int, labels: dict[str, list[str]]) -> str:
+    """Return the time of a row, from the first time and the step that the header states."""
+    start = _number(labels.get("X0", ["0"])[0])
+    step = _number(labels.get("Delta_X", ["1"])[0])
+    return f"{start + number * step:.9g}"
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text.replace(",", "."))
+    except ValueError:
+        return 0.0
+
+
+def _names_with_units(names: Sequence[str], labels: dict[str, list[str]]) -> list[str]:
+    dimensions = labels.get("X_Dimension", [""])
+    units = labels.get("Y_Unit_Label", [])
+    named = []
+    for column, name in enumerate(names):
+        unit = ""
+        if column == 0 and dimensions[0] == "Time":
+            name = "Time"
+            unit = "s"
+        elif 0 < column <= len(units):
+            unit = units[column - 1]
+        named.append(f"{name} [{unit}]" if unit else name)
+    return named

@@ -1,0 +1,93 @@
+"""Several tables beside each other in one sheet: a pair of angle and reading for each test."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from ldbb_bayes.campaign.text_table import Row
+from ldbb_bayes.reading.column_roles import BRACKET, has_role, unit_of
+from ldbb_bayes.reading.layout import Layout
+from ldbb_bayes.reading.sheet import Sheet
+from ldbb_bayes.reading.stacked_tables import first_header
+from ldbb_bayes.reading.words import comparable
+
+__all__ = ["split_pairs"]
+
+# Fewest columns of one of several tables beside each other: an angle and a reading.
+_FEWEST_COLUMNS = 2
+
+
+def split_pairs(sheet: Sheet, layout: Layout) -> list[Sheet]:
+    """Return the tables that stand beside each other in a sheet, each as a sheet of its own.
+
+    A table begins at each column of angles. The first column must hold angles, and all tables must
+    have equally many columns; otherwise the sheet is returned unchanged. A table is named after the
+    header of its second column without the unit, such as "100 N". Rows in which a table has no
+    cells are left out of it, because tables may differ in length. Where ``layout`` states columns,
+    the sheet is split only if every table has columns of these names.
+    """
+    header = first_header(sheet.rows)
+    if header is None:
+        return [sheet]
+    names = list(sheet.rows[header].cells)
+    starts = [k for k, name in enumerate(names) if has_role(unit_of(name).name, "angle")]
+    if len(starts) < 2 or starts[0] != 0:
+        return [sheet]
+    width = starts[1]
+    if width < _FEWEST_COLUMNS or starts != list(range(0, len(names), width)):
+        return [sheet]
+    if len(names) % width:
+        return [sheet]
+    headers = [names[start : start + width] for start in starts]
+    if not all(_has_stated_columns(layout, table_names) for table_names in headers):
+        return [sheet]
+    titles = _titles([table_names[1] for table_names in headers])
+    tables = []
+    for start, title in zip(starts, titles, strict=True):
+        rows = list(sheet.rows[:header])
+        for row in sheet.rows[header:]:
+            cells = row.cells[start : start + width]
+            if any(cells):
+                rows.append(Row(row.line, cells))
+        tables.append(
+            replace(
+                sheet,
+                name=title,
+                rows=rows,
+                cell_units=_of_columns(sheet.cell_units, start, width),
+                format_units=_of_columns(sheet.format_units, start, width),
+                formulas_without_value={
+                    (line, column - start) for line, column in sheet.formulas_without_value
+                },
+            )
+        )
+    return tables
+
+
+def _has_stated_columns(layout: Layout, headers: Sequence[str]) -> bool:
+    """Return whether a table has all columns that the layout states, by their names."""
+    names = {comparable(header) for header in headers}
+    for reference in layout.columns.values():
+        if not isinstance(reference, str) or comparable(reference) not in names:
+            return False
+    return True
+
+
+def _of_columns(
+    units: Mapping[tuple[int, int], str], start: int, width: int
+) -> dict[tuple[int, int], str]:
+    """Return the units of the cells of one table, by line number and column of that table."""
+    in_table = {}
+    for (line, column), unit in units.items():
+        if start <= column < start + width:
+            in_table[line, column - start] = unit
+    return in_table
+
+
+def _titles(headers: Sequence[str]) -> list[str]:
+    """Return a name for each table from the header of its readings, or else its number."""
+    titles = [BRACKET.split(header)[0].strip() for header in headers]
+    if len(set(titles)) < len(titles) or not all(titles):
+        return [f"table {number}" for number in range(1, len(headers) + 1)]
+    return titles

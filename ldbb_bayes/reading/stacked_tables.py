@@ -1,0 +1,120 @@
+"""Several tables below each other in one sheet: pages of one table, or tables of several tests.
+
+The header of the first table stands again above each further one.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+
+from ldbb_bayes.campaign.text_table import Row
+from ldbb_bayes.reading.column_roles import count_numbers, names_any_role, names_columns
+from ldbb_bayes.reading.lines_above import directions_stated, statements_in
+from ldbb_bayes.reading.sheet import Sheet
+from ldbb_bayes.reading.words import comparable
+
+__all__ = ["first_header", "split_tables"]
+
+# Pattern of a line that belongs to a printed page and states nothing.
+_PAGE = re.compile(
+    r"\W*(?:page|seite|blatt|pagina|página|стр\.?|第)?\W*\d*"
+    r"\W*(?:of|von|de|di|/|из)?\W*\d*\W*(?:页|頁)?",
+    re.IGNORECASE,
+)
+
+
+def split_tables(sheet: Sheet) -> list[Sheet]:
+    """Return the tables that stand below each other in a sheet, each as a sheet of its own.
+
+    A header that is repeated with nothing or a number of a page above it continues its table; it is
+    left out. If other lines stand above it, such as ``Direction: CCW``, or if the first cell below
+    it is that of the first table, such as 0°, a further table begins. The lines above the first
+    table also hold for the further ones, as far as these do not state the same.
+    """
+    header = first_header(sheet.rows)
+    if header is None:
+        return [sheet]
+    wanted = [comparable(cell) for cell in sheet.rows[header].cells]
+    headers = []
+    for k in range(header + 1, len(sheet.rows)):
+        if [comparable(cell) for cell in sheet.rows[k].cells] == wanted:
+            headers.append(k)
+    if not headers:
+        return [sheet]
+    tables = [list(sheet.rows[: header + 1])]
+    lines_above_first = sheet.rows[:header]
+    end = header + 1
+    for k in headers:
+        begin = k
+        while begin > end and count_numbers(sheet.rows[begin - 1].cells) < 2:
+            begin -= 1
+        tables[-1] += sheet.rows[end:begin]
+        lines = [row for row in sheet.rows[begin:k] if not _is_of_page(row, lines_above_first)]
+        if lines or _begins_anew(sheet.rows, header, k):
+            kept = _lines_that_hold(sheet, lines_above_first, lines)
+            tables.append([*kept, *lines, sheet.rows[k]])
+        end = k + 1
+    tables[-1] += sheet.rows[end:]
+    if len(tables) == 1:
+        return [replace(sheet, rows=tables[0], n_headers=len(headers))]
+    return _named_sheets(sheet, tables)
+
+
+def first_header(rows: Sequence[Row]) -> int | None:
+    """Return the index of the first row of names above a row of numbers; None without any."""
+    for k in range(len(rows) - 1):
+        cells = rows[k].cells
+        if not (names_columns(cells) and any(names_any_role(cell) for cell in cells)):
+            continue
+        if (
+            count_numbers(rows[k + 1].cells) >= 2
+            or count_numbers(rows[min(k + 2, len(rows) - 1)].cells) >= 2
+        ):
+            return k
+    return None
+
+
+def _begins_anew(rows: Sequence[Row], first_header: int, header: int) -> bool:
+    """Return whether the rows below two headers begin with the same cell, such as 0°."""
+    beginnings = [rows[k + 1 : k + 2] for k in (first_header, header)]
+    cells = [row.cells[:1] for beginning in beginnings for row in beginning]
+    return len(cells) == 2 and cells[0] == cells[1]
+
+
+def _is_of_page(row: Row, lines_above_first: Sequence[Row]) -> bool:
+    """Return whether a line is a number of a page, or a repeated line of the first page."""
+    if any(row.cells == other.cells for other in lines_above_first):
+        return True
+    return all(_PAGE.fullmatch(cell) is not None for cell in row.cells)
+
+
+def _lines_that_hold(sheet: Sheet, first: Sequence[Row], lines: Sequence[Row]) -> list[Row]:
+    """Return those lines above the first table that the lines of a further table do not replace."""
+    stated = _keys_of(sheet, lines)
+    return [row for row in first if not _keys_of(sheet, [row]) & stated]
+
+
+def _keys_of(sheet: Sheet, rows: Sequence[Row]) -> set[str]:
+    texts = list(sheet.texts(rows))
+    keys = set(statements_in(texts))
+    if directions_stated(texts):
+        keys.add("direction")
+    return keys
+
+
+def _named_sheets(sheet: Sheet, tables: Sequence[list[Row]]) -> list[Sheet]:
+    """Return a sheet for each table, named after the file or sheet and what sets it apart."""
+    names = []
+    for number, rows in enumerate(tables, start=1):
+        header = first_header(rows) or 0
+        directions = directions_stated(list(sheet.texts(rows[:header])))
+        name = directions.pop() if len(directions) == 1 else f"table {number}"
+        names.append(f"{sheet.title} {name}")
+    if len(set(names)) < len(names):
+        names = [f"{sheet.title} table {number}" for number in range(1, len(tables) + 1)]
+    sheets = []
+    for name, rows in zip(names, tables, strict=True):
+        sheets.append(replace(sheet, name=name, rows=rows))
+    return sheets

@@ -1,0 +1,221 @@
+"""Tables as instruments and programs arrange them: repeated headers, several tables in a file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from campaigns import refuses
+
+import ldbb_bayes as lb
+from ldbb_bayes.reading.layout import Layout
+
+ANGLES = list(range(0, 360, 5))
+HEADER = "Angle [deg],Deviation [um]"
+
+
+def readings(force_N: float) -> list[float]:
+    """Return made readings [µm] of a circle at a force, one for each of `ANGLES`."""
+    angles_rad = np.deg2rad(ANGLES)
+    circle = 0.03 * force_N + 2.0 * np.cos(2.0 * angles_rad) + np.sin(angles_rad)
+    return [float(reading) for reading in np.round(circle, 3)]
+
+
+def rows(force_N: float, separator: str = ",") -> list[str]:
+    """Return the lines of a table of angles and readings."""
+    lines = []
+    for angle, reading in zip(ANGLES, readings(force_N), strict=True):
+        lines.append(f"{angle}{separator}{reading}")
+    return lines
+
+
+def file(folder: Path, name: str, lines: list[str], encoding: str = "utf-8") -> Path:
+    """Write lines to a file and return its path."""
+    path = folder / name
+    path.write_text("\n".join(lines) + "\n", encoding=encoding)
+    return path
+
+
+def read_tests(path: Path, **layout: object) -> list[lb.CircularTest]:
+    """Return the tests that are read from a file."""
+    return list(lb.import_campaign([path], layout=Layout(**layout)).campaign.tests)
+
+
+def check_test(test: lb.CircularTest, force_N: float) -> None:
+    """Check force, angles and readings of a test."""
+    assert test.force_N == force_N
+    np.testing.assert_allclose(test.angle_deg, ANGLES)
+    np.testing.assert_allclose(test.reading_um, readings(force_N))
+
+
+@pytest.mark.parametrize("between", [[], ["Page 2"], ["Seite 2 von 3"], ["- 2 -"]])
+def test_a_header_repeated_on_every_page_is_left_out(between: list[str], tmp_path: Path) -> None:
+    lines = rows(100.0)
+    path = file(tmp_path, "100N.csv", [HEADER, *lines[:30], *between, HEADER, *lines[30:]])
+    (test,) = read_tests(path)
+    check_test(test, 100.0)
+
+
+def test_two_tables_with_a_line_above_each_are_two_tests(tmp_path: Path) -> None:
+    first = ["Direction: CW", HEADER, *rows(100.0)]
+    second = ["Direction: CCW", HEADER, *rows(100.0)]
+    clockwise, counter_clockwise = read_tests(file(tmp_path, "100N.csv", [*first, *second]))
+    assert (clockwise.direction, counter_clockwise.direction) == ("CW", "CCW")
+    check_test(counter_clockwise, 100.0)
+
+
+def test_lines_above_the_first_table_hold_for_the_second(tmp_path: Path) -> None:
+    first = ["Radius: 100 mm", "Force: 100 N", HEADER, *rows(100.0)]
+    second = ["Force: 300 N", HEADER, *rows(300.0)]
+    tests = read_tests(file(tmp_path, "all.csv", [*first, *second]))
+    assert [test.radius_mm for test in tests] == [100.0, 100.0]
+    check_test(tests[0], 100.0)
+    check_test(tests[1], 300.0)
+
+
+def test_two_files_copied_together_are_two_tests(tmp_path: Path) -> None:
+    path = file(tmp_path, "both.csv", [HEADER, *rows(100.0), HEADER, *rows(300.0)])
+    tests = read_tests(path, forces_N=[100.0, 300.0])
+    check_test(tests[0], 100.0)
+    check_test(tests[1], 300.0)
+
+
+def test_two_files_copied_together_have_no_force_of_their_own(tmp_path: Path) -> None:
+    path = file(tmp_path, "both.csv", [HEADER, *rows(100.0), HEADER, *rows(300.0)])
+    refuses("force", read_tests, path)
+
+
+def pairs(tmp_path: Path, headers: str) -> Path:
+    """Write two tables beside each other, the second shorter and beginning at 90°."""
+    lines = [headers]
+    first = rows(100.0, ";")
+    second = [*rows(300.0, ";")[18:], *[";"] * 18]
+    for left, right in zip(first, second, strict=True):
+        lines.append(f"{left};{right}")
+    return file(tmp_path, "wide.csv", lines)
+
+
+def test_pairs_of_angle_and_reading_are_tests(tmp_path: Path) -> None:
+    path = pairs(tmp_path, "Angle A [deg];100 N [um];Angle B [deg];300 N [um]")
+    first, second = read_tests(path)
+    check_test(first, 100.0)
+    assert second.force_N == 300.0
+    np.testing.assert_allclose(second.angle_deg, ANGLES[18:])
+    np.testing.assert_allclose(second.reading_um, readings(300.0)[18:])
+
+
+def test_pairs_of_equal_headers_need_forces(tmp_path: Path) -> None:
+    path = pairs(tmp_path, "Angle [deg];Deviation [um];Angle [deg];Deviation [um]")
+    refuses("force", read_tests, path)
+    first, second = read_tests(path, forces_N=[100.0, 300.0])
+    check_test(first, 100.0)
+    np.testing.assert_allclose(second.reading_um, readings(300.0)[18:])
+
+
+def test_the_layout_of_pairs_reads_them_again(tmp_path: Path) -> None:
+    path = pairs(tmp_path, "Angle [deg];Deviation [um];Angle [deg];Deviation [um]")
+    layout = Layout(forces_N=[100.0, 300.0])
+    result = lb.import_campaign([path], layout=layout)
+    again = lb.import_campaign([path], layout=result.layout)
+    assert again.campaign.sha256 == result.campaign.sha256
+
+
+def test_a_stated_column_keeps_the_table_whole(tmp_path: Path) -> None:
+    path = pairs(tmp_path, "Angle A [deg];100 N [um];Angle B [deg];300 N [um]")
+    (test,) = read_tests(path, columns={"angle": 1, "reading": 2})
+    check_test(test, 100.0)
+
+
+def test_names_of_rows_as_r_writes_them(tmp_path: Path) -> None:
+    lines = ['"angle_deg" "reading_um"']
+    for number, line in enumerate(rows(100.0, " "), start=1):
+        lines.append(f'"{number}" {line}')
+    (test,) = read_tests(file(tmp_path, "100N.txt", lines))
+    check_test(test, 100.0)
+
+
+def test_a_first_column_without_name_that_numbers_no_rows_is_refused(tmp_path: Path) -> None:
+    lines = ["angle_deg,reading_um"]
+    for number, line in enumerate(rows(100.0), start=1):
+        lines.append(f"{2 * number},{line}")
+    refuses("must name every column", read_tests, file(tmp_path, "100N.csv", lines))
+
+
+def test_a_column_of_unknown_name_has_the_role_of_its_unit(tmp_path: Path) -> None:
+    path = file(tmp_path, "100N.csv", ["Kulmanopeus [deg],Poikkeama [um]", *rows(100.0)])
+    (test,) = read_tests(path)
+    check_test(test, 100.0)
+
+
+def test_two_columns_of_unknown_names_and_one_unit_are_refused(tmp_path: Path) -> None:
+    lines = ["Angle [deg],Poikkeama [um],Siirto [um]"]
+    for line in rows(100.0):
+        lines.append(f"{line},1.5")
+    refuses("--reading-column", read_tests, file(tmp_path, "100N.csv", lines))
+
+
+@pytest.mark.parametrize(
+    ("encoding", "header"),
+    [
+        ("gb18030", "角度(度),测量值(微米)"),
+        ("gb18030", "角度(°),偏差(μm)"),
+        ("big5", "角度(度),測量值(微米)"),
+        ("shift_jis", "角度[度],変位[μm]"),
+        ("euc_jp", "角度[度],変位[μm]"),
+        ("euc_kr", "각도[도],편차[마이크로미터]"),
+        ("cp1251", "Угол [град],Отклонение [мкм]"),
+        ("koi8_r", "Угол [град],Отклонение [мкм]"),
+        ("cp1253", "Γωνία [μοίρες],Απόκλιση [μικρόμετρα]"),
+        ("mac_roman", "Winkel [°],Abweichung [µm]"),
+        ("cp1250", "Úhel [°],Odchylka [µm]"),
+        ("cp1252", "Winkel [°],Abweichung [µm]"),
+        ("utf-16", "Winkel [°],Abweichung [µm]"),
+    ],
+)
+def test_encodings(encoding: str, header: str, tmp_path: Path) -> None:
+    (test,) = read_tests(file(tmp_path, "100N.csv", [header, *rows(100.0)], encoding))
+    check_test(test, 100.0)
+
+
+LABVIEW = """LabVIEW Measurement\t
+Writer_Version\t2
+Separator\tTab
+Decimal_Separator\t.
+X_Columns\t{columns}
+Operator\tlab
+Date\t2026/05/11
+***End_of_Header***\t
+\t
+Channels\t2\t\t
+Samples\t72\t72\t
+Y_Unit_Label\tMikrometer\tN\t
+X_Dimension\tTime\tTime\t
+X0\t0.0\t0.0\t
+Delta_X\t0.392699\t0.392699\t
+***End_of_Header***\t\t\t
+X_Value\tUntitled\tUntitled 1\tComment"""
+
+
+@pytest.mark.parametrize("columns", ["One", "No"])
+def test_labview(columns: str, tmp_path: Path) -> None:
+    lines = LABVIEW.format(columns=columns).split("\n")
+    for number, reading in enumerate(readings(100.0)):
+        time = ""
+        if columns == "One":
+            time = f"{0.392699 * number:.6f}"
+        lines.append(f"{time}\t{reading}\t100.0\t")
+    path = file(tmp_path, "run.lvm", lines)
+    (test,) = read_tests(path, feed_mm_per_min=2000.0)
+    assert test.force_N == 100.0
+    np.testing.assert_allclose(test.angle_deg, ANGLES, atol=1e-4)
+    np.testing.assert_allclose(test.reading_um, readings(100.0))
+
+
+@pytest.mark.parametrize("mark", ["’", "'", "_"])
+def test_marks_between_thousands(mark: str, tmp_path: Path) -> None:
+    lines = [HEADER]
+    for angle, reading in zip(ANGLES, readings(100.0), strict=True):
+        lines.append(f"{angle},1{mark}{reading + 200.0:07.3f}")
+    (test,) = read_tests(file(tmp_path, "100N.csv", lines), reading_unit="um")
+    np.testing.assert_allclose(test.reading_um, np.array(readings(100.0)) + 1200.0)
