@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import re
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -111,20 +111,15 @@ def _sheets_of(
     Hidden rows are left out of each sheet. ``parts`` is what the values of each sheet do not show.
     """
     check_known(f"{path}: sheet", wanted, book.sheet_names)
-    hidden = []
-    for metadata in book.sheets_metadata:
-        if metadata.visible != python_calamine.SheetVisibleEnum.Visible:
-            hidden.append(metadata.name)
+    hidden = _hidden_sheets(book)
     visible = [name for name in book.sheet_names if name not in hidden]
+    hidden_sheets: tuple[str, ...] = ()
+    if visible and not wanted:
+        hidden_sheets = hidden
     sheets = []
     for name in wanted or visible or hidden:
-        cells = book.get_sheet_by_name(name).to_python(skip_empty_area=False)
-        rows = []
         sheet_parts = parts.get(name, SheetParts())
-        for line, values in enumerate(cells, start=1):
-            texts = [_cell_text(value) for value in values]
-            if line not in sheet_parts.hidden_lines and any(texts):
-                rows.append(Row(line, texts))
+        rows = _rows_of(book.get_sheet_by_name(name), sheet_parts.hidden_lines)
         if rows:
             sheets.append(
                 Sheet(
@@ -135,10 +130,29 @@ def _sheets_of(
                     formulas_without_value=sheet_parts.formulas_without_value,
                     is_examined=name in parts,
                     hidden_rows=len(sheet_parts.hidden_lines),
-                    hidden_sheets=tuple(hidden) if not wanted and visible else (),
+                    hidden_sheets=hidden_sheets,
                 )
             )
     return sheets
+
+
+def _hidden_sheets(book: python_calamine.CalamineWorkbook) -> tuple[str, ...]:
+    """Return the names of the sheets that a spreadsheet program does not show."""
+    names = []
+    for metadata in book.sheets_metadata:
+        if metadata.visible != python_calamine.SheetVisibleEnum.Visible:
+            names.append(metadata.name)
+    return tuple(names)
+
+
+def _rows_of(sheet: python_calamine.CalamineSheet, hidden_lines: Collection[int]) -> list[Row]:
+    """Return the rows of a sheet, with their line numbers, without hidden and empty ones."""
+    rows = []
+    for line, values in enumerate(sheet.to_python(skip_empty_area=False), start=1):
+        texts = [_cell_text(value) for value in values]
+        if line not in hidden_lines and any(texts):
+            rows.append(Row(line, texts))
+    return rows
 
 
 def _cell_text(value: object) -> str:

@@ -573,36 +573,56 @@ def _limits(space: Space, tests: Sequence[CircularTest], forecast: Forecast) -> 
 
     More tests of the same kind would not remove these limits. ``forecast`` is that of the tests.
     """
-    levels = len(distinct_forces([float(test.force_N or 0.0) for test in tests]))
-    too_few_levels = levels <= space.model.degree + 2 and not space.augment
     bound = bind_tests(space.model, space.pilot, tests, keep_pilot_tests=space.augment)
     term_types = {type(term) for term in space.model.nuisances}
     one_way = {}
     if Hysteresis in term_types:
         one_way = _planes_run_one_way(bound)
-    shared = []
-    for name in space.chosen:
-        entry = forecast.expected[name]
-        if entry.floor_sd > _STUCK_SHARE * entry.sd:
-            shared.append(name)
+    shared = _parameters_that_circles_cannot_improve(space, forecast)
     shared_degeneracies: tuple[Degeneracy, ...] = ()
-    shared_cures: tuple[tuple[Cure, ...], ...] = ()
     if shared:
-        shared_degeneracies = tuple(
-            degeneracy
-            for degeneracy in degeneracies(bound)
-            if set(degeneracy.parameters) & set(shared)
-        )
+        shared_degeneracies = _degeneracies_of(bound, shared)
+    shared_cures: tuple[tuple[Cure, ...], ...] = ()
     if shared_degeneracies:
         shared_cures = cures(bound, shared_degeneracies)
     return Limits(
-        levels=levels if too_few_levels else None,
+        levels=_levels_if_too_few(space, tests),
         one_way=one_way,
         drift=Drift in term_types and space.pilot.drift,
-        shared=tuple(shared),
+        shared=shared,
         degeneracies=shared_degeneracies,
         cures=shared_cures,
     )
+
+
+def _levels_if_too_few(space: Space, tests: Sequence[CircularTest]) -> int | None:
+    """Return the number of different forces if it is too small to show a wrong degree, else None.
+
+    It is not too small if the tests only add to those already run.
+    """
+    levels = len(distinct_forces([float(test.force_N or 0.0) for test in tests]))
+    if space.augment or levels > space.model.degree + 2:
+        return None
+    return levels
+
+
+def _parameters_that_circles_cannot_improve(space: Space, forecast: Forecast) -> tuple[str, ...]:
+    """Return the parameters whose expected sd even very many more circles would hardly lower."""
+    names = []
+    for name in space.chosen:
+        entry = forecast.expected[name]
+        if entry.floor_sd > _STUCK_SHARE * entry.sd:
+            names.append(name)
+    return tuple(names)
+
+
+def _degeneracies_of(bound: BoundModel, names: Sequence[str]) -> tuple[Degeneracy, ...]:
+    """Return the degeneracies of the bound model that involve any of the named parameters."""
+    involved = []
+    for degeneracy in degeneracies(bound):
+        if set(degeneracy.parameters) & set(names):
+            involved.append(degeneracy)
+    return tuple(involved)
 
 
 def _planes_run_one_way(bound: BoundModel) -> dict[str, str]:

@@ -99,36 +99,54 @@ def add_foreseen_tests(
     Campaign
         The pilot with the foreseen tests added; the pilot itself if it has all kinds already.
     """
-    both_ways = _planes_run_both_ways(candidates)
-    # The parameters of the model depend on the radius only if a frame or the centre of a circle
-    # lies off the machine's origin.
-    has_offset = any(any(frame) for frame in pilot.frames_mm.values()) or any(
-        any(test.circle.centre_mm) for test in (*pilot.scope, *candidates, *compared_tests)
-    )
-
-    def kind(test: CircularTest, direction: Direction | None = None) -> _TestKind:
-        radius_mm = test.radius_mm if has_offset else None
-        return _TestKind(test.plane, test.setup, tuple(test.circle.centre_mm), radius_mm, direction)
-
+    uses_radius = _model_depends_on_radius(pilot, (*candidates, *compared_tests))
     # The directions of tests that the pilot has run do not count, because the analysis of a design
     # need not include these tests.
-    known_kinds = {kind(test) for test in pilot.scope}
-    known_kinds |= {kind(test, test.direction) for test in pilot.foreseen}
-    possible = []
-    for test in candidates:
-        direction = test.direction if str(test.plane) in both_ways else None
-        possible.append((kind(test, direction), test))
-    possible += [(kind(test), test) for test in compared_tests]
-    # Keep the first test of every kind: in the reversed list it comes last, and so it overwrites
-    # the other tests of its kind in the dictionary.
-    test_by_kind = dict(reversed(possible))
+    known_kinds = {_kind_of(test, None, uses_radius) for test in pilot.scope}
+    known_kinds |= {_kind_of(test, test.direction, uses_radius) for test in pilot.foreseen}
     new_tests = []
-    for test_kind, test in test_by_kind.items():
-        if test_kind not in known_kinds:
-            new_tests.append(replace(test, direction=test_kind.direction))
+    for kind, test in _tests_by_kind(candidates, compared_tests, uses_radius).items():
+        if kind not in known_kinds:
+            new_tests.append(replace(test, direction=kind.direction))
     if not new_tests:
         return pilot
     return replace(pilot, foreseen=(*pilot.foreseen, *new_tests))
+
+
+def _model_depends_on_radius(pilot: Campaign, tests: Sequence[CircularTest]) -> bool:
+    """Return whether the parameters of the model depend on the radii of the circles.
+
+    They do only if a frame or the centre of a circle lies off the machine's origin. ``tests`` are
+    the tests of designs, beside those of the pilot.
+    """
+    if any(any(frame) for frame in pilot.frames_mm.values()):
+        return True
+    return any(any(test.circle.centre_mm) for test in (*pilot.scope, *tests))
+
+
+def _kind_of(test: CircularTest, direction: Direction | None, uses_radius: bool) -> _TestKind:
+    """Return the kind of a test run in ``direction``; ``uses_radius``: whether radii matter."""
+    radius_mm = test.radius_mm if uses_radius else None
+    return _TestKind(test.plane, test.setup, tuple(test.circle.centre_mm), radius_mm, direction)
+
+
+def _tests_by_kind(
+    candidates: Sequence[CircularTest], compared_tests: Sequence[CircularTest], uses_radius: bool
+) -> dict[_TestKind, CircularTest]:
+    """Return the first test of every kind among the candidates and the tests compared.
+
+    A kind has a direction only if the candidates in its plane run in both directions.
+    ``uses_radius`` states whether tests of different radii are of different kinds.
+    """
+    both_ways = _planes_run_both_ways(candidates)
+    possible = []
+    for test in candidates:
+        direction = test.direction if str(test.plane) in both_ways else None
+        possible.append((_kind_of(test, direction, uses_radius), test))
+    possible += [(_kind_of(test, None, uses_radius), test) for test in compared_tests]
+    # In the reversed list the first test of a kind comes last, and so it overwrites the other tests
+    # of its kind in the dictionary.
+    return dict(reversed(possible))
 
 
 def _planes_run_both_ways(tests: Sequence[CircularTest]) -> set[str]:
