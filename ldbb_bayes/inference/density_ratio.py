@@ -50,6 +50,8 @@ _DEPENDENT = 1e-10
 # The mean of the ratios ρ is not trusted if they scatter by more than this share of it. A few
 # hundred of them may then lack the largest ones.
 _LARGEST_SCATTER = 0.4
+# Nor is it trusted if the logarithm of one of them exceeds this, as its square might overflow.
+_LARGEST_LOG_RATIO = 50.0
 # The tail of the ratios ρ cannot be heavy if none exceeds their mean by more than this share of it.
 _LARGEST_PLAIN_RESIDUAL = 1.0
 # The error of the mean ratio is this multiple of its standard error.
@@ -144,6 +146,8 @@ def _mean_ratio(sample: _Sample, log_ratio: Array, fitted: Array) -> _MeanRatio:
     share = sample.weight * np.exp(fitted - fitted.max())
     share = share / share.sum()
     log_residual = log_ratio - fitted
+    if log_residual.max() > _LARGEST_LOG_RATIO:
+        return _MeanRatio(0.0, np.inf, share)
     ratio = np.exp(log_residual)
     mean = float(share @ ratio)
     residual = ratio / mean - 1.0

@@ -138,6 +138,12 @@ def test_a_heavy_tailed_ratio_is_not_trusted(nodes: Integral, seed: int) -> None
     assert RatioSampler(nodes, seed=seed).integrate(evaluate, tolerance=0.1) is None
 
 
+def test_a_huge_ratio_is_not_trusted(nodes: Integral) -> None:
+    """It exceeds the largest number of double precision where the fit is poor."""
+    evaluated = Evaluated(nodes, lambda x: 1000.0 * np.sin(3.0 * x[:, 2]))
+    assert RatioSampler(nodes).integrate(evaluated, tolerance=1.0) is None
+
+
 def test_a_density_that_is_zero_at_a_node_is_left_to_others(nodes: Integral) -> None:
     def evaluate(index: Index) -> LogValues:
         return LogValues(np.full(len(index), -np.inf), np.zeros(len(index)))
