@@ -16,6 +16,10 @@ __all__ = ["UnitsOfCells", "number_in_cell", "split_units"]
 _NUMBER_AND_TEXT = re.compile(r"(?P<number>[+\-−–]?[\d.,]*\d(?:[eE][+\-]?\d+)?)\s*(?P<unit>\D.*)")
 
 
+# Fewest rows with units for which rows of numbers without units also count as their neighbours.
+_FEWEST_ROWS = 3
+
+
 class _NumberAndUnit(NamedTuple):
     number: str
     unit: str  # unit by the name of this package; empty without a unit
@@ -45,15 +49,18 @@ def split_units(rows: Sequence[Row]) -> UnitsOfCells:
     """Return the rows of a sheet with the units in cells of numbers taken out.
 
     Only rows that hold nothing but numbers, two or more of them, and at least one with a unit, are
-    changed; one of the neighbouring rows must be of this kind too. A row such as ``Force;36 N``
-    stays as it is.
+    changed; one of the neighbouring rows must be of this kind too, or hold nothing but numbers if
+    three rows or more have units. A row such as ``Force;36 N`` stays as it is.
     """
     numbers = [_numbers_of(row.cells) for row in rows]
+    has_numbers = [bool(entries) for entries in numbers]
+    if sum(has_numbers) >= _FEWEST_ROWS:
+        has_numbers = [all(number_in_cell(cell) for cell in row.cells if cell) for row in rows]
     changed = list(rows)
     units: dict[tuple[int, int], str] = {}
     for k, row in enumerate(rows):
-        before = k > 0 and numbers[k - 1]
-        behind = k + 1 < len(rows) and numbers[k + 1]
+        before = k > 0 and has_numbers[k - 1]
+        behind = k + 1 < len(rows) and has_numbers[k + 1]
         if not numbers[k] or not (before or behind):
             continue
         cells = list(row.cells)

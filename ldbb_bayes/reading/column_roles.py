@@ -33,6 +33,7 @@ __all__ = [
     "count_numbers",
     "find_columns",
     "has_role",
+    "heads_loads",
     "names_any_role",
     "names_columns",
     "unit_of",
@@ -40,6 +41,8 @@ __all__ = [
 
 # Words that may follow or precede "test" in the header of the column that names the tests.
 _NUMBERING = {"name", "no", "nr", "number", "id", "label", "index"}
+# Pattern of the name of a column for one of several runs, such as "Run 1" or "Reading run 1".
+_RUN = re.compile(rf"(?P<name>(?:.*\W)?(?:{WORDS['names']['run']}))\W*(?P<number>\d{{1,3}})")
 # Roles that the unit of a column tells where its name does not.
 _ROLES_BY_UNIT = ("angle", "reading", "force")
 # A role word of at most this many letters, such as "t" or "dir", must be a whole word of a header;
@@ -177,6 +180,17 @@ def names_columns(cells: Sequence[str]) -> bool:
     for role in ("angle", "reading", "time"):
         n_roles += any(has_role(name, role) for name in names)
     return n_roles >= 2
+
+
+def heads_loads(cells: Sequence[str]) -> bool:
+    """Return whether a row is the header of a table whose columns of readings have bare numbers.
+
+    An example is ``Angle,100,300,600``.
+    """
+    name = unit_of(cells[0]).name
+    names_abscissa = has_role(name, "angle") or has_role(name, "time")
+    has_several = len(cells) > 2
+    return names_abscissa and has_several and all(looks_like_number(cell) for cell in cells[1:])
 
 
 def _is_word(cell: str) -> bool:
@@ -323,16 +337,22 @@ def _find_role(place: str, role: str, roles: ColumnRoles, headers: Sequence[str]
     free = [column for column in range(len(headers)) if column not in assigned]
     candidates = _candidates(role, free, headers)
     if role == "reading":
-        # Columns of readings may be named after the load of their test, such as 36 N [mm].
-        loaded = [column for column in free if load_in_name([headers[column]]) is not None]
-        if len(loaded) > 1 and set(candidates) <= set(loaded):
-            roles.readings = loaded
-            candidates = loaded[:1]
+        roles.readings = _several_readings(free, candidates, headers)
+        candidates = roles.readings[:1] or candidates
+    if role == "test" and len(candidates) > 1 and _numbered(candidates, headers):
+        # Columns "Run 1", "Run 2" hold the readings of a test each.
+        if not roles.readings and "reading" not in roles.columns:
+            roles.readings = candidates
+            roles.columns["reading"] = candidates[0]
+        return
     if len(candidates) > 1:
         names = " and ".join(repr(headers[column][:LONGEST_NAME]) for column in candidates)
         advice = ""
         if role == "reading":
-            advice = ", or all, each a test of its own, by naming it once for each"
+            options = " ".join(f"--reading-column {column + 1}" for column in candidates[:3])
+            advice = f", or all, each a test of its own: {options}"
+            if len(candidates) > 3:
+                advice += " …"
         raise InputError(
             f"{place}: one column must hold the {role}, got {names}. Say which:"
             f" --{role}-column{advice}."
@@ -356,6 +376,46 @@ def _find_role_by_unit(role: str, roles: ColumnRoles, units: Sequence[str]) -> N
     free = [column for column in in_unit if column not in assigned]
     if len(free) == 1:
         roles.columns[role] = free[0]
+
+
+def _several_readings(
+    free: Sequence[int], candidates: Sequence[int], headers: Sequence[str]
+) -> list[int]:
+    """Return the columns of readings if each of several is a test; an empty list otherwise.
+
+    Such columns are named after the load of their test, as 36 N [mm], after a run, as Run 1, or by
+    a bare number.
+
+    Parameters
+    ----------
+    free
+        Indices of the columns that have no role.
+    candidates
+        Those of them whose headers name readings.
+    headers
+        Header of each column.
+    """
+    if heads_loads(headers):
+        return list(free)
+    loaded = [column for column in free if load_in_name([headers[column]]) is not None]
+    if len(loaded) > 1 and set(candidates) <= set(loaded):
+        return loaded
+    if len(candidates) > 1 and _numbered(candidates, headers):
+        return list(candidates)
+    return []
+
+
+def _numbered(columns: Sequence[int], headers: Sequence[str]) -> bool:
+    """Return whether columns are named after runs, such as "Run 1" and "Run 2"."""
+    numbers = set()
+    names = set()
+    for column in columns:
+        match = _RUN.fullmatch(comparable(unit_of(headers[column]).name))
+        if match is None:
+            return False
+        numbers.add(match["number"])
+        names.add(match["name"])
+    return len(names) == 1 and len(numbers) == len(columns)
 
 
 def _candidates(role: str, columns: Sequence[int], headers: Sequence[str]) -> list[int]:

@@ -20,6 +20,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["is_unit_stated", "unit_size"]
 
+# Word for the unit of a row that states none, as messages show it.
+_NO_UNIT = "none"
 # An error message shows at most this number of characters of a unit from a file.
 _UNIT_SHOWN = 40
 
@@ -80,9 +82,14 @@ def unit_size(
         recording.log.keep(**{f"{role}_unit": usual})
         return UNITS[role][usual]
     recording.log.keep(**{f"{role}_unit": None})
-    first, *further_evidence = evidence
+    # Rows without a unit have that of a source which states one for all rows.
+    first, *further_evidence = sorted(evidence, key=lambda entry: _NO_UNIT in entry.units)
+    is_complete = _NO_UNIT not in first.units
     for other in further_evidence:
-        if set(other.units) != set(first.units):
+        units = set(other.units)
+        if is_complete:
+            units.discard(_NO_UNIT)
+        if units != set(first.units):
             raise InputError(
                 f"{recording.place}: the unit of the {role} must be said once, got"
                 f" {_listed(first.units)} in {first.source} and {_listed(other.units)} in"
@@ -149,7 +156,7 @@ def _evidence(recording: Recording, role: str) -> list[_UnitEvidence]:
     for row_units in recording.row_units.get(role, ()):
         units = []
         for text in row_units.units:
-            units.append(scaled_unit(text.strip("[]() ")) or text or "none")
+            units.append(scaled_unit(text.strip("[]() ")) or text or _NO_UNIT)
         evidence.append(_UnitEvidence(units, row_units.source))
     header_unit = recording.heading.units[recording.heading.roles[role]]
     if header_unit:

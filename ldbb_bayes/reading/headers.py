@@ -19,6 +19,7 @@ from ldbb_bayes.reading.column_roles import (
     RULE,
     count_numbers,
     find_columns,
+    heads_loads,
     names_columns,
     unit_of,
 )
@@ -81,9 +82,13 @@ class Heading:
         if len(self.readings) < 2:
             yield self
             return
+        labels = []
         for column in self.readings:
             header = self.headers[column]
-            label = BRACKET.split(header)[0].strip() or header or f"column {column + 1}"
+            labels.append(BRACKET.split(header)[0].strip() or header or f"column {column + 1}")
+        if len(set(labels)) < len(labels):
+            labels = [f"{label} {number}" for number, label in enumerate(labels, start=1)]
+        for column, label in zip(self.readings, labels, strict=True):
             roles = self.roles | {"reading": column}
             yield replace(self, roles=roles, readings=[column], label=label)
 
@@ -242,6 +247,8 @@ def _is_block(sheet: Sheet, start: int) -> bool:
     fewer rows if the sheet ends before.
     """
     width = len(sheet.rows[start].cells)
+    if heads_loads(sheet.rows[start].cells):
+        return False
     for row in sheet.rows[start : start + _BLOCK_ROWS]:
         if count_numbers(row.cells) < 2 or len(row.cells) != width:
             return False
@@ -298,7 +305,7 @@ def _find_header_row(sheet: Sheet, layout: Layout, block: int) -> int | None:
     if layout.header_line is not None:
         header_row = _stated_header_row(sheet, layout.header_line)
     else:
-        wordy = [k for k in range(block) if names_columns(rows[k].cells)]
+        wordy = [k for k in range(block) if _is_header(rows[k].cells)]
         if not wordy:
             return None
         header_row = wordy[-1]
@@ -315,11 +322,15 @@ def _find_header_row(sheet: Sheet, layout: Layout, block: int) -> int | None:
     return header_row
 
 
+def _is_header(cells: Sequence[str]) -> bool:
+    return names_columns(cells) or heads_loads(cells)
+
+
 def _stated_header_row(sheet: Sheet, line: int) -> int:
     """Return the index of the row at the line number that the user states for the header."""
     header_row = [row.line for row in sheet.rows].index(line)
     cells = sheet.rows[header_row].cells
-    if count_numbers(cells) >= 2 and not names_columns(cells):
+    if count_numbers(cells) >= 2 and not _is_header(cells):
         raise InputError(
             f"{sheet.place}, line {line}: the header must hold names, got numbers. Correct"
             " --header-line; 0: none."

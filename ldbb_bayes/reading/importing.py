@@ -32,6 +32,7 @@ from ldbb_bayes.reading.lines_above import (
     statements_in,
     unknown_length,
 )
+from ldbb_bayes.reading.loads_above import with_loads_in_header
 from ldbb_bayes.reading.paired_columns import split_pairs
 from ldbb_bayes.reading.recording import LOAD_LISTS, LOAD_ROLES, Recording, option_for
 from ldbb_bayes.reading.sheet_selection import SheetSelection, select_sheets
@@ -182,7 +183,7 @@ def _select_tables(
         for sheet in read_sheets(
             path, encoding=layout.encoding, separator=layout.separator, sheets=layout.sheets
         ):
-            sheets += split_pairs(sheet, layout)
+            sheets += split_pairs(with_loads_in_header(sheet), layout)
     return select_sheets(sheets, layout, log, matched)
 
 

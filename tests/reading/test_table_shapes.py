@@ -219,3 +219,76 @@ def test_marks_between_thousands(mark: str, tmp_path: Path) -> None:
         lines.append(f"{angle},1{mark}{reading + 200.0:07.3f}")
     (test,) = read_tests(file(tmp_path, "100N.csv", lines), reading_unit="um")
     np.testing.assert_allclose(test.reading_um, np.array(readings(100.0)) + 1200.0)
+
+
+def wide(tmp_path: Path, header: str, above: str = "") -> Path:
+    """Write a table with an angle and a reading for each of three forces in every row."""
+    lines = [above] if above else []
+    lines.append(header)
+    columns = [readings(force_N) for force_N in (100.0, 300.0, 600.0)]
+    for angle, first, second, third in zip(ANGLES, *columns, strict=True):
+        lines.append(f"{angle},{first},{second},{third}")
+    return file(tmp_path, "wide.csv", lines)
+
+
+def check_tests(tests: list[lb.CircularTest]) -> None:
+    """Check the tests of a table that `wide` wrote."""
+    for test, force_N in zip(tests, (100.0, 300.0, 600.0), strict=True):
+        check_test(test, force_N)
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "Angle [deg],Run 1 [um],Run 2 [um],Run 3 [um]",
+        "Winkel,Lauf 1,Lauf 2,Lauf 3",
+        "Angle,Deviation run 1,Deviation run 2,Deviation run 3",
+        "Angle [deg],100,300,600",
+    ],
+)
+def test_columns_of_runs_are_tests_whose_forces_are_asked(header: str, tmp_path: Path) -> None:
+    path = wide(tmp_path, header)
+    refuses("--forces-N", read_tests, path)
+    check_tests(read_tests(path, forces_N=[100.0, 300.0, 600.0]))
+
+
+@pytest.mark.parametrize("above", ["Force [N],100,300,600", ",100 N,300 N,600 N"])
+def test_forces_in_the_line_above_the_header(above: str, tmp_path: Path) -> None:
+    path = wide(tmp_path, "Angle [deg],Deviation [um],Deviation [um],Deviation [um]", above)
+    check_tests(read_tests(path))
+
+
+def test_forces_above_the_header_are_read_again_with_the_layout(tmp_path: Path) -> None:
+    header = "Angle [deg],Deviation [um],Deviation [um],Deviation [um]"
+    path = wide(tmp_path, header, "Force [kN],0.1,0.3,0.6")
+    result = lb.import_campaign([path])
+    check_tests(list(result.campaign.tests))
+    again = lb.import_campaign([path], layout=result.layout)
+    assert again.campaign.sha256 == result.campaign.sha256
+
+
+def test_the_step_of_repeated_headers(tmp_path: Path) -> None:
+    path = wide(tmp_path, "Angle [deg],Deviation [um],Deviation [um],Deviation [um]")
+    step = "--reading-column 2 --reading-column 3 --reading-column 4"
+    refuses(step, read_tests, path)
+    check_tests(read_tests(path, columns={"reading": [2, 3, 4]}, forces_N=[100.0, 300.0, 600.0]))
+
+
+def test_units_in_some_cells_are_those_of_the_header(tmp_path: Path) -> None:
+    lines = [HEADER]
+    for angle, reading in zip(ANGLES, readings(100.0), strict=True):
+        unit = " um" if angle % 10 else ""
+        lines.append(f"{angle},{reading}{unit}")
+    (test,) = read_tests(file(tmp_path, "100N.csv", lines))
+    check_test(test, 100.0)
+
+
+def test_units_in_some_cells_alone_are_refused(tmp_path: Path) -> None:
+    lines = ["Angle,Deviation"]
+    for angle, reading in zip(ANGLES, readings(100.0), strict=True):
+        unit = " mm" if angle % 10 else ""
+        lines.append(f"{angle},{reading}{unit}")
+    path = file(tmp_path, "100N.csv", lines)
+    refuses("--unit", read_tests, path)
+    (test,) = read_tests(path, reading_unit="um")
+    check_test(test, 100.0)

@@ -1,0 +1,60 @@
+"""Loads in a line above the header: ``Force [N],100,300,600`` above one reading for each force."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from ldbb_bayes.campaign.text_table import Row
+from ldbb_bayes.reading.column_roles import has_role, unit_of
+from ldbb_bayes.reading.names import load_in_name
+from ldbb_bayes.reading.numerals import looks_like_number
+from ldbb_bayes.reading.sheet import Sheet
+from ldbb_bayes.reading.stacked_tables import first_header
+from ldbb_bayes.reading.words import UNITS
+
+__all__ = ["with_loads_in_header"]
+
+
+def with_loads_in_header(sheet: Sheet) -> Sheet:
+    """Return a sheet whose header names the loads that the line above it states.
+
+    The line must state a load for each column but the first, such as ``100 N``, or a number if its
+    first cell names force or pressure with a unit. The header ``Deviation [um]`` below 100 N is
+    changed to ``100 N Deviation [um]``. Any other sheet is returned unchanged.
+    """
+    header = first_header(sheet.rows)
+    if not header:
+        return sheet
+    names = sheet.rows[header]
+    loads = _loads_of(sheet.rows[header - 1].cells)
+    if len(loads) != len(names.cells) - 1 or not loads:
+        return sheet
+    merged = [names.cells[0]]
+    for load, name in zip(loads, names.cells[1:], strict=True):
+        merged.append(f"{load} {name}")
+    rows = [*sheet.rows[: header - 1], Row(names.line, merged), *sheet.rows[header + 1 :]]
+    return replace(sheet, rows=rows)
+
+
+def _loads_of(cells: Sequence[str]) -> list[str]:
+    """Return the loads in a line, such as "100 N"; an empty list if a cell states none."""
+    unit = _unit_of_loads(cells[0])
+    loads = []
+    for cell in cells[1:]:
+        load = cell
+        if unit and looks_like_number(cell):
+            load = f"{cell} {unit}"
+        if load_in_name([load]) is None:
+            return []
+        loads.append(load)
+    return loads
+
+
+def _unit_of_loads(cell: str) -> str:
+    """Return the unit of force or pressure in the first cell of a line; empty without one."""
+    header = unit_of(cell)
+    for role in ("force", "pressure"):
+        if has_role(header.name, role) and header.unit in UNITS[role]:
+            return header.unit
+    return ""
