@@ -287,6 +287,7 @@ class _TextLayout:
             self._head_lines[column] = textwrap.wrap(" ".join(words), line_width)
 
     def _lines_of_heads(self) -> list[str]:
+        """Return the lines of text of the table's head; shorter heads stand at the bottom."""
         height = max(len(self._head_lines[column]) for column in self._columns)
         lines = []
         for line in range(height):

@@ -290,6 +290,11 @@ def _draw_hysteresis(
 
 
 def _draw_hysteresis_of_model(draws: ModelDraws) -> dict[str, _Hysteresis]:
+    """Return draws of the hysteresis of each plane whose circles run in both directions, by plane.
+
+    The model is one of those that an average consists of. Planes in which the hysteresis is zero in
+    all draws are left out.
+    """
     bound = draws.bound
     names: list[str] = []
     for term in shared_terms(bound.nuisance_columns):

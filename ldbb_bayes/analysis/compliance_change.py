@@ -68,8 +68,8 @@ class ChangeWithForce(Result):
     #: change divided by C(F0), a pure number; None if the interval of C(F0) contains zero
     relative: DrawnValue | None
     probability_of_increase: float  #: probability that the change is positive
-    #: probability that the change is negative; together with the former below one if some of the
-    #: models averaged over have no change
+    #: probability that the change is negative. If some of the models averaged over have no change,
+    #: the sum of both probabilities is below one.
     probability_of_decrease: float
 
     @property

@@ -369,6 +369,10 @@ def stiffness_draws(posterior: xr.DataTree, force_N: float) -> dict[str, dict[st
 
 
 def _forces(bound: BoundModel, forces_N: Sequence[float]) -> Array:
+    """Return the forces of a result [N]: those asked for, after a check that they are positive.
+
+    By default these are the smallest force tested, the reference force and the largest.
+    """
     require(
         not isinstance(forces_N, str),
         f"forces_N must be a list of numbers, got the text {forces_N!r}. Write for example"

@@ -19,7 +19,7 @@ __all__ = ["CurveExtremes", "extremes_of", "without_noise_excess"]
 
 @dataclass(frozen=True)
 class CurveExtremes:
-    """Posterior draws of the largest and the smallest value of a curve, without what noise adds."""
+    """Posterior draws of the largest and smallest value of a curve, corrected for noise."""
 
     largest: Array  #: draws of the largest value, shape (draws,), in the unit of the curve
     smallest: Array  #: draws of the smallest value, shape (draws,), in the unit of the curve
@@ -35,9 +35,10 @@ class CurveExtremes:
 
 
 def extremes_of(curves: Array) -> CurveExtremes:
-    """Return draws of the largest and the smallest value of a curve, without what noise adds.
+    """Return draws of the largest and the smallest value of a curve, corrected for noise.
 
-    ``curves``, shape (draws, points), are posterior draws of the curve.
+    ``curves``, shape (draws, points), are posterior draws of the curve. Noise makes the largest
+    value larger and the smallest value smaller; on average, this is taken off.
     """
     mean_curve = curves.mean(axis=0)
     return CurveExtremes(

@@ -172,6 +172,11 @@ def _lines(name: str, text: str) -> list[str]:
 
 
 def _number(field_option: Option, flag: str, text: str) -> float:
+    """Return the number that the user typed into a field.
+
+    A decimal comma is accepted. Raise an `InputError` if the text is no number, has marks between
+    thousands, or lies outside the limits of the field's option. ``flag`` is that option's name.
+    """
     typed = _type_read(field_option)
     has_thousands = re.fullmatch(r"[-−]?[1-9]\d{0,2}([.,]\d{3})+", text) or "_" in text
     require(

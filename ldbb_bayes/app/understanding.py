@@ -140,6 +140,7 @@ def _wrong_entries(folder: Path, choices: Mapping[str, str], error: InputError) 
 
 
 def _test_rows(preview: Any, traces: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Return the rows of the page's table of tests: texts by column, and the hue of each trace."""
     hues = {}
     for trace in traces:
         for path in trace["paths"]:
@@ -222,6 +223,10 @@ _FACTORS = {"1": 100.0, "rad": 180.0 / math.pi, "N": 1.0}
 
 
 def _instrument_entry(campaign: lb.Campaign, assumed: Any, part: str) -> dict[str, Any]:
+    """Return what the page shows of one assumption on the instrument: words, ± U and its origin.
+
+    ``part`` is the part of the instrument. U is twice the prior standard deviation.
+    """
     factor = _FACTORS.get(assumed.unit, 1e3)
     label = _LABELS.get(assumed.unit, "µm")
     if assumed.unit.endswith("/bar"):

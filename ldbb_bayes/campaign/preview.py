@@ -251,6 +251,10 @@ class _Angles(NamedTuple):
 
 
 def _describe_angles(test: CircularTest) -> _Angles:
+    """Return the step, largest gap and direction of travel of a test's angles [°].
+
+    The direction is None if the angles neither rise nor fall throughout.
+    """
     angle = np.asarray(test.angle_deg)
     around = np.sort(np.mod(angle, 360.0))
     gaps = np.diff(np.append(around, around[0] + 360.0))
@@ -352,6 +356,11 @@ def _remark_on_force(test: CircularTest, campaign: Campaign, remarks: _Remarks) 
 def _preview_readings(
     test: CircularTest, stated_um: float, angles: _Angles, remarks: _Remarks
 ) -> _Readings:
+    """Return what the readings of a test show: resolution, spikes, noise and peak to peak [µm].
+
+    Remarks on an unusual unit or step are added to ``remarks``. ``stated_um`` is the resolution
+    that the campaign states [µm].
+    """
     reading = test.reading_um
     span = float(np.ptp(reading))
     resolution_um = resolution_of(reading)

@@ -142,6 +142,7 @@ def steps_of(update: Callable[[float, str, int, int], None] | None, **weights: f
         weight_before[name] = sum(weights[step] for step in weight_before)
 
     def begin(step: str) -> Tell | None:
+        """Return the function that reports the progress of a step, and report that it begins."""
         if update is None:
             return None
 

@@ -250,6 +250,10 @@ class ReportSource:
         return SourceCampaign(imported.campaign, imported)
 
     def _read_campaign(self) -> lb.Campaign:
+        """Return the campaign in the given folder or file, with the names that options state.
+
+        Raise an `InputError` for several files, and for options that only an import has.
+        """
         first = self.paths[0]
         require(
             len(self.paths) == 1,

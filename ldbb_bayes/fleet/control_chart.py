@@ -122,6 +122,7 @@ def _panel_data(rows: pd.DataFrame, factor: float) -> _PanelData:
 
 
 def _draw_panel(axes: Axes, trend: Trend, name: str) -> None:
+    """Draw estimates, control limits and probable changes of one parameter of the machine."""
     rows = trend.estimates[trend.estimates["parameter"] == name]
     factor, label = axis_label(name, str(rows["unit"].iloc[0]))
     data = _panel_data(rows, factor)
@@ -207,6 +208,7 @@ def _panel_title(trend: Trend, name: str, factor: float) -> str:
 
 
 def _name_campaigns(axes: Axes, trend: Trend) -> None:
+    """Label the horizontal axis with the dates of the campaigns, or with their numbers."""
     axes.tick_params(labelbottom=True)
     count = len(trend.campaigns)
     if trend.campaigns[0].date is None:

@@ -142,6 +142,12 @@ class _LeftOut(NamedTuple):
 def _leave_out_each(
     likelihood: Gaussian, separate: Estimates, spread: Array, shared: Gaussian
 ) -> _LeftOut:
+    """Return how each of n machines agrees with all others, for k draws of the spreads.
+
+    ``likelihood`` is that of each machine's campaigns. ``separate`` are the estimates of each
+    machine alone. ``spread``, shape (k, c), are standard deviations of the c parameters among
+    machines. ``shared`` is the posterior of what all machines share, given each spread.
+    """
     k, c = spread.shape
     n, q = likelihood.shift.shape
     log_density = np.empty((k, n))

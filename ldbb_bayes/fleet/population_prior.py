@@ -142,6 +142,11 @@ class PopulationPrior(Shown):
         return tuple(doubts)
 
     def _check_machine(self, campaign: Campaign) -> None:
+        """Refuse a campaign to which the population's prior does not apply.
+
+        Its machine must have the population's topology, its compliances must be the same sums of
+        joint compliances, and its readings must not be among those of the population.
+        """
         if campaign.topology != self.topology:
             raise InputError(
                 f"topology must be the population's {self.topology!r} to use its prior, got"

@@ -374,6 +374,12 @@ def _better(first: Spreads, second: Spreads) -> Spreads:
 def _draw_about(
     density: SpreadDensity, mode: Array, centre: Array, covariance: Array, *, seed: int, size: int
 ) -> Spreads:
+    """Return weighted draws of the spreads from a Student t distribution about a centre.
+
+    Coordinates are the logarithms of the spreads. ``centre`` and ``covariance`` are those of the
+    t distribution. ``size`` is the number of quasi-random points. ``mode`` is the highest point of
+    the density.
+    """
     c = len(centre)
     points = qmc.Sobol(c + 1, rng=np.random.default_rng(seed)).random(size)
     points = np.clip(points, _POINT_MARGIN, 1.0 - _POINT_MARGIN)

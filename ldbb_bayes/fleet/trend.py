@@ -226,6 +226,7 @@ def _trend_parts(trend: Trend) -> tuple[Table | str, ...]:
 
 
 def _table_row(name: str, parameter: ParameterChange) -> list[str]:
+    """Return a parameter's row in the table of changes: level, common U, probability, change."""
     factor, unit = display_unit(parameter.unit)
     level = parameter.level_now
     common = _NOTHING
@@ -418,6 +419,11 @@ class _MachineCampaigns(NamedTuple):
 
 
 def _campaigns_of_one_machine(rows: pd.DataFrame, machine: str | None) -> _MachineCampaigns:
+    """Return the rows of one machine's campaigns, its name, and caveats on rows without a name.
+
+    Raise an `InputError` if ``machine`` is unknown, or is missing although there are several
+    machines.
+    """
     check_rows(rows)
     ids = rows["machine_id"]
     has_id = pd.Series([isinstance(entry, str) for entry in ids], index=rows.index, dtype=bool)

@@ -128,6 +128,7 @@ def geometric_jacobian(machine: Machine, circle: Circle, angle_rad: Array) -> Ar
 
 
 def _error_column(machine: Machine, circle: Circle, angle_rad: Array, name: GeometricName) -> Array:
+    """Return the change of the reading per unit of a geometric error, shape (angles,)."""
     direction = circle.direction(angle_rad)
     component = COMPONENTS.index(name.component)
     if name.kind == "offset":
@@ -272,6 +273,11 @@ def _candidates(machine: Machine, circles: tuple[Circle, ...]) -> _Candidates:
 
 @lru_cache(maxsize=64)
 def _kept_compliances(machine: Machine, circles: tuple[Circle, ...]) -> Kept:
+    """Return the compliances that circles can separate, and the sum for which each of them stands.
+
+    One compliance of every set with proportional columns is kept, as long as its column does not
+    depend linearly on those already kept.
+    """
     candidates = _candidates(machine, circles)
     names = candidates.names
     jacobian = candidates.jacobian

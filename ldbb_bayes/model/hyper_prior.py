@@ -170,6 +170,11 @@ class HyperPrior:
         return total
 
     def _log_density_of_noise_factors(self, noise_factor: Array) -> Array:
+        """Return the log prior density of the noise factors λ of all circles.
+
+        Each λ² has an inverse gamma distribution. The last axis of ``noise_factor`` has the
+        circles.
+        """
         constant = np.log(2.0) + _SHAPE * np.log(_RATE) - gammaln(_SHAPE)
         with np.errstate(divide="ignore", over="ignore"):
             precision = noise_factor**-2.0

@@ -142,6 +142,10 @@ class _ProcessPool(Executor):
             process.join()
 
     def _call_in_process(self, call: Callable[[], Any]) -> Any:
+        """Run a job in the worker process of this thread, and return its result or raise its error.
+
+        The process is started with the first job of the thread.
+        """
         connection = getattr(self._local, "connection", None)
         if connection is None:
             connection = self._start_process()
@@ -157,6 +161,10 @@ class _ProcessPool(Executor):
         raise answer.content
 
     def _start_process(self) -> Connection:
+        """Start a worker process, wait until it is ready, and return the connection to it.
+
+        Raise an `InputError` if it does not start.
+        """
         context = multiprocessing.get_context("spawn")
         connection, worker_connection = context.Pipe()
         process = context.Process(target=_serve, args=(worker_connection,), daemon=True)

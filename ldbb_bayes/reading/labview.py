@@ -68,6 +68,7 @@ def _number(text: str) -> float:
 
 
 def _names_with_units(names: Sequence[str], labels: dict[str, list[str]]) -> list[str]:
+    """Return the names of the columns, each with its unit from the file's header in brackets."""
     dimensions = labels.get("X_Dimension", [""])
     units = labels.get("Y_Unit_Label", [])
     named = []

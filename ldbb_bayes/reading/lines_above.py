@@ -81,6 +81,7 @@ def _expand_parts() -> dict[str, str]:
 
 
 def _quantities() -> dict[str, _Quantity]:
+    """Return the quantities that lines above a table may state, with words and units, by name."""
     quantities = {}
     for key, entry in WORDS["numbers"].items():
         units = entry["units"]

@@ -317,6 +317,10 @@ def seconds_of(place: str, lines: Sequence[int], cells: Sequence[str]) -> Array:
 
 
 def _clock_time(place: str, line: int, cell: str) -> _ClockTime:
+    """Return the time of day in a cell such as 12:00:01, with day and time zone where stated.
+
+    ``place`` and ``line`` say in the error message where the cell is.
+    """
     match = _CLOCK.fullmatch(cell)
     if match is None:
         raise InputError(

@@ -82,6 +82,11 @@ def _is_distance(recording: Recording) -> bool:
 
 
 def _assume_reading_unit(recordings: Sequence[Recording], campaign: Mapping[str, Any]) -> None:
+    """Assume for the readings the one usual unit that fits their size, and note the reason.
+
+    Raise an `OpenQuestionError` if several units fit or none does. If all readings are zero, no
+    unit is assumed.
+    """
     size = _size_of(recordings, campaign)
     if size.largest == 0.0:
         return
@@ -137,6 +142,10 @@ def _fits(size: _ReadingSize, um_per_unit: float) -> bool:
 
 
 def _assume_angle_unit(recordings: Sequence[Recording]) -> None:
+    """Assume degrees or radians for the angles, by the range that they span, and note the reason.
+
+    Raise an `OpenQuestionError` if tests disagree or the angles fit another unit.
+    """
     spans = {}
     for recording in recordings:
         spans[recording.place] = float(np.ptp(recording.numbers["angle"]))

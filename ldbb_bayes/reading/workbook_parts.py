@@ -109,6 +109,10 @@ def _unit_in_format(code: str) -> str:
 
 
 def _parts_of_sheet(stream: IO[bytes], units: Mapping[str, str]) -> SheetParts:
+    """Return hidden rows, units of number formats and formulas without a value of one XLSX sheet.
+
+    ``stream`` is the XML of the sheet. ``units`` are the units by index of the cell's style.
+    """
     parts = SheetParts()
     for element in _elements(stream):
         if element.tag == f"{_MAIN}row":

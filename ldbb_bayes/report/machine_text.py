@@ -25,6 +25,7 @@ def _machine_table(
     *,
     with_sums: bool,
 ) -> Table:
+    """Return a table of parameters: unit, pattern in each plane, meaning and, on request, sum."""
     heads = [title, "unit", "pattern", "what it is"]
     if len(machine.planes) > 1:
         heads[2:3] = [f"pattern in {plane}" for plane in machine.planes]

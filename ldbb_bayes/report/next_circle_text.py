@@ -12,7 +12,7 @@ __all__ = ["aims_passages", "parts_of"]
 
 @parts_of.register
 def _passages_of_next_circle(step: NextCircle) -> tuple[Passage, ...]:
-    """Return what to run next, how the aims stand, and the next best circles."""
+    """Return the best next circle, the state of all aims, and a table of the best next circles."""
     passages: list[Passage] = [*wording.next_circle_head(step), *aims_passages(step)]
     if not step.finished:
         passages.append(_circles_table(step))

@@ -101,6 +101,7 @@ def fit_to_page(sheet: ReportSheet) -> ReportSheet:
 
 @contextmanager
 def _document() -> Iterator[FPDF]:
+    """Yield an empty PDF document with its margins and fonts, and close the fonts afterwards."""
     pdf = FPDF()
     pdf.set_auto_page_break(False)
     pdf.set_margins(_LEFT, _TOP, _LEFT)
@@ -271,6 +272,7 @@ def _draw_field_row(
 
 
 def _draw_table(pdf: FPDF, table: Table, scale: float) -> None:
+    """Draw a table with its caption. ``scale`` multiplies all sizes of type."""
     if table.caption:
         _write(pdf, table.caption, 9.0 * scale, bold=True)
         pdf.set_y(pdf.y + 0.8 * scale)

@@ -219,6 +219,7 @@ def _squareness(numbers: SheetNumbers) -> Iterator[Finding]:
 
 
 def _findings_in_words(numbers: SheetNumbers) -> Iterator[str]:
+    """Yield sentences on what the readings show, and on what they do not show."""
     words = numbers.words
     findings = findings_of(numbers)
     for finding in findings:
@@ -265,6 +266,7 @@ def best_step(numbers: SheetNumbers) -> str:
 
 
 def _not_determined(numbers: SheetNumbers) -> str:
+    """Return a sentence on the parameters that are not determined, and the step that helps most."""
     words = numbers.words
     step = best_step(numbers)
     if not step:

@@ -183,6 +183,10 @@ def path(findings: Findings) -> Iterator[Part]:
 
 
 def _quantities_table(table: pd.DataFrame, quantities: Mapping[str, str], caption: str) -> Table:
+    """Return a table of circular-test quantities with intervals, one row for each force shown.
+
+    ``quantities`` has their units by name.
+    """
     row_by_force = {(row["force_N"], row["quantity"]): row for _, row in table.iterrows()}
     rows = []
     for force in _shown_forces(list(dict.fromkeys(table["force_N"]))):
@@ -380,6 +384,10 @@ def beside(
 
 
 def _differences_table(first: str, other: Beside, differences: pd.DataFrame, percent: str) -> Table:
+    """Return a table of the parameters of two campaigns, their differences and probabilities.
+
+    ``percent`` is the probability of the intervals as text.
+    """
     rows = []
     for parameter, row in differences.iterrows():
         difference = state(

@@ -302,6 +302,10 @@ class SheetNumbers:
         return self._path_quantities(0.0, ("G",))
 
     def _path_quantities(self, force_N: float, names: Sequence[str]) -> dict[str, StatedQuantity]:
+        """Return the named circular-test quantities of the machine's path at a force, by symbol.
+
+        At no load (0 N) their symbols end in _0. If there are several planes, keys name the plane.
+        """
         prob = self.findings.prob
         table = predict_circularity(self.findings.numbers, [force_N], prob=prob)
         has_several_planes = table["plane"].nunique() > 1
@@ -335,7 +339,7 @@ class SheetNumbers:
         return measure_circularity(self.findings.posterior)[0]
 
     def _measured_words(self, plane: str, quantity: str, force_N: float) -> str:
-        """Return what the circle itself showed, in words; empty for a path without load.
+        """Return the value computed from a circle's readings, in words; empty at no load (0 N).
 
         The circle is that of the first test in the plane whose force is nearest to ``force_N``.
         """

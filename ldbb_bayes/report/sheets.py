@@ -79,6 +79,7 @@ def sheets(
 
 
 def _first_sheet(numbers: SheetNumbers) -> Iterator[Block]:
+    """Yield the blocks of sheet 1, the certificate, from top to bottom."""
     words = numbers.words
     findings = numbers.findings
     yield banner(numbers)
@@ -146,6 +147,7 @@ def _averaged_models(findings: Findings, words: Words) -> str:
 
 
 def _second_sheet(numbers: SheetNumbers) -> Iterator[Block]:
+    """Yield the blocks of sheet 2, with all parameters and figures, from top to bottom."""
     words = numbers.words
     findings = numbers.findings
     compliances = []
@@ -267,6 +269,7 @@ def _table_with_U(
 
 
 def _table_with_intervals(numbers: SheetNumbers, quantities: Sequence[StatedQuantity]) -> Table:
+    """Return a table of quantities: value, U, interval, unit and remark."""
     words = numbers.words
     rows = []
     for quantity in quantities:

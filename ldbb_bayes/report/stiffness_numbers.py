@@ -58,6 +58,10 @@ def stiffness_quantities(result: DirectionalStiffness, words: Words) -> dict[str
 
 
 def _of_plane(plane: PlaneStiffness, words: Words, *, is_only: bool) -> dict[str, StatedQuantity]:
+    """Return least and greatest stiffness in a plane, and their ratio, by symbol.
+
+    ``is_only`` states whether it is the only plane. Further quantities are added then.
+    """
     where = ""
     if not is_only:
         where = words("quantities.plane", plane=plane.plane)

@@ -82,6 +82,7 @@ def _passages_of_imported(result: Imported) -> tuple[Passage, ...]:
 
 @parts_of.register
 def _passages_of_hybrid_model(model: HybridModel) -> tuple[Passage, ...]:
+    """Return a table of the model's other effects and settings, with its degree and priors."""
     prior = "proper"
     if model.prior.flat:
         prior = "flat"
@@ -114,6 +115,7 @@ def _passages_of_log_density(density: LogDensity) -> tuple[Passage, ...]:
 
 @parts_of.register
 def _passages_of_simulation(simulation: Simulation) -> tuple[Passage, ...]:
+    """Return a table of the true parameters and scales from which readings were simulated."""
     rows: list[tuple[Any, ...]] = []
     for name, value in simulation.parameters.items():
         factor, label = display_unit(simulation.units[name])
@@ -251,6 +253,7 @@ def _decisions_or_budgets(results: ByName[Any]) -> tuple[Passage, ...]:
 
 
 def _largest_sources(budget: Budget) -> str:
+    """Return the largest sources of a parameter's variance as text, with shares and origins."""
     shares = {}
     for contribution in budget.contributions:
         share = budget.share(contribution.term)
@@ -300,6 +303,7 @@ def _passages_of_budget(budget: Budget) -> tuple[Passage, ...]:
 
 
 def _budget_row(contribution: Any, factor: float) -> tuple[str, ...]:
+    """Return the cells of one source in a budget; ``factor`` converts the parameter for display."""
     source = _budget_source(contribution)
     u = ""
     unit = ""

@@ -100,6 +100,7 @@ class Space:
         object.__setattr__(self, name, value)
 
     def _check_candidates(self) -> None:
+        """Refuse values that are not positive, unknown directions, and too many candidate tests."""
         sizes = {"forces": self.forces_N, "radii": self.radii_mm, "slope_size": [self.slope_size]}
         for name, values in sizes.items():
             for value in values:
@@ -232,6 +233,7 @@ class Space:
         return objective_of(bound, self._tests_run, phi, self.chosen, criterion)
 
     def _criterion(self, bound: BoundModel) -> Criterion:
+        """Return the criterion as a function of the covariance of the parameters of interest."""
         size = len(self.chosen)
         if self.criterion == "discriminate":
             return LogBayesFactor(self.slope_size)

@@ -165,6 +165,10 @@ def _stretch(low: float, high: float, *, is_outer: bool) -> _Stretch:
 
 
 def _draw_stretch(axes: Axes, assumptions: Sequence[_Assumption], stretch: _Stretch) -> None:
+    """Draw the log Bayes factors that lie in one stretch of a broken axis, one assumption a row.
+
+    Filled marks are assumptions that the readings allow. Bars have ± 1.96 numerical errors.
+    """
     rows = np.arange(len(assumptions))[::-1]
     value = np.array([assumption.log_bayes_factor for assumption in assumptions])
     errors = np.array([float(assumption.error) for assumption in assumptions])

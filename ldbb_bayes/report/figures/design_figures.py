@@ -101,6 +101,10 @@ def expected_widths(design: Design, today: Mapping[str, float] = MappingProxyTyp
 
 
 def _plans(design: Design, today: Mapping[str, float]) -> list[_PlanBars]:
+    """Return standard deviations to draw as bars: today, under every plan, and at least.
+
+    ``today`` are the present standard deviations by parameter; it is empty before any reading.
+    """
     plans = []
     if today:
         sd_today = {name: today.get(name, np.nan) for name in design.expected}

@@ -116,6 +116,11 @@ def _atlas(
     without_effect: Collection[str],
     title: str,
 ) -> Figure:
+    """Draw the pattern of every parameter around the circle, each in a polar panel.
+
+    Patterns are scaled to equal height. Names in ``bold`` are emphasised; patterns of names in
+    ``without_effect`` are drawn as a plain circle.
+    """
     figure, all_axes = panels(len(patterns), 4, 1.7, 0.7, subplot_kw={"projection": "polar"})
     axes: Any
     for axes, (name, pattern) in zip(all_axes, patterns.items(), strict=True):
