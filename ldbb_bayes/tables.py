@@ -157,9 +157,12 @@ class Table:
 
     def html(self) -> str:
         """Return the table as HTML; special characters in its texts are escaped."""
-        head_tags = ['th scope="col"'] * len(self.heads)
-        row_tags = ['th scope="row"', *["td"] * (len(self.heads) - 1)]
-        head = self._html_row(head_tags, [typeset(head) for head in self.heads])
+        heads = [typeset(head) for head in self.heads]
+        head_tags = ['th scope="col"'] * len(heads)
+        # Narrow screens show each cell behind the heading of its column.
+        cell_tags = [f'td data-head="{html.escape(head)}"' for head in heads[1:]]
+        row_tags = ['th scope="row"', *cell_tags]
+        head = self._html_row(head_tags, heads)
         body = "".join(f"<tr>{self._html_row(row_tags, row)}</tr>\n" for row in self.shown())
         caption = ""
         if self.caption:

@@ -21,6 +21,7 @@ from ldbb_bayes.analysis.design import Design
 from ldbb_bayes.analysis.machine_description import describe_machine
 from ldbb_bayes.analysis.verdicts import not_modelled
 from ldbb_bayes.inference.posterior import bound_of, campaign_of, fit_of, record_of
+from ldbb_bayes.machine.chain import LINEAR
 from ldbb_bayes.report import fit_tables, text, wording
 from ldbb_bayes.report.findings import Beside, Findings
 from ldbb_bayes.report.pictures import Picture, picture
@@ -86,6 +87,8 @@ def results(findings: Findings) -> Iterator[Part]:
     yield wording.PAGE["results"].format(percent=wording.percent_of(findings.result))
     yield fit_tables.results_table(findings.result, findings.verdicts_of_fit, shares=False)
     yield picture("forest", findings.posterior)
+    if len(bound_of(findings.numbers).setting.planes) == len(LINEAR):
+        yield picture("compliance_ellipsoid", findings.numbers)
     coefficients = fit_tables.coefficient_table(findings.result, findings.verdicts_of_fit)
     if coefficients.rows:
         yield Details(wording.PAGE["coefficients_hint"], (coefficients,))

@@ -18,10 +18,12 @@ FOLDER = Path(__file__).parent
 SCRIPTS = {path.stem: path.read_text(encoding="utf-8") for path in FOLDER.glob("*.js")}
 
 A4_PX = 794 - 2 * 53
+NARROW_PX = 390
 VIEWS = (
     (1280, "light", "screen"),
     (1280, "dark", "screen"),
-    (390, "light", "screen"),
+    (NARROW_PX, "light", "screen"),
+    (NARROW_PX, "dark", "screen"),
     (A4_PX, "light", "print"),
 )
 # Elements whose text reaches outside themselves, or out of the page; what scrolls on purpose may.
@@ -58,8 +60,10 @@ def look(browser: Any, page: Path) -> None:
             f"- {role}" in tree
             for role in ("main", "heading", "table", "status", "img", "columnheader", "rowheader")
         ), where
-        opened.evaluate("document.querySelector('.annex').open = true")
+        opened.evaluate("document.querySelectorAll('details').forEach(one => one.open = true)")
         assert opened.evaluate(OVERFLOWING) == [], where
+        if width == NARROW_PX:
+            assert opened.evaluate(CUT_OFF) == [], where
         if medium == "print":
             assert opened.evaluate(CUT_OFF) == [], where
             assert opened.evaluate(SPILT) == [], where

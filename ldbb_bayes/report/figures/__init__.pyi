@@ -4,6 +4,7 @@ from .comparison_figures import compliance_with_local_fits as compliance_with_lo
 from .comparison_figures import evidence as evidence
 from .comparison_figures import geometry_with_local_fits as geometry_with_local_fits
 from .design_figures import expected_widths as expected_widths
+from .ellipsoid_figure import compliance_ellipsoid as compliance_ellipsoid
 from .figure_set import FIGURES as FIGURES
 from .figure_set import save_figures as save_figures
 from .parameter_figures import WORDS as WORDS

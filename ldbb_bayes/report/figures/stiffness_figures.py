@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,15 @@ from ldbb_bayes.analysis.directional_stiffness import PlaneStiffness, stiffness
 from ldbb_bayes.inference.posterior import bound_of
 from ldbb_bayes.report.figures import style
 from ldbb_bayes.report.figures.parameter_figures import WORDS
-from ldbb_bayes.report.figures.style import GREY, PALETTE, band, new_figure, panels, styled
+from ldbb_bayes.report.figures.style import (
+    GREY,
+    PALETTE,
+    WIDTH,
+    band,
+    new_figure,
+    panels,
+    styled,
+)
 from ldbb_bayes.results import Array
 from ldbb_bayes.units import display_unit
 
@@ -25,10 +33,17 @@ __all__ = ["stiffness_rose"]
 _FARTHEST = 1.6
 # Place of the rings' labels [°]: between the axes, where lines are seldom crowded.
 _LABEL_ANGLE_DEG = 67.5
-_HEIGHT = 3.2  # height of a rose [inch]
+# Ground of a ring's label: it hides the curves that the label would be lost in.
+_LABEL_GROUND = {"facecolor": "white", "alpha": 0.85, "edgecolor": "none", "pad": 0.6}
+# Heights of a figure with one rose, and of a row of roses by their number [inch].
+_HEIGHT = 3.0
+_ROW_HEIGHTS = {2: 3.2, 3: 2.5}
 # Width and height of a compact figure of one plane, which a sheet shows beside another one [inch].
 _COMPACT_SIZE = (3.4, 3.7)
+# Widths of a rose and of the curves beside it, relative to each other.
+_WIDTHS = (1.0, 1.7)
 _RINGS = 4  # largest number of rings
+_TICKS_DEG = np.arange(0, 361, 45)
 # Sizes of the labels of directions and of rings [pt].
 _DIRECTION_SIZE = 8
 _RING_SIZE = 7
@@ -41,7 +56,9 @@ def stiffness_rose(
     """Draw the compliance along the bar by direction, at the smallest and the largest force.
 
     A line far from the centre means a soft direction. Each force has its 95 % band. A dashed line
-    shows the softest direction at the largest force, if the readings determine it.
+    shows the softest direction at the largest force, if the readings determine it. If one plane was
+    tested, the same curves stand beside the rose over the direction, where they are easier to read
+    off, with the softest direction ± U.
 
     Parameters
     ----------
@@ -50,7 +67,7 @@ def stiffness_rose(
     words : mapping of str to str
         Labels of the figure by name. Default: English.
     compact : bool
-        Whether the figure of one plane is only as wide as its rose.
+        Whether the figure of one plane has the rose alone, and is only as wide.
 
     Returns
     -------
@@ -61,51 +78,65 @@ def stiffness_rose(
     --------
     >>> figure = lb.figures.stiffness_rose(posterior)
     >>> [axes.name for axes in figure.axes]
-    ['polar']
+    ['polar', 'rectilinear']
     """
     bound = bound_of(posterior)
     tested_N = bound.setting.force_N
     forces_N = sorted({float(tested_N.min()), float(tested_N.max())})
     result = stiffness(posterior, forces_N)
     planes = bound.setting.planes
-    factor, unit = display_unit("mm/N")
+    _, unit = display_unit("mm/N")
     title = words["rose"].format(unit=unit)
-    polar = {"projection": "polar"}
-    is_narrow = compact and len(planes) == 1
-    if is_narrow:
-        figure = new_figure(*_COMPACT_SIZE)
-        all_axes = [figure.subplots(subplot_kw=polar)]
-    else:
-        figure, all_axes = panels(len(planes), 3, _HEIGHT, 0.3, subplot_kw=polar)
+    if len(planes) == 1 and compact:
+        return _rose_alone(result.planes, words, title)
+    if len(planes) == 1:
+        return _rose_with_curves(result.planes, words)
+    height = _ROW_HEIGHTS[len(planes)]
+    figure, all_axes = panels(len(planes), 3, height, 0.3, subplot_kw={"projection": "polar"})
     for axes, plane in zip(all_axes, planes, strict=True):
         roses = [rose for rose in result.planes if rose.plane == plane]
-        _draw_rose(axes, roses, words, factor)
-        axes.tick_params(axis="x", labelsize=_DIRECTION_SIZE, pad=0)
-        axes.tick_params(axis="y", labelsize=_RING_SIZE)
-        if len(planes) > 1:
-            axes.set_title(f"{words['plane']} {plane}", fontsize=9)
-    style.legend_below(figure, all_axes[0], columns=1 if is_narrow else 2)
-    if is_narrow:
-        figure.suptitle(title.replace("; ", "\n"))
-    else:
-        figure.suptitle(title)
+        _draw_rose(axes, roses, words)
+        axes.set_title(f"{words['plane']} {plane}", fontsize=9)
+    style.legend_below(figure, all_axes[0], columns=2)
+    figure.suptitle(title)
+    return figure
+
+
+def _rose_alone(roses: Sequence[PlaneStiffness], words: Mapping[str, str], title: str) -> Figure:
+    """Return a narrow figure of one plane, with its title in lines below each other."""
+    figure = new_figure(*_COMPACT_SIZE)
+    axes = figure.add_subplot(projection="polar")
+    _draw_rose(axes, roses, words)
+    style.legend_below(figure, axes, columns=1)
+    figure.suptitle(title.replace("; ", "\n"))
+    return figure
+
+
+def _rose_with_curves(roses: Sequence[PlaneStiffness], words: Mapping[str, str]) -> Figure:
+    """Return a figure of one plane: the rose, and at its right the same curves over the angle."""
+    figure = new_figure(WIDTH, _HEIGHT)
+    grid = figure.add_gridspec(1, 2, width_ratios=_WIDTHS)
+    rose_axes = figure.add_subplot(grid[0], projection="polar")
+    curve_axes = figure.add_subplot(grid[1])
+    _draw_rose(rose_axes, roses, words)
+    _draw_curves(curve_axes, roses, words)
+    style.legend_below(figure, rose_axes, columns=3)
     return figure
 
 
 def _draw_rose(
-    axes: Any, roses: list[PlaneStiffness], words: Mapping[str, str], factor: float
+    axes: Any,
+    roses: Sequence[PlaneStiffness],
+    words: Mapping[str, str],
 ) -> None:
     """Draw the compliance along the bar in one plane, for every force.
 
-    ``roses`` are the stiffnesses of the plane, with the largest force last. ``factor`` converts
-    compliances in mm/N to the unit of the rings.
+    ``roses`` are the stiffnesses of the plane, with the largest force last.
     """
     last = roses[-1]
-    largest = max(rose.compliance.max() for rose in roses) * factor
-    reach = max(largest, last.compliance_high.max() * factor)
-    limit = min(_FARTHEST * largest, 1.05 * reach)
-    limit = max(limit, 1.05 * largest)
-    for rose, colour in zip(roses, reversed(PALETTE[: len(roses)]), strict=True):
+    factor, _ = display_unit("mm/N")
+    limit = _farthest_ring(roses) * factor
+    for rose, colour in _coloured(roses):
         angle_rad = np.deg2rad(_closed(rose.angle_deg, 360.0))
         low = np.maximum(_closed(rose.compliance_low) * factor, 0.0)
         high = np.minimum(_closed(rose.compliance_high) * factor, limit)
@@ -121,9 +152,68 @@ def _draw_rose(
     names[0] += f" {last.plane[0]}"
     names[2] += f" {last.plane[1]}"
     axes.set_xticks(np.deg2rad(np.arange(0, 360, 45)), names)
-    axes.set_rlabel_position(_LABEL_ANGLE_DEG)
-    rings = MaxNLocator(_RINGS).tick_values(0.0, limit)
-    axes.set_yticks([ring for ring in rings if 0.0 < ring < limit])
+    axes.tick_params(axis="x", labelsize=_DIRECTION_SIZE, pad=0)
+    _label_rings(axes, limit)
+
+
+def _label_rings(axes: Any, limit: float) -> None:
+    """Draw rings and write their values above all curves."""
+    rings = [ring for ring in MaxNLocator(_RINGS).tick_values(0.0, limit) if 0.0 < ring < limit]
+    axes.set_yticks(rings, [""] * len(rings))
+    for ring in rings:
+        axes.text(
+            np.deg2rad(_LABEL_ANGLE_DEG),
+            ring,
+            f"{ring:g}",
+            fontsize=_RING_SIZE,
+            ha="center",
+            va="center",
+            zorder=5,
+            bbox=_LABEL_GROUND,
+        )
+
+
+def _draw_curves(
+    axes: Any,
+    roses: Sequence[PlaneStiffness],
+    words: Mapping[str, str],
+) -> None:
+    """Draw the compliance along the bar over the direction, and the softest direction ± U."""
+    last = roses[-1]
+    factor, unit = display_unit("mm/N")
+    limit = _farthest_ring(roses) * factor
+    for rose, colour in _coloured(roses):
+        angle_deg = _closed(rose.angle_deg, 360.0)
+        low = np.maximum(_closed(rose.compliance_low) * factor, 0.0)
+        high = np.minimum(_closed(rose.compliance_high) * factor, limit)
+        band(axes, angle_deg, (low, high), colour)
+        axes.plot(angle_deg, _closed(rose.compliance) * factor, color=colour)
+    if last.softest.is_determined:
+        for turn_deg in (-180.0, 0.0, 180.0, 360.0):
+            angle = last.softest.angle_deg + turn_deg
+            axes.axvline(angle, color=GREY, linestyle="--", linewidth=1.0)
+            axes.axvspan(
+                angle - last.softest.U_deg, angle + last.softest.U_deg, color=GREY, alpha=0.15, lw=0
+            )
+    axes.set_xlim(0.0, 360.0)
+    axes.set_ylim(0.0, limit)
+    axes.set_xticks(_TICKS_DEG)
+    axes.tick_params(labelsize=_DIRECTION_SIZE)
+    axes.set_xlabel(words["rose_angle"].format(axis=last.plane[0]))
+    axes.set_ylabel(words["rose_curve"].format(unit=unit))
+
+
+def _farthest_ring(roses: Sequence[PlaneStiffness]) -> float:
+    """Return the compliance at the rim of a rose, in mm/N."""
+    largest = max(rose.compliance.max() for rose in roses)
+    reach = max(largest, roses[-1].compliance_high.max())
+    limit = min(_FARTHEST * largest, 1.05 * reach)
+    return float(max(limit, 1.05 * largest))
+
+
+def _coloured(roses: Sequence[PlaneStiffness]) -> Iterator[tuple[PlaneStiffness, str]]:
+    """Yield the stiffness at every force with the colour of its curve."""
+    yield from zip(roses, reversed(PALETTE[: len(roses)]), strict=True)
 
 
 def _closed(values: Array, turn: float = 0.0) -> Array:

@@ -1,0 +1,73 @@
+"""Figures of stiffness by direction: what they draw is what `lb.stiffness` states."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import xarray as xr
+from campaigns import plan, refuses, simulated
+from reports import fitted
+
+import ldbb_bayes as lb
+from ldbb_bayes.report.figures import ellipsoid_figure
+
+MODEL = lb.HybridModel.first(1)
+
+
+@pytest.fixture(scope="module")
+def one_plane() -> xr.DataTree:
+    return fitted(MODEL, simulated(plan()))
+
+
+@pytest.fixture(scope="module")
+def three_planes() -> xr.DataTree:
+    tests = []
+    for plane in ("XY", "YZ", "ZX"):
+        for test in plan().tests:
+            tests.append(replace(test, plane=plane, name=f"{plane}{test.force_N:g}"))
+    return fitted(MODEL, simulated(replace(plan(), tests=tuple(tests))))
+
+
+def test_the_curves_are_the_compliance_along_the_bar(one_plane: xr.DataTree) -> None:
+    _, curves = lb.figures.stiffness_rose(one_plane).axes
+    (plane,) = lb.stiffness(one_plane, [742.0]).planes
+    drawn_nm = np.asarray(curves.lines[1].get_ydata())
+    np.testing.assert_allclose(drawn_nm[:-1], 1e6 * np.asarray(plane.compliance))
+
+
+def test_the_rose_and_the_curves_are_the_same(one_plane: xr.DataTree) -> None:
+    rose, curves = lb.figures.stiffness_rose(one_plane).axes
+    for in_rose, in_curves in zip(rose.lines[:2], curves.lines[:2], strict=True):
+        np.testing.assert_array_equal(in_rose.get_ydata(), in_curves.get_ydata())
+
+
+def test_labels_of_rings_stand_above_the_curves(one_plane: xr.DataTree) -> None:
+    rose = lb.figures.stiffness_rose(one_plane).axes[0]
+    highest_curve = max(line.get_zorder() for line in rose.lines)
+    assert rose.texts
+    assert min(text.get_zorder() for text in rose.texts) > highest_curve
+
+
+def test_a_rose_for_each_of_three_planes(three_planes: xr.DataTree) -> None:
+    figure = lb.figures.stiffness_rose(three_planes)
+    assert [axes.get_title() for axes in figure.axes] == ["plane XY", "plane YZ", "plane ZX"]
+
+
+def test_the_ellipsoid_has_the_principal_compliances(three_planes: xr.DataTree) -> None:
+    (principal,) = lb.stiffness(three_planes, [742.0]).principal
+    semi_axes_nm = ellipsoid_figure._semi_axes(principal)
+    expected_nm = [1e6 / axis.stiffness.median for axis in principal.axes]
+    np.testing.assert_allclose(np.linalg.norm(semi_axes_nm, axis=1), expected_nm)
+
+
+def test_the_ellipsoid_states_three_stiffnesses(three_planes: xr.DataTree) -> None:
+    figure = lb.figures.compliance_ellipsoid(three_planes)
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert [label[:4] for label in labels] == ["k_1 ", "k_2 ", "k_3 "]
+    assert all(label.endswith("N/µm") for label in labels)
+
+
+def test_an_ellipsoid_of_one_plane_is_refused(one_plane: xr.DataTree) -> None:
+    refuses("must have tests in 3 planes, got XY", lb.figures.compliance_ellipsoid, one_plane)
