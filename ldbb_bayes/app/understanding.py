@@ -103,7 +103,9 @@ def understand(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
         "planes": campaign.machine().plane,
         "tests": _test_rows(preview, traces),
         "readings": campaign.readings,
-        "assumptions": [_assumption_row(assumption, folder) for assumption in assumptions],
+        "assumptions": _in_one_row(
+            [_assumption_row(assumption, folder) for assumption in assumptions]
+        ),
         "remarks": [wording.remark_words(remark) for remark in preview.remarks],
         "fit": [wording.remark_words(remark) for remark in preview.assumptions],
         "traces": traces,
@@ -168,6 +170,31 @@ def _test_rows(preview: Any, traces: Sequence[Mapping[str, Any]]) -> list[dict[s
     return rows
 
 
+def _in_one_row(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return rows of assumptions in which those of one quantity of several files are one row.
+
+    Such a quantity, as the force, has a value and a place for each file; the first row's reason is
+    kept.
+    """
+    merged: list[dict[str, Any]] = []
+    for row in rows:
+        before = merged[-1] if merged else None
+        if (
+            before
+            and row["place"]
+            and (row["what"], row["fields"])
+            == (
+                before["what"],
+                before["fields"],
+            )
+        ):
+            before["value"] += f", {row['value']}"
+            before["place"] += f", {row['place']}"
+        else:
+            merged.append(dict(row))
+    return merged
+
+
 def _assumption_row(assumption: Assumption, folder: Path) -> dict[str, Any]:
     flags = assumption.option.split(", ")
     return {
@@ -186,8 +213,9 @@ def _assumption_row(assumption: Assumption, folder: Path) -> dict[str, Any]:
 def _uncertainties_by_part(campaign: lb.Campaign) -> dict[str, list[dict[str, Any]]]:
     """Return the uncertainties that a fit assumes for each part of the instrument.
 
-    The result has a list of entries for each part, such as bar or balls. An entry is marked as
-    stated if a calibration certificate states the uncertainty.
+    The result has a list of entries for each part, such as bar or balls. An entry names the field
+    of the page that would state it, and is marked as stated if a calibration certificate states
+    the uncertainty.
     """
     entries_by_part: dict[str, list[dict[str, Any]]] = {}
     for assumed in lb.terms.uncertainties(campaign).assumed:
@@ -212,6 +240,7 @@ def _ball_entry(campaign: lb.Campaign, assumed: Any, ball_name: str) -> dict[str
     sphericity_um = math.sqrt(24.0) * assumed.sd * 1e3
     return {
         "words": ball_name,
+        "field": f"{ball_name}_ball",
         "size": ball.grade or f"{sphericity_um:.3g} µm",
         "is_sphericity": not ball.grade,
         "stated": assumed.stated,
@@ -237,6 +266,7 @@ def _instrument_entry(campaign: lb.Campaign, assumed: Any, part: str) -> dict[st
         size = f"{error_um:g} ".replace("-", "−") + size
     return {
         "words": wording.assumed_words(assumed)[0],
+        "field": assumed.certificate,
         "size": size,
         "is_sphericity": False,
         "stated": assumed.stated,
