@@ -8,9 +8,11 @@ from ldbb_bayes.analysis.design.campaign_design import (
     design,
     read_design,
 )
+from ldbb_bayes.analysis.design.costs import Costs, minutes_of
 from ldbb_bayes.analysis.design.criteria import Criterion, Determinant, LogBayesFactor, Variance
 from ldbb_bayes.analysis.design.discrimination import Discrimination
 from ldbb_bayes.analysis.design.forecast import Expected, Forecast, forecast_plan
+from ldbb_bayes.analysis.design.goal_design import GoalDesign, GoalPlan
 from ldbb_bayes.analysis.design.goals import Goal, goals_in
 from ldbb_bayes.analysis.design.next_circle import ModelSoFar, NextCircle, next_circle
 from ldbb_bayes.analysis.design.objective import Objective
@@ -19,6 +21,7 @@ from ldbb_bayes.analysis.design.shares import Optimum, certificate, optimal_shar
 
 __all__ = [
     "Certificate",
+    "Costs",
     "Criterion",
     "Design",
     "Determinant",
@@ -26,6 +29,8 @@ __all__ = [
     "Expected",
     "Forecast",
     "Goal",
+    "GoalDesign",
+    "GoalPlan",
     "Judged",
     "Limits",
     "LogBayesFactor",
@@ -40,6 +45,7 @@ __all__ = [
     "exchange",
     "forecast_plan",
     "goals_in",
+    "minutes_of",
     "next_circle",
     "optimal_shares",
     "read_design",

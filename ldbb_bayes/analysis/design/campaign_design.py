@@ -12,7 +12,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import Annotated, Any
+from typing import Annotated, Any, overload
 
 import numpy as np
 import pandas as pd
@@ -21,7 +21,10 @@ from pydantic import Field
 from ldbb_bayes.analysis.aliases import Degeneracy, degeneracies
 from ldbb_bayes.analysis.cures import Cure, cures
 from ldbb_bayes.analysis.design.candidates import Clocking, bind_tests
+from ldbb_bayes.analysis.design.costs import Costs
 from ldbb_bayes.analysis.design.forecast import Expected, Forecast, states_of
+from ldbb_bayes.analysis.design.goal_design import GoalDesign, design_for_goals
+from ldbb_bayes.analysis.design.goals import Goal
 from ldbb_bayes.analysis.design.search import MAX_TESTS, ExactDesign
 from ldbb_bayes.analysis.design.shares import Optimum
 from ldbb_bayes.analysis.design.space import CriterionName, Space
@@ -53,6 +56,8 @@ _LISTED_SHARE = 1e-4
 _STUCK_SHARE = 0.8
 # Default step between the force levels that a design chooses from [N].
 _FORCE_STEP_N = 1.0
+# Clockings to choose from by default: balls not turned.
+_NOT_TURNED: tuple[Clocking, ...] = ((0.0, 0.0),)
 _EQUAL_STEPS = "equal steps"
 _RESERVED_NAMES = ("recommended", _EQUAL_STEPS)
 
@@ -297,14 +302,14 @@ def read_design(path: str | os.PathLike[str]) -> Design:
     return read_result(path, "design", "design", Design.from_dict)
 
 
-@one_blas_thread
+@overload
 def design(
     model: HybridModel,
     pilot: Campaign,
     *,
     tests: int | None = None,
     forces_N: Sequence[float] | None = None,
-    clockings_deg: Sequence[Clocking] = ((0.0, 0.0),),
+    clockings_deg: Sequence[Clocking] | None = None,
     radii_mm: Sequence[float] = (),
     directions: Sequence[Direction] = (),
     criterion: CriterionName | None = None,
@@ -313,8 +318,50 @@ def design(
     against: Mapping[str, Campaign] = MappingProxyType({}),
     slope_size: float = 1.0,
     seed: int = 1,
-) -> Design:
-    """Return the best tests to run next.
+    goals: None = None,
+) -> Design: ...
+
+
+@overload
+def design(
+    model: HybridModel,
+    pilot: Campaign,
+    *,
+    forces_N: Sequence[float] | None = None,
+    clockings_deg: Sequence[Clocking] | None = None,
+    radii_mm: Sequence[float] = (),
+    directions: Sequence[Direction] = (),
+    augment: bool = False,
+    seed: int = 1,
+    goals: Mapping[str, str | float | Goal],
+    costs: Costs | None = None,
+    certificates: Mapping[str, float] = MappingProxyType({}),
+    probability: float = 0.9,
+) -> GoalDesign: ...
+
+
+@one_blas_thread
+def design(
+    model: HybridModel,
+    pilot: Campaign,
+    *,
+    tests: int | None = None,
+    forces_N: Sequence[float] | None = None,
+    clockings_deg: Sequence[Clocking] | None = None,
+    radii_mm: Sequence[float] = (),
+    directions: Sequence[Direction] = (),
+    criterion: CriterionName | None = None,
+    parameters: Sequence[str] = (),
+    augment: bool = False,
+    against: Mapping[str, Campaign] = MappingProxyType({}),
+    slope_size: float = 1.0,
+    seed: int = 1,
+    goals: Mapping[str, str | float | Goal] | None = None,
+    costs: Costs | None = None,
+    certificates: Mapping[str, float] = MappingProxyType({}),
+    probability: float = 0.9,
+) -> Design | GoalDesign:
+    """Return the best tests to run next, or the cheapest campaign that reaches goals.
 
     The pilot is the campaign or plan that the design starts from. Everything is computed for the
     linear Gaussian model and averaged over the hyper-parameters (the scales of the noise and of
@@ -336,12 +383,12 @@ def design(
         Force levels to choose from [N]. Default: the pilot's range in steps of 1 N.
     clockings_deg : sequence of pair of float
         Clockings to choose from: angles by which the work ball and the tool ball are turned [°].
-        Default: balls not turned.
+        Default: balls not turned; with goals, also both balls turned by 45°.
     radii_mm : sequence of float
         Radii to choose from [mm]. Default: as in the pilot.
     directions : sequence of {"CW", "CCW"}
         Directions of travel to choose from. Default: as in the pilot. If both may be chosen, the
-        model always includes hysteresis.
+        model always includes hysteresis. With goals, both are the default.
     criterion : {"eig", "d", "a", "c", "i", "discriminate"}, optional
         Criterion to optimize. ``eig``: expected information gain. ``d``: determinant of the
         covariance of the parameters. ``a``: sum of their variances. ``c``: variance of one
@@ -358,11 +405,24 @@ def design(
         Size of the slopes that the tests are to detect, in prior standard deviations.
     seed : int
         Seed of the random numbers of search and forecast.
+    goals : mapping of str to str, float or Goal, optional
+        Largest expanded uncertainties U (k = 2) by parameter, such as {"C_XXX": "5 %", "E_C0YX":
+        "10 µrad"}; numbers are in internal units (mm, N, rad). The number of circles then follows
+        from them, and ``tests``, ``criterion``, ``parameters``, ``against`` and ``slope_size`` do
+        not apply.
+    costs : Costs, optional
+        With goals: what circles, set-ups and turns of the balls cost. Default: 3 min, 15 min and
+        5 min, at 60 units of money an hour.
+    certificates : mapping of str to float
+        With goals: prices of certificates that could be bought, such as {"balls G10": 300.0, "bar":
+        150.0}. Others are "work ball G10", "tool ball G10", "mount", "force" and "angle".
+    probability : float
+        With goals: share of the possible machines on which all goals are to be met.
 
     Returns
     -------
-    Design
-        Recommended tests and their forecast.
+    Design or GoalDesign
+        Recommended tests and their forecast; with goals, the cheapest campaigns.
 
     Raises
     ------
@@ -384,6 +444,34 @@ def design(
         # A plan knows no more than its own pilot.
         pilot = pilot.pilot
     check_seed(seed)
+    if goals is not None:
+        chosen = {
+            "tests": tests is not None,
+            "criterion": criterion is not None,
+            "parameters": bool(parameters),
+            "against": bool(against),
+            "slope_size": slope_size != 1.0,
+        }
+        _refuse_beside_goals([name for name, is_given in chosen.items() if is_given])
+        return design_for_goals(
+            model,
+            pilot,
+            goals,
+            costs=costs,
+            certificates=certificates,
+            probability=probability,
+            forces_N=None if forces_N is None else _force_levels(forces_N),
+            clockings_deg=clockings_deg,
+            radii_mm=radii_mm,
+            directions=directions,
+            augment=augment,
+            seed=seed,
+        )
+    require(
+        costs is None and not certificates,
+        "costs and certificates must go with goals, got none. Give for example goals={'C_XXX':"
+        " '5 %'}.",
+    )
     number = len(pilot.tests) if tests is None else tests
     require_whole("tests", number)
     require(
@@ -402,7 +490,7 @@ def design(
         model=model,
         pilot=pilot,
         forces_N=_force_levels(forces_N),
-        clockings_deg=clockings_deg,
+        clockings_deg=clockings_deg or _NOT_TURNED,
         radii_mm=radii_mm,
         directions=directions,
         criterion=criterion,
@@ -418,6 +506,15 @@ def design(
         compared[name] = tuple(planned)
     exact = space.search.find_design(number)
     return _describe_design(space, exact, Pilot(pilot.name, pilot.sha256), compared)
+
+
+def _refuse_beside_goals(names: Sequence[str]) -> None:
+    """Refuse arguments that have no meaning where the goals decide on the tests."""
+    require(
+        not names,
+        f"goals must go without {', '.join(names)}: they decide on the number of circles and on"
+        " what is of interest. Leave out one or the other.",
+    )
 
 
 def _force_levels(forces_N: Sequence[float]) -> tuple[float, ...]:

@@ -33,10 +33,12 @@ __all__ = [
     "Expected",
     "Forecast",
     "Slopes",
+    "StatedByMachines",
     "expected_uncertainties",
     "forecast_plan",
     "forecast_tests",
     "posteriors",
+    "stated_by_machines",
     "stated_variances",
     "states_of",
 ]
@@ -156,6 +158,44 @@ def forecast_plan(
         run = len(plan.pilot.tests)
     states = states_of(model, plan, machines)
     return forecast_tests(bind_plan(model, plan), states, run=run, slopes=slopes)
+
+
+@dataclass(frozen=True, eq=False)
+class StatedByMachines:
+    """What the analyses of planned tests state, one for each of n machines that are possible."""
+
+    names: tuple[str, ...]  #: names of the p parameters
+    beta: Array  #: true parameters of the machines, shape (n, p), in internal units
+    u: Array  #: standard uncertainties that the analyses state, shape (n, p), in internal units
+
+
+@one_blas_thread
+def stated_by_machines(
+    model: HybridModel, plan: Campaign, *, machines: int | None = None
+) -> StatedByMachines:
+    """Return the uncertainties that the analyses of a plan state, for all possible machines.
+
+    `forecast_plan` gives their medians. The model must have proper priors.
+
+    Parameters
+    ----------
+    model
+        Model for the analysis of the plan's tests.
+    plan
+        Plan. What is known before it is run is what its pilot found, or else the prior.
+    machines
+        Number of possible machines. Default: 64.
+    """
+    run = 0
+    if plan.pilot is not None and plan.adds_to_pilot:
+        run = len(plan.pilot.tests)
+    states = states_of(model, plan, machines)
+    bound = bind_plan(model, plan)
+    covariance = _believed_covariance(bound, states, run) * np.outer(bound.scale, bound.scale)
+    variances = stated_variances(bound, states, covariance)
+    beta = states.beta[_is_possible(bound, states)]
+    repetitions = len(variances) // len(beta)
+    return StatedByMachines(tuple(bound.names), np.tile(beta, (repetitions, 1)), np.sqrt(variances))
 
 
 def states_of(model: HybridModel, plan: Campaign, machines: int | None = None) -> States:
@@ -347,10 +387,7 @@ def stated_variances(
     variance = np.einsum("knii->kni", covariance)
     if bound.model.prior.flat:
         return np.asarray(variance.mean(axis=1))
-    is_possible = np.ones(len(covariance), bool)
-    if bound.truncation.active:
-        is_possible = bound.truncation.holds(states.beta)
-        is_possible |= not is_possible.any()
+    is_possible = _is_possible(bound, states)
     values = covariance.shape[1]
     repetitions = max(1, _MEANS_PER_STATE // values)
     means = _draw_posterior_means(
@@ -361,6 +398,17 @@ def stated_variances(
         means, variances = _moments_inside(bound, means, covariance[is_possible])
     stated = variances.mean(axis=2) + means.var(axis=2)
     return np.asarray(stated.reshape(-1, stated.shape[-1]))
+
+
+def _is_possible(bound: BoundModel, states: States) -> Array:
+    """Return for each state whether no compliance is negative in it; true for all if none is so.
+
+    The result has the shape (states,).
+    """
+    if not bound.truncation.active:
+        return np.ones(len(states.beta), bool)
+    is_possible = bound.truncation.holds(states.beta)
+    return np.asarray(is_possible | (not is_possible.any()))
 
 
 def _moments_inside(bound: BoundModel, means: Array, covariance: Array) -> tuple[Array, Array]:

@@ -1,0 +1,188 @@
+"""Families of campaigns: all that can be made of the same clockings, radii and certificates.
+
+Campaigns of one family differ in their number of circles and in what each of them is: its force,
+its direction of travel, and which of the clockings (pairs of angles of the balls) and radii it has.
+Every further circle costs the same. The information of every circle is worked out once a family.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import combinations, product
+from typing import Any
+
+import numpy as np
+
+from ldbb_bayes.analysis.design.campaign_objective import objective_of
+from ldbb_bayes.analysis.design.candidates import Clocking, bind_tests
+from ldbb_bayes.analysis.design.certificate_offers import CertificateOffer, certified_with
+from ldbb_bayes.analysis.design.costs import Costs, minutes_of, price_of
+from ldbb_bayes.analysis.design.criteria import Determinant
+from ldbb_bayes.analysis.design.goals import Goal
+from ldbb_bayes.analysis.design.quick_forecast import QuickForecast, limits_of_goals
+from ldbb_bayes.analysis.design.space import Space
+from ldbb_bayes.analysis.design.states import States
+from ldbb_bayes.campaign.campaign import Campaign, CircularTest, distinct_forces
+from ldbb_bayes.model.hybrid import BoundModel
+from ldbb_bayes.results import Array
+
+__all__ = ["CampaignFamily", "families_of"]
+
+# Number of possible states of the machine over which the quick forecast averages.
+_QUICK_STATES = 6
+
+
+@dataclass(frozen=True, eq=False)
+class CampaignFamily:
+    """Campaigns of the same clockings, radii and certificates."""
+
+    space: Space  #: candidate tests: every force, direction, clocking and radius of the family
+    offers: tuple[CertificateOffer, ...]  #: certificates that are bought
+    goals: Mapping[str, Goal]
+    states: States  #: possible states of the machine before the campaign
+
+    @property
+    def certificates_price(self) -> float:
+        """Price of the certificates of the family."""
+        return sum(offer.price for offer in self.offers)
+
+    @cached_property
+    def bound(self) -> BoundModel:
+        """The model bound to all candidate tests, with the family's certificates."""
+        bound = bind_tests(
+            self.space.model,
+            self.space.pilot,
+            self.space.tests,
+            keep_pilot_tests=self.space.augment,
+        )
+        if not self.offers:
+            return bound
+        instrument = certified_with(bound.campaign.instrument, self.offers)
+        certified = replace(bound.campaign, instrument=instrument)
+        return BoundModel(bound.model, certified, pilot=bound.pilot)
+
+    @cached_property
+    def quick(self) -> QuickForecast:
+        """Quick forecast of the campaigns of the family."""
+        bound = self.bound
+        number = len(self.states.phi)
+        chosen = np.unique(np.linspace(0, number - 1, _QUICK_STATES).round().astype(int))
+        run = len(self.space.pilot.tests) if self.space.augment else 0
+        names = list(self.goals)
+        size = Determinant(len(names))
+        objective = objective_of(bound, run, self.states.phi[chosen], names, size)
+        limits = limits_of_goals(self.goals, self.states, bound.names)[chosen]
+        scale = bound.scale[[bound.names.index(name) for name in names]]
+        return QuickForecast(objective, limits / scale)
+
+    def lowest_price(self, costs: Costs, circles: int) -> float:
+        """Return the price of a campaign of this many circles that uses all the family offers."""
+        space = self.space
+        kinds = len({str(test.plane) for test in space.templates}) * len(space.radii_mm)
+        turns = kinds * (len(space.clockings_deg) - 1)
+        minutes = (
+            costs.minutes_per_circle * circles
+            + costs.minutes_per_setup * kinds
+            + costs.minutes_per_clocking * turns
+        )
+        return price_of(costs, minutes, self.certificates_price)
+
+    @property
+    def fewest_circles(self) -> int:
+        """Least number of circles of a campaign that uses all that the family offers."""
+        space = self.space
+        kinds = len({str(test.plane) for test in space.templates}) * len(space.radii_mm)
+        return max(self._least_levels, kinds * len(space.clockings_deg))
+
+    @property
+    def _least_levels(self) -> int:
+        """Least number of different forces, so that compliances may depend on force."""
+        if self.space.augment or self.space.model.degree == 0:
+            return 1
+        return 2
+
+    def best_counts(self, circles: int, start: Array | None = None) -> Array:
+        """Return the best campaign of this many circles: its number of circles of each candidate.
+
+        If the best circles are all at one force, and compliances may depend on force, one of them
+        is moved to the other force that is best. ``start`` is a campaign of fewer circles, to which
+        circles are added before any is exchanged.
+        """
+        if start is None:
+            start = np.zeros(self.quick.candidates, dtype=int)
+        counts = self.quick.best_counts(circles, start)
+        if self._has_levels(counts):
+            return counts
+        best = counts
+        best_distance = np.inf
+        donor = int(np.argmax(counts))
+        for candidate in range(len(counts)):
+            moved = counts.copy()
+            moved[donor] -= 1
+            moved[candidate] += 1
+            distance = self.quick.distance(moved)
+            if self._has_levels(moved) and distance < best_distance:
+                best = moved
+                best_distance = distance
+        return best
+
+    def _has_levels(self, counts: Array) -> bool:
+        forces = [float(test.force_N or 0.0) for test in self.tests_of(counts)]
+        return len(distinct_forces(forces)) >= self._least_levels
+
+    def tests_of(self, counts: Array) -> tuple[CircularTest, ...]:
+        """Return the tests of a campaign, each repeated as often as it is run."""
+        positions = np.repeat(np.arange(len(self.space.tests)), counts)
+        return tuple(self.space.tests[k] for k in positions)
+
+    def uses_all(self, tests: Sequence[CircularTest]) -> bool:
+        """Return whether tests have every clocking and every radius that the family offers."""
+        clockings = {(test.work_ball_deg, test.tool_ball_deg) for test in tests}
+        radii = {test.radius_mm for test in tests}
+        return len(clockings) >= len(self.space.clockings_deg) and len(radii) >= len(
+            self.space.radii_mm
+        )
+
+    def minutes(self, costs: Costs, tests: Sequence[CircularTest]) -> float:
+        """Return the machine time of tests [min]."""
+        return minutes_of(costs, tests)
+
+    def price(self, costs: Costs, tests: Sequence[CircularTest]) -> float:
+        """Return the price of tests, with the certificates of the family."""
+        return price_of(costs, minutes_of(costs, tests), self.certificates_price)
+
+    def plan_of(self, tests: Sequence[CircularTest]) -> Campaign:
+        """Return tests as a plan, in the order in which to run them, with the certificates."""
+        plan = self.space.plan_of(tests, seed=self.space.seed)
+        if not self.offers:
+            return plan
+        return replace(plan, instrument=certified_with(plan.instrument, self.offers))
+
+
+def families_of(
+    space: Space,
+    sets_of_certificates: Sequence[tuple[CertificateOffer, ...]],
+    goals: Mapping[str, Goal],
+    states: States,
+) -> Iterator[CampaignFamily]:
+    """Yield all families of campaigns that can be made of a space's settings and certificates.
+
+    The balls as they are, the first clocking, are in every family.
+    """
+    first = space.clockings_deg[0]
+    others = space.clockings_deg[1:]
+    clocking_sets = [(first, *chosen) for chosen in _subsets(others)]
+    radius_sets = [chosen for chosen in _subsets(space.radii_mm) if chosen]
+    for clockings, radii, offers in product(clocking_sets, radius_sets, sets_of_certificates):
+        narrowed = replace(space, clockings_deg=clockings, radii_mm=radii)
+        yield CampaignFamily(narrowed, offers, goals, states)
+
+
+def _subsets(values: Sequence[Clocking] | Sequence[float]) -> list[tuple[Any, ...]]:
+    """Return all subsets of some values, the empty one first."""
+    subsets = []
+    for number in range(len(values) + 1):
+        subsets += list(combinations(values, number))
+    return subsets

@@ -1,0 +1,132 @@
+"""Certificates of the instrument that could be bought, each with its price."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import combinations
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field
+
+from ldbb_bayes.analysis.value_of_certificates import CERTIFICATES
+from ldbb_bayes.campaign.campaign import Ball, Instrument
+from ldbb_bayes.errors import InputError, check_known, placed, require
+from ldbb_bayes.results import Result
+
+__all__ = ["CertificateOffer", "certified_with", "offers_in", "sets_of_offers"]
+
+# Certificates that can be offered, by the words of the user, and the names of what they state in
+# ``CERTIFICATES``. Balls are offered with their grade, as in "balls G10".
+_STATED_BY_WORD = {
+    "bar": "bar ± 1 µm",
+    "mount": "mount ± 2 %",
+    "force": "force ± 0.5 %, linearity 0.2 %, random 1 N",
+    "angle": "angle ± 0.05°",
+}
+_FIELDS_BY_BALLS = {
+    "balls": ("work", "tool"),
+    "work ball": ("work",),
+    "tool ball": ("tool",),
+}
+# Words for balls with their grade, such as "balls G10".
+_BALLS = re.compile(r"(balls|work ball|tool ball)\s+(G\d+)", re.IGNORECASE)
+# Most certificates that may be offered at once: every set of them is tried.
+_MOST_OFFERS = 5
+
+
+@dataclass(frozen=True)
+class CertificateOffer(Result):
+    """One certificate that could be bought: what it states, and its price."""
+
+    name: str  #: what is certified, such as "balls of grade G10"
+    price: float  #: price, in a unit of money
+    #: fields of the instrument that the certificate states
+    statements: Annotated[Mapping[str, Any], Field(exclude=True)] = field(default_factory=dict)
+
+
+def offers_in(stated: Mapping[str, float]) -> tuple[CertificateOffer, ...]:
+    """Return the certificates that a user can buy.
+
+    Parameters
+    ----------
+    stated
+        Prices by certificate: "balls G10", "work ball G5", "tool ball G5", "bar" (its length to
+        1 µm), "mount" (2 %), "force" (0.5 %, linearity 0.2 %, random 1 N) or "angle" (0.05°).
+
+    Returns
+    -------
+    tuple of CertificateOffer
+        The certificates, in the order in which they were stated.
+
+    Raises
+    ------
+    InputError
+        For an unknown certificate, a price below zero, or more than five certificates.
+    """
+    require(
+        len(stated) <= _MOST_OFFERS,
+        f"certificates must be at most {_MOST_OFFERS}, got {len(stated)}: every set of them is"
+        " tried. Leave out the dearest.",
+    )
+    offers = []
+    for word, price in stated.items():
+        require(
+            np.isfinite(price) and price >= 0.0,
+            f"the price of certificate {word!r} must be a number of at least 0, got {price}."
+            " Correct it.",
+        )
+        offers.append(_offer_of(word.strip(), float(price)))
+    return tuple(offers)
+
+
+def _offer_of(word: str, price: float) -> CertificateOffer:
+    """Return the certificate that a word stands for."""
+    balls = _BALLS.fullmatch(word)
+    if balls is not None:
+        with placed(f"certificate {word!r}"):
+            ball = Ball(grade=balls[2].upper())
+        kind = balls[1].lower()
+        statements = dict.fromkeys(_FIELDS_BY_BALLS[kind], ball)
+        return CertificateOffer(f"{kind} of grade {balls[2].upper()}", price, statements)
+    if word.lower() in _FIELDS_BY_BALLS:
+        raise InputError(
+            f"certificate {word!r} must state the grade of the ball, got none. Write for example"
+            f" {word} G10."
+        )
+    check_known("certificate", [word], ["balls G10", *_STATED_BY_WORD])
+    name = _STATED_BY_WORD[word]
+    return CertificateOffer(name, price, CERTIFICATES[name])
+
+
+def sets_of_offers(
+    offers: Sequence[CertificateOffer], instrument: Instrument
+) -> tuple[tuple[CertificateOffer, ...], ...]:
+    """Return all sets of certificates that add to what the instrument states already.
+
+    Certificates of what is stated already, and sets that state one thing twice, are left out. The
+    first set is empty.
+    """
+    uncertified = Instrument()
+    useful = []
+    for offer in offers:
+        fields = list(offer.statements)
+        if all(getattr(instrument, key) == getattr(uncertified, key) for key in fields):
+            useful.append(offer)
+    sets: list[tuple[CertificateOffer, ...]] = []
+    for number in range(len(useful) + 1):
+        for chosen in combinations(useful, number):
+            keys = [key for offer in chosen for key in offer.statements]
+            if len(keys) == len(set(keys)):
+                sets.append(chosen)
+    return tuple(sets)
+
+
+def certified_with(instrument: Instrument, offers: Sequence[CertificateOffer]) -> Instrument:
+    """Return the instrument with further certificates."""
+    statements: dict[str, Any] = {}
+    for offer in offers:
+        statements.update(offer.statements)
+    return replace(instrument, **statements)

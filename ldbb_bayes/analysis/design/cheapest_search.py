@@ -1,0 +1,296 @@
+"""Search for the cheapest campaigns that reach their goals.
+
+Campaigns are tried in the order of their price. Of every family (the same clockings, radii and
+certificates) and number of circles, the one nearest to the goals by the quick forecast is taken.
+Where it seems near enough, the full forecast decides. The quick forecast is too good by a factor
+that hardly differs between campaigns of one family: it is learnt from the full ones.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ldbb_bayes.analysis.design.campaign_family import CampaignFamily
+from ldbb_bayes.analysis.design.costs import Costs
+from ldbb_bayes.analysis.design.forecast import StatedByMachines, stated_by_machines
+from ldbb_bayes.analysis.design.goals import Goal
+from ldbb_bayes.campaign.campaign import Campaign, CircularTest
+from ldbb_bayes.results import Array
+
+__all__ = ["FoundCampaign", "find_cheapest", "judge_plan", "shares_of_machines"]
+
+# Largest number of circles of a campaign.
+_MOST_CIRCLES = 40
+# Number of circles whose shares tell how many circles a family needs about.
+_CIRCLES_OF_SHARES = 8
+# The search in a family begins at this share of the number of circles that it needs about, at
+# shares of the circles that need not be whole numbers.
+_BEGIN_SHARE = 0.85
+# Number of halvings of the interval in which the number of circles of a family is sought.
+_HALVINGS = 10
+# A campaign whose expected uncertainties exceed the goals by up to this factor, as a logarithm, by
+# the quick forecast, is judged by the full one.
+_NEAR = 0.03
+# Largest number of full forecasts in one family.
+_MOST_FORECASTS = 8
+# Number of possible machines that tell whether one circle less is worth a full forecast.
+_FEW_MACHINES = 16
+# The effort of a full forecast grows with the square of the number of circles. The next best
+# campaigns are sought while the sum of these squares is below this.
+_MOST_EFFORT = 700
+
+
+@dataclass(frozen=True, eq=False)
+class FoundCampaign:
+    """A campaign that was found, and what its full forecast says."""
+
+    family: CampaignFamily
+    tests: tuple[CircularTest, ...]
+    plan: Campaign
+    stated: StatedByMachines
+
+    def price(self, costs: Costs) -> float:
+        """Return the price of the campaign with its certificates."""
+        return self.family.price(costs, self.tests)
+
+
+def judge_plan(
+    family: CampaignFamily, tests: Sequence[CircularTest], machines: int | None = None
+) -> FoundCampaign:
+    """Return tests of a family with the full forecast of their plan.
+
+    ``machines`` is the number of possible machines; None for the default of every forecast.
+    """
+    plan = family.plan_of(tests)
+    stated = stated_by_machines(family.space.model, plan, machines=machines)
+    return FoundCampaign(family, tuple(tests), plan, stated)
+
+
+def _excess(stated: StatedByMachines, goals: Mapping[str, Goal]) -> Array:
+    """Return ln(u/u*) of every goal on every possible machine, shape (machines, goals)."""
+    columns = []
+    for name, goal in goals.items():
+        k = stated.names.index(name)
+        columns.append(np.log(stated.u[:, k] / goal.limit_u(stated.beta[:, k])))
+    return np.stack(columns, axis=1)
+
+
+def shares_of_machines(stated: StatedByMachines, goals: Mapping[str, Goal]) -> dict[str, float]:
+    """Return the share of possible machines on which each goal is met, and on which all are.
+
+    The key of the latter is empty.
+    """
+    is_met = _excess(stated, goals) <= 0.0
+    shares = {name: float(is_met[:, k].mean()) for k, name in enumerate(goals)}
+    shares[""] = float(is_met.all(axis=1).mean())
+    return shares
+
+
+@dataclass
+class _Progress:
+    """What the search knows of one family so far."""
+
+    family: CampaignFamily
+    circles: int
+    #: best campaign of the last number of circles: number of circles of every candidate
+    counts: Array
+    #: ln of the ratio of full to quick forecast for the largest number of circles
+    lasting_inflation: float = 0.0
+    #: what is added to it for fewer circles, times their number; None before the first full
+    #: forecast
+    inflation: float | None = None
+    forecasts: int = 0
+    last_failed: int = 0  #: largest number of circles that a full forecast found too small
+    started: bool = False
+
+
+@dataclass(order=True)
+class _Entry:
+    """A family in the queue, in the order of the price of its next number of circles."""
+
+    price: float
+    position: int
+    progress: _Progress = field(compare=False)
+
+
+def find_cheapest(
+    families: Sequence[CampaignFamily],
+    goals: Mapping[str, Goal],
+    costs: Costs,
+    probability: float,
+    number: int,
+) -> tuple[FoundCampaign, ...]:
+    """Return the cheapest campaigns that reach all goals, at most one of each family.
+
+    Parameters
+    ----------
+    families
+        Families of campaigns.
+    goals
+        Goals by name of the parameter.
+    costs
+        Costs of circles, set-ups and turns of balls; machine time is limited to its hours.
+    probability
+        Least share of the possible machines on which all goals are met.
+    number
+        Largest number of campaigns.
+
+    Returns
+    -------
+    tuple of FoundCampaign
+        The campaigns, the cheapest first; none if no family reaches the goals.
+    """
+    search = _Search(goals, costs, probability)
+    queue = []
+    for position, family in enumerate(families):
+        circles = family.fewest_circles
+        price = family.lowest_price(costs, circles)
+        no_circles = np.zeros(len(family.space.tests), dtype=int)
+        queue.append(_Entry(price, position, _Progress(family, circles, no_circles)))
+    heapq.heapify(queue)
+    found: list[FoundCampaign] = []
+    while queue and len(found) < number:
+        if found and search.effort > _MOST_EFFORT:
+            break
+        entry = heapq.heappop(queue)
+        progress = entry.progress
+        if not progress.started:
+            follows = search.start(progress)
+        else:
+            campaign = search.attempt(progress)
+            follows = campaign is None
+            if campaign is not None:
+                found.append(campaign)
+            progress.circles += 1
+        if follows and progress.circles <= _MOST_CIRCLES:
+            price = progress.family.lowest_price(costs, progress.circles)
+            heapq.heappush(queue, _Entry(price, entry.position, progress))
+    return tuple(sorted(found, key=lambda campaign: campaign.price(costs)))
+
+
+class _Search:
+    """Search for campaigns: what the full forecasts of one family tell about the others."""
+
+    def __init__(self, goals: Mapping[str, Goal], costs: Costs, probability: float) -> None:
+        self._goals = goals
+        self._costs = costs
+        self._probability = probability
+        #: least of what fewer circles add to ln of the ratio of full to quick forecast, times
+        #: their number
+        self._inflation = np.inf
+        self.effort = 0  #: sum of the squared numbers of circles of all full forecasts
+
+    def start(self, progress: _Progress) -> bool:
+        """Set the number of circles that a family needs at least; return whether any suffices."""
+        family = progress.family
+        progress.started = True
+        if family.quick.floor().max() > 0.0:
+            return False
+        counts = family.best_counts(_CIRCLES_OF_SHARES)
+        many = (_MOST_CIRCLES // _CIRCLES_OF_SHARES) * counts
+        largest = judge_plan(family, family.tests_of(many))
+        if not self._is_met(largest):
+            return False
+        progress.lasting_inflation = max(self._inflation_of(largest, many), 0.0)
+        needed = _least_multiple(family, counts, -progress.lasting_inflation)
+        begin = int(_BEGIN_SHARE * needed * _CIRCLES_OF_SHARES)
+        progress.circles = max(family.fewest_circles, begin)
+        return True
+
+    def _inflation_of(self, campaign: FoundCampaign, counts: Array) -> float:
+        """Return ln of the ratio of full to quick forecast of a campaign."""
+        excess = _excess(campaign.stated, self._goals).max(axis=1)
+        distance = campaign.family.quick.distance(counts)
+        return float(np.quantile(excess, self._probability)) - distance
+
+    def _is_met(self, campaign: FoundCampaign) -> bool:
+        return shares_of_machines(campaign.stated, self._goals)[""] >= self._probability
+
+    def attempt(self, progress: _Progress) -> FoundCampaign | None:
+        """Return the best campaign of a family's present number of circles if it meets the goals.
+
+        It is None if it does not, or takes too long, or does without a setting of the family.
+        """
+        family = progress.family
+        circles = progress.circles
+        counts = family.best_counts(circles, progress.counts)
+        progress.counts = counts
+        tests = family.tests_of(counts)
+        if not self._costs.fits(family.minutes(self._costs, tests)):
+            progress.circles = _MOST_CIRCLES
+            return None
+        distance = family.quick.distance(counts)
+        inflation = self._expected_inflation(progress)
+        if distance + inflation > _NEAR or not family.uses_all(tests):
+            return None
+        if progress.forecasts >= _MOST_FORECASTS:
+            progress.circles = _MOST_CIRCLES
+            return None
+        campaign = self._judge(progress, counts)
+        if not self._is_met(campaign):
+            progress.last_failed = circles
+            return None
+        return self._with_fewer_circles(progress, campaign)
+
+    def _judge(self, progress: _Progress, counts: Array) -> FoundCampaign:
+        """Return a campaign with its full forecast, and learn from it."""
+        progress.forecasts += 1
+        campaign = judge_plan(progress.family, progress.family.tests_of(counts))
+        self.effort += len(campaign.tests) ** 2
+        self._learn(progress, campaign, counts)
+        return campaign
+
+    def _with_fewer_circles(self, progress: _Progress, campaign: FoundCampaign) -> FoundCampaign:
+        """Return the shortest campaign of a family that meets the goals, given one that does."""
+        family = progress.family
+        best = campaign
+        for circles in range(len(campaign.tests) - 1, progress.last_failed, -1):
+            counts = family.best_counts(circles)
+            tests = family.tests_of(counts)
+            if not family.uses_all(tests):
+                break
+            if not self._is_met(judge_plan(family, tests, _FEW_MACHINES)):
+                break
+            shorter = self._judge(progress, counts)
+            if not self._is_met(shorter):
+                break
+            best = shorter
+        return best
+
+    def _learn(self, progress: _Progress, campaign: FoundCampaign, counts: Array) -> None:
+        """Learn from a full forecast by how much the quick one is too good."""
+        added = self._inflation_of(campaign, counts) - progress.lasting_inflation
+        progress.inflation = max(added, 0.0) * len(campaign.tests)
+        self._inflation = min(self._inflation, progress.inflation)
+
+    def _expected_inflation(self, progress: _Progress) -> float:
+        """Return ln of the ratio of full to quick forecast to expect of a family.
+
+        With more circles the analysis knows the scales of noise and effects better: what fewer
+        circles add falls as one over their number.
+        """
+        inflation = progress.inflation
+        if inflation is None:
+            inflation = 0.0 if np.isinf(self._inflation) else self._inflation
+        return progress.lasting_inflation + inflation / progress.circles
+
+
+def _least_multiple(family: CampaignFamily, counts: Array, distance: float) -> float:
+    """Return by how much circles must be multiplied to come as near to the goals as asked.
+
+    ``counts`` are numbers of circles; multiplied ones need not be whole. ``distance`` is that from
+    the goals by the quick forecast.
+    """
+    low = -np.log(_CIRCLES_OF_SHARES)
+    high = np.log(_MOST_CIRCLES / _CIRCLES_OF_SHARES)
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        if family.quick.distance(counts * np.exp(middle)) > distance:
+            low = middle
+        else:
+            high = middle
+    return float(np.exp(high))

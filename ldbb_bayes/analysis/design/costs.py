@@ -1,0 +1,100 @@
+"""Costs of a campaign: machine time, and certificates of the instrument.
+
+Machine time is the number of circles, of set-ups and of turns of the balls, each times the minutes
+that it takes. Circles of one plane, radius and set-up are run in one set-up, in which the balls are
+turned once for every further clocking (pair of angles of the balls). Money is machine time times
+its price, and the prices of certificates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ldbb_bayes.campaign.campaign import CircularTest
+from ldbb_bayes.errors import require
+from ldbb_bayes.results import Result
+
+__all__ = ["Costs", "minutes_of", "price_of"]
+
+_MINUTES_PER_HOUR = 60.0
+# Angles of the balls that differ by less than this count as one clocking [°].
+_CLOCKING_DIGITS = 6
+
+
+@dataclass(frozen=True)
+class Costs(Result):
+    """What circles, set-ups, turns of the balls and machine time cost.
+
+    Examples
+    --------
+    >>> from ldbb_bayes.analysis.design import Costs, minutes_of
+    >>> costs = Costs(minutes_per_circle=4.0)
+    >>> minutes_of(costs, campaign.plan().tests)  # six circles in one set-up
+    39.0
+    """
+
+    minutes_per_circle: float = 3.0  #: minutes for one circle, with setting its force
+    minutes_per_setup: float = 15.0  #: minutes for every set-up: one for each plane and radius
+    minutes_per_clocking: float = 5.0  #: minutes for every turn of the balls within a set-up
+    #: price of an hour of machine time, in the unit of money of the certificates' prices
+    price_per_hour: float = 60.0
+    hours: float | None = None  #: longest machine time of the campaign [h]; None for no limit
+
+    def __post_init__(self) -> None:
+        for name in (
+            "minutes_per_circle",
+            "minutes_per_setup",
+            "minutes_per_clocking",
+            "price_per_hour",
+        ):
+            value = getattr(self, name)
+            require(
+                np.isfinite(value) and value >= 0.0,
+                f"{name} must be a number of at least 0, got {value}. Correct it.",
+            )
+        require(
+            self.minutes_per_circle > 0.0,
+            "minutes_per_circle must be above 0, got 0. Circles for nothing have no cheapest"
+            " number.",
+        )
+        require(
+            self.price_per_hour > 0.0,
+            "price_per_hour must be above 0, got 0. Leave it out to compare machine times.",
+        )
+        require(
+            self.hours is None or (np.isfinite(self.hours) and self.hours > 0.0),
+            f"hours must be above 0, got {self.hours}. Leave it out for no limit.",
+        )
+
+    def fits(self, minutes: float) -> bool:
+        """Return whether a machine time [min] is within the limit, if there is one."""
+        return self.hours is None or minutes <= _MINUTES_PER_HOUR * self.hours
+
+
+def minutes_of(costs: Costs, tests: Iterable[CircularTest]) -> float:
+    """Return the machine time of tests, whatever the order in which they are listed [min]."""
+    clockings_by_setup: dict[tuple[str, float, int], set[tuple[float, float]]] = {}
+    circles = 0
+    for test in tests:
+        circles += 1
+        setup = (str(test.plane), float(test.radius_mm or 0.0), test.setup or 1)
+        clocking = (
+            round(test.work_ball_deg % 360.0, _CLOCKING_DIGITS),
+            round(test.tool_ball_deg % 360.0, _CLOCKING_DIGITS),
+        )
+        clockings_by_setup.setdefault(setup, set()).add(clocking)
+    setups = len(clockings_by_setup)
+    turns = sum(len(clockings) for clockings in clockings_by_setup.values()) - setups
+    return (
+        costs.minutes_per_circle * circles
+        + costs.minutes_per_setup * setups
+        + costs.minutes_per_clocking * turns
+    )
+
+
+def price_of(costs: Costs, minutes: float, certificates: float = 0.0) -> float:
+    """Return the price of machine time [min] and of certificates, in the unit of their prices."""
+    return costs.price_per_hour * minutes / _MINUTES_PER_HOUR + certificates

@@ -1,0 +1,367 @@
+"""From goals to the cheapest campaign: which circles and certificates reach every goal.
+
+A goal is the largest expanded uncertainty U (k = 2) that a parameter may have. The pilot is the
+campaign or plan that a design starts from. Machines like the pilot's are those that its readings
+leave possible; a campaign reaches its goals if the analysis of its readings will meet all of them
+on a stated share of these machines.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field
+
+from ldbb_bayes.analysis.design.campaign_family import CampaignFamily, families_of
+from ldbb_bayes.analysis.design.candidates import Clocking
+from ldbb_bayes.analysis.design.certificate_offers import (
+    CertificateOffer,
+    offers_in,
+    sets_of_offers,
+)
+from ldbb_bayes.analysis.design.cheapest_search import (
+    FoundCampaign,
+    find_cheapest,
+    judge_plan,
+    shares_of_machines,
+)
+from ldbb_bayes.analysis.design.costs import Costs
+from ldbb_bayes.analysis.design.customary_plans import equal_steps_both_ways, published_forces
+from ldbb_bayes.analysis.design.forecast import Expected, forecast_plan, states_of
+from ldbb_bayes.analysis.design.goals import COVERAGE_FACTOR, Goal, goals_in
+from ldbb_bayes.analysis.design.obstacles import Obstacle, obstacles_of
+from ldbb_bayes.analysis.design.space import Space
+from ldbb_bayes.analysis.design.states import States, states_before
+from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Direction
+from ldbb_bayes.errors import InputError, check_probability, require
+from ldbb_bayes.model.hybrid import HybridModel
+from ldbb_bayes.results import Records, Result
+
+__all__ = [
+    "CustomaryPlan",
+    "GoalDesign",
+    "GoalForecast",
+    "GoalPlan",
+    "StatedGoal",
+    "design_for_goals",
+]
+
+# Clockings to choose from: balls as they are, and both turned. At 45° the form error of orders 2, 3
+# and 4 turns by 90, 135 and 180°.
+_CLOCKINGS: tuple[Clocking, ...] = ((0.0, 0.0), (45.0, 45.0))
+_DIRECTIONS: tuple[Direction, ...] = ("CW", "CCW")
+# Number of forces to choose from, in equal steps over the pilot's range.
+_FORCE_LEVELS = 5
+# Number of campaigns that are shown: the cheapest, and the next best two.
+_SHOWN = 3
+
+
+@dataclass(frozen=True)
+class StatedGoal(Result):
+    """A goal as it was stated, and what the pilot's readings say about its parameter."""
+
+    goal: Goal
+    #: largest U (k = 2) that the goal allows at the pilot's estimate, in the parameter's unit
+    limit_U: float
+    value: float  #: the pilot's estimate of the parameter; the prior mean for a plan
+    U: float  #: expanded uncertainty (k = 2) of the pilot's estimate
+    met_by_pilot: bool  #: whether the pilot's readings meet the goal, so that nothing is needed
+
+
+@dataclass(frozen=True)
+class GoalForecast(Result):
+    """What a campaign will state about the parameter of one goal."""
+
+    unit: str
+    U: float  #: expanded uncertainty (k = 2) that half of all possible machines state at most
+    likely_U: float  #: expanded uncertainty that nine in ten of them state at most
+    probability: float  #: share of the possible machines on which the goal is met
+
+
+@dataclass(frozen=True, eq=False)
+class GoalPlan(Result):
+    """A campaign that reaches the goals: its circles, its certificates and what it costs."""
+
+    #: one row per different test: force_N, settings in which tests differ, and count
+    tests: Records
+    circles: int
+    certificates: tuple[str, ...]  #: certificates to buy, such as "balls of grade G10"
+    minutes: float  #: machine time [min]
+    price: float  #: price of machine time and certificates, in the unit of money of the prices
+    probability: float  #: share of the possible machines on which all goals are met
+    goals: dict[str, GoalForecast]  #: forecast of every goal that is not met by the pilot
+    expected: dict[str, Expected]  #: expected uncertainty of every parameter
+    #: the plan in the order in which to run it; None where the design was read from a file
+    planned: Annotated[Any, Field(exclude=True)] = None
+
+    def plan(self) -> Campaign:
+        """Return the campaign as a plan, in the order in which to run it.
+
+        Returns
+        -------
+        Campaign
+            The plan, with the certificates that it counts on.
+
+        Raises
+        ------
+        InputError
+            If the design was read from a file.
+        """
+        if not isinstance(self.planned, Campaign):
+            raise InputError(
+                "a plan must be at hand, got a design read from a file. Read the plan beside it."
+            )
+        return self.planned
+
+
+@dataclass(frozen=True, eq=False)
+class CustomaryPlan(Result):
+    """A campaign as people run it today, beside as many circles of the plan's kind."""
+
+    name: str  #: what it is, such as "equal steps"
+    customary: GoalPlan
+    ours: GoalPlan  #: the same number of circles, chosen for the goals
+
+
+@dataclass(frozen=True, eq=False)
+class GoalDesign(Result):
+    """The cheapest campaign that reaches every goal, the next best two, and what stands in the way.
+
+    Examples
+    --------
+    >>> cheapest = lb.design(
+    ...     lb.HybridModel.first(0), campaign, goals={"C_XXX": "15 %"}, forces_N=(36.0, 742.0)
+    ... )
+    >>> cheapest.best.circles, cheapest.best.minutes
+    (2, 21.0)
+    >>> cheapest.best.probability
+    1.0
+    """
+
+    goals: dict[str, StatedGoal]  #: goals by name of the parameter
+    probability: float  #: least share of the possible machines on which all goals are to be met
+    costs: Costs
+    #: campaigns that reach all goals that can be reached and are not met yet, the cheapest first;
+    #: none if nothing is needed, or if time is too short
+    plans: tuple[GoalPlan, ...]
+    obstacles: dict[str, Obstacle]  #: goals that no number of circles reaches, by name
+    #: goals that neither circles nor the certificates on offer reach; the plans leave them out
+    unreachable: tuple[str, ...]
+    #: campaigns as people run them today; none where nothing is needed or reached
+    customary: tuple[CustomaryPlan, ...]
+    measured: bool  #: whether the pilot has readings
+    pilot: str  #: name of the pilot
+
+    @property
+    def best(self) -> GoalPlan:
+        """The cheapest campaign; an `InputError` is raised if there is none."""
+        require(
+            self.plans,
+            "a campaign must be found before it can be run, got none. See met_by_pilot, obstacles"
+            " and costs.hours.",
+        )
+        return self.plans[0]
+
+    def plan(self) -> Campaign:
+        """Return the cheapest campaign as a plan, in the order in which to run it.
+
+        Returns
+        -------
+        Campaign
+            The plan, with the certificates that it counts on.
+
+        Raises
+        ------
+        InputError
+            If no campaign was found, or the design was read from a file.
+        """
+        return self.best.plan()
+
+
+def design_for_goals(
+    model: HybridModel,
+    pilot: Campaign,
+    stated: Mapping[str, Any],
+    *,
+    costs: Costs | None = None,
+    certificates: Mapping[str, float] | None = None,
+    probability: float = 0.9,
+    forces_N: Sequence[float] | None = None,
+    clockings_deg: Sequence[Clocking] | None = None,
+    radii_mm: Sequence[float] = (),
+    directions: Sequence[Direction] = (),
+    augment: bool = False,
+    seed: int = 1,
+) -> GoalDesign:
+    """Return the cheapest campaign that reaches goals, as `ldbb_bayes.design` describes it."""
+    costs = costs or Costs()
+    check_probability(probability, "probability")
+    require(
+        not model.prior.flat,
+        "goals must be held against proper priors, got flat ones. Use the default preset.",
+    )
+    offers = offers_in(certificates or {})
+    goals = goals_in(model.bind(pilot), stated)
+    if forces_N is None:
+        low = float(pilot.forces_N.min())
+        high = float(pilot.forces_N.max())
+        forces_N = tuple(np.unique(np.linspace(low, high, _FORCE_LEVELS)).tolist())
+    space = Space(
+        model=model,
+        pilot=pilot,
+        forces_N=forces_N,
+        clockings_deg=clockings_deg or _CLOCKINGS,
+        radii_mm=radii_mm,
+        directions=directions or _DIRECTIONS,
+        parameters=tuple(goals),
+        augment=augment,
+        seed=seed,
+    )
+    known = _what_is_known(space, goals)
+    needed = {name: goal for name, goal in goals.items() if not known[name].met_by_pilot}
+    return _describe(space, known, needed, costs, offers, probability)
+
+
+def _what_is_known(space: Space, goals: Mapping[str, Goal]) -> dict[str, StatedGoal]:
+    """Return goals with the estimates and uncertainties that the pilot's readings give."""
+    pilot = space.pilot
+    states = states_of(space.model, pilot)
+    bound = space.bound
+    if pilot.is_plan:
+        mean = np.asarray(bound.prior_mean)
+        sd = np.asarray(bound.prior_sd)
+    else:
+        after = states_before(space.model, pilot, len(states.phi), space.seed, augment=True).before
+        mean = after.mean.mean(axis=0)
+        sd = np.sqrt((after.sd**2).mean(axis=0) + after.mean.var(axis=0))
+    stated = {}
+    for name, goal in goals.items():
+        k = bound.names.index(name)
+        value = float(mean[k])
+        if pilot.is_plan:
+            value = float(np.median(np.abs(states.beta[:, k])))
+        u = float(sd[k])
+        is_met = bool(goal.is_met(value, u)) and not pilot.is_plan
+        limit_U = float(goal.limit_U(value))
+        stated[name] = StatedGoal(goal, limit_U, value, COVERAGE_FACTOR * u, is_met)
+    return stated
+
+
+def _describe(
+    space: Space,
+    known: dict[str, StatedGoal],
+    needed: Mapping[str, Goal],
+    costs: Costs,
+    offers: Sequence[CertificateOffer],
+    probability: float,
+) -> GoalDesign:
+    """Return the design for the goals that are needed: not met by the pilot's readings."""
+    plans: tuple[GoalPlan, ...] = ()
+    customary: tuple[CustomaryPlan, ...] = ()
+    obstacles: dict[str, Obstacle] = {}
+    unreachable: tuple[str, ...] = ()
+    if needed:
+        plan = space.plan_of(space.tests[:1], seed=space.seed)
+        states = states_of(space.model, plan)
+        sets = sets_of_offers(offers, space.pilot.instrument)
+        widest = replace(space, parameters=tuple(needed))
+        obstacles = obstacles_of(CampaignFamily(widest, (), needed, states))
+        reachable = _reachable(widest, sets, needed, states)
+        unreachable = tuple(name for name in needed if name not in reachable)
+        if reachable:
+            narrowed = replace(space, parameters=tuple(reachable))
+            families = tuple(families_of(narrowed, sets, reachable, states))
+            found = find_cheapest(families, reachable, costs, probability, _SHOWN)
+            plans = tuple(_plan_of(campaign, reachable, costs) for campaign in found)
+            if found:
+                customary = _customary_plans(found[0], reachable, costs)
+    return GoalDesign(
+        goals=known,
+        probability=probability,
+        costs=costs,
+        plans=plans,
+        obstacles=obstacles,
+        unreachable=unreachable,
+        customary=customary,
+        measured=not space.pilot.is_plan,
+        pilot=space.pilot.name,
+    )
+
+
+def _reachable(
+    space: Space,
+    sets: Sequence[tuple[CertificateOffer, ...]],
+    goals: Mapping[str, Goal],
+    states: States,
+) -> dict[str, Goal]:
+    """Return the goals that very many circles reach, with some of the certificates on offer."""
+    reachable: dict[str, Goal] = {}
+    for offers in sets:
+        floor = CampaignFamily(space, offers, goals, states).quick.floor()
+        for name, distance in zip(goals, floor.tolist(), strict=True):
+            if distance <= 0.0:
+                reachable[name] = goals[name]
+        if len(reachable) == len(goals):
+            break
+    return {name: goal for name, goal in goals.items() if name in reachable}
+
+
+def _plan_of(campaign: FoundCampaign, goals: Mapping[str, Goal], costs: Costs) -> GoalPlan:
+    """Return a campaign as it is shown, with its costs and its forecast."""
+    family = campaign.family
+    shares = shares_of_machines(campaign.stated, goals)
+    expected = forecast_plan(family.space.model, campaign.plan).expected
+    forecasts = {}
+    for name in goals:
+        entry = expected[name]
+        forecasts[name] = GoalForecast(
+            unit=entry.unit,
+            U=COVERAGE_FACTOR * entry.sd,
+            likely_U=COVERAGE_FACTOR * entry.likely_sd,
+            probability=shares[name],
+        )
+    frame = family.space.frame(campaign.tests)
+    return GoalPlan(
+        tests=frame.value_counts(sort=False).rename("count").reset_index(),
+        circles=len(campaign.tests),
+        certificates=tuple(offer.name for offer in family.offers),
+        minutes=family.minutes(costs, campaign.tests),
+        price=campaign.price(costs),
+        probability=shares[""],
+        goals=forecasts,
+        expected=expected,
+        planned=campaign.plan,
+    )
+
+
+def _customary_plans(
+    best: FoundCampaign, goals: Mapping[str, Goal], costs: Costs
+) -> tuple[CustomaryPlan, ...]:
+    """Return campaigns as people run them today, beside as many circles of the best kind.
+
+    They are run with the certificates at hand, at the radius of the best campaign.
+    """
+    family = best.family
+    uncertified = CampaignFamily(family.space, (), goals, family.states)
+    space = family.space
+    template = replace(space.templates[0], radius_mm=float(space.radii_mm[0]))
+    lowest_N = float(space.pilot.forces_N.min())
+    highest_N = float(space.pilot.forces_N.max())
+    named: dict[str, tuple[CircularTest, ...]] = {
+        "equal steps": equal_steps_both_ways(template, lowest_N, highest_N, len(best.tests)),
+        "seven published forces": published_forces(template, lowest_N, highest_N),
+    }
+    plans = []
+    for name, tests in named.items():
+        customary = judge_plan(uncertified, tests)
+        ours = best
+        if len(tests) != len(best.tests):
+            counts = family.best_counts(len(tests))
+            ours = judge_plan(family, family.tests_of(counts))
+        plans.append(
+            CustomaryPlan(name, _plan_of(customary, goals, costs), _plan_of(ours, goals, costs))
+        )
+    return tuple(plans)

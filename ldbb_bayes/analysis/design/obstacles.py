@@ -1,0 +1,142 @@
+"""Goals that no number of circles reaches: what holds each, and which certificate would help.
+
+Very many of all circles that could be run leave what they cannot measure. An uncertainty that
+remains above its goal then is held by an effect that all circles share.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ldbb_bayes.analysis.design.campaign_family import CampaignFamily
+from ldbb_bayes.analysis.design.certificate_offers import CertificateOffer
+from ldbb_bayes.analysis.design.goals import COVERAGE_FACTOR
+from ldbb_bayes.analysis.design.states import extend_hyper_parameters
+from ldbb_bayes.analysis.origins import Origin
+from ldbb_bayes.analysis.value_of_certificates import missing_certificates
+from ldbb_bayes.analysis.variance_sources import sources_of
+from ldbb_bayes.model.bound_information import information_of
+from ldbb_bayes.results import Result
+
+__all__ = ["Obstacle", "obstacles_of"]
+
+# A certificate is named if it leaves less than this share of the uncertainty that circles leave.
+_WORTH_SHARE = 0.9
+_ALL_CERTIFICATES = "all certificates together"
+
+
+@dataclass(frozen=True)
+class Obstacle(Result):
+    """What keeps a goal from being reached by circles, whatever their number."""
+
+    #: expanded uncertainty (k = 2) that very many circles would leave, in the parameter's unit
+    U_floor: float
+    held_by: str  #: model term or parameter that holds most of it, such as ``Mount``
+    share: float  #: share of ``held_by`` in the variance that very many circles leave
+    #: certificate that would help most, such as "mount ± 2 %"; empty if none would
+    certificate: str
+    #: expanded uncertainty that very many circles would leave with the certificate
+    U_with_certificate: float
+    reached: bool  #: whether the goal can be reached with the certificate
+
+
+def obstacles_of(family: CampaignFamily) -> dict[str, Obstacle]:
+    """Return what keeps goals from being reached by any number of circles, by name of the goal.
+
+    ``family`` has all clockings and radii that may be used, and no certificate that is not at hand.
+    Goals that circles can reach are left out.
+    """
+    floor = dict(zip(family.goals, family.quick.floor().tolist(), strict=True))
+    stuck = [name for name, distance in floor.items() if distance > 0.0]
+    if not stuck:
+        return {}
+    floors_with: dict[str, dict[str, float]] = {}
+    statements_of_all: dict[str, object] = {}
+    missing = missing_certificates(family.space.pilot.instrument)
+    for certificate, statements in missing.items():
+        floors_with[certificate] = _floors_with(family, certificate, statements)
+        statements_of_all.update(statements)
+    if len(missing) > 1:
+        floors_with[_ALL_CERTIFICATES] = _floors_with(family, _ALL_CERTIFICATES, statements_of_all)
+    allowed = _typical_limits(family)
+    held_by = _held_by(family)
+    obstacles = {}
+    for name in stuck:
+        certificate, distance = _most_helpful(name, floor[name], floors_with)
+        obstacles[name] = Obstacle(
+            U_floor=allowed[name] * float(np.exp(floor[name])),
+            held_by=held_by[name].name,
+            share=held_by[name].share,
+            certificate=certificate,
+            U_with_certificate=allowed[name] * float(np.exp(distance)),
+            reached=distance <= 0.0,
+        )
+    return obstacles
+
+
+def _floors_with(
+    family: CampaignFamily, name: str, statements: Mapping[str, object]
+) -> dict[str, float]:
+    """Return ln(u/u*) of every goal that very many circles leave with a certificate."""
+    offer = CertificateOffer(name, 0.0, statements)
+    certified = CampaignFamily(family.space, (offer,), family.goals, family.states)
+    return dict(zip(family.goals, certified.quick.floor().tolist(), strict=True))
+
+
+def _most_helpful(
+    name: str, floor: float, floors_with: Mapping[str, Mapping[str, float]]
+) -> tuple[str, float]:
+    """Return the certificate that helps a goal, and ln(u/u*) that very many circles leave with it.
+
+    The first certificate that is enough is taken, else the one that helps most. All together are
+    taken only if no single one is enough and they are.
+    """
+    singles = [key for key in floors_with if key != _ALL_CERTIFICATES]
+    for key in floors_with:
+        if floors_with[key][name] <= 0.0:
+            return key, floors_with[key][name]
+    if not singles:
+        return "", floor
+    best = min(singles, key=lambda key: floors_with[key][name])
+    distance = floors_with[best][name]
+    if distance > floor + np.log(_WORTH_SHARE):
+        return "", floor
+    return best, distance
+
+
+def _typical_limits(family: CampaignFamily) -> dict[str, float]:
+    """Return the expanded uncertainty that every goal allows, as a mean over possible machines."""
+    limits = {}
+    for name, goal in family.goals.items():
+        beta = family.states.beta[:, family.bound.names.index(name)]
+        limits[name] = COVERAGE_FACTOR * float(np.exp(np.log(goal.limit_u(beta)).mean()))
+    return limits
+
+
+@dataclass(frozen=True)
+class _Holder:
+    """The source of most of the variance of a parameter that circles do not reduce."""
+
+    name: str
+    share: float
+
+
+def _held_by(family: CampaignFamily) -> dict[str, _Holder]:
+    """Return what holds the parameters of the goals after one circle of every kind.
+
+    What is measured there would become better known with more circles, and is not counted.
+    """
+    bound = family.bound
+    run = len(family.space.pilot.tests) if family.space.augment else 0
+    phi = np.sqrt((extend_hyper_parameters(bound, family.states.phi, run) ** 2).mean(axis=0))
+    sources = sources_of(bound, information_of(bound, phi))
+    holders = {}
+    for name in family.goals:
+        remaining = [s for s in sources[name].sources if s.origin != Origin.MEASURED]
+        total = sum(source.share for source in remaining)
+        largest = max(remaining, key=lambda source: source.share)
+        holders[name] = _Holder(largest.name, largest.share / total)
+    return holders
