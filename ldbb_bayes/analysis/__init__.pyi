@@ -8,7 +8,9 @@ from .comparison import read_comparison as read_comparison
 from .compliance_change import ChangeWithForce as ChangeWithForce
 from .compliance_change import change_with_force as change_with_force
 from .conformity import Conformity as Conformity
+from .design import Costs as Costs
 from .design import Design as Design
+from .design import GoalDesign as GoalDesign
 from .design import NextCircle as NextCircle
 from .design import forecast_plan as forecast_plan
 from .design import next_circle as next_circle

@@ -18,7 +18,7 @@ from ldbb_bayes.cli.options import EXIT_MISSED, Kind, command, group, options_of
 from ldbb_bayes.cli.output import drawing
 from ldbb_bayes.cli.progress import counting_progress
 from ldbb_bayes.cli.ranges import read_clockings, read_range
-from ldbb_bayes.cli.values import pairs_in
+from ldbb_bayes.cli.values import names_in, numbers_in, pairs_in
 from ldbb_bayes.errors import require
 from ldbb_bayes.model.hybrid import DEGREE_NAMES
 from ldbb_bayes.parallel import executor_named
@@ -169,13 +169,38 @@ def _read_designs(entries: list[str], flag: str) -> dict[str, lb.Campaign]:
     return {name: lb.read_campaign(Path(path)) for name, path in paths.items()}
 
 
+def _read_directions(entry: str, flag: str) -> tuple[str, ...]:
+    """Return the directions of travel that a text lists, both for the word ``both``."""
+    if entry.strip().lower() == "both":
+        return ("CW", "CCW")
+    return names_in(entry)
+
+
+def _read_prices(entry: str, flag: str) -> dict[str, float]:
+    """Return prices by certificate from a text such as ``balls G10=300,bar=150``."""
+    prices = {}
+    for name, text in pairs_in(names_in(entry), flag, "NAME=PRICE").items():
+        prices[name.strip()] = numbers_in(text, flag)[0]
+    return prices
+
+
 _DESIGN_OPTIONS = group(
     **options_of(
         "design",
         range=Kind(str, read_range),
         clockings=Kind(str, read_clockings),
         designs=Kind(list[str], _read_designs),
+        directions=Kind(str, _read_directions),
+        prices=Kind(str, _read_prices),
     )
+)
+# Options of the command design that say what a campaign costs.
+_COST_OPTIONS = (
+    "minutes_per_circle",
+    "minutes_per_setup",
+    "minutes_per_clocking",
+    "price_per_hour",
+    "hours",
 )
 
 
@@ -191,7 +216,20 @@ def design(
     The given campaign, on which the choice is based, may be a plan (without readings). The tests
     are written into --out DIR as a plan, in the order in which to run them, with the model for
     their analysis. Exit code 1: the tests are not proven to be the best.
+
+    With --goal, find the cheapest campaign and certificates that reach every goal for an expanded
+    uncertainty, the next best two, and what stands in the way of goals that no number of circles
+    reaches. Exit code 1: a goal is not reached.
     """
+    if "goals" in settings:
+        _design_for_goals(source, model, output, settings)
+        return
+    for name in (*_COST_OPTIONS, "certificates", "probability"):
+        require(
+            name not in settings,
+            f"--{name.replace('_', '-')} must go with --goal, got none. Give for example --goal"
+            " C_XXX=5%.",
+        )
     # This is imported here, because it loads SciPy, which takes a long time.
     from ldbb_bayes.model.specification import model_to_toml
 
@@ -226,6 +264,40 @@ def design(
         note=", a plan; model.toml is for its analysis (fit --model)",
     )
     if not result.certificate.holds:
+        raise typer.Exit(EXIT_MISSED)
+
+
+def _design_for_goals(
+    source: SourceCampaign,
+    model: lb.HybridModel,
+    output: arguments.OutputOptions,
+    settings: dict[str, Any],
+) -> None:
+    """Find the cheapest campaign that reaches goals, print it and write it as a plan."""
+    # These are imported here, because they load SciPy, which takes a long time.
+    from ldbb_bayes.analysis.design import Costs
+    from ldbb_bayes.model.specification import model_to_toml
+
+    output.check("campaign.toml", "model.toml", "goals.json")
+    costs = {name: settings.pop(name) for name in _COST_OPTIONS if name in settings}
+    result = lb.design(model, source.campaign, costs=Costs(**costs), **settings)
+    record = {"schema": 1, "seed": settings["seed"], **lb.report.with_words(result)}
+    contents: dict[str, Any] = {"goals.json": record}
+    passages = [*_assumptions_of(source), *_with_remarks(parts_of(result), source.campaign)]
+    write_more = None
+    if result.plans:
+        plan = result.plan()
+        contents["model.toml"] = model_to_toml(result.best.model)
+        passages.append(f"Run in this order: {_running_order(plan)}")
+        write_more = partial(write_campaign_into, plan)
+    output.deliver(
+        record,
+        tuple(passages),
+        contents,
+        write_more=write_more,
+        note=", a plan; model.toml is for its analysis (fit --model)",
+    )
+    if not result.all_reached:
         raise typer.Exit(EXIT_MISSED)
 
 

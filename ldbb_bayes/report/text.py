@@ -25,6 +25,7 @@ from ldbb_bayes.model.hybrid import HybridModel, Simulation
 from ldbb_bayes.reading.importing import Imported
 from ldbb_bayes.report import (
     campaign_text,  # noqa: F401 - its import registers functions for campaigns
+    goal_design_text,  # noqa: F401 - its import registers functions for goals
     identifiability_text,  # noqa: F401 - its import registers functions for identifiability
     machine_text,  # noqa: F401 - its import registers functions for machines
     next_circle_text,  # noqa: F401 - its import registers functions for the next circle

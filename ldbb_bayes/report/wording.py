@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from ldbb_bayes.analysis.calibration import Validation
     from ldbb_bayes.analysis.comparison import Comparison
     from ldbb_bayes.analysis.cures import Cure
-    from ldbb_bayes.analysis.design import Design, NextCircle
+    from ldbb_bayes.analysis.design import Design, GoalDesign, NextCircle
     from ldbb_bayes.analysis.machine_description import VisibleParameter
     from ldbb_bayes.analysis.remedies import Remedy
     from ldbb_bayes.analysis.verdicts import (
@@ -94,6 +94,7 @@ __all__ = [
     "direction_words",
     "expectation",
     "fit_verdict",
+    "goal_design_sentences",
     "held_by_words",
     "identifiability_screen",
     "identifiability_sentences",
@@ -1049,6 +1050,29 @@ def _varied_settings(design: Design) -> list[str]:
     if bool((table[clockings] != 0.0).any(axis=None)):
         return clockings + varied
     return varied
+
+
+# ---- sentences on the cheapest campaign for goals
+
+
+def goal_design_sentences(result: GoalDesign) -> tuple[str, ...]:
+    """Return sentences on the cheapest campaign for goals, and on what stands in their way."""
+    met = [name for name, stated in result.goals.items() if stated.met_by_pilot]
+    obstacles = []
+    for name, obstacle in result.obstacles.items():
+        factor, unit = display_unit(result.goals[name].goal.unit)
+        obstacles.append(
+            {
+                "name": display_name(name),
+                "floor": f"{two_digits(obstacle.U_floor, factor)} {unit}",
+                "held_by": _source_in_table(obstacle.held_by),
+                "share": f"{100.0 * obstacle.share:.0f} %",
+                "certificate": obstacle.certificate,
+                "with_certificate": f"{two_digits(obstacle.U_with_certificate, factor)} {unit}",
+                "reached": obstacle.reached,
+            }
+        )
+    return _sentences("goal_design_sentences", result, met, obstacles)
 
 
 # ---- sentences on the next circle

@@ -12,7 +12,7 @@ from campaigns import oracle_of, plan, refuses, simulated
 from scipy import stats
 
 import ldbb_bayes as lb
-from ldbb_bayes.analysis.design.campaign_design import _analysis_model
+from ldbb_bayes.analysis.design.analysis_model import analysis_model
 from ldbb_bayes.analysis.design.space import Space
 from ldbb_bayes.analysis.design.states import states_before
 from ldbb_bayes.errors import InputError
@@ -246,7 +246,7 @@ def test_plans_start_from_the_means() -> None:
     assert distance[:, index].max() < 5.0
     smaller = replace(SMALL, tests=SMALL.tests[:2])
     space = Space(model, SMALL, (36.0, 400.0))
-    two_tests = _analysis_model(space, smaller.tests).bind(smaller)
+    two_tests = analysis_model(space, smaller.tests).bind(smaller)
     np.testing.assert_array_equal(two_tests.prior_mean, bound.prior_mean)
     np.testing.assert_allclose(two_tests.prior_sd, bound.prior_sd)
 

@@ -20,6 +20,7 @@ from pydantic import Field
 
 from ldbb_bayes.analysis.aliases import Degeneracy, degeneracies
 from ldbb_bayes.analysis.cures import Cure, cures
+from ldbb_bayes.analysis.design.analysis_model import analysis_model
 from ldbb_bayes.analysis.design.candidates import Clocking, bind_tests
 from ldbb_bayes.analysis.design.costs import Costs
 from ldbb_bayes.analysis.design.forecast import Expected, Forecast, states_of
@@ -599,7 +600,7 @@ def _describe_design(
         measured=not space.pilot.is_plan,
         pilot=pilot,
         sensitivity=candidates.assign(sensitivity=optimum.sensitivity),
-        planned=Planned(tests, space, _analysis_model(space, tests)),
+        planned=Planned(tests, space, analysis_model(space, tests)),
     )
 
 
@@ -629,39 +630,6 @@ def _certificate_of(space: Space, optimum: Optimum) -> Certificate:
         bound=optimum.bound,
         is_global=space.search.objective.criterion.concave,
         holds=highest <= optimum.bound * (1.0 + _CERTIFICATE_TOLERANCE),
-    )
-
-
-def _analysis_model(space: Space, tests: Sequence[CircularTest]) -> HybridModel:
-    """Return the model for an analysis of these tests alone.
-
-    Its reference force and the prior standard deviations of the slopes are those of the pilot: the
-    campaign or plan that the design starts from.
-    """
-    model = space.model
-    setting = space.bound.setting
-    prior = model.prior
-    unconstrained = replace(model, fixed=(), prior=replace(prior, overrides={}, means={}))
-    plan = replace(space.pilot, tests=tuple(tests), foreseen=())
-    names = BoundModel(unconstrained, plan, pilot=space.pilot).names
-
-    overrides = dict(prior.overrides)
-    forces = [float(test.force_N or 0.0) for test in tests]
-    force_range_N = max(forces) - min(forces)
-    if not (prior.flat or np.isclose(force_range_N, setting.force_range_N, rtol=1e-9)):
-        # The default prior standard deviation of a slope depends on the range of force of the
-        # tests. State its value for the campaign that the design starts from, so that the model
-        # keeps it.
-        for parameter in space.bound.parameters:
-            if parameter.group == "slope":
-                overrides[parameter.name] = parameter.prior_sd
-    overrides = {name: sd for name, sd in overrides.items() if name in names}
-    means = {name: mean for name, mean in prior.means.items() if name in names}
-    return replace(
-        model,
-        reference_force_N=setting.reference_force_N,
-        fixed=tuple(name for name in model.fixed if name in names),
-        prior=replace(prior, overrides=overrides, means=means),
     )
 
 

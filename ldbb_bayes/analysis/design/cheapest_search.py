@@ -109,7 +109,7 @@ class _Progress:
 
 
 @dataclass(order=True)
-class _Entry:
+class _QueuedFamily:
     """A family in the queue, in the order of the price of its next number of circles."""
 
     price: float
@@ -124,7 +124,10 @@ def find_cheapest(
     probability: float,
     number: int,
 ) -> tuple[FoundCampaign, ...]:
-    """Return the cheapest campaigns that reach all goals, at most one of each family.
+    """Return the cheapest campaigns that reach all goals, one of each family.
+
+    Where fewer families than asked for reach them, campaigns of the cheapest with more circles
+    follow.
 
     Parameters
     ----------
@@ -150,7 +153,7 @@ def find_cheapest(
         circles = family.fewest_circles
         price = family.lowest_price(costs, circles)
         no_circles = np.zeros(len(family.space.tests), dtype=int)
-        queue.append(_Entry(price, position, _Progress(family, circles, no_circles)))
+        queue.append(_QueuedFamily(price, position, _Progress(family, circles, no_circles)))
     heapq.heapify(queue)
     found: list[FoundCampaign] = []
     while queue and len(found) < number:
@@ -168,8 +171,25 @@ def find_cheapest(
             progress.circles += 1
         if follows and progress.circles <= _MOST_CIRCLES:
             price = progress.family.lowest_price(costs, progress.circles)
-            heapq.heappush(queue, _Entry(price, entry.position, progress))
+            heapq.heappush(queue, _QueuedFamily(price, entry.position, progress))
+    found.sort(key=lambda campaign: campaign.price(costs))
+    if found:
+        found += _with_more_circles(found[0], number - len(found), costs)
     return tuple(sorted(found, key=lambda campaign: campaign.price(costs)))
+
+
+def _with_more_circles(campaign: FoundCampaign, number: int, costs: Costs) -> list[FoundCampaign]:
+    """Return campaigns of the same family with one circle more, two more and so on.
+
+    They meet the goals on more of the machines. Those that take too long are left out.
+    """
+    longer = []
+    for added in range(1, number + 1):
+        counts = campaign.family.best_counts(len(campaign.tests) + added)
+        tests = campaign.family.tests_of(counts)
+        if costs.fits(campaign.family.minutes(costs, tests)):
+            longer.append(judge_plan(campaign.family, tests))
+    return longer
 
 
 class _Search:

@@ -15,6 +15,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
+from ldbb_bayes.analysis.design.analysis_model import analysis_model
 from ldbb_bayes.analysis.design.campaign_family import CampaignFamily, families_of
 from ldbb_bayes.analysis.design.candidates import Clocking
 from ldbb_bayes.analysis.design.certificate_offers import (
@@ -96,6 +97,8 @@ class GoalPlan(Result):
     expected: dict[str, Expected]  #: expected uncertainty of every parameter
     #: the plan in the order in which to run it; None where the design was read from a file
     planned: Annotated[Any, Field(exclude=True)] = None
+    #: model for the analysis of the plan; None where the design was read from a file
+    model: Annotated[Any, Field(exclude=True)] = None
 
     def plan(self) -> Campaign:
         """Return the campaign as a plan, in the order in which to run it.
@@ -154,6 +157,22 @@ class GoalDesign(Result):
     customary: tuple[CustomaryPlan, ...]
     measured: bool  #: whether the pilot has readings
     pilot: str  #: name of the pilot
+
+    @property
+    def all_met(self) -> bool:
+        """Whether the pilot's readings meet all goals already."""
+        return all(stated.met_by_pilot for stated in self.goals.values())
+
+    @property
+    def all_reached(self) -> bool:
+        """Whether every goal is met already, or will be by the cheapest campaign."""
+        return self.all_met or bool(self.plans and not self.unreachable)
+
+    @property
+    def too_long(self) -> bool:
+        """Whether goals that can be reached were not, and machine time was limited."""
+        is_reachable = len(self.unreachable) < len(self.goals)
+        return not self.plans and is_reachable and self.costs.hours is not None
 
     @property
     def best(self) -> GoalPlan:
@@ -334,6 +353,7 @@ def _plan_of(campaign: FoundCampaign, goals: Mapping[str, Goal], costs: Costs) -
         goals=forecasts,
         expected=expected,
         planned=campaign.plan,
+        model=analysis_model(family.space, campaign.tests),
     )
 
 

@@ -7,7 +7,7 @@ remains above its goal then is held by an effect that all circles share.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,16 +15,18 @@ from ldbb_bayes.analysis.design.campaign_family import CampaignFamily
 from ldbb_bayes.analysis.design.certificate_offers import CertificateOffer
 from ldbb_bayes.analysis.design.goals import COVERAGE_FACTOR
 from ldbb_bayes.analysis.design.states import extend_hyper_parameters
-from ldbb_bayes.analysis.origins import Origin
 from ldbb_bayes.analysis.value_of_certificates import missing_certificates
 from ldbb_bayes.analysis.variance_sources import sources_of
 from ldbb_bayes.model.bound_information import information_of
-from ldbb_bayes.results import Result
+from ldbb_bayes.model.information import Information
+from ldbb_bayes.results import Array, Result
 
 __all__ = ["Obstacle", "obstacles_of"]
 
 # A certificate is named if it leaves less than this share of the uncertainty that circles leave.
 _WORTH_SHARE = 0.9
+# Number of circles of every kind that stands for very many.
+_VERY_MANY = 1e6
 _ALL_CERTIFICATES = "all certificates together"
 
 
@@ -125,18 +127,22 @@ class _Holder:
 
 
 def _held_by(family: CampaignFamily) -> dict[str, _Holder]:
-    """Return what holds the parameters of the goals after one circle of every kind.
-
-    What is measured there would become better known with more circles, and is not counted.
-    """
+    """Return what holds the parameters of the goals after very many circles of every kind."""
     bound = family.bound
     run = len(family.space.pilot.tests) if family.space.augment else 0
     phi = np.sqrt((extend_hyper_parameters(bound, family.states.phi, run) ** 2).mean(axis=0))
-    sources = sources_of(bound, information_of(bound, phi))
+    sources = sources_of(bound, _repeated(information_of(bound, phi)))
     holders = {}
     for name in family.goals:
-        remaining = [s for s in sources[name].sources if s.origin != Origin.MEASURED]
-        total = sum(source.share for source in remaining)
-        largest = max(remaining, key=lambda source: source.share)
-        holders[name] = _Holder(largest.name, largest.share / total)
+        largest = sources[name].sources[0]
+        holders[name] = _Holder(largest.name, largest.share)
     return holders
+
+
+def _repeated(information: Information) -> Information:
+    """Return the information of very many circles of every kind: their scatter averages out."""
+    # Tests with the same noise share one dictionary of its sources, and do so in the result.
+    averaged: dict[int, dict[str, Array]] = {}
+    for noises in information.noise:
+        averaged[id(noises)] = {name: cov / _VERY_MANY for name, cov in noises.items()}
+    return replace(information, noise=tuple(averaged[id(item)] for item in information.noise))

@@ -1,0 +1,50 @@
+"""The model for an analysis of planned tests alone, with what their pilot fixed.
+
+The pilot is the campaign or plan that a design starts from.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ldbb_bayes.analysis.design.space import Space
+from ldbb_bayes.campaign.campaign import CircularTest
+from ldbb_bayes.model.hybrid import BoundModel, HybridModel
+
+__all__ = ["analysis_model"]
+
+
+def analysis_model(space: Space, tests: Sequence[CircularTest]) -> HybridModel:
+    """Return the model for an analysis of these tests alone.
+
+    Its reference force and the prior standard deviations of the slopes are those of the pilot: the
+    campaign or plan that the design starts from.
+    """
+    model = space.model
+    setting = space.bound.setting
+    prior = model.prior
+    unconstrained = replace(model, fixed=(), prior=replace(prior, overrides={}, means={}))
+    plan = replace(space.pilot, tests=tuple(tests), foreseen=())
+    names = BoundModel(unconstrained, plan, pilot=space.pilot).names
+
+    overrides = dict(prior.overrides)
+    forces = [float(test.force_N or 0.0) for test in tests]
+    force_range_N = max(forces) - min(forces)
+    if not (prior.flat or np.isclose(force_range_N, setting.force_range_N, rtol=1e-9)):
+        # The default prior standard deviation of a slope depends on the range of force of the
+        # tests. State its value for the campaign that the design starts from, so that the model
+        # keeps it.
+        for parameter in space.bound.parameters:
+            if parameter.group == "slope":
+                overrides[parameter.name] = parameter.prior_sd
+    overrides = {name: sd for name, sd in overrides.items() if name in names}
+    means = {name: mean for name, mean in prior.means.items() if name in names}
+    return replace(
+        model,
+        reference_force_N=setting.reference_force_N,
+        fixed=tuple(name for name in model.fixed if name in names),
+        prior=replace(prior, overrides=overrides, means=means),
+    )

@@ -1,0 +1,114 @@
+"""The cheapest campaign for goals as tables and sentences."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ldbb_bayes.analysis.design import GoalDesign, GoalPlan
+from ldbb_bayes.report import wording
+from ldbb_bayes.results import Passage, Table, parts_of
+from ldbb_bayes.units import display_name, display_unit, two_digits
+
+__all__ = ["parts_of"]
+
+# Column of the tests of a plan that counts how often each test is run; it is the last one.
+_COUNT = "count"
+
+
+@parts_of.register
+def _passages_of_goal_design(result: GoalDesign) -> tuple[Passage, ...]:
+    """Return the goals, the cheapest campaigns, what stands in the way and what people do today."""
+    passages: list[Passage] = [_goals_table(result)]
+    if result.plans:
+        passages += [_tests_table(result.best), _plans_table(result)]
+    if result.customary:
+        passages.append(_customary_table(result))
+    return (*passages, *wording.goal_design_sentences(result))
+
+
+@wording.with_words.register
+def _record_of_goal_design(result: GoalDesign) -> dict[str, Any]:
+    """Return the JSON record of a design for goals, with the sentences that explain it."""
+    return {**result.as_dict(), "sentences": list(wording.goal_design_sentences(result))}
+
+
+def _goals_table(result: GoalDesign) -> Table:
+    """Return a table of the goals: what is asked, what the pilot says, and what the plan will."""
+    rows = []
+    for name, stated in result.goals.items():
+        factor, unit = display_unit(stated.goal.unit)
+        sizes = [two_digits(stated.limit_U, factor), two_digits(stated.U, factor)]
+        expected = "–"
+        if stated.met_by_pilot:
+            expected = "met already"
+        elif name in result.unreachable or not result.plans:
+            expected = "not reached"
+        else:
+            expected = two_digits(result.best.goals[name].likely_U, factor)
+        rows.append((display_name(name), *sizes, expected, unit))
+    now = "prior"
+    if result.measured:
+        now = "now"
+    heads = ("U (k = 2)", "wanted", now, "nine in ten at most", "unit")
+    return Table.of("Goals", heads, rows, text=("unit", "nine in ten at most"))
+
+
+def _tests_table(plan: GoalPlan) -> Table:
+    """Return a table of the circles of a plan."""
+    columns = [str(column) for column in plan.tests.columns if column != _COUNT]
+    heads = [wording.PAGE["tests"].get(name, name) for name in columns]
+    rows = []
+    for row in plan.tests.to_numpy(dtype=object).tolist():
+        cells = [value if isinstance(value, str) else f"{value:.4g}" for value in row]
+        rows.append(cells)
+    return Table.of("Circles of the cheapest campaign", (*heads, "circles"), rows)
+
+
+def _plans_table(result: GoalDesign) -> Table:
+    """Return a table of the cheapest campaign and the next best."""
+    rows = []
+    for plan in result.plans:
+        settings = [
+            f"{plan.tests['radius_mm'].nunique()}",
+            f"{len(plan.tests[['work_ball_deg', 'tool_ball_deg']].drop_duplicates())}",
+        ]
+        rows.append(
+            (
+                f"{plan.circles}",
+                *settings,
+                ", ".join(plan.certificates) or "none",
+                f"{plan.minutes:.0f}",
+                f"{plan.price:.0f}",
+                wording.probability_words(plan.probability),
+            )
+        )
+    heads = (
+        "circles",
+        "radii",
+        "clockings",
+        "certificates to buy",
+        "min",
+        "price",
+        "all goals met",
+    )
+    return Table.of("The cheapest campaigns", heads, rows, text=("certificates to buy", "all met"))
+
+
+def _customary_table(result: GoalDesign) -> Table:
+    """Return a table of U of every goal in campaigns as people run them, and in as many of ours."""
+    rows = []
+    for compared in result.customary:
+        for name, usual in compared.customary.goals.items():
+            factor, unit = display_unit(usual.unit)
+            rows.append(
+                (
+                    compared.name,
+                    f"{compared.customary.circles}",
+                    display_name(name),
+                    two_digits(usual.U, factor),
+                    two_digits(compared.ours.goals[name].U, factor),
+                    unit,
+                )
+            )
+    heads = ("both directions, balls as they are", "circles", "of", "U", "U, as planned", "unit")
+    return Table.of("As it is done today", heads, rows, text=("of", "unit"))

@@ -1,0 +1,229 @@
+"""From goals to the cheapest campaign: against dense matrices, brute force and `identify`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import combinations_with_replacement
+
+import numpy as np
+import pytest
+
+import ldbb_bayes as lb
+from ldbb_bayes.analysis.design import Costs, GoalDesign, goals_in, minutes_of
+from ldbb_bayes.analysis.design.campaign_family import CampaignFamily
+from ldbb_bayes.analysis.design.candidates import bind_tests
+from ldbb_bayes.analysis.design.cheapest_search import judge_plan, shares_of_machines
+from ldbb_bayes.analysis.design.space import Space
+from ldbb_bayes.analysis.design.states import extend_hyper_parameters, states_before
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.results import text_of
+
+MODEL = lb.HybridModel.default(1)
+PILOT = lb.read_campaign(lb.embedded_campaign())
+FORCES = (36.0, 742.0)
+GOALS = {"C_XXX": "24 %", "E_C0YX": "25 µrad"}
+
+
+@pytest.fixture(scope="module")
+def family():
+    space = Space(
+        model=MODEL,
+        pilot=PILOT,
+        forces_N=FORCES,
+        clockings_deg=((0.0, 0.0), (45.0, 45.0)),
+        directions=("CW", "CCW"),
+        parameters=tuple(GOALS),
+    )
+    states = states_before(MODEL, space.pilot, 64, 1, augment=False)
+    return CampaignFamily(space, (), goals_in(space.bound, GOALS), states)
+
+
+@pytest.fixture(scope="module")
+def cheapest():
+    return lb.design(MODEL, PILOT, goals={"E_C0YX": "25 µrad"}, forces_N=FORCES)
+
+
+def test_the_quick_forecast_is_the_mean_of_the_exact_variances_given_the_scales(family):
+    counts = np.array([1, 0, 2, 0, 0, 1, 0, 1])
+    tests = family.tests_of(counts)
+    bound = bind_tests(MODEL, family.space.pilot, tests, keep_pilot_tests=False)
+    chosen = np.unique(np.linspace(0, 63, 6).round().astype(int))
+    phi = extend_hyper_parameters(bound, family.states.phi[chosen], 0)
+    sd = bound.given(phi)[1].sd
+    expected = []
+    for name, goal in family.goals.items():
+        k = bound.names.index(name)
+        limit = goal.limit_u(family.states.beta[chosen, k])
+        expected.append(np.log(sd[:, k] / limit).mean())
+    np.testing.assert_allclose(family.quick.distances(counts), expected, rtol=1e-6)
+
+
+def test_distances_after_one_more_circle_are_those_of_the_longer_campaigns(family):
+    counts = np.array([1, 0, 1, 0, 0, 1, 0, 0])
+    quick = family.quick
+    after = quick._distances_after(quick._covariance(counts))
+    longer = [quick.distance(counts + one) for one in np.eye(len(counts), dtype=int)]
+    np.testing.assert_allclose(after, longer, rtol=1e-9)
+
+
+@pytest.mark.parametrize("circles", [2, 3, 4])
+def test_exchanges_find_the_best_campaign_of_few_circles(family, circles):
+    distances = []
+    for chosen in combinations_with_replacement(range(8), circles):
+        distances.append(family.quick.distance(np.bincount(chosen, minlength=8)))
+    none = np.zeros(8, dtype=int)
+    found = family.quick.distance(family.quick.best_counts(circles, none))
+    assert found == pytest.approx(min(distances), abs=1e-9)
+
+
+@pytest.mark.slow
+def test_no_campaign_of_up_to_six_circles_is_cheaper_by_brute_force(family):
+    costs = Costs()
+    best = lb.design(MODEL, PILOT, goals=GOALS, forces_N=FORCES, costs=costs).best
+    assert best.circles <= 6
+    cheaper = []
+    for circles in range(1, 7):
+        for chosen in combinations_with_replacement(range(8), circles):
+            counts = np.bincount(chosen, minlength=8)
+            tests = family.tests_of(counts)
+            if minutes_of(costs, tests) < best.minutes and len({t.force_N for t in tests}) > 1:
+                cheaper.append((family.quick.distance(counts), counts))
+    assert len(cheaper) > 100
+    cheaper.sort(key=lambda entry: entry[0])
+    for _, counts in cheaper[:12]:
+        campaign = judge_plan(family, family.tests_of(counts))
+        assert shares_of_machines(campaign.stated, family.goals)[""] < 0.9
+
+
+def test_the_cheapest_campaign_keeps_its_promise_by_its_own_forecast(cheapest):
+    assert cheapest.best.probability >= 0.9
+    assert cheapest.best.goals["E_C0YX"].likely_U <= 25e-6
+
+
+def test_minutes_and_price_are_those_of_the_plan(cheapest):
+    minutes = minutes_of(Costs(), cheapest.plan().tests)
+    assert cheapest.best.minutes == minutes
+    assert cheapest.best.price == pytest.approx(minutes)
+
+
+def test_plans_come_with_rising_prices(cheapest):
+    prices = [plan.price for plan in cheapest.plans]
+    assert len(prices) == 3
+    assert prices == sorted(prices)
+
+
+def test_identify_of_the_written_plan_states_the_forecast_to_the_digit(cheapest, tmp_path):
+    lb.write_campaign(cheapest.plan(), tmp_path / "plan")
+    plan = lb.read_campaign(tmp_path / "plan")
+    found = lb.identify(MODEL, plan).parameters
+    for name, expected in cheapest.best.expected.items():
+        assert found[name].sd == expected.sd
+
+
+@pytest.mark.slow
+def test_identify_of_a_certified_plan_states_the_forecast_to_the_digit(tmp_path):
+    found = lb.design(
+        MODEL,
+        PILOT,
+        goals={"E_C0YX": "25 µrad"},
+        forces_N=FORCES,
+        clockings_deg=((0.0, 0.0),),
+        certificates={"balls G10": 300.0},
+    )
+    assert found.best.certificates == ("balls of grade G10",)
+    lb.write_campaign(found.plan(), tmp_path / "plan")
+    plan = lb.read_campaign(tmp_path / "plan")
+    stated = lb.identify(MODEL, plan).parameters["E_C0YX"].sd
+    assert stated == found.best.expected["E_C0YX"].sd
+
+
+def test_customary_campaigns_run_both_directions_without_turning_the_balls(cheapest):
+    steps, published = cheapest.customary
+    assert steps.customary.circles == cheapest.best.circles == steps.ours.circles
+    assert published.customary.circles == published.ours.circles == 7
+    for compared in (steps, published):
+        tests = compared.customary.plan().tests
+        assert {test.direction for test in tests} == {"CW", "CCW"}
+        assert {test.work_ball_deg for test in tests} == {0.0}
+
+
+def test_our_plan_beats_what_is_done_today(cheapest):
+    for compared in cheapest.customary:
+        ours = compared.ours.goals["E_C0YX"].U
+        assert ours < compared.customary.goals["E_C0YX"].U
+
+
+def test_a_goal_that_circles_cannot_reach_names_what_holds_it_and_the_certificate():
+    found = lb.design(MODEL, PILOT, goals={"C_XXX": "5 %"})
+    obstacle = found.obstacles["C_XXX"]
+    assert found.unreachable == ("C_XXX",)
+    assert found.plans == ()
+    assert obstacle.held_by == "Mount"
+    assert obstacle.certificate == "mount ± 2 %"
+    assert obstacle.U_with_certificate < obstacle.U_floor
+    assert "no number of circles brings U below" in text_of(found)
+
+
+def test_a_goal_that_the_pilot_meets_needs_nothing():
+    found = lb.design(MODEL, PILOT, goals={"C_XXX": "30 %"})
+    assert found.goals["C_XXX"].met_by_pilot
+    assert found.all_reached
+    assert found.plans == ()
+    assert "nothing is needed: C_XXX" in text_of(found)
+
+
+def test_a_campaign_that_takes_too_long_is_not_offered():
+    found = lb.design(
+        MODEL, PILOT, goals={"E_C0YX": "25 µrad"}, forces_N=FORCES, costs=Costs(hours=0.3)
+    )
+    assert found.plans == ()
+    assert found.too_long
+    assert "No campaign within 0.3 h" in text_of(found)
+
+
+def test_the_record_survives_json(cheapest):
+    record = cheapest.as_dict()
+    assert GoalDesign.from_dict(record).as_dict() == record
+
+
+def test_a_design_from_a_file_has_no_plan(cheapest):
+    with pytest.raises(InputError, match="a plan must be at hand"):
+        GoalDesign.from_dict(cheapest.as_dict()).plan()
+
+
+def test_the_sentences_state_circles_minutes_and_share_of_machines(cheapest):
+    best = cheapest.best
+    text = text_of(cheapest)
+    assert f"Run {best.circles} circles in {best.minutes:.0f} min" in text
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"tests": 6}, "goals must go without tests"),
+        ({"criterion": "d"}, "goals must go without criterion"),
+        ({"probability": 1.5}, "probability must be a number between 0 and 1"),
+        ({"goals": {"C_XXY": "5 %"}}, "goal must be one of"),
+        ({"certificates": {"bars": 1.0}}, "certificate must be one of"),
+    ],
+)
+def test_what_does_not_go_with_goals_is_refused(options, message):
+    with pytest.raises(InputError, match=message):
+        lb.design(MODEL, PILOT, **{"goals": {"C_XXX": "5 %"}, **options})
+
+
+def test_costs_without_goals_are_refused():
+    with pytest.raises(InputError, match="costs and certificates must go with goals"):
+        lb.design(MODEL, PILOT, costs=Costs())
+
+
+def test_flat_priors_are_refused():
+    with pytest.raises(InputError, match="goals must be held against proper priors"):
+        lb.design(lb.HybridModel.paper(), PILOT, goals={"C_XXX": "5 %"})
+
+
+@pytest.mark.slow
+def test_a_plan_without_readings_may_be_the_pilot():
+    found = lb.design(MODEL, replace(PILOT.plan()), goals={"E_C0YX": "60 µrad"}, forces_N=FORCES)
+    assert not found.measured
+    assert not found.goals["E_C0YX"].met_by_pilot
