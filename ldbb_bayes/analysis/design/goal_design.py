@@ -146,7 +146,7 @@ class GoalDesign(Result):
 
     goals: dict[str, StatedGoal]  #: goals by name of the parameter
     probability: float  #: least share of the possible machines on which all goals are to be met
-    costs: Costs
+    costs: Costs  #: costs of circles, set-ups, turns of the balls and machine time
     #: campaigns that reach all goals that can be reached and are not met yet, the cheapest first;
     #: none if nothing is needed, or if time is too short
     plans: tuple[GoalPlan, ...]
