@@ -112,7 +112,9 @@ def _helps(trial: _Trial, i: int, repetition: float, measured_share: float) -> b
     """Return whether a cure narrows the parameter with index i by itself.
 
     ``repetition`` is the ratio of standard uncertainties if all readings are taken twice, with
-    nothing else changed.
+    nothing else changed. A cure that adds circles must narrow the parameter more than that. More
+    circles of the same kind help only if most of the variance is measured here; this share of the
+    variance is ``measured_share``.
     """
     ratio = float(trial.ratio[i])
     if not ratio < NARROWER:

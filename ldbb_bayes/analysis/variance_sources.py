@@ -284,7 +284,11 @@ def sources_of(bound: BoundModel, information: Information) -> dict[str, Sources
 
 
 def weights_of_parameters(information: Information) -> Array:
-    """Return the parameters of one model per prior sd of each of its m coefficients, (p, m)."""
+    """Return the change of each parameter if one of the m coefficients changes by its prior sd.
+
+    The p parameters are coefficients themselves, so that every row has a single element that is not
+    zero. The result has the shape (p, m).
+    """
     return (np.eye(len(information.names)) * information.scale)[information.interest]
 
 

@@ -24,7 +24,7 @@ class TimeSource(StrEnum):
 
 
 def time_source(campaign: Campaign) -> TimeSource:
-    """Return what tells when the tests of a campaign were run, for a drift over time.
+    """Return from where the times of a campaign's tests are known, for a drift over time.
 
     A campaign may state that nothing drifted; then no times are needed. Otherwise start times count
     if all tests state one. Without them, the tests count as run in the order in which they are

@@ -77,7 +77,7 @@ def parse_toml(text: str, place: str) -> dict[str, Any]:
 
 
 def _placeholder(string_or_comment: re.Match[str]) -> str:
-    """Return what stands for a string or comment where only keys are searched.
+    """Return the text that replaces a string or comment where only keys are searched.
 
     It is an underscore for a string, which may be a part of a key, and as many line breaks as the
     string has.

@@ -363,6 +363,9 @@ def setting_of(
 ) -> Setting:
     """Return the conditions of the tests of a campaign or plan, as the model needs them.
 
+    Estimates of the machine and the names of separately scaled circles are not known here: these
+    fields are zero or empty until a model is bound and replaces them.
+
     Parameters
     ----------
     campaign

@@ -27,19 +27,19 @@ from ldbb_bayes.results import Array
 __all__ = ["take_start_times"]
 
 _DAY_S = 86_400.0
-# Times of day without dates are taken as before and after midnight if they are otherwise more than
-# this apart [s] …
+# Times of day without dates that span more than this [s] are taken as before and after midnight, if
+# the campaign then lasts at most ``_NIGHT_S``.
 _LONG_CAMPAIGN_S = 12 * 3_600.0
-# … and then at most this [s].
+# Longest campaign that may have run over midnight, if no dates are stated [s].
 _NIGHT_S = 6 * 3_600.0
 # Shortest time from one circle to the next [s]. Stamps that are closer together tell when files
 # were written.
 _SHORTEST_CIRCLE_S = 5.0
 # Longest list of tests or sources in a note [characters].
 _LIST_SHOWN = 200
-# Command-line options by which a user states when tests were run, where files state it …
+# Command-line options that change when tests count as run, if files state their times.
 _OPTIONS_TAKEN = "time_s of a [[test]] in --layout, --no-drift"
-# … and where the tests count as run in the order in which they are listed.
+# The same options, if tests count as run in the order in which they are listed.
 _OPTIONS_LISTED = "--order, time_s of a [[test]] in --layout, --no-drift"
 
 

@@ -105,7 +105,11 @@ def _assume_reading_unit(recordings: Sequence[Recording], campaign: Mapping[str,
 
 
 def _um_per_N(size: _ReadingSize, unit: str) -> float:
-    """Return how much the readings change with the force, or their size over the largest force."""
+    """Return the change of the readings per newton [µm/N] if they are in ``unit``.
+
+    If they do not change with the force, or there is one force alone, return the largest reading
+    divided by the largest force.
+    """
     lightest, heaviest = size.forces_N
     if size.change > 0.0 and heaviest > lightest:
         return size.change * UNITS["reading"][unit] / (heaviest - lightest)

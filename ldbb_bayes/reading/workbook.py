@@ -108,7 +108,8 @@ def _sheets_of(
 ) -> list[Sheet]:
     """Return the sheets that are wanted; without wanted sheets, all that are not hidden.
 
-    Hidden rows are left out of each sheet. ``parts`` is what the values of each sheet do not show.
+    Hidden rows are left out of each sheet. ``parts`` has hidden rows, units of number formats and
+    formulas without a value, by name of the sheet.
     """
     check_known(f"{path}: sheet", wanted, book.sheet_names)
     hidden = _hidden_sheets(book)

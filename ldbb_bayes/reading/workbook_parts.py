@@ -41,7 +41,7 @@ class SheetParts:
 
 
 def parts_of_sheets(raw: bytes) -> dict[str, SheetParts]:
-    """Return what the values do not show for each sheet of an XLSX workbook, by sheet name.
+    """Return hidden rows, units and formulas without a value of each XLSX sheet, by sheet name.
 
     The result is empty for a workbook of another format, and for one whose parts cannot be read.
     ``raw`` is the content of the file.

@@ -54,7 +54,7 @@ class Finding:
 
 
 def plain_words(numbers: SheetNumbers) -> Items:
-    """Return what sheet 1 says first, in plain words.
+    """Return the first sentences of sheet 1: the results in plain words.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ def _with_U(quantity: StatedQuantity, words: Words) -> str:
 
 
 def findings_of(numbers: SheetNumbers) -> tuple[Finding, ...]:
-    """Return what to look at or to repair, the most probable first; at most three findings.
+    """Return at most three findings to look at or to repair, the most probable first.
 
     Parameters
     ----------

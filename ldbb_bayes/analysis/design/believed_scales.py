@@ -25,8 +25,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["believed_scales", "fisher_information"]
 
-# Normal scores of scales are limited to this absolute value: the prior probability beyond is below
-# 1e-9.
+# The normal score of a scale is the standard normal quantile at the scale's prior probability.
+# Scores are limited to this absolute value: the prior probability beyond is below 1e-9.
 _LARGEST_SCORE = 6.0
 # Step of the central differences of variances with respect to the normal scores of scales.
 _STEP = 0.1

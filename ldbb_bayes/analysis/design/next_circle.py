@@ -119,7 +119,7 @@ class NextCircle(Result):
     #: enough
     more_circles: int | None
     #: the best next circles, the best first: force_N, angles of the balls, radius, other settings
-    #: in which circles differ, and share, the part of the way to all aims that the circle goes
+    #: in which circles differ, and share, by which the circle reduces the distance from all aims
     table: Annotated[Records, Field(alias="next")]
     #: the best next circle, and what it was chosen from; None if read from a file
     chosen: Annotated[Any, Field(exclude=True)] = None
@@ -326,7 +326,10 @@ def _circles_to_go(aims: Sequence[Aim], objective: Objective) -> int | None:
 
 
 def _shares_of_the_way(distance_now: float, distances: Array) -> Array:
-    """Return the part of the way to all aims that circles go, for the distances after them."""
+    """Return by which share each circle reduces the distance from all aims, between 0 and 1.
+
+    ``distances`` are those expected after each circle, in the unit of ``distance_now``.
+    """
     if distance_now <= 0.0:
         return np.ones(len(distances))
     return np.clip((distance_now - distances) / distance_now, 0.0, 1.0)

@@ -104,7 +104,7 @@ class Optimum(Shown):
 
 
 def certificate(objective: Objective, share: Array, tests: float) -> Optimum:
-    """Return how good given shares of N tests are, and data that prove whether they are the best.
+    """Return the quality of given shares of N tests, and data that prove whether they are best.
 
     A candidate is a test that could be run, once or several times. Its share is the fraction of the
     N tests that are run at it.
