@@ -1,12 +1,17 @@
-"""Adjustment of p-values for multiple testing."""
+"""Adjustment of p-values for multiple testing, and one p-value pooled from several."""
 
 from __future__ import annotations
 
 import numpy as np
+from scipy.special import betainc
 
 from ldbb_bayes.results import Array
 
-__all__ = ["holm"]
+__all__ = ["holm", "pooled_p_value", "uniformity_p_value"]
+
+# Smallest p-value that is pooled, and the smallest distance of a p-value from 1. Their Cauchy
+# quantiles are finite then.
+_LEAST = 1e-12
 
 
 def holm(p_value: Array) -> Array:
@@ -25,3 +30,42 @@ def holm(p_value: Array) -> Array:
     adjusted = np.empty(len(p_value))
     adjusted[order] = np.minimum(np.maximum.accumulate(multiplied), 1.0)
     return adjusted
+
+
+def pooled_p_value(p_values: Array) -> Array:
+    """Return one p-value from n, which may depend on one another (Cauchy combination).
+
+    Every p-value p becomes a Cauchy variate tan((1/2 − p) π). The mean of these is a Cauchy variate
+    too if the p-values are independent, and in its upper tail nearly so if they depend on one
+    another (Liu and Xie, J. Am. Stat. Assoc. 115, 2020).
+
+    Parameters
+    ----------
+    p_values
+        p-values of the n single tests, shape (..., n). The result has the shape (...).
+    """
+    clipped = np.clip(p_values, _LEAST, 1.0 - _LEAST)
+    mean = np.tan((0.5 - clipped) * np.pi).mean(axis=-1)
+    # The probability that a Cauchy variate exceeds the mean, without loss of digits far out.
+    return np.asarray(np.arctan2(1.0, mean) / np.pi)
+
+
+def uniformity_p_value(p_values: Array) -> Array:
+    """Return the p-value of the hypothesis that n values, which may be dependent, are uniform.
+
+    The i-th smallest of n independent uniform values has the distribution Beta(i, n + 1 − i). Each
+    value so has a p-value, against both sides, and these are pooled by `pooled_p_value`: the test
+    POT of Tesso and Vehtari (LOO-PIT predictive model checking, arXiv:2603.02928, 2026), without
+    truncation, which is too liberal for few values. Values that are all near one, because what is
+    expected is wider than what happens, are found as well as small ones.
+
+    Parameters
+    ----------
+    p_values
+        The n values, such as p-values of circles left out, shape (..., n). The result has the
+        shape (...).
+    """
+    count = p_values.shape[-1]
+    rank = np.arange(1, count + 1)
+    below = betainc(rank, count + 1.0 - rank, np.sort(p_values, axis=-1))
+    return pooled_p_value(2.0 * np.minimum(below, 1.0 - below))

@@ -20,7 +20,7 @@ import numpy as np
 import xarray as xr
 
 from ldbb_bayes.analysis.calibration import Validation
-from ldbb_bayes.analysis.multiple_testing import holm
+from ldbb_bayes.analysis.multiple_testing import holm, uniformity_p_value
 from ldbb_bayes.analysis.outlying_tests import FALSE_ALARMS, judge_tests
 from ldbb_bayes.analysis.posterior_calibration import calibrate_posterior
 from ldbb_bayes.campaign.campaign import Campaign
@@ -112,6 +112,16 @@ class Workflow(Result):
             if circle.family_wise_p_value < FALSE_ALARMS:
                 names.append(name)
         return tuple(names)
+
+    @property
+    def uniformity_p_value(self) -> float:
+        """p-value of all circles left out together: whether their single p-values are uniform.
+
+        They depend on one another, which the test allows for. A small value with no outlying circle
+        means that many deviate a little more, or less, than the others predict.
+        """
+        p_values = np.array([circle.p_value for circle in self.left_out.values()])
+        return float(uniformity_p_value(p_values))
 
     @property
     def passed(self) -> bool:
