@@ -32,6 +32,7 @@ from scipy.special import logsumexp
 from scipy.stats import multivariate_normal, norm
 
 import ldbb_bayes as lb
+from ldbb_bayes.inference.circle_spread import draw_new_noise_factors
 from ldbb_bayes.inference.coefficients import (
     draw_shared,
     machine_coefficients,
@@ -473,6 +474,10 @@ def _new_circle(
     known = nodes.bound.hyper_prior.names
     scales = hyper.quantile(rng.random((len(phi), len(hyper.names))))
     scales[:, [hyper.names.index(name) for name in known]] = phi
+    factors = [known.index(str(name)) for name in nodes.bound.setting.circle if name in known]
+    if factors:
+        new_factor = hyper.names.index(str(bound.setting.circle[-1]))
+        scales[:, new_factor] = draw_new_noise_factors(phi[:, factors], rng)
     angle = np.deg2rad(new.angle_deg[picked(new)])
     turned = basis(angle) * 1e3
     shared = draw_shared(nodes.bound, phi, beta, rng)

@@ -22,6 +22,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 import ldbb_bayes as lb
+from ldbb_bayes.campaign.run_times import SECONDS_PER_TEST
 from ldbb_bayes.parallel import one_blas_thread
 
 HERE = Path(__file__).resolve().parent
@@ -82,9 +83,13 @@ def campaign_of(kind: str, seed: int) -> tuple[lb.Campaign, dict[str, float] | N
 
 
 def without_one(campaign: lb.Campaign, seed: int) -> tuple[lb.Campaign, lb.CircularTest]:
-    """The campaign without one of its tests, and this test."""
+    """The campaign without one of its tests, and this test; both state when they were run, one
+    every six minutes in the order listed, so that the test left out keeps its place in time."""
     k = seed % len(campaign.tests)
-    return replace(campaign, tests=campaign.tests[:k] + campaign.tests[k + 1 :]), campaign.tests[k]
+    tests = tuple(
+        replace(test, time_s=SECONDS_PER_TEST * place) for place, test in enumerate(campaign.tests)
+    )
+    return replace(campaign, tests=tests[:k] + tests[k + 1 :]), tests[k]
 
 
 def judged(
