@@ -108,6 +108,7 @@ def _annex_tables(findings: Findings) -> dict[str, pd.DataFrame]:
 
 
 def _results(findings: Findings) -> pd.DataFrame:
+    """Return the table of the fitted model's parameters, with U (k = 2) and verdict."""
     summary = findings.summary
     verdicts = []
     for name in summary.index:
