@@ -134,8 +134,8 @@ def require_models(models: Mapping[str, HybridModel]) -> None:
 def check_comparable(model: HybridModel, campaign: Campaign) -> None:
     """Raise an `InputError` if a model and a campaign give no evidence.
 
-    There is no evidence if the prior of the model is flat, or if the campaign is a plan, that is,
-    has no readings.
+    There is no evidence if the prior of the model is flat, if the campaign is a plan, that is, has
+    no readings, or if all its readings are zero.
     """
     require_model(model)
     require(
@@ -148,6 +148,11 @@ def check_comparable(model: HybridModel, campaign: Campaign) -> None:
         not campaign.is_plan,
         "a campaign must have readings to give an evidence, got a plan. Run the tests, or"
         " simulate it.",
+    )
+    require(
+        any(np.any(test.reading_um) for test in campaign.tests),
+        "readings must not all be zero to give an evidence, got none other. Check the column of"
+        " readings.",
     )
 
 

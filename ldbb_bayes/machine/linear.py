@@ -492,7 +492,7 @@ def hybrid_jacobian(
     Raises
     ------
     InputError
-        For a degree other than 0, 1 or 2.
+        For a degree other than 0, 1 or 2, and for a circle that is no `Circle`.
 
     Examples
     --------
@@ -504,6 +504,11 @@ def hybrid_jacobian(
     0     50     2500    150
     1     25     1250     75
     """
+    require(
+        isinstance(circle, Circle),
+        f"circle must be a Circle, got {type(circle).__name__}. Give"
+        " lb.machine.Circle(radius_mm=150.0).",
+    )
     require(
         degree in (0, 1, 2),
         f"degree must be 0, 1 or 2, got {degree!r}."

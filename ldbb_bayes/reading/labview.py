@@ -54,17 +54,18 @@ def _has_no_times(labels: dict[str, list[str]]) -> bool:
 
 
 def _time_of(number: int, labels: dict[str, list[str]]) -> str:
-    """Return the time of a row, from the first time and the step that the header states."""
-    start = _number(labels.get("X0", ["0"])[0])
-    step = _number(labels.get("Delta_X", ["1"])[0])
-    return f"{start + number * step:.9g}"
+    """Return the time of a row, from the first time and the step that the header states.
 
-
-def _number(text: str) -> float:
+    It has the decimal mark of the step. Without a step that is a number it is empty.
+    """
+    start = labels.get("X0", ["0"])[0]
+    step = labels.get("Delta_X", [""])[0]
     try:
-        return float(text.replace(",", "."))
+        time = float(start.replace(",", ".")) + number * float(step.replace(",", "."))
     except ValueError:
-        return 0.0
+        return ""
+    mark = "," if "," in step else "."
+    return f"{time:.9g}".replace(".", mark)
 
 
 def _names_with_units(names: Sequence[str], labels: dict[str, list[str]]) -> list[str]:

@@ -325,7 +325,7 @@ def _decimal_mark_of(
     if layout.decimal is not None:
         _note_stated_mark(sheet, cells, layout.decimal, log)
         return layout.decimal
-    decimal = decimal_mark(sheet.place, cells)
+    decimal = _common_mark(sheet, cells)
     if decimal is None:
         return None
     log.keep(decimal=decimal)
@@ -339,6 +339,22 @@ def _decimal_mark_of(
             reason = "points stand between thousands"
         log.add(sheet.place, "decimal mark", decimal, reason, "--decimal")
     return decimal
+
+
+def _common_mark(sheet: Sheet, cells: Sequence[tuple[int, str]]) -> str | None:
+    """Return the decimal mark of all cells; raise an `InputError` if some have the other.
+
+    In a workbook, cells with a comma among others with a point are texts among numbers.
+    """
+    try:
+        return decimal_mark(sheet.place, cells)
+    except InputError as error:
+        if sheet.separator:
+            raise
+        raise InputError(
+            f"{error} If texts stand among the numbers, turn them into numbers in the spreadsheet"
+            " program."
+        ) from error
 
 
 def _note_stated_mark(

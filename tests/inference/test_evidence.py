@@ -455,3 +455,10 @@ def test_replicates_are_the_predictive_distribution() -> None:
     observed = matrix_to_harmonics(bound, test) @ np.asarray(bound.reduced[test].reading_mm)
     expected = pseudo_inverse @ oracle.tests[test].reading
     np.testing.assert_allclose(observed, expected, atol=1e-12)
+
+
+def test_readings_that_are_all_zero_have_no_evidence() -> None:
+    measured = simulated(plan())
+    tests = [replace(test, reading_um=np.zeros(len(test.angle_deg))) for test in measured.tests]
+    silent = replace(measured, tests=tuple(tests))
+    refuses("readings must not all be zero", lb.log_evidence, lb.HybridModel.first(0), silent)

@@ -470,3 +470,14 @@ def test_patterns_hold_every_column() -> None:
     assert not patterns[["C_XCX", "C_YCX", "C_CXX", "C_CYX", "C_CCX"]].any(axis=None)
     jacobian = lb.machine.hybrid_jacobian(lb.Machine(), lb.machine.Circle(), ARC, 1.0)
     np.testing.assert_allclose(patterns[list(jacobian.columns)], jacobian, atol=1e-12)
+
+
+def test_a_circle_given_as_a_number_is_refused() -> None:
+    refuses(
+        r"circle must be a Circle, got float. Give lb.machine.Circle",
+        lb.machine.hybrid_jacobian,
+        lb.Machine(),
+        150.0,
+        ARC,
+        100.0,
+    )

@@ -7,12 +7,13 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import field_files
+import field_programs
 import pytest
 from campaigns import Invoke
 
 import ldbb_bayes as lb
 
-CASES = field_files.CASES
+CASES = {**field_files.CASES, **field_programs.program_cases()}
 REFUSED = {name: case for name, case in CASES.items() if case.refusal}
 READ = {name: case for name, case in CASES.items() if not case.refusal}
 

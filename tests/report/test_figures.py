@@ -351,3 +351,11 @@ def test_designs(kind: str) -> None:
             assert relative_lengths == pytest.approx(sizes / expected.sd)
             assert {round_uncertainty(expected.sd * factor)[0]} < texts
             assert any(text.startswith(f"{display_name(name)} ({unit})") for text in texts)
+
+
+def test_verdicts_are_drawn_from_what_identify_returns() -> None:
+    refuses(
+        r"got DataTree. Give lb.figures.prior_and_posterior\(lb.identify",
+        figures.prior_and_posterior,
+        xr.DataTree(),
+    )

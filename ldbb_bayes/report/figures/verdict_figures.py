@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 
 from ldbb_bayes.analysis.budgets import Budget
 from ldbb_bayes.analysis.verdicts import Identifiability, ParameterIdentifiability
+from ldbb_bayes.errors import require
 from ldbb_bayes.report.figures import style
 from ldbb_bayes.report.figures.style import GREY, PALETTE, band, panels, styled
 from ldbb_bayes.report.wording import source_words
@@ -51,6 +52,11 @@ def prior_and_posterior(identifiability: Identifiability) -> Figure:
     Figure
         A Matplotlib figure with a panel for each parameter.
 
+    Raises
+    ------
+    InputError
+        For an object other than the result of `identify`.
+
     Examples
     --------
     >>> identifiability = lb.identify(lb.HybridModel.first(0), campaign)
@@ -58,6 +64,12 @@ def prior_and_posterior(identifiability: Identifiability) -> Figure:
     >>> len(figure.axes) == len(identifiability.parameters)
     True
     """
+    require(
+        isinstance(identifiability, Identifiability),
+        "identifiability must be the verdicts on parameters, got"
+        f" {type(identifiability).__name__}. Give"
+        " lb.figures.prior_and_posterior(lb.identify(model, campaign)).",
+    )
     entries = list(identifiability.parameters.values())
     figure, all_axes = panels(len(entries), 4, 1.15, 0.5)
     for axes, entry in zip(all_axes, entries, strict=True):
