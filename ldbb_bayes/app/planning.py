@@ -15,12 +15,14 @@ import numpy as np
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.design.candidates import grid_of_tests
-from ldbb_bayes.analysis.design.search import efficient_rounding
+from ldbb_bayes.analysis.design.search import efficient_rounding, exchange
 from ldbb_bayes.analysis.design.space import Space
 from ldbb_bayes.app.fields import RESULT, linear_model
+from ldbb_bayes.app.goal_fields import GOAL_PREFIX, goal_texts, with_goals
 from ldbb_bayes.app.worth import uncertainty_change
 from ldbb_bayes.campaign.campaign import Direction
 from ldbb_bayes.errors import require
+from ldbb_bayes.results import Array
 
 __all__ = ["PLAN", "forecast", "plan"]
 
@@ -31,13 +33,13 @@ _DIRECTIONS: Mapping[str, tuple[Direction, ...]] = {
     "CCW": ("CCW",),
 }
 _MOST_CIRCLES = 60  # largest number of tests in a plan
-_MOST_CANDIDATES = 720  # largest number of candidate tests from which the best tests are chosen
-# Largest number of circles for which the best tests are searched by exchanging single tests. For
-# more circles, the best share of each candidate test is rounded to a number of circles.
-_MOST_EXCHANGED_CIRCLES = 12
-# Largest number of combinations of ball angles, radius and direction for which the best tests are
-# searched by exchanging single tests.
-_MOST_EXCHANGED_KINDS = 4
+# Largest number of candidate tests from which the best tests are chosen, unless there are so many
+# combinations of ball angles, radii and directions that each has the fewest levels of force.
+_MOST_CANDIDATES = 180
+# Largest number of circles for which the optimiser of design starts several times.
+_MOST_SEARCHED_CIRCLES = 12
+# Fewest levels of force from which the best tests are chosen: the lowest, the highest, the middle.
+_FEWEST_LEVELS = 3
 # Number of possible states of the machine and noise over which a forecast is averaged while the
 # user moves a slider. It is smaller than for the final forecast, so that the forecast is fast.
 _QUICK_STATES = 16
@@ -114,6 +116,7 @@ class _Pilot(NamedTuple):
     campaign: lb.Campaign  #: Campaign of the session's report.
     #: Standard uncertainty of every parameter from the fit with compliance linear in force.
     sd: Mapping[str, float]
+    mean: Mapping[str, float]  #: Estimate of every parameter from that fit.
 
 
 @lru_cache(maxsize=12)
@@ -121,7 +124,8 @@ def _pilot_of(report: _Report) -> _Pilot:
     result = report.folder / RESULT
     summary = json.loads((result / "summary.json").read_text(encoding="utf-8"))
     sd = {name: entry["sd"] for name, entry in summary["parameters"].items()}
-    return _Pilot(lb.read_campaign(result / "campaign"), sd)
+    mean = {name: entry["mean"] for name, entry in summary["parameters"].items()}
+    return _Pilot(lb.read_campaign(result / "campaign"), sd, mean)
 
 
 def _report_of(folder: Path) -> _Report:
@@ -133,10 +137,13 @@ def _report_of(folder: Path) -> _Report:
 def _test_settings(settings: Mapping[str, Any]) -> str:
     """Return those values of the page's sliders that describe the tests, as JSON text.
 
-    The text is the key of cached computations. Sliders for time and cost are left out.
+    The text is the key of cached computations. Sliders for time and cost, and goals, are left out.
     """
     not_of_tests = ("fine", *_COSTS)
-    stated = {name: value for name, value in sorted(settings.items()) if name not in not_of_tests}
+    stated = {}
+    for name, value in sorted(settings.items()):
+        if name not in not_of_tests and not name.startswith(GOAL_PREFIX):
+            stated[name] = value
     return json.dumps(stated)
 
 
@@ -199,7 +206,7 @@ def _planned_tests(report: _Report, settings_json: str) -> _PlannedTests:
     sliders = _test_sliders(settings, _pilot_of(report).campaign)
     space = _space_of_sliders(report, settings, sliders)
     if settings.get("best"):
-        tests = _best_tests(space, _kinds_of_test(space, sliders["low"]), sliders)
+        tests = _best_tests(space, sliders)
     else:
         tests = _equally_spaced_tests(space, sliders)
     return _PlannedTests(space, space.plan_of(tests), sliders)
@@ -259,38 +266,44 @@ def _kinds_of_test(space: Space, force_N: float) -> list[lb.CircularTest]:
     return kinds
 
 
-def _best_tests(
-    space: Space, kinds: Sequence[lb.CircularTest], sliders: Mapping[str, float]
-) -> tuple[lb.CircularTest, ...]:
-    """Return the tests with the most expected information among those at equally spaced forces.
+def _best_tests(space: Space, sliders: Mapping[str, float]) -> tuple[lb.CircularTest, ...]:
+    """Return the tests with the most expected information, as the command ``design`` finds them.
 
-    ``kinds`` are tests with every combination of ball angles, radius and direction of travel, and
-    ``sliders`` the values of the page's sliders by name: number of circles, lowest and highest
-    force.
+    They are chosen from all combinations of ball angles, radii and directions of ``space``, at
+    forces in equal steps from the lowest to the highest of the page's ``sliders``. If equal steps
+    of force, in turn with all these, promise more than the tests found, they are returned.
     """
     low = sliders["low"]
     high = sliders["high"]
-    # If ball angles, radius and direction are fixed, try forces in steps of about 1 N.
-    most_levels = _MOST_CANDIDATES
-    if len(kinds) > 1:
-        most_levels = _MOST_CANDIDATES // 3 // len(kinds)
+    kinds = len(_kinds_of_test(space, low))
+    most_levels = max(_FEWEST_LEVELS, _MOST_CANDIDATES // kinds)
     levels = _force_levels(low, high, max(2, min(round(high - low) + 1, most_levels)))
-    candidates = Space(
-        space.model,
-        space.pilot,
-        levels,
-        space.clockings_deg,
-        space.radii_mm,
-        space.directions,
-        augment=space.augment,
-    )
+    candidates = replace(space, forces_N=levels)
     number = int(sliders["circles"])
-    if number <= _MOST_EXCHANGED_CIRCLES and len(kinds) <= _MOST_EXCHANGED_KINDS:
-        return candidates.tests_of(candidates.search.find_design(number))
-    shares = candidates.search.shares(float(number)).share
-    counts = efficient_rounding(shares, number)
+    equally_spaced = _equally_spaced_tests(space, sliders)
+    if min(number, len(levels)) < candidates.search.levels:
+        # Linear compliance needs two forces: there is nothing to choose.
+        return equally_spaced
+    counts, value = _best_counts(candidates, number)
+    if candidates.objective(equally_spaced).value(np.ones(len(equally_spaced))) > value:
+        return equally_spaced
     repeated = np.repeat(np.arange(len(counts)), counts)
     return tuple(candidates.tests[k] for k in repeated)
+
+
+def _best_counts(candidates: Space, number: int) -> tuple[Array, float]:
+    """Return how often to run each candidate test, and the value of the criterion.
+
+    For many circles, and among many candidates, the optimiser of ``design`` starts once, from the
+    rounded best shares, and not several times.
+    """
+    search = candidates.search
+    if number <= _MOST_SEARCHED_CIRCLES and len(candidates.tests) <= _MOST_CANDIDATES:
+        found = search.find_design(number)
+        return found.counts, found.value
+    start = efficient_rounding(search.shares(float(number)).share, number)
+    rng = np.random.default_rng(candidates.seed)
+    return exchange(search.objective, start, rng, thorough=False)
 
 
 def _pairs_in_turn(first: Sequence[Any], second: Sequence[Any], number: int) -> list[Any]:
@@ -364,15 +377,19 @@ def forecast(folder: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
         + costs["turn_minutes"] * turns
         + costs["radius_minutes"] * radius_changes
     )
-    stated = {
+    stated: dict[str, Any] = {
         **planned.sliders,
         **costs,
         "directions": str(settings.get("directions") or ""),
         "augment": planned.space.augment,
     }
     pilot = planned.space.pilot
+    texts = goal_texts(settings)
+    stated["goals"] = texts
+    rows = with_goals(expected["rows"], texts, planned.space.bound, _pilot_of(report).mean)
     return {
-        **expected,
+        "rows": rows,
+        "settle": expected["settle"],
         "asked": stated,
         "best": bool(settings.get("best")),
         "turns": turns,
@@ -415,7 +432,8 @@ def _expected_uncertainties(report: _Report, settings_json: str, *, fine: bool) 
             name = parameter.name
             expected = expectation.expected[name]
             sd_before = sd_today.get(name, math.inf)
-            rows.append(uncertainty_change(name, sd_before, expected.sd, expected.unit))
+            row = uncertainty_change(name, sd_before, expected.sd, expected.unit)
+            rows.append(row | {"key": name, "sd": expected.sd, "likely_sd": expected.likely_sd})
     settle = None
     if expectation.discrimination is not None:
         settle = {

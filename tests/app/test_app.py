@@ -20,19 +20,22 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
+import numpy as np
 import pytest
 import uvicorn
 from campaigns import Invoke
 
 import ldbb_bayes as lb
 from ldbb_bayes.analysis.design.discrimination import DECISIVE
+from ldbb_bayes.analysis.design.space import Space
 from ldbb_bayes.app import fields, planning, server, templates, understanding, worker
 from ldbb_bayes.app.desk import Desk
+from ldbb_bayes.app.goal_fields import goal_texts, with_goals
 from ldbb_bayes.app.house import House
 from ldbb_bayes.app.session import Session
 from ldbb_bayes.app.worth import effects_of_certificates
@@ -244,9 +247,98 @@ def fitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
     campaign = replace(lb.read_campaign(RECOVERED), date="2026-11-20", operator="A")
     lb.write_campaign(campaign, folder / fields.RESULT / "campaign")
     (folder / fields.RESULT / "summary.json").write_text(
-        json.dumps({"parameters": {"C_XXX": {"sd": 3.4e-6}}})
+        json.dumps({"parameters": {"C_XXX": {"mean": 5.4e-5, "sd": 3.4e-6}}})
     )
     return folder
+
+
+# Ends of the sliders of the plan. Of two positions of a ball and more circles the search takes
+# longer, and is no other.
+ENDS = {
+    "circles": (1, 6),
+    "low": (36, 100),
+    "high": (400, 742),
+    "work": (1, 3),
+    "tool": (1, 3),
+    "turn": (5, 180),
+    "radius": (0, 600),
+    "directions": ("", "both"),
+    "augment": (False, True),
+}
+
+
+def _information(tests: tuple[lb.CircularTest, ...], space: Space) -> float:
+    """Return the criterion of a design: the expected information of its tests."""
+    return space.objective(tests).value(np.ones(len(tests)))
+
+
+def _best_and_equal_steps(report: Any, asked: dict[str, Any]) -> tuple[float, float]:
+    """Return the information of the best tests that the page finds, and of equal steps."""
+    sliders = planning._test_sliders(asked, planning._pilot_of(report).campaign)
+    space = planning._space_of_sliders(report, asked, sliders)
+    best = planning._best_tests(space, sliders)
+    steps = planning._equally_spaced_tests(space, sliders)
+    return _information(best, space), _information(steps, space)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("few_states")
+def test_the_best_forces_are_never_worse_than_equal_steps(fitted: Path) -> None:
+    """Combinations of the ends of the sliders, one in sixteen: every pair of ends is met."""
+    report = planning._report_of(fitted)
+    worst = np.inf
+    for k, ends in enumerate(product(*ENDS.values())):
+        if k % 16 == (k // 16) % 16:
+            best, steps = _best_and_equal_steps(report, dict(zip(ENDS, ends, strict=True)))
+            worst = min(worst, best - steps)
+    assert worst >= 0.0
+
+
+@pytest.mark.slow
+def test_the_best_forces_of_three_positions_of_each_ball_are_those_of_design(fitted: Path) -> None:
+    asked = {"circles": 6, "work": 3, "tool": 3}
+    report = planning._report_of(fitted)
+    best = _best_and_equal_steps(report, asked)[0]
+    designed = lb.design(
+        lb.HybridModel.default(degree=1),
+        pilot=lb.read_campaign(RECOVERED),
+        tests=6,
+        forces_N=np.linspace(36.0, 742.0, 20).round(),
+        clockings_deg=tuple(product((0.0, 45.0, 90.0), repeat=2)),
+    )
+    sliders = planning._test_sliders(asked, planning._pilot_of(report).campaign)
+    space = planning._space_of_sliders(report, asked, sliders)
+    assert best >= _information(designed.tests, space) - 1e-3
+
+
+def test_goals_are_read_from_the_fields_of_the_page() -> None:
+    settings = {"goal_C_XXX": " 5 % ", "goal_E_C0YX": "", "circles": 6}
+    assert goal_texts(settings) == {"C_XXX": "5 %"}
+
+
+def _row_with_goal(text: str) -> dict[str, Any]:
+    """Return the page's row of C_XXX with a goal; its estimate is 50 nm/N."""
+    bound = lb.HybridModel.default(1).bind(lb.read_campaign(RECOVERED))
+    row = {"key": "C_XXX", "sd": 3e-6, "likely_sd": 4e-6}
+    return with_goals([row], {"C_XXX": text}, bound, {"C_XXX": 5e-5})[0]
+
+
+@pytest.mark.parametrize(
+    ("text", "reached"), [("10 nm/N", "nine"), ("7 nm/N", "half"), ("5 nm/N", "no")]
+)
+def test_a_goal_is_reached_by_nine_in_ten_machines_by_half_or_by_fewer(
+    text: str, reached: str
+) -> None:
+    assert _row_with_goal(text)["reached"] == reached
+
+
+def test_a_goal_in_percent_is_of_the_estimate() -> None:
+    assert _row_with_goal("20 %")["wanted"] == "10"
+
+
+def test_a_goal_that_cannot_be_read_says_why() -> None:
+    refused = _row_with_goal("10 µrad")["refused"]
+    assert "goal of C_XXX must be a number with its unit" in refused
 
 
 @pytest.mark.slow

@@ -5,7 +5,7 @@ const at = (id) => document.getElementById(id);
 const words = document.body.dataset;
 const tab = `tab=${crypto.randomUUID()}`;
 const SLEEPING_MS = 20000, WORKING_MS = 400, RESTING_MS = 400, READ_MS = 5000, LARGEST = Number(words.mostBytes);
-let state = { edition: -1, fitted: -1, running: false }, timer = 0, telling = 0, drawing = null, wanted = null, resting = 0, sending = false, looking = Promise.resolve(), understanding = Promise.resolve(), typed = false, blocked = false;
+let state = { edition: -1, fitted: -1, running: false }, timer = 0, telling = 0, drawing = null, wanted = null, resting = 0, chosen = false, sending = false, looking = Promise.resolve(), understanding = Promise.resolve(), typed = false, blocked = false;
 
 // What is over need not be read for ever.
 function tell(text) {
@@ -173,6 +173,7 @@ async function dropped(items) {
 // While sliders move the plan is drawn from few states of the machine, from all once they rest; again where they have moved on.
 async function plan(best, fine) {
   const form = at("sliders"), asked = { best, fine };
+  chosen = best;
   clearTimeout(resting);
   if (!fine) resting = setTimeout(() => plan(best, true), RESTING_MS);
   for (const own of form.elements) {
@@ -251,7 +252,7 @@ document.addEventListener("input", (event) => {
     other.value = own.value;
     other.nextElementSibling.value = other.value;
   }
-  plan(false, false);
+  plan(chosen && own.type === "text", false);  // goals leave the forces as they are
 });
 
 document.addEventListener("change", async (event) => {

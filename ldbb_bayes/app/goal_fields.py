@@ -1,0 +1,95 @@
+"""Goals that are typed on the page: the largest U (k = 2) wanted of each parameter."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from ldbb_bayes.analysis.design.goals import COVERAGE_FACTOR, goals_in
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.model.hybrid import BoundModel
+from ldbb_bayes.units import display_unit, two_digits
+
+__all__ = ["GOAL_PREFIX", "goal_texts", "with_goals"]
+
+# Beginning of the name of every entry field for a goal; the name of the parameter follows.
+GOAL_PREFIX = "goal_"
+# Longest text of a goal that is read [characters].
+_LONGEST_TEXT = 40
+
+
+def goal_texts(settings: Mapping[str, Any]) -> dict[str, str]:
+    """Return the texts typed as goals, by parameter; empty fields are left out.
+
+    Parameters
+    ----------
+    settings
+        Values of the page's sliders and fields, by name.
+
+    Returns
+    -------
+    dict
+        Texts such as "10 µrad" or "5 %".
+    """
+    texts = {}
+    for name, value in settings.items():
+        text = str(value).strip()[:_LONGEST_TEXT]
+        if name.startswith(GOAL_PREFIX) and text:
+            texts[name.removeprefix(GOAL_PREFIX)] = text
+    return texts
+
+
+def with_goals(
+    rows: Sequence[Mapping[str, Any]],
+    texts: Mapping[str, str],
+    bound: BoundModel,
+    estimates: Mapping[str, float],
+) -> list[dict[str, Any]]:
+    """Return the rows of the table of expected uncertainties, with the goals of their parameters.
+
+    Parameters
+    ----------
+    rows
+        Rows with the expected standard uncertainties ``sd``, of half of all machines like the
+        pilot, and ``likely_sd``, of nine in ten, by the name ``key`` of the parameter.
+    texts
+        Texts typed as goals, by parameter.
+    bound
+        The model, which knows the units of the parameters.
+    estimates
+        Estimates of the parameters, to which goals in percent are relative.
+
+    Returns
+    -------
+    list
+        Rows with the largest U ``wanted``, and how many machines have a smaller one, ``reached``:
+        "nine" in ten, "half" or "no". Without a goal both are empty. A text that cannot be read
+        gives ``wanted`` empty and a message as ``refused``.
+    """
+    extended = []
+    for row in rows:
+        goal_row: dict[str, Any] = {"wanted": "", "reached": "", "refused": ""}
+        text = texts.get(row["key"], "")
+        if text:
+            goal_row |= _goal_row(row, text, bound, estimates)
+        extended.append({**row, **goal_row})
+    return extended
+
+
+def _goal_row(
+    row: Mapping[str, Any], text: str, bound: BoundModel, estimates: Mapping[str, float]
+) -> dict[str, Any]:
+    """Return what one row states about the goal that ``text`` states."""
+    name = row["key"]
+    try:
+        goal = goals_in(bound, {name: text})[name]
+    except InputError as error:
+        return {"refused": str(error)}
+    limit = float(goal.limit_U(estimates[name]))
+    reached = "no"
+    if COVERAGE_FACTOR * row["likely_sd"] <= limit:
+        reached = "nine"
+    elif COVERAGE_FACTOR * row["sd"] <= limit:
+        reached = "half"
+    factor, _ = display_unit(goal.unit)
+    return {"wanted": two_digits(limit, factor), "reached": reached}
