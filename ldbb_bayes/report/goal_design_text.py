@@ -110,5 +110,5 @@ def _customary_table(result: GoalDesign) -> Table:
                     unit,
                 )
             )
-    heads = ("both directions, balls as they are", "circles", "of", "U", "U, as planned", "unit")
+    heads = ("balls as they are", "circles", "of", "U", "U, as planned", "unit")
     return Table.of("As it is done today", heads, rows, text=("of", "unit"))

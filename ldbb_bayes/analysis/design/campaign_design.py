@@ -389,7 +389,8 @@ def design(
         Radii to choose from [mm]. Default: as in the pilot.
     directions : sequence of {"CW", "CCW"}
         Directions of travel to choose from. Default: as in the pilot. If both may be chosen, the
-        model always includes hysteresis. With goals, both are the default.
+        model always includes hysteresis. With goals, both are the default if
+        the pilot states its own.
     criterion : {"eig", "d", "a", "c", "i", "discriminate"}, optional
         Criterion to optimize. ``eig``: expected information gain. ``d``: determinant of the
         covariance of the parameters. ``a``: sum of their variances. ``c``: variance of one

@@ -30,7 +30,7 @@ from ldbb_bayes.analysis.design.cheapest_search import (
     shares_of_machines,
 )
 from ldbb_bayes.analysis.design.costs import Costs
-from ldbb_bayes.analysis.design.customary_plans import equal_steps_both_ways, published_forces
+from ldbb_bayes.analysis.design.customary_plans import equal_steps, published_forces
 from ldbb_bayes.analysis.design.forecast import Expected, forecast_plan, states_of
 from ldbb_bayes.analysis.design.goals import COVERAGE_FACTOR, Goal, goals_in
 from ldbb_bayes.analysis.design.obstacles import Obstacle, obstacles_of
@@ -234,7 +234,7 @@ def design_for_goals(
         forces_N=forces_N,
         clockings_deg=clockings_deg or _CLOCKINGS,
         radii_mm=radii_mm,
-        directions=directions or _DIRECTIONS,
+        directions=directions or _directions_of(pilot),
         parameters=tuple(goals),
         augment=augment,
         seed=seed,
@@ -242,6 +242,16 @@ def design_for_goals(
     known = _what_is_known(space, goals)
     needed = {name: goal for name, goal in goals.items() if not known[name].met_by_pilot}
     return _describe(space, known, needed, costs, offers, probability)
+
+
+def _directions_of(pilot: Campaign) -> tuple[Direction, ...]:
+    """Return both directions of travel; none if the pilot does not state in which it was run.
+
+    Hysteresis can be counted only where all directions are known.
+    """
+    if any(test.direction is None for test in pilot.tests):
+        return ()
+    return _DIRECTIONS
 
 
 def _what_is_known(space: Space, goals: Mapping[str, Goal]) -> dict[str, StatedGoal]:
@@ -370,9 +380,11 @@ def _customary_plans(
     template = replace(space.templates[0], radius_mm=float(space.radii_mm[0]))
     lowest_N = float(space.pilot.forces_N.min())
     highest_N = float(space.pilot.forces_N.max())
+    ways = tuple(dict.fromkeys(test.direction for test in space.templates))
+    number = len(best.tests)
     named: dict[str, tuple[CircularTest, ...]] = {
-        "equal steps": equal_steps_both_ways(template, lowest_N, highest_N, len(best.tests)),
-        "seven published forces": published_forces(template, lowest_N, highest_N),
+        "equal steps": equal_steps(template, ways, lowest_N, highest_N, number),
+        "seven published forces": published_forces(template, ways, lowest_N, highest_N),
     }
     plans = []
     for name, tests in named.items():

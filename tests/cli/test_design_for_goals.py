@@ -1,0 +1,64 @@
+"""The command ``design --goal``: from goals to the cheapest campaign."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from campaigns import Invoke
+
+import ldbb_bayes as lb
+
+GOAL = ("--goal", "E_C0YX=25urad", "--forces", "36,742")
+
+
+def test_a_goal_gives_a_plan_with_its_model_and_its_numbers(
+    folder: Path, tmp_path: Path, invoke: Invoke
+) -> None:
+    out = tmp_path / "cheapest"
+    code, stdout, _ = invoke("design", folder, *GOAL, "--json", "--out", out)
+    record = json.loads(stdout)
+    assert code == 0
+    assert record == json.loads((out / "goals.json").read_text())
+    plan = lb.read_campaign(out)
+    assert plan.is_plan
+    assert len(plan.tests) == record["plans"][0]["circles"]
+
+
+def test_costs_are_those_of_the_options(folder: Path, invoke: Invoke) -> None:
+    options = ("--minutes-per-circle", 4, "--minutes-per-setup", 20, "--price-per-hour", 120)
+    record = json.loads(invoke("design", folder, *GOAL, *options, "--json")[1])
+    best = record["plans"][0]
+    turns = len({(row["work_ball_deg"], row["tool_ball_deg"]) for row in best["tests"]}) - 1
+    assert best["minutes"] == 4 * best["circles"] + 20 + 5 * turns
+    assert best["price"] == pytest.approx(2 * best["minutes"])
+
+
+def test_a_goal_that_is_not_reached_ends_with_code_1(folder: Path, invoke: Invoke) -> None:
+    code, stdout, _ = invoke("design", folder, "--goal", "E_XX1=1e-6 ppm")
+    assert code == 1
+    assert "no number of circles brings U below" in " ".join(stdout.split())
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--goal", "C_XXX"), "--goal must be NAME=U"),
+        (("--goal", "C_XXX=5"), "goal of C_XXX must be a number with its unit"),
+        (("--goal", "C_XXX=-5%"), "goal of C_XXX must be an uncertainty above 0"),
+        (("--goal", "C_XXX=5%", "--tests", 6), "goals must go without tests"),
+        (("--goal", "C_XXX=5%", "--certificates", "bar"), "--certificates must be NAME=PRICE"),
+        (("--goal", "C_XXX=5%", "--certificates", "bar=x"), "--certificates must hold numbers"),
+        (("--goal", "C_XXX=5%", "--directions", "up"), "direction must be one of"),
+        (("--hours", 2), "--hours must go with --goal"),
+        (("--certificates", "bar=150"), "--certificates must go with --goal"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(
+    folder: Path, invoke: Invoke, options: tuple[object, ...], message: str
+) -> None:
+    code, stdout, stderr = invoke("design", folder, *options)
+    assert code == 2
+    assert stdout == ""
+    assert message in stderr
