@@ -10,10 +10,10 @@ from typing import Any
 
 import pytest
 from campaigns import plan, simulated
-from reports import fitted, undrawn
+from reports import awkward, fitted, undrawn
 
 import ldbb_bayes as lb
-from ldbb_bayes.report import wording
+from ldbb_bayes.report import page, wording
 from ldbb_bayes.report.annex_translation import AnnexTranslation, annex_translation, has_english
 from ldbb_bayes.report.findings import find
 from ldbb_bayes.report.page import compose, html_page
@@ -148,33 +148,48 @@ def test_symbols_are_no_english(text: str) -> None:
 # ---- a whole page
 
 
-@pytest.mark.parametrize("degree", [0, 1])
-def test_a_german_page_has_no_english_text(degree: int, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def translations(monkeypatch: pytest.MonkeyPatch) -> list[AnnexTranslation]:
+    """The translations that pages are made with, in the order of the pages."""
     undrawn(monkeypatch)
-    missing: set[str] = set()
-    monkeypatch.setattr(
-        AnnexTranslation, "__post_init__", lambda self: setattr_of(self, missing), raising=False
-    )
+    made: list[AnnexTranslation] = []
+
+    def translation_of(*arguments: Any) -> AnnexTranslation | None:
+        translation = annex_translation(*arguments)
+        if translation is not None:
+            made.append(translation)
+        return translation
+
+    monkeypatch.setattr(page, "annex_translation", translation_of)
+    return made
+
+
+@pytest.mark.parametrize("degree", [0, 1])
+def test_a_german_page_has_no_english_text(
+    degree: int, translations: list[AnnexTranslation]
+) -> None:
     posterior = fitted(lb.HybridModel.first(degree), simulated(plan()))
     reason = wording.NO_ANNEX
     document = compose(find(posterior, comparison=reason, recommended=reason), language="de")
     assert document.sections
-    assert not missing
+    assert [translation.missing for translation in translations] == [set()]
 
 
-def setattr_of(translation: AnnexTranslation, missing: set[str]) -> None:
-    object.__setattr__(translation, "missing", missing)
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["three planes", "degree 2", "unconverged", "paper", "two tests"])
+def test_awkward_german_pages_have_no_english_text(
+    kind: str, translations: list[AnnexTranslation]
+) -> None:
+    reason = wording.NO_ANNEX
+    compose(find(awkward(kind), comparison=reason, recommended=reason), language="de")
+    assert [translation.missing for translation in translations] == [set()]
 
 
 @pytest.mark.slow
 def test_a_german_page_with_comparison_and_design_has_no_english_text(
-    monkeypatch: pytest.MonkeyPatch,
+    translations: list[AnnexTranslation],
 ) -> None:
-    missing: set[str] = set()
-    monkeypatch.setattr(
-        AnnexTranslation, "__post_init__", lambda self: setattr_of(self, missing), raising=False
-    )
     posterior = fitted(lb.HybridModel.first(1), simulated(plan()))
-    page = html_page(compose(find(posterior), language="de"))
-    assert not missing
-    assert '<html lang="de">' in page
+    html = html_page(compose(find(posterior), language="de"))
+    assert [translation.missing for translation in translations] == [set()]
+    assert '<html lang="de">' in html
