@@ -15,6 +15,7 @@ from ldbb_bayes.errors import InputError, nearest, require
 from ldbb_bayes.reading.layout import Layout
 from ldbb_bayes.reading.names import load_in_name
 from ldbb_bayes.reading.numerals import is_missing, looks_like_number
+from ldbb_bayes.reading.unit_lines import COUNT
 from ldbb_bayes.reading.words import (
     LONGEST_NAME,
     OTHER_QUANTITY,
@@ -128,6 +129,8 @@ def _unit_at_end(header: str) -> Header:
         return Header(header, "")
     name = match[1].strip(" _")
     unit = unit_named(match[2])
+    if not unit and COUNT.fullmatch(comparable(match[2])) and has_role(name, "reading"):
+        return Header(name, match[2])  # a count, whose size must be known
     if not unit:
         return Header(header, "")
     last_word = re.split(r"[\s_]+", name)[-1]

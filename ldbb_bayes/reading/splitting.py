@@ -79,14 +79,22 @@ class _SheetColumns:
     def _units(self, column: int, rows: Sequence[int]) -> Iterator[RowUnits]:
         """Yield the units of the rows of one column from each source."""
         if column in self.unit_columns:
-            cells = self.cells[self.unit_columns[column]]
-            yield RowUnits([cells[row] for row in rows], "a column of units")
+            units = self._cells_with_units(self.unit_columns[column], rows)
+            yield RowUnits(units, "a column of units")
         places = [(self.lines[row], column) for row in rows]
         cell_units = self.sheet.cell_units
         yield RowUnits([cell_units.get(place, "") for place in places], "its cells")
         format_units = self.sheet.format_units
         source = "the number format of its cells"
         yield RowUnits([format_units.get(place, "") for place in places], source)
+
+    def _cells_with_units(self, column: int, rows: Sequence[int]) -> list[str]:
+        """Return cells of a column of units; a factor, as in 0.1 µm, was read as a number."""
+        texts = []
+        for row in rows:
+            unit = self.sheet.cell_units.get((self.lines[row], column), "")
+            texts.append(f"{self.cells[column][row]} {unit}".strip())
+        return texts
 
     def numbers(self, role: str, column: int) -> Array:
         """Return the numbers in a column as an array, one for each of the n rows, shape (n,).

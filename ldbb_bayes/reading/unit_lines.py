@@ -99,6 +99,10 @@ def _role_of_label(label: str) -> str | None:
 def _units_of_roles(text: str, role: str) -> dict[str, str]:
     """Return the units in a text by key, as far as they are units of ``role`` (empty: of any)."""
     roles = [role] if role else list(UNITS)
+    scaled = scaled_unit(text)
+    if scaled and not unit_named(text):  # a unit with a factor, such as 10 nm
+        unit_name = scaled.split()[-1]
+        return {f"{key}_unit": scaled for key in roles if unit_name in UNITS[key]}
     names: dict[str, list[str]] = {}
     for word in _UNIT.findall(text):
         unit = unit_named(word.strip("."))

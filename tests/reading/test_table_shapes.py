@@ -292,3 +292,39 @@ def test_units_in_some_cells_alone_are_refused(tmp_path: Path) -> None:
     refuses("--unit", read_tests, path)
     (test,) = read_tests(path, reading_unit="um")
     check_test(test, 100.0)
+
+
+def in_counts(size_um: float) -> list[str]:
+    """Return the lines of a table whose readings are in counts of a size [µm]."""
+    lines = []
+    for angle, reading in zip(ANGLES, readings(100.0), strict=True):
+        lines.append(f"{angle},{reading / size_um:.0f}")
+    return lines
+
+
+def test_a_line_with_a_factor_before_the_unit(tmp_path: Path) -> None:
+    lines = ["Unit of readings = 10 nm", "Angle [deg],Deviation", *in_counts(0.01)]
+    (test,) = read_tests(file(tmp_path, "100N.csv", lines))
+    np.testing.assert_allclose(test.reading_um, readings(100.0), atol=0.006)
+
+
+@pytest.mark.parametrize("header", ["Unit", "Einheit"])
+def test_a_column_of_units_with_a_factor(header: str, tmp_path: Path) -> None:
+    lines = [f"Angle [deg],Deviation,{header}"]
+    lines += [f"{line},0.1 µm" for line in in_counts(0.1)]
+    (test,) = read_tests(file(tmp_path, "100N.csv", lines))
+    np.testing.assert_allclose(test.reading_um, readings(100.0), atol=0.06)
+
+
+@pytest.mark.parametrize("header", ["Écart counts", "Deviation_digits", "Abweichung inc"])
+def test_counts_of_unknown_size_are_refused(header: str, tmp_path: Path) -> None:
+    path = file(tmp_path, "100N.csv", [f"Angle [deg],{header}", *in_counts(0.1)])
+    refuses("--unit '0.1 um' for counts", read_tests, path)
+    (test,) = read_tests(path, reading_unit="0.1 um")
+    np.testing.assert_allclose(test.reading_um, readings(100.0), atol=0.06)
+
+
+def test_the_size_of_counts_in_a_line_holds_for_the_header(tmp_path: Path) -> None:
+    lines = ["1 count = 0.1 µm", "Angle [deg],Deviation counts", *in_counts(0.1)]
+    (test,) = read_tests(file(tmp_path, "100N.csv", lines))
+    np.testing.assert_allclose(test.reading_um, readings(100.0), atol=0.06)
