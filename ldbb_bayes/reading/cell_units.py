@@ -53,14 +53,12 @@ def split_units(rows: Sequence[Row]) -> UnitsOfCells:
     three rows or more have units. A row such as ``Force;36 N`` stays as it is.
     """
     numbers = [_numbers_of(row.cells) for row in rows]
-    has_numbers = [bool(entries) for entries in numbers]
-    if sum(has_numbers) >= _FEWEST_ROWS:
-        has_numbers = [all(number_in_cell(cell) for cell in row.cells if cell) for row in rows]
+    is_neighbour = _may_be_neighbours(rows, numbers)
     changed = list(rows)
     units: dict[tuple[int, int], str] = {}
     for k, row in enumerate(rows):
-        before = k > 0 and has_numbers[k - 1]
-        behind = k + 1 < len(rows) and has_numbers[k + 1]
+        before = k > 0 and is_neighbour[k - 1]
+        behind = k + 1 < len(rows) and is_neighbour[k + 1]
         if not numbers[k] or not (before or behind):
             continue
         cells = list(row.cells)
@@ -70,6 +68,19 @@ def split_units(rows: Sequence[Row]) -> UnitsOfCells:
                 units[row.line, column] = entry.unit
         changed[k] = Row(row.line, cells)
     return UnitsOfCells(changed, units)
+
+
+def _may_be_neighbours(
+    rows: Sequence[Row], numbers: Sequence[Mapping[int, _NumberAndUnit]]
+) -> list[bool]:
+    """Return for each row whether it shows that the rows beside it belong to a table.
+
+    ``numbers`` are the numbers of each row that has units.
+    """
+    with_units = [bool(entries) for entries in numbers]
+    if sum(with_units) < _FEWEST_ROWS:
+        return with_units
+    return [all(number_in_cell(cell) for cell in row.cells if cell) for row in rows]
 
 
 def _numbers_of(cells: Sequence[str]) -> dict[int, _NumberAndUnit]:

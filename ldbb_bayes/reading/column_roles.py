@@ -349,22 +349,32 @@ def _find_role(place: str, role: str, roles: ColumnRoles, headers: Sequence[str]
             roles.columns["reading"] = candidates[0]
         return
     if len(candidates) > 1:
-        names = " and ".join(repr(headers[column][:LONGEST_NAME]) for column in candidates)
-        advice = ""
-        if role == "reading":
-            options = " ".join(f"--reading-column {column + 1}" for column in candidates[:3])
-            advice = f", or all, each a test of its own: {options}"
-            if len(candidates) > 3:
-                advice += " …"
-        raise InputError(
-            f"{place}: one column must hold the {role}, got {names}. Say which:"
-            f" --{role}-column{advice}."
-        )
+        raise _several_candidates(place, role, candidates, headers)
     if not candidates:
         return
     column = candidates[0]
     if role == "reading" or headers[column] not in PER_TEST:
         roles.columns[role] = column
+
+
+def _several_candidates(
+    place: str, role: str, candidates: Sequence[int], headers: Sequence[str]
+) -> InputError:
+    """Return the error for several columns that could have a role.
+
+    ``place`` names the table, and ``candidates`` are the indices of the columns.
+    """
+    names = " and ".join(repr(headers[column][:LONGEST_NAME]) for column in candidates)
+    advice = ""
+    if role == "reading":
+        options = " ".join(f"--reading-column {column + 1}" for column in candidates[:3])
+        advice = f", or all, each a test of its own: {options}"
+        if len(candidates) > 3:
+            advice += " …"
+    return InputError(
+        f"{place}: one column must hold the {role}, got {names}. Say which:"
+        f" --{role}-column{advice}."
+    )
 
 
 def _find_role_by_unit(role: str, roles: ColumnRoles, units: Sequence[str]) -> None:

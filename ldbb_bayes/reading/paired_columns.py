@@ -31,38 +31,53 @@ def split_pairs(sheet: Sheet, layout: Layout) -> list[Sheet]:
     if header is None:
         return [sheet]
     names = list(sheet.rows[header].cells)
-    starts = [k for k, name in enumerate(names) if has_role(unit_of(name).name, "angle")]
-    if len(starts) < 2 or starts[0] != 0:
+    width = _width_of_tables(names)
+    if not width:
         return [sheet]
-    width = starts[1]
-    if width < _FEWEST_COLUMNS or starts != list(range(0, len(names), width)):
-        return [sheet]
-    if len(names) % width:
-        return [sheet]
+    starts = range(0, len(names), width)
     headers = [names[start : start + width] for start in starts]
     if not all(_has_stated_columns(layout, table_names) for table_names in headers):
         return [sheet]
     titles = _titles([table_names[1] for table_names in headers])
     tables = []
     for start, title in zip(starts, titles, strict=True):
-        rows = list(sheet.rows[:header])
-        for row in sheet.rows[header:]:
-            cells = row.cells[start : start + width]
-            if any(cells):
-                rows.append(Row(row.line, cells))
-        tables.append(
-            replace(
-                sheet,
-                name=title,
-                rows=rows,
-                cell_units=_of_columns(sheet.cell_units, start, width),
-                format_units=_of_columns(sheet.format_units, start, width),
-                formulas_without_value={
-                    (line, column - start) for line, column in sheet.formulas_without_value
-                },
-            )
-        )
+        tables.append(_columns_of(sheet, header, range(start, start + width), title))
     return tables
+
+
+def _width_of_tables(names: Sequence[str]) -> int:
+    """Return the number of columns of each table; 0 if there are not several of equal width."""
+    starts = [k for k, name in enumerate(names) if has_role(unit_of(name).name, "angle")]
+    if len(starts) < 2 or starts[0] != 0:
+        return 0
+    width = starts[1]
+    is_even = len(names) % width == 0 and starts == list(range(0, len(names), width))
+    if width < _FEWEST_COLUMNS or not is_even:
+        return 0
+    return width
+
+
+def _columns_of(sheet: Sheet, header: int, columns: range, title: str) -> Sheet:
+    """Return the table in some columns of a sheet as a sheet of its own.
+
+    ``header`` is the index of the row of names; the rows above it belong to every table.
+    """
+    rows = list(sheet.rows[:header])
+    for row in sheet.rows[header:]:
+        cells = row.cells[columns.start : columns.stop]
+        if any(cells):
+            rows.append(Row(row.line, cells))
+    formulas = set()
+    for line, column in sheet.formulas_without_value:
+        formulas.add((line, column - columns.start))
+    return replace(
+        sheet,
+        name=title,
+        rows=rows,
+        cell_units=_of_columns(sheet.cell_units, columns),
+        format_units=_of_columns(sheet.format_units, columns),
+        formulas_without_value=formulas,
+    )
 
 
 def _has_stated_columns(layout: Layout, headers: Sequence[str]) -> bool:
@@ -74,14 +89,12 @@ def _has_stated_columns(layout: Layout, headers: Sequence[str]) -> bool:
     return True
 
 
-def _of_columns(
-    units: Mapping[tuple[int, int], str], start: int, width: int
-) -> dict[tuple[int, int], str]:
+def _of_columns(units: Mapping[tuple[int, int], str], columns: range) -> dict[tuple[int, int], str]:
     """Return the units of the cells of one table, by line number and column of that table."""
     in_table = {}
     for (line, column), unit in units.items():
-        if start <= column < start + width:
-            in_table[line, column - start] = unit
+        if column in columns:
+            in_table[line, column - columns.start] = unit
     return in_table
 
 

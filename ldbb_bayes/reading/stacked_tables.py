@@ -36,20 +36,14 @@ def split_tables(sheet: Sheet) -> list[Sheet]:
     header = first_header(sheet.rows)
     if header is None:
         return [sheet]
-    wanted = [comparable(cell) for cell in sheet.rows[header].cells]
-    headers = []
-    for k in range(header + 1, len(sheet.rows)):
-        if [comparable(cell) for cell in sheet.rows[k].cells] == wanted:
-            headers.append(k)
+    headers = _repeated_headers(sheet.rows, header)
     if not headers:
         return [sheet]
     tables = [list(sheet.rows[: header + 1])]
     lines_above_first = sheet.rows[:header]
     end = header + 1
     for k in headers:
-        begin = k
-        while begin > end and count_numbers(sheet.rows[begin - 1].cells) < 2:
-            begin -= 1
+        begin = _end_of_numbers(sheet.rows, end, k)
         tables[-1] += sheet.rows[end:begin]
         lines = [row for row in sheet.rows[begin:k] if not _is_of_page(row, lines_above_first)]
         if lines or _begins_anew(sheet.rows, header, k):
@@ -60,6 +54,24 @@ def split_tables(sheet: Sheet) -> list[Sheet]:
     if len(tables) == 1:
         return [replace(sheet, rows=tables[0], n_headers=len(headers))]
     return _named_sheets(sheet, tables)
+
+
+def _repeated_headers(rows: Sequence[Row], header: int) -> list[int]:
+    """Return the indices of the rows that repeat the header, which is the row ``header``."""
+    wanted = [comparable(cell) for cell in rows[header].cells]
+    repeated = []
+    for k in range(header + 1, len(rows)):
+        if [comparable(cell) for cell in rows[k].cells] == wanted:
+            repeated.append(k)
+    return repeated
+
+
+def _end_of_numbers(rows: Sequence[Row], start: int, header: int) -> int:
+    """Return the index behind the last row of numbers between ``start`` and a header."""
+    end = header
+    while end > start and count_numbers(rows[end - 1].cells) < 2:
+        end -= 1
+    return end
 
 
 def first_header(rows: Sequence[Row]) -> int | None:

@@ -67,7 +67,17 @@ def units_stated(text: str) -> dict[str, str]:
     role = _role_of_label(match["label"])
     if role is None:
         return stated
-    return stated | _units_of_roles(match["units"].strip(), role)
+    text = match["units"].strip()
+    if scaled_unit(text) and not unit_named(text):  # a unit with a factor, such as 10 nm
+        return stated | _scaled_units(scaled_unit(text), role)
+    return stated | _units_of_roles(text, role)
+
+
+def _scaled_units(unit: str, role: str) -> dict[str, str]:
+    """Return a unit with a factor by key, if it is one of ``role`` (empty: of any)."""
+    name = unit.split()[-1]
+    roles = [role] if role else list(UNITS)
+    return {f"{unit_role}_unit": unit for unit_role in roles if name in UNITS[unit_role]}
 
 
 def _size_of_count(text: str) -> str:
@@ -99,10 +109,6 @@ def _role_of_label(label: str) -> str | None:
 def _units_of_roles(text: str, role: str) -> dict[str, str]:
     """Return the units in a text by key, as far as they are units of ``role`` (empty: of any)."""
     roles = [role] if role else list(UNITS)
-    scaled = scaled_unit(text)
-    if scaled and not unit_named(text):  # a unit with a factor, such as 10 nm
-        unit_name = scaled.split()[-1]
-        return {f"{key}_unit": scaled for key in roles if unit_name in UNITS[key]}
     names: dict[str, list[str]] = {}
     for word in _UNIT.findall(text):
         unit = unit_named(word.strip("."))
