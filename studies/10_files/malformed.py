@@ -203,13 +203,15 @@ CASES: dict[str, Malformed] = {
     "18_open_quote": Malformed(
         "a quote never closed", with_line(40, '195.0,"1.5'), (NAME, "line 40", "quotes")
     ),
-    "19_underscore": Malformed("1_000", with_line(40, "195.0,1_000"), (NAME, "line 40", "'1_000'")),
+    "19_underscore": Malformed("1_0", with_line(40, "195.0,1_0"), (NAME, "line 40", "'1_0'")),
     "20_hex": Malformed("0x1F", with_line(40, "195.0,0x1F"), (NAME, "line 40", "'0x1F'")),
     "21_hidden_word": Malformed(
         "a row of words in the middle", with_line(40, "pause,here"), (NAME, "line 40", "'pause'")
     ),
     "22_two_tables": Malformed(
-        "two tables below each other", (PLAIN + PLAIN).encode(), (NAME, f"line {READINGS + 2}")
+        "two tables with unlike headers below each other",
+        (PLAIN + PLAIN.replace("angle_deg", "phi")).encode(),
+        (NAME, f"line {READINGS + 2}"),
     ),
     "23_no_load": Malformed(
         "no force, no pressure", PLAIN.encode(), ("table.csv", "force or pressure"), "table.csv"
@@ -292,7 +294,7 @@ CASES: dict[str, Malformed] = {
         NAME,
         ("--header-line", "900"),
     ),
-    "37_binary": Malformed("noise", bytes(range(256)) * 40, (NAME, "line 2", "text")),
+    "37_binary": Malformed("noise", bytes(range(256)) * 40, (NAME, "line 1", "text")),
     "38_not_utf8": Malformed(
         "Latin letters, read as UTF-8",
         PLAIN.replace("reading_um", "reading µm").encode("latin-1"),
@@ -434,7 +436,9 @@ CASES: dict[str, Malformed] = {
         "a radius of zero", PLAIN.encode(), ("radius_mm",), NAME, ("--radius-mm", "0")
     ),
     "63_header_again": Malformed(
-        "the header once more below five rows", with_line(7, LINES[0]), (NAME, "line 7")
+        "half of the header once more below five rows",
+        with_line(7, "angle_deg,"),
+        (NAME, "line 7"),
     ),
     "64_label_formula": Malformed(
         "a formula for the name of the test, never calculated",
