@@ -118,7 +118,8 @@ def printed(
             batch = machines
             if arguments[0] == "trend":
                 batch = rows
-            patch.setattr("ldbb_bayes.cli.fleets.read_batch", always(batch))
+            for reader in ("read_batch", "read_fleet"):
+                patch.setattr(f"ldbb_bayes.cli.fleets.{reader}", always(batch))
             printed_parts = parts_of_commands.setdefault(str(arguments[0]), [])
             patch.setattr(output, "show", collector(printed_parts))
             ended = CliRunner().invoke(app, [*map(str, arguments)])
