@@ -130,7 +130,14 @@ def objects_of_results(
     budgets = lb.analysis.budget_uncertainty(posterior)
     changes = lb.analysis.change_with_force(fitted(MODEL.with_degree(1), campaign))
     stiffness = lb.stiffness(posterior)
+    gum = lb.analysis.validate_gum(posterior)
+    goals = {"C_XXX": "5nm/N"}
     return [
+        gum,
+        gum.parameters["C_XXX"],
+        lb.analysis.Costs(),
+        lb.design(MODEL, campaign, goals=goals, forces_N=FORCES_N),
+        lb.analysis.next_circle(MODEL, campaign, goals=goals),
         next(iter(lb.analysis.judge_posterior(posterior).values())),
         lb.fit_least_squares(campaign),
         design,

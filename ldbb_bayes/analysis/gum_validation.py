@@ -49,7 +49,14 @@ _STANDARD_ERRORS = 2.0
 
 @dataclass(frozen=True)
 class GumComparison(Result):
-    """One parameter by the GUM's law of propagation, and by its distribution (JCGM 101)."""
+    """One parameter by the GUM's law of propagation, and by its distribution (JCGM 101).
+
+    Examples
+    --------
+    >>> entry = lb.analysis.validate_gum(posterior).parameters["C_YYY"]
+    >>> entry.gum_low < entry.gum_estimate < entry.gum_high, entry.low < entry.mean < entry.high
+    (True, True)
+    """
 
     unit: str  #: unit of all numbers
     gum_estimate: float  #: estimate y of the linear model, scales of noise and effects known
@@ -98,8 +105,8 @@ class GumValidation(Result):
     --------
     >>> validation = lb.analysis.validate_gum(posterior)
     >>> entry = validation.parameters["C_YYY"]
-    >>> entry.gum_low < entry.low, entry.digits <= 2
-    (True, True)
+    >>> validation.digits, entry.digits <= 2
+    (2, True)
     """
 
     prob: float  #: probability of the intervals

@@ -205,7 +205,7 @@ def test_a_trend_and_its_files(
 ) -> None:
     """Of a machine that has loosened; its options are those of the answer."""
     rows = drawn_rows(6, np.random.default_rng(4), step_at=4)
-    monkeypatch.setattr("ldbb_bayes.cli.fleets.read_batch", lambda *_: rows)
+    monkeypatch.setattr("ldbb_bayes.cli.fleets.read_fleet", lambda *_: rows)
     out = tmp_path / "out"
     options = ("--out", out, "--parameters", "C_XXX, C_YYY", "--threshold", "0.9", "--ci", 0.9)
     record = json.loads(invoke("trend", tmp_path, *options, "--json")[1])

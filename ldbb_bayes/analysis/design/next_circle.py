@@ -100,9 +100,9 @@ class NextCircle(Result):
     Examples
     --------
     >>> step = lb.analysis.next_circle(lb.HybridModel.first(1), campaign)
-    >>> step.circles, step.finished
-    (6, False)
-    >>> step.plan().tests[0].force_N == step.table["force_N"][0]
+    >>> step.circles
+    6
+    >>> bool(step.plan().tests[0].force_N == step.table["force_N"][0])
     True
     """
 
