@@ -28,6 +28,7 @@ from ldbb_bayes.analysis.design.aims_so_far import (
     GoalState,
     Known,
     ToleranceSoFar,
+    ToleranceState,
     goal_states,
     known_from,
     tolerance_states,
@@ -211,46 +212,84 @@ def next_circle(
     circles = CandidateCovariances(objective)
     if tolerances is None:
         tolerances = campaign.tolerances
-    read_goals = {}
-    if goals:
-        read_goals = goals_in(known.bound, goals)
-    of_goals = goal_states(read_goals, known, circles.before, confidence)
+    of_goals = _states_of_goals(goals, known, circles.before, confidence)
     of_tolerances = {}
     if tolerances:
         posterior = sample(model, space.pilot, sampler="independent", seed=seed)
         of_tolerances = tolerance_states(posterior, tolerances, known, circles.before, confidence)
     odds = _ModelOdds.of(model, known, evidences, confidence)
     model_is_aim = odds is not None and (decide_model or not (goals or tolerances))
-    aims: list[Aim] = [state.aim for state in of_goals.values()]
-    aims += [state.aim for state in of_tolerances.values()]
-    if odds is not None and model_is_aim:
-        aims.append(odds.aim)
+    aims = _aims_of(of_goals, of_tolerances, odds if model_is_aim else None)
 
     distance_now = float(total_distance(aims, circles.before))
     covariances = circles.after()
     distances = total_distance(aims, covariances)
     order = np.argsort(distances, kind="stable")
-    best = int(order[0])
-    after = covariances[:, best]
+    after = covariances[:, order[0]]
     continued = objective.among(order[:_CONTINUED])
-    floor = _covariances_after_very_many(continued)
     goals_probability = _joint_probability(of_goals, known)
     finished = all(aim.is_reached for aim in aims) and goals_probability >= confidence
+    more_circles: int | None = 0
+    if not finished:
+        more_circles = _circles_to_go(aims, continued)
     listed = order[:_LISTED]
     table = space.frame([space.tests[k] for k in listed])
     return NextCircle(
         circles=len(campaign.tests),
         confidence=confidence,
-        goals={name: state.so_far(after, floor) for name, state in of_goals.items()},
+        goals=_goals_so_far(of_goals, after, _covariances_after_very_many(continued)),
         goals_probability=goals_probability,
         model=None if odds is None else odds.so_far(after),
         model_is_aim=model_is_aim,
-        tolerances={name: state.so_far(after) for name, state in of_tolerances.items()},
+        tolerances=_tolerances_so_far(of_tolerances, after),
         finished=finished,
-        more_circles=0 if finished else _circles_to_go(aims, continued),
+        more_circles=more_circles,
         table=table.assign(share=_shares_of_the_way(distance_now, distances[listed])),
-        chosen=_Chosen(space, space.tests[best]),
+        chosen=_Chosen(space, space.tests[order[0]]),
     )
+
+
+def _aims_of(
+    goals: Mapping[str, GoalState],
+    tolerances: Mapping[str, ToleranceState],
+    odds: _ModelOdds | None,
+) -> list[Aim]:
+    """Return all aims of a campaign; ``odds`` are None if the model need not be decided."""
+    aims: list[Aim] = [state.aim for state in goals.values()]
+    aims += [state.aim for state in tolerances.values()]
+    if odds is not None:
+        aims.append(odds.aim)
+    return aims
+
+
+def _states_of_goals(
+    goals: Mapping[str, str | Goal], known: Known, before: Array, confidence: float
+) -> dict[str, GoalState]:
+    """Return how goals stand with the covariances ``before`` the next circle, by parameter."""
+    read_goals = {}
+    if goals:
+        read_goals = goals_in(known.bound, goals)
+    return goal_states(read_goals, known, before, confidence)
+
+
+def _goals_so_far(
+    goals: Mapping[str, GoalState], after: Array, floor: Array
+) -> dict[str, GoalSoFar]:
+    """Return all goals as they stand, by parameter.
+
+    ``after`` are covariances after the best next circle, ``floor`` those after very many circles.
+    """
+    return {name: state.so_far(after, floor) for name, state in goals.items()}
+
+
+def _tolerances_so_far(
+    tolerances: Mapping[str, ToleranceState], after: Array
+) -> dict[str, ToleranceSoFar]:
+    """Return decisions on tolerances as they stand, by quantity.
+
+    ``after`` are covariances after the best next circle.
+    """
+    return {name: state.so_far(after) for name, state in tolerances.items()}
 
 
 def _check_arguments(model: HybridModel, campaign: Campaign, confidence: float) -> None:
