@@ -85,4 +85,4 @@ def _circles_table(step: NextCircle) -> Table:
     for row in step.table.to_numpy(dtype=object).tolist():
         settings = [str(value) if isinstance(value, str) else f"{value:.4g}" for value in row[:-1]]
         rows.append([*settings, f"{100.0 * float(row[-1]):.1f}"])
-    return Table.of("", (*heads, "of the way (%)"), rows)
+    return Table.of("", (*heads, "nearer by (%)"), rows)

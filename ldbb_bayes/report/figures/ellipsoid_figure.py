@@ -21,7 +21,7 @@ __all__ = ["compliance_ellipsoid"]
 _HEIGHT = 4.4  # height of the figure [inch]
 _MERIDIANS = 24  # number of lines of each kind on the ellipsoid
 _VIEW_DEG = (22.0, 35.0)  # elevation and azimuth of the view
-_ZOOM = 1.1  # enlargement of the panel in space, which is drawn small otherwise
+_ZOOM = 0.88  # size of the panel in space, at which the names of its axes are not cut
 _FARTHEST = 1.15  # half edge of the box about the ellipsoid, relative to the largest compliance
 
 
@@ -69,11 +69,11 @@ def compliance_ellipsoid(posterior: xr.DataTree) -> Figure:
     _draw_surface(axes, semi_axes)
     for k, axis in enumerate(principal.axes):
         value = axis.stiffness
-        statement = plus_minus(value.mean, value.sd, value.interval, value.unit)
+        statement = f"= {plus_minus(value.mean, value.sd, value.interval, value.unit)}"
         if value.only_lower_limit:
             statement = f"≥ {value.ci_low * display_unit(value.unit)[0]:.3g} N/µm"
         end = np.stack([-semi_axes[k], semi_axes[k]])
-        label = f"k_{k + 1} = {statement}"
+        label = f"k_{k + 1} {statement}"
         axes.plot(*end.T, color=PALETTE[k], linewidth=2.5, label=label)
     limit = _FARTHEST * float(np.abs(semi_axes).max())
     for name in "xyz":
@@ -84,7 +84,7 @@ def compliance_ellipsoid(posterior: xr.DataTree) -> Figure:
     axes.view_init(*_VIEW_DEG)
     axes.tick_params(labelsize=7)
     axes.locator_params(nbins=5)
-    figure.legend(loc="outside lower center", ncols=3, title=f"{largest_N:.4g} N")
+    figure.legend(loc="outside upper center", ncols=3, title=f"{largest_N:.4g} N")
     return figure
 
 
