@@ -29,6 +29,7 @@ __all__ = [
     "embedded_campaign",
     "files_of",
     "labels_of",
+    "pilot_of_plan",
     "read_campaign",
     "write_campaign",
     "write_campaign_into",
@@ -192,11 +193,23 @@ def files_of(folder: Path) -> set[str]:
     try:
         content = read_toml(folder / TOML_NAME)
         listed = {str(entry.get("file", "")) for entry in content.get("test", [])}
-        if content.get("pilot") == PILOT_NAME:
-            listed.add(PILOT_NAME)
     except (InputError, AttributeError, TypeError):
         return set()
-    return {TOML_NAME, TRUTH_NAME, IMPORT_NAME, *listed}
+    return {TOML_NAME, TRUTH_NAME, IMPORT_NAME, *listed, *pilot_of_plan(folder)}
+
+
+def pilot_of_plan(folder: Path | None) -> set[str]:
+    """Return the name of the folder with the pilot of a plan; an empty set without a pilot.
+
+    The folder may be deleted when the plan is replaced, because it is a copy of the pilot.
+    ``folder`` is that of the plan; None for no folder.
+    """
+    if folder is None:
+        return set()
+    with suppress(InputError, AttributeError):
+        if read_toml(folder / TOML_NAME).get("pilot") == PILOT_NAME:
+            return {PILOT_NAME}
+    return set()
 
 
 def labels_of(path: str | os.PathLike[str]) -> dict[str, str]:

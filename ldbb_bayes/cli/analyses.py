@@ -10,7 +10,7 @@ import pandas as pd
 import typer
 
 import ldbb_bayes as lb
-from ldbb_bayes.campaign.folder import write_campaign_into
+from ldbb_bayes.campaign.folder import pilot_of_plan, write_campaign_into
 from ldbb_bayes.cli import arguments
 from ldbb_bayes.cli.arguments import campaign_from
 from ldbb_bayes.cli.atlases import ATLAS_FILES, write_atlases
@@ -239,6 +239,7 @@ def design(
         "design.json",
         "expected.csv",
         "sensitivity.csv",
+        *pilot_of_plan(output.out),
         figures=["expected_widths"],
     )
     campaign = source.campaign
@@ -278,7 +279,7 @@ def _design_for_goals(
     from ldbb_bayes.analysis.design import Costs
     from ldbb_bayes.model.specification import model_to_toml
 
-    output.check("campaign.toml", "model.toml", "goals.json")
+    output.check("campaign.toml", "model.toml", "goals.json", *pilot_of_plan(output.out))
     costs = {name: settings.pop(name) for name in _COST_OPTIONS if name in settings}
     result = lb.design(model, source.campaign, costs=Costs(**costs), **settings)
     record = {"schema": 1, "seed": settings["seed"], **lb.report.with_words(result)}

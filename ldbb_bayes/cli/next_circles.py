@@ -6,7 +6,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any
 
 import ldbb_bayes as lb
-from ldbb_bayes.campaign.folder import write_campaign_into
+from ldbb_bayes.campaign.folder import pilot_of_plan, write_campaign_into
 from ldbb_bayes.cli import arguments
 from ldbb_bayes.cli.options import Kind, command, group, options_of
 from ldbb_bayes.cli.ranges import read_clockings, read_range
@@ -37,7 +37,7 @@ def next_(
     # These are imported here, because they load the analysis, which takes a long time.
     from ldbb_bayes.report import next_circle_text, operator_sheet
 
-    output.check("campaign.toml", "next.json", operator_sheet.NAME)
+    output.check("campaign.toml", "next.json", operator_sheet.NAME, *pilot_of_plan(output.out))
     step = lb.analysis.next_circle(model, source.campaign, **settings)
     record = {
         "schema": 1,

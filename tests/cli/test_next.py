@@ -89,3 +89,31 @@ def test_a_plan_is_refused(planned: Path, invoke: Invoke) -> None:
     code, _, stderr = invoke("next", planned)
     assert code == 2
     assert "must have readings, got a plan" in stderr
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ("next", "--goal", "E_C0YX=0.1urad"),
+        ("design", "--tests", 2, "--forces", "36,742"),
+    ],
+)
+def test_force_replaces_a_plan_with_its_pilot(
+    options: tuple[object, ...], folder: Path, tmp_path: Path, invoke: Invoke
+) -> None:
+    name, *more = options
+    command = (name, folder, "--preset", "first", *more, "--out", tmp_path / "plan")
+    first = invoke(*command)[0]
+    assert (tmp_path / "plan" / "pilot").is_dir()
+    again, _, stderr = invoke(*command, "--force")
+    assert again == first, stderr
+
+
+def test_force_keeps_a_folder_of_another_kind_called_pilot(
+    folder: Path, tmp_path: Path, invoke: Invoke
+) -> None:
+    kept = tmp_path / "plan" / "pilot"
+    kept.mkdir(parents=True)
+    code, _, stderr = invoke("next", folder, *GOAL, "--out", tmp_path / "plan", "--force")
+    assert code == 2, stderr
+    assert kept.is_dir()
