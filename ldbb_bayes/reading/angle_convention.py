@@ -20,9 +20,17 @@ _WORDS = WORDS["angle_convention"]
 # Pattern of the axis at which angles begin, after words such as "from" or "zero at".
 _ZERO = re.compile(
     rf"(?:{_WORDS['zero']})[^\w+\-−]*(?:(?:{_WORDS['filling']})[^\w+\-−]+)*"
-    r"(?P<sign>[+\-−]?|negative[nr]?\s|minus\s)\s?(?P<axis>[XYZ])(?![^\W_])",
+    r"(?P<sign>[+\-−]?|negative[nr]?\s|minus\s)\s?(?P<axis>[XYZ])(?P<behind>[+\-−](?!\w))?"
+    r"(?![^\W_])",
     re.IGNORECASE,
 )
+# Pattern of an axis, alone among other words.
+_AXIS = re.compile(r"(?<![\w/])[+\-−]?[XYZ][+\-−]?(?![\w/])")
+# Pattern of words for a direction that is no axis, such as north.
+_NO_AXIS = re.compile(_WORDS["no_axis"], re.IGNORECASE)
+# Pattern of words for the angle itself, and of words which show that an axis beside it is no zero.
+_ANGLE = re.compile(_WORDS["angle"], re.IGNORECASE)
+_OTHER_AXIS = re.compile(_WORDS["other_axis"], re.IGNORECASE)
 # Pattern of a word that announces where angles begin, with what follows.
 _ANNOUNCED = re.compile(rf"(?:{_WORDS['announced']})(?P<zero>[^;|\t]*)", re.IGNORECASE)
 # Pattern of a line that is about angles, and of one that is about something else.
@@ -31,6 +39,8 @@ _OTHER_SUBJECT = re.compile(_WORDS["other"], re.IGNORECASE)
 # Pattern of words which show that a line says in which sense angles are counted. Without them a
 # word such as clockwise may be the direction of travel.
 _SENSE = re.compile(_WORDS["sense"], re.IGNORECASE)
+# An error message shows at most this number of characters of a text from a file.
+_TEXT_SHOWN = 60
 _RIGHT_ANGLE_DEG = 90.0
 _HALF_TURN_DEG = 180.0
 
@@ -157,12 +167,14 @@ def _words_in(recording: Recording, source: str, text: str, is_header: bool) -> 
     zero = ""
     match = _ZERO.search(text)
     if match is not None:
-        sign = "+" if match["sign"] in ("", "+") else "-"
+        signs = (match["sign"], match["behind"] or "")
+        sign = "+" if all(part in ("", "+") for part in signs) else "-"
         zero = f"{sign}{match['axis'].upper()}"
     elif recording.layout.angle_zero is None and recording.layout.angle_offset_deg is None:
         _check_announced(recording, source, text)
+        _check_no_axis(recording, source, text)
     sense = ""
-    if is_header or zero or _SENSE.search(text):
+    if is_header or zero or _SENSE.search(text) or _ANGLE.search(text):
         senses = senses_in(text)
         if len(senses) == 1:
             sense = senses.pop()
@@ -175,9 +187,25 @@ def _check_announced(recording: Recording, source: str, text: str) -> None:
     if match is None:
         return
     shown = match["zero"].strip(" :=")
-    if not shown:
+    if shown:
+        raise _unknown_zero(recording, source, shown)
+
+
+def _check_no_axis(recording: Recording, source: str, text: str) -> None:
+    """Raise an error if a text about angles names no axis, but a direction such as north.
+
+    The same holds for one axis alone, without a word such as "from" in front of it.
+    """
+    if not _ANGLE.search(text):
         return
-    raise OpenQuestionError(
+    axes = _AXIS.findall(text)
+    is_one_axis = len(axes) == 1 and not _OTHER_AXIS.search(text)
+    if is_one_axis or _NO_AXIS.search(text):
+        raise _unknown_zero(recording, source, text.strip()[:_TEXT_SHOWN])
+
+
+def _unknown_zero(recording: Recording, source: str, shown: str) -> OpenQuestionError:
+    return OpenQuestionError(
         f"{recording.place}: angles must begin at an axis, got {shown!r} in {source}. Say at which:"
         " --angle-zero +X, +Y, -X or -Y.",
         "angle_zero",

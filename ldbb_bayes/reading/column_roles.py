@@ -129,6 +129,8 @@ def _unit_at_end(header: str) -> Header:
         return Header(header, "")
     name = match[1].strip(" _")
     unit = unit_named(match[2])
+    if comparable(match[2]) == "grad" and comparable(name).startswith("winkel"):
+        unit = "deg"  # in German, Grad means degree
     if not unit and COUNT.fullmatch(comparable(match[2])) and has_role(name, "reading"):
         return Header(name, match[2])  # a count, whose size must be known
     if not unit:

@@ -158,7 +158,7 @@ def _no_header(sheet: Sheet, block: int) -> _HeaderRows:
 def _rows_of_header(sheet: Sheet, header_row: int, first_block_row: int) -> _HeaderRows:
     """Return the names and units of the columns, and which rows of the sheet hold them.
 
-    Below the row of names there may be a row of units, which replace units stated in the names.
+    Below the row of names there may be a row of units. A unit in it replaces that in the name.
     Rows of dashes may underline the header.
 
     Parameters
@@ -200,11 +200,9 @@ def _units_from_below(headers: Sequence[str], units_below: Sequence[str]) -> lis
     """
     units = []
     for column, header in enumerate(headers):
-        unit = ""
-        if column < len(units_below):
-            unit = units_below[column]
-        if unit:
-            unit = unit_of(f"{header} [{unit}]").unit
+        unit = unit_of(header).unit
+        if column < len(units_below) and units_below[column]:
+            unit = unit_of(f"{header} [{units_below[column]}]").unit
         units.append(unit)
     return units
 

@@ -30,6 +30,7 @@ from ldbb_bayes.reading.lines_above import (
     Lines,
     not_understood,
     statements_in,
+    unknown_direction,
     unknown_length,
 )
 from ldbb_bayes.reading.loads_above import with_loads_in_header
@@ -160,9 +161,13 @@ def import_campaign(
     _note_unused_loads(lines_of_all_tests, log)
     unclear = not_understood(lines_of_all_tests)
     for recording in recordings:
-        length = unknown_length(recording.heading.lines_above)
+        lines_above = recording.heading.lines_above
+        length = unknown_length(lines_above)
         if length:
             unclear.setdefault("radius_mm", length)
+        direction = unknown_direction([*lines_of_all_tests, *lines_above])
+        if direction:
+            unclear.setdefault("direction", direction)
     assumed = note_assumed_fields(campaign, tests, log, unclear)
     campaign.setdefault("name", _campaign_name(paths))
     return Imported(

@@ -140,7 +140,9 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     zero: Literal["deviation", "distance"] | None = None
     #: whether readings are of the radius, or of the diameter; the latter are halved
     measured: Literal["radius", "diameter"] | None = None
-    sign: Literal[1, -1] = 1  #: sign of readings: −1 if a longer bar gives a smaller reading
+    #: sign of readings: −1 if a longer bar gives a smaller reading; None for what the file says in
+    #: words
+    sign: Literal[1, -1] | None = None
     #: sign of angles: −1 if the file counts angles clockwise; None for what the file says in words
     angle_sign: Literal[1, -1] | None = None
     #: angle in the file at which the bar is along the first axis of the plane; it is subtracted

@@ -39,6 +39,7 @@ __all__ = [
     "not_understood",
     "senses_in",
     "statements_in",
+    "unknown_direction",
     "unknown_length",
 ]
 
@@ -131,6 +132,8 @@ _DIRECTION_WORDS: Mapping[str, Any] = WORDS["directions"]
 _LENGTH = re.compile(
     rf"[^;,|\t]*?(?P<number>(?<![\d.,:/-]){NUMBER_IN_TEXT})[\s;|\t]?(?P<unit>[^\W\d_]+|\")(?![/\w])"
 )
+# Pattern of a letter for radius or diameter with a number directly behind it, such as D200.
+_LETTER_AND_NUMBER = re.compile(r"(?<![\w.])[RrDØø]\s?=?\s?(?:[5-9]\d|[1-9]\d\d)(?![\w.,])")
 # Smallest and largest radius or diameter of a circle [µm].
 _RADII_UM = (2e4, 2e6)
 # Largest number of characters of a line that a note shows.
@@ -149,6 +152,12 @@ _SENSE = re.compile(
 _DIRECTION = re.compile(_DIRECTION_WORDS["after"], re.IGNORECASE)
 # Pattern of words which show that a line is about the sense in which angles are counted.
 _SENSE_OF_ANGLE = re.compile(WORDS["angle_convention"]["sense"], re.IGNORECASE)
+# Pattern of a line that is about angles.
+_ANGLES = re.compile(WORDS["angle_convention"]["subject"], re.IGNORECASE)
+# Pattern of words for the way the machine went, such as "run" or "measured".
+_TRAVEL = re.compile(_DIRECTION_WORDS["travel"], re.IGNORECASE)
+# Pattern of words, such as anticlockwise, that mean counter-clockwise.
+_COUNTER = re.compile(_DIRECTION_WORDS["counter"], re.IGNORECASE)
 # Patterns, by field, of words which show that a line is about this field, even if the line cannot
 # be understood.
 _SUBJECTS = {
@@ -174,10 +183,36 @@ def statements_in(lines: Lines) -> dict[str, list[LineStatement]]:
                 statement = _stated_number(quantity, match, line)
                 if statement is not None:
                     statements.setdefault(quantity.field, []).append(statement)
+        if "radius_mm" not in statements:
+            for radius, unit in _radii_before_words(text):
+                statement = LineStatement(radius, unit, line)
+                statements.setdefault("radius_mm", []).append(statement)
         in_words = {**units_stated(text), **measured_length_stated(text)}
         for key, words in (*_stated_in_words(text), *in_words.items()):
             statements.setdefault(key, []).append(LineStatement(words, "", line))
     return statements
+
+
+def _radii_before_words(text: str) -> Iterator[tuple[float, str]]:
+    """Yield radii [mm], with their unit, whose length stands before its name: ``100 mm bar``."""
+    for quantity in _QUANTITIES.values():
+        if quantity.field != "radius_mm":
+            continue
+        for match in _pattern_behind(quantity.words).finditer(text):
+            unit = _unit_among(match["unit"], quantity.units)
+            value = number_in_text(match["number"])
+            if unit and value is not None and not OTHER_QUANTITY.search(text[: match.start()]):
+                yield value * quantity.units[unit], match["unit"]
+
+
+@cache
+def _pattern_behind(words: str) -> re.Pattern[str]:
+    """Return the compiled pattern of a length before its name, such as ``100 mm bar``."""
+    return re.compile(
+        rf"(?<![\d.,:/-])(?P<number>{NUMBER_IN_TEXT})\s?(?P<unit>[^\W\d_]+|\")\s(?:{words})"
+        r"(?![\w=:])",
+        re.IGNORECASE,
+    )
 
 
 @cache
@@ -189,7 +224,8 @@ def _pattern(words: str) -> re.Pattern[str]:
     """
     between = rf"{_PARTS['between']}{{0,4}}"
     return re.compile(
-        rf"\b{words}\b{between}(?:{_UNIT_BEFORE}{between})?{_WHOLE_NUMBER}{_FOLLOWING}",
+        rf"\b(?P<words>{words})(?!\w){between}(?:{_UNIT_BEFORE}{between})?{_WHOLE_NUMBER}"
+        rf"{_FOLLOWING}",
         re.IGNORECASE,
     )
 
@@ -247,11 +283,12 @@ def _is_in_title(match: re.Match[str]) -> bool:
 def _words_before_number(match: re.Match[str]) -> str:
     """Return the text that precedes the number of a matched statement in the same cell.
 
-    A unit before the number is left out: in ``Feed [mm/min]: 2000`` min is no minimum.
+    The name of the quantity is left out, and a unit before the number: the length of a ball bar is
+    not that of a ball, and in ``Feed [mm/min]: 2000`` min is no minimum.
     """
     before_match = match.string[: match.start()]
     cell = re.split(r"[;,|\t]", before_match)[-1]
-    words = match.string[match.start() : match.start("number")]
+    words = match.string[match.end("words") : match.start("number")]
     for unit in (match["inside"], match["brackets"]):
         if unit:
             words = words.replace(unit, "")
@@ -331,8 +368,8 @@ def _mount_states(passage: str, is_whole_line: bool) -> Iterator[str]:
 def unknown_length(lines: Lines) -> str:
     """Return a note on the first line with a length that may be the radius; empty without any.
 
-    Such a length has a unit of length and is as large as the radius of a circle, and no line above
-    states the radius. An example is ``Stange: 100 mm``.
+    Such a length has a unit of length and is as large as the radius of a circle, or stands behind a
+    letter for one, and no line above states the radius. An example is ``Reach: 100 mm``.
     """
     if "radius_mm" in statements_in(lines):
         return ""
@@ -345,6 +382,24 @@ def unknown_length(lines: Lines) -> str:
             length = number_in_text(match["number"])
             if length is not None and _RADII_UM[0] <= abs(length) * size_um <= _RADII_UM[1]:
                 return f"line {line} says {match[0].strip()[:_LENGTH_SHOWN]}, not taken"
+        letter = _LETTER_AND_NUMBER.search(text)
+        if letter is not None:
+            return f"line {line} says {letter[0]}, not taken"
+    return ""
+
+
+def unknown_direction(lines: Lines) -> str:
+    """Return a note on the first line with a word such as clockwise that is not understood.
+
+    Such a line is neither about the direction of travel nor about angles. The note is empty
+    without such a line.
+    """
+    for line, content in lines:
+        text = content[:LONGEST_TEXT]
+        if _ANGLES.search(text) or directions_stated([(line, text)]):
+            continue
+        if senses_in(text):
+            return f"line {line} says {text.strip()[:_LENGTH_SHOWN]!r}, not understood"
     return ""
 
 
@@ -367,18 +422,29 @@ def directions_stated(lines: Lines, names: Sequence[str] = ()) -> set[str]:
     """Return the directions of travel, CW and CCW, that names and lines above a table state.
 
     ``names`` are the names of test, column, sheet and file; only the first that contains a
-    direction counts. In a line, only directions after a word such as "direction" count.
+    direction counts. In a line, directions count after a word such as "direction", beside a word
+    such as "run" or "measured", and where they are the whole line.
     """
     directions: set[str] = set()
     for name in names:
         directions = senses_in(name[:LONGEST_TEXT])
         if directions:
             break
-    for _, text in lines:
-        match = _DIRECTION.search(text[:LONGEST_TEXT])
-        if match and not _SENSE_OF_ANGLE.search(text[:LONGEST_TEXT]):
+    for _, content in lines:
+        text = content[:LONGEST_TEXT]
+        match = _DIRECTION.search(text)
+        if match and not _SENSE_OF_ANGLE.search(text):
             directions = directions | _direction_after(match[1])
+        elif match is None and _is_about_travel(text):
+            directions = directions | _direction_after(text)
     return directions
+
+
+def _is_about_travel(text: str) -> bool:
+    """Return whether a line without a word for direction says which way the machine went."""
+    if _ANGLES.search(text):
+        return False
+    return is_direction(text.strip(" .;,|\t")) or _TRAVEL.search(text) is not None
 
 
 def _direction_after(text: str) -> set[str]:
@@ -393,9 +459,8 @@ def _direction_after(text: str) -> set[str]:
 def senses_in(text: str) -> set[str]:
     """Return the senses, clockwise (CW) or counter-clockwise (CCW), that a text names."""
     senses = set()
-    counter_words = tuple(_DIRECTION_WORDS["counter"])
     for match in _SENSE.finditer(text):
-        if match[1].casefold().startswith(counter_words):
+        if _COUNTER.search(match[1]):
             senses.add("CCW")
         else:
             senses.add("CW")

@@ -44,6 +44,7 @@ _FORCE_AFTER_F = re.compile(r"(?<![a-zA-Z0-9])[fF](\d{2,3})(?![\d.,])")
 # number of a run.
 _RADIUS_AFTER_R = re.compile(
     r"(?<![a-zA-Z0-9])R(?:adius)?[ _=]?([5-9]\d|[1-9]\d{2,3})(?:[ _]?mm)?(?![a-zA-Z\d.,])"
+    r"(?![ _](?:N|kN|daN|lbf|kgf|bar|psi)\b)"
 )
 _PLANE = re.compile(r"(?<![a-zA-Z])(XY|YX|YZ|ZY|ZX|XZ)(?![a-zA-Z])")
 # Usual name of each plane whose letters are written in the other order.

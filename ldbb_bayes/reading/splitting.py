@@ -258,6 +258,19 @@ def _statements_of_all_tests(lines: Lines) -> dict[str, list[LineStatement]]:
     return statements
 
 
+def _cells_with_units(
+    sheet: Sheet, lines: Sequence[int], cells: Sequence[Sequence[str]]
+) -> list[list[str]]:
+    """Return the cells of each column with the units that stood behind their numbers."""
+    columns = []
+    for column, texts in enumerate(cells):
+        with_units = []
+        for line, text in zip(lines, texts, strict=True):
+            with_units.append(f"{text} {sheet.cell_units.get((line, column), '')}".strip())
+        columns.append(with_units)
+    return columns
+
+
 def _read_columns(
     sheet: Sheet, heading: Heading, layout: Layout, log: AssumptionLog
 ) -> _SheetColumns:
@@ -266,7 +279,8 @@ def _read_columns(
     Assumptions about its header and its decimal mark are added to the log.
     """
     lines, cells = columns_of(sheet.place, _table_rows(sheet, heading), len(heading.headers))
-    columns_of_units = unit_columns(heading.headers, cells, _numeric_columns(heading))
+    cells_with_units = _cells_with_units(sheet, lines, cells)
+    columns_of_units = unit_columns(heading.headers, cells_with_units, _numeric_columns(heading))
     heading = replace(heading, unit_columns=frozenset(columns_of_units.values()))
     note_heading(sheet, heading, layout, log)
     clock_column = None

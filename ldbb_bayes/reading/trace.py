@@ -18,6 +18,7 @@ from ldbb_bayes.reading.laps import (
     on_the_circle,
 )
 from ldbb_bayes.reading.log_times import times_of_log
+from ldbb_bayes.reading.reading_sign import sign_of_readings
 from ldbb_bayes.reading.recording import AssumedUnit, Recording, option_for
 from ldbb_bayes.reading.stated_values import quantity_of
 from ldbb_bayes.results import Array
@@ -204,7 +205,7 @@ def _deviations(recording: Recording, raw: Array) -> Array:
     reading = raw * unit_size(recording, "reading", assumed.unit, assumed.reason)
     if _zero_of(recording, reading) == "distance":
         reading = reading - 1e3 * recording.radius_mm
-    return recording.layout.sign * reading
+    return sign_of_readings(recording) * reading
 
 
 def _zero_of(recording: Recording, reading_um: Array) -> str:

@@ -15,6 +15,7 @@ from ldbb_bayes.campaign.campaign import ForceLaw
 from ldbb_bayes.reading.column_units import is_unit_stated
 from ldbb_bayes.reading.open_question import OpenQuestionError
 from ldbb_bayes.reading.recording import AssumedUnit, Recording
+from ldbb_bayes.reading.unit_lines import mentions_scale
 from ldbb_bayes.reading.words import UNITS
 
 __all__ = ["assume_units"]
@@ -22,12 +23,18 @@ __all__ = ["assume_units"]
 # Readings are taken as distances of the balls if their median in mm would differ from the radius by
 # less than this share of the radius.
 _NEAR_RADIUS = 0.05
+# Readings may be distances if their median absolute deviation is below this share of the median.
+_SMALL_SCATTER = 0.01
+# An error message shows at most this number of characters of a line.
+_TEXT_SHOWN = 60
 # Largest deviation from the radius that a bar can measure [µm].
 _LARGEST_DEVIATION_UM = 1500.0
 # Smallest share of the largest force in the largest reading [µm/N]: no machine is stiffer.
 _STIFFEST_UM_PER_N = 0.003
 # Largest change of the readings with the force [µm/N]: no machine is softer.
 _SOFTEST_UM_PER_N = 1.0
+# Smallest of the largest forces of a campaign [N]: a loaded bar presses with more.
+_SMALLEST_LOAD_N = 5.0
 # Units that are tried for readings without a unit.
 _USUAL_UNITS = ("um", "mm")
 # Angles without a unit are taken as degrees if their range is larger than this number; otherwise
@@ -38,6 +45,8 @@ _OTHER_TURNS = {"gon": 400.0, "mrad": 2e3 * np.pi, "arcmin": 21_600.0}
 _TURN_DEG = 360.0
 # Angles cover whole turns if they do so within this number of steps.
 _STEPS_OF_TURN = 1.5
+# Largest step from one angle to the next on a circle [deg].
+_LARGEST_STEP_DEG = 45.0
 
 
 class _ReadingSize(NamedTuple):
@@ -50,6 +59,8 @@ class _ReadingSize(NamedTuple):
 
 def assume_units(recordings: Sequence[Recording], campaign: Mapping[str, Any]) -> None:
     """Decide on one unit for all readings, and one for all angles, that no file states a unit for.
+
+    Forces without a unit are in newtons, if they are not too small for it.
 
     The units are put into ``assumed_units`` of the recordings. ``campaign`` are the fields of the
     campaign that options or files state.
@@ -67,6 +78,7 @@ def assume_units(recordings: Sequence[Recording], campaign: Mapping[str, Any]) -
     deviations = [recording for recording in unstated if not _is_distance(recording)]
     if deviations:
         _assume_reading_unit(deviations, campaign)
+    _check_unit_of_forces([entry for entry in recordings if _lacks_unit(entry, "force")])
     unstated = [entry for entry in recordings if _lacks_unit(entry, "angle")]
     if unstated:
         _assume_angle_unit(unstated)
@@ -76,9 +88,29 @@ def _lacks_unit(recording: Recording, role: str) -> bool:
     return role in recording.numbers and not is_unit_stated(recording, role)
 
 
+def _check_unit_of_forces(recordings: Sequence[Recording]) -> None:
+    """Raise an error if forces without a unit are too small for newtons."""
+    largest = max((float(np.abs(entry.numbers["force"]).max()) for entry in recordings), default=0)
+    if recordings and largest < _SMALLEST_LOAD_N:
+        raise OpenQuestionError(
+            f"{recordings[0].place}: forces must have a unit, got none, and numbers up to"
+            f" {largest:.4g}, which are few newtons. Say which: --force-unit.",
+            "force_unit",
+            list(UNITS["force"]),
+        )
+
+
 def _is_distance(recording: Recording) -> bool:
     median = float(np.median(recording.numbers["reading"]))
     return abs(median / recording.radius_mm - 1.0) < _NEAR_RADIUS
+
+
+def _may_be_distance(recording: Recording) -> bool:
+    """Return whether readings differ so little from each other that they may be distances."""
+    readings = recording.numbers["reading"]
+    median = float(np.median(readings))
+    scatter = float(np.median(np.abs(readings - median)))
+    return scatter < _SMALL_SCATTER * abs(median)
 
 
 def _assume_reading_unit(recordings: Sequence[Recording], campaign: Mapping[str, Any]) -> None:
@@ -91,6 +123,22 @@ def _assume_reading_unit(recordings: Sequence[Recording], campaign: Mapping[str,
     if size.largest == 0.0:
         return
     fitting = [unit for unit in _USUAL_UNITS if _fits(size, UNITS["reading"][unit])]
+    for line, text in recordings[0].heading.lines_above:
+        if mentions_scale(text):
+            raise OpenQuestionError(
+                f"{recordings[0].place}: readings must have a unit, got none, and"
+                f" {text.strip()[:_TEXT_SHOWN]!r} in line {line}. Say which: --unit.",
+                "reading_unit",
+                list(UNITS["reading"]),
+            )
+    if all(_may_be_distance(recording) for recording in recordings):
+        raise OpenQuestionError(
+            f"{recordings[0].place}: readings must have a unit, got none, and numbers up to"
+            f" {size.largest:.4g} that hardly differ, as distances of the balls. Say which:"
+            " --unit.",
+            "reading_unit",
+            list(UNITS["reading"]),
+        )
     if len(fitting) != 1:
         softness = [f"{_um_per_N(size, unit):.2g} µm/N in {unit}" for unit in _USUAL_UNITS]
         raise OpenQuestionError(
@@ -186,7 +234,8 @@ def _other_turn(recording: Recording) -> list[str]:
     step = float(np.median(np.abs(np.diff(angles))))
     covered = float(np.ptp(angles)) + step
     n_turns = round(covered / _TURN_DEG)
-    if abs(covered - n_turns * _TURN_DEG) <= _STEPS_OF_TURN * step:
+    covers_turns = abs(covered - n_turns * _TURN_DEG) <= _STEPS_OF_TURN * step
+    if covers_turns and step <= _LARGEST_STEP_DEG:
         return []
     units = []
     for unit, turn in _OTHER_TURNS.items():

@@ -15,7 +15,7 @@ from ldbb_bayes.reading.words import (
     unit_named,
 )
 
-__all__ = ["COUNT", "UNIT_COLUMN", "UNIT_KEYS", "mentions_scale", "units_stated"]
+__all__ = ["COUNT", "UNIT_COLUMN", "UNIT_KEYS", "has_factor", "mentions_scale", "units_stated"]
 
 _WORDS = WORDS["unit_lines"]
 # Keys of the statements of a line about units: one for each role, and one for the size of a count.
@@ -26,8 +26,20 @@ _LINE = re.compile(
     r"[:=;,|\t]\s*(?P<units>.+)",
     re.IGNORECASE,
 )
+# Patterns, by role, of a line such as "All readings are in mm".
+_STATED_IN = {
+    role: re.compile(
+        rf"(?<!\w){_WORDS[words]}(?: (?:are|is|sind|given|stated|angegeben))* in"
+        r" (?P<unit>[^;|()\[\]]{1,20}?)\s*[.;|\t)]*$",
+        re.IGNORECASE,
+    )
+    for role, words in {"reading": "readings_in", "angle": "angles_in"}.items()
+}
 # Pattern of a unit in the second half of such a line.
 _UNIT = re.compile(r"[^\s;,|:=()\[\]/]+")
+# Pattern of a factor in front of a unit.
+_FACTOR = re.compile(r"[x×*]\s*\d|\d")
+_UNREAD_FACTOR = re.compile(r"[x×*]\s*\d\S*\s*[^\W\d_]+", re.IGNORECASE)
 _LABEL_WORD = re.compile(r"[^\W\d_]+")
 _UNIT_WORD = re.compile(_WORDS["label"], re.IGNORECASE)
 _FILLING = re.compile(_WORDS["filling"], re.IGNORECASE)
@@ -61,6 +73,12 @@ def units_stated(text: str) -> dict[str, str]:
     scale = _size_of_count(text)
     if scale:
         stated["reading_scale"] = scale
+    for column, pattern in _STATED_IN.items():
+        stated_in = pattern.search(text)
+        if stated_in is not None and not _OTHER.search(text):
+            unit = _unit_after_in(stated_in["unit"], text, column)
+            if unit:
+                stated[f"{column}_unit"] = unit
     match = _LINE.search(text)
     if match is None or _OTHER.search(match["label"]):
         return stated
@@ -68,9 +86,28 @@ def units_stated(text: str) -> dict[str, str]:
     if role is None:
         return stated
     text = match["units"].strip()
+    if _FACTOR.match(text) and not scaled_unit(text):  # such as x 10 µm, which is not known
+        return stated | {f"{role or 'reading'}_unit": text}
     if scaled_unit(text) and not unit_named(text):  # a unit with a factor, such as 10 nm
         return stated | _scaled_units(scaled_unit(text), role)
     return stated | _units_of_roles(text, role)
+
+
+def _unit_after_in(unit: str, text: str, role: str) -> str:
+    """Return the unit of a role in a line such as "Winkel in Grad"; as written if it is unknown.
+
+    The result is empty for more than one word that names no unit, as in "deviations in the plane".
+    """
+    if role == "angle" and comparable(unit) == "grad" and "winkel" in comparable(text):
+        return "deg"  # in German, Grad means degree
+    known = scaled_unit(unit)
+    if known:
+        return known
+    words = unit.split()
+    names_unit = any(unit_named(word) for word in words)
+    if len(words) == 1 or names_unit:
+        return unit
+    return ""
 
 
 def _scaled_units(unit: str, role: str) -> dict[str, str]:
@@ -120,6 +157,11 @@ def _units_of_roles(text: str, role: str) -> dict[str, str]:
     if not names:
         return {f"{role or 'reading'}_unit": text}
     return {f"{unit_role}_unit": " and ".join(units) for unit_role, units in names.items()}
+
+
+def has_factor(text: str) -> bool:
+    """Return whether a text is a unit with a factor in front that is not read, as in x 10 µm."""
+    return _UNREAD_FACTOR.fullmatch(text.strip()) is not None
 
 
 def mentions_scale(text: str) -> bool:

@@ -34,7 +34,7 @@ LONGEST_NAME = 200
 _LONGEST_UNIT = 40
 # Pattern of a unit with a factor, such as 0.1 µm for readings in counts of 0.1 µm.
 _SCALED_UNIT = re.compile(
-    r"(?P<factor>\d+(?:[.,]\d+)?(?:e[+\-]?\d+)?)\s*[x×*]?\s*(?P<unit>\D+)", re.I
+    r"(?P<inverse>1/)?(?P<factor>\d+(?:[.,]\d+)?(?:e[+\-]?\d+)?)\s*[x×*]?\s*(?P<unit>\D+)", re.I
 )
 
 # Content of ``words.toml``: words and units that foreign files use.
@@ -108,8 +108,8 @@ def unit_named(text: str) -> str:
 def scaled_unit(text: str) -> str:
     """Return this package's name of a unit that may have a factor: ``0.1 um`` for ``0,1 µm``.
 
-    Readings in counts of 0.1 µm have the unit ``0.1 um``. Return an empty text if the text names no
-    known unit, or if the factor is zero.
+    Readings in counts of 0.1 µm have the unit ``0.1 um``; ``1/1000 mm`` becomes
+    ``0.001 mm``. Return an empty text if the text names no known unit, or if the factor is zero.
     """
     unit = unit_named(text)
     match = _SCALED_UNIT.fullmatch(text.strip())
@@ -119,6 +119,8 @@ def scaled_unit(text: str) -> str:
     unit = unit_named(match["unit"])
     if not unit or not 0.0 < factor < math.inf:
         return ""
+    if match["inverse"]:
+        factor = 1.0 / factor
     return f"{factor:.12g} {unit}"
 
 

@@ -13,8 +13,7 @@ from dataclasses import dataclass, field
 from typing import IO
 from xml.etree import ElementTree
 
-from ldbb_bayes.reading.unit_lines import COUNT
-from ldbb_bayes.reading.words import unit_named
+from ldbb_bayes.reading.words import scaled_unit
 
 __all__ = ["SheetParts", "parts_of_sheets"]
 
@@ -99,13 +98,17 @@ def _units_of_styles(archive: zipfile.ZipFile) -> dict[str, str]:
 
 
 def _unit_in_format(code: str) -> str:
-    """Return the unit that a number format shows behind numbers, such as mm for ``0.000" mm"``."""
+    """Return the unit that a number format shows behind numbers, such as mm for ``0.000" mm"``.
+
+    A word that is no known unit is returned as written; the result is empty without a word.
+    """
     positive = code.split(";")[0]
     text = "".join(quoted or escaped for quoted, escaped in _TEXT_IN_FORMAT.findall(positive))
     text = text.strip("[]() ")
-    if COUNT.fullmatch(text):
+    unit = scaled_unit(text)
+    if not unit and re.search(r"[^\W\d_]", text):
         return text
-    return unit_named(text)
+    return unit
 
 
 def _parts_of_sheet(stream: IO[bytes], units: Mapping[str, str]) -> SheetParts:

@@ -60,6 +60,11 @@ def truth() -> tuple[Circle, ...]:
 
 
 TRUTH = truth()
+# The same circles with a reading every 10°.
+COARSE = tuple(
+    replace(circle, angle_deg=circle.angle_deg[::2], reading_um=circle.reading_um[::2])
+    for circle in TRUTH
+)
 
 
 @dataclass(frozen=True)
@@ -333,6 +338,9 @@ def unit_cases() -> dict[str, FieldCase]:
         "resolution_per_digit": ("Resolution: 0.05 µm/digit", 0.05),
         "unidad": ("Unidad: mm", 1e3),
         "chinese_unit_line": ("单位：mm", 1e3),
+        "readings_in": ("All readings are in mm", 1e3),
+        "messwerte_in": ("Messwerte in mil", 25.4),
+        "thousandth": ("Einheit: 1/1000 mm", 1.0),
     }
     for name, (line, size) in lines.items():
         cases[f"line_{name}"] = FieldCase(
@@ -356,6 +364,52 @@ def unit_cases() -> dict[str, FieldCase]:
         texts(NO_UNIT, above="Units: metric"),
         refusal="got 'metric' in line 1. Correct the header, or give --unit",
         step=("--unit", "um"),
+    )
+    cases["line_with_factor"] = FieldCase(
+        kind,
+        "a line 'Units: x 10 um'",
+        texts(NO_UNIT, scaled(10.0), above="Units: x 10 um"),
+        refusal="got 'x 10 um' in line 1. Correct the header, or give --unit",
+        step=("--unit", "10 um"),
+    )
+    cases["row_of_units_for_readings"] = FieldCase(
+        kind,
+        "a row of units below the header, empty below the angle in gon",
+        texts(
+            "Angle [gon];Reading\n;mm",
+            lambda c, k: [f"{c.angle_deg[k] / 0.9:.6f}", f"{c.reading_um[k] / 1e3:.6f}"],
+            separator=";",
+        ),
+    )
+    for name, unit, size in (("10_nm", "10 nm", 0.01), ("cm", "cm", 1e4)):
+        cases[f"nameless_column_{name}"] = FieldCase(
+            kind,
+            f"a column of {unit} without a name",
+            texts("Angle_deg,Value,", beside(unit, size)),
+        )
+    cases["nameless_column_counts"] = FieldCase(
+        kind,
+        "a column of counts without a name",
+        texts("Angle_deg,Value,", beside("counts", 0.1)),
+        refusal="--unit '0.1 um'",
+        step=("--unit", "0.1 um"),
+    )
+    cases["format_counts"] = FieldCase(
+        kind, "a number format with 0.1 um", sheets(("Angle [deg]", "Reading"), 0.1, '0.0" 0.1 um"')
+    )
+    cases["format_unknown"] = FieldCase(
+        kind,
+        "a number format with furlong",
+        sheets(("Angle [deg]", "Reading"), 1.0, '0.0" furlong"'),
+        refusal="got 'furlong' in line 2",
+        step=("--unit", "um"),
+    )
+    cases["line_with_scale"] = FieldCase(
+        kind,
+        "a line 'Scale factor 10', no unit",
+        texts(NO_UNIT, scaled(10.0), above="Scale factor 10"),
+        refusal="got none, and 'Scale factor 10' in line 1. Say which: --unit",
+        step=("--unit", "10 um"),
     )
     cases["counts_alone"] = FieldCase(
         kind,
@@ -406,6 +460,16 @@ def guess_cases() -> dict[str, FieldCase]:
             refusal="Say which: --unit",
             step=("--unit", "inch"),
         ),
+        "guess_force_kN": FieldCase(
+            kind,
+            "no unit, forces in kN",
+            tidy(
+                "test,Force,Angle_deg,Reading_um",
+                lambda c, k: [f"c{c.force_N:g}", f"{c.force_N / 1e3:g}", *plain(c, k)],
+            ),
+            refusal="numbers up to 0.6, which are few newtons. Say which: --force-unit",
+            step=("--force-unit", "kN"),
+        ),
         "guess_angle_gon": FieldCase(
             kind,
             "no unit, angles in gon",
@@ -415,6 +479,31 @@ def guess_cases() -> dict[str, FieldCase]:
             ),
             refusal="which may be deg or gon. Say which: --angle-unit",
             step=("--angle-unit", "gon"),
+        ),
+        "guess_angle_mrad": FieldCase(
+            kind,
+            "no unit, angles in milliradians, in steps of 10°",
+            texts(
+                "Angle,Reading [um]",
+                lambda c, k: [f"{1e3 * np.deg2rad(c.angle_deg[k]):.4f}", f"{c.reading_um[k]:.3f}"],
+                circles=COARSE,
+            ),
+            refusal="which may be deg or mrad. Say which: --angle-unit",
+            step=("--angle-unit", "mrad"),
+            circles=COARSE,
+        ),
+        "guess_distances_in_inch": FieldCase(
+            kind,
+            "no unit, distances of the balls in inch",
+            texts(
+                NO_UNIT,
+                lambda c, k: [
+                    f"{c.angle_deg[k]:g}",
+                    f"{(c.radius_mm + c.reading_um[k] / 1e3) / 25.4:.8f}",
+                ],
+            ),
+            refusal="that hardly differ, as distances of the balls. Say which: --unit",
+            step=("--unit", "inch"),
         ),
         "guess_angle_rad": FieldCase(
             kind,
@@ -451,6 +540,7 @@ def diameter_cases() -> dict[str, FieldCase]:
         "diametral_error": "Diametral error (um)",
         "ecart_diametre": "Écart de diamètre [µm]",
         "diameter_sign": "Ø-Abweichung [µm]",
+        "dia": "Dia. error [um]",
     }
     cases = {}
     for name, header in headers.items():
@@ -498,6 +588,14 @@ def radius_cases() -> dict[str, FieldCase]:
         "hankei": "半径：100 mm",
         "diameter_in_cells": "Durchmesser,200,mm",
         "diameter_sign": "Ø 200 mm",
+        "stange": "Stange: 100 mm",
+        "length_of_bar": "Length of the ball bar = 100 mm",
+        "laenge_der_stange": "Länge der Stange: 100 mm",
+        "kugelabstand": "Kugelabstand: 100 mm",
+        "bar_behind": "100 mm bar",
+        "diameter_behind": "Circle of 200 mm diameter",
+        "dia": "Test circle dia. 200 mm",
+        "rayon_nominal": "Rayon nominal : 100 mm",
     }
     cases = {}
     for name, line in lines.items():
@@ -518,11 +616,25 @@ def radius_cases() -> dict[str, FieldCase]:
             ),
             circles=small_circles(100.0),
         )
+    cases["radius_and_force_in_header"] = FieldCase(
+        kind,
+        "headers 'Radius 100 N', which are of forces",
+        wide(
+            "Angle [deg];" + ";".join(f"Radius {force:g} N [um]" for force in FORCES_N),
+            lambda k: [f"{ANGLES_DEG[k]:g}", *readings_of(k)],
+        ),
+    )
+    cases["radius_letter_without_unit"] = FieldCase(
+        kind,
+        "a line 'D200'",
+        texts("Angle [deg],Reading [um]", above="D200"),
+        told="line 1 says D200, not taken",
+    )
     cases["radius_unknown_length"] = FieldCase(
         kind,
-        "a line 'Stange: 100 mm'",
-        texts("Angle [deg],Reading [um]", above="Stange: 100 mm"),
-        told="says Stange: 100 mm, not taken",
+        "a line 'Nennmaß: 100 mm'",
+        texts("Angle [deg],Reading [um]", above="Nennmaß: 100 mm"),
+        told="says Nennmaß: 100 mm, not taken",
     )
     cases["radius_twice"] = FieldCase(
         kind,
@@ -564,6 +676,14 @@ def angle_cases() -> dict[str, FieldCase]:
         "zero_is": ("Angle: 0° = -Y, positive counter-clockwise", 270.0, 1),
         "of_axis": ("Angles from the positive Y axis, clockwise", 90.0, -1),
         "travel": ("Direction: clockwise", 0.0, 1),
+        "increase": ("Angles increase clockwise", 0.0, -1),
+        "clockwise_angles": ("Clockwise angles", 0.0, -1),
+        "winkelzaehlung": ("Winkelzählung im Uhrzeigersinn", 0.0, -1),
+        "reference": ("Bezug der Winkel: +Y, UZS", 90.0, -1),
+        "sign_behind": ("Angle origin is the machine's Y- direction, cw", 270.0, -1),
+        "axis": ("Angle axis: Y (cw)", 90.0, -1),
+        "start_of_angle": ("Start of angle at Y+, ccw", 90.0, 1),
+        "squareness": ("Squareness: angle of Y is 89.99 deg", 0.0, 1),
     }
     for name, (line, zero, sense) in lines.items():
         files = texts("Angle [deg],Reading [um]", turned(zero, sense), above=line)
@@ -582,6 +702,19 @@ def angle_cases() -> dict[str, FieldCase]:
         refusal="Say at which: --angle-zero +X, +Y, -X or -Y",
         step=("--angle-zero", "+Y"),
     )
+    no_axes = {
+        "compass": "Compass angles",
+        "oclock": "Angle zero: 12 o'clock",
+        "axis_alone": "Angles along Y, clockwise",
+    }
+    for name, line in no_axes.items():
+        cases[f"zero_{name}"] = FieldCase(
+            kind,
+            f"a line '{line}'",
+            texts("Angle [deg],Reading [um]", turned(90.0, -1), above=line),
+            refusal="Say at which: --angle-zero +X, +Y, -X or -Y",
+            step=("--angle-zero", "+Y", "--angle-sense", "CW"),
+        )
     cases["zero_twice"] = FieldCase(
         kind,
         "a header from Y, a line from X",
@@ -739,6 +872,85 @@ def log_cases() -> dict[str, FieldCase]:
     }
 
 
+def negated(circle: Circle, k: int) -> list[object]:
+    return [f"{circle.angle_deg[k]:g}", f"{-circle.reading_um[k]:.3f}"]
+
+
+def sign_cases() -> dict[str, FieldCase]:
+    kind = "signs in words"
+    header = "Angle [deg],Reading [um]"
+    lines = {
+        "shorter": "Positive readings: bar shorter",
+        "plus": "Sign: + = shorter, - = longer",
+        "kuerzer": "Vorzeichen: positiv = Stab kürzer",
+        "inwards": "Readings count positive inwards",
+        "plus_court": "Valeur positive : barre plus courte",
+    }
+    cases = {}
+    for name, line in lines.items():
+        cases[f"sign_{name}"] = FieldCase(
+            kind,
+            f"a line '{line}'",
+            texts(header, negated, above=line),
+            told="sign of the reading: −1: a longer bar is negative",
+        )
+    cases["sign_longer"] = FieldCase(
+        kind,
+        "a line 'Positive = bar longer'",
+        texts(header, above="Positive = bar longer"),
+        told="sign of the reading: 1: a longer bar is positive",
+    )
+    cases["sign_of_force"] = FieldCase(
+        kind,
+        "a line about the sign of the force",
+        texts(header, above="Positive force: spring is shorter"),
+    )
+    cases["sign_unclear"] = FieldCase(
+        kind,
+        "a line that names both signs and one length",
+        texts(header, negated, above="Sign positive/negative: shorter"),
+        refusal="Say which: --sign 1 (positive is longer) or -1",
+        step=("--sign", "-1"),
+    )
+    cases["sign_twice"] = FieldCase(
+        kind,
+        "two lines that contradict each other",
+        texts(header, negated, above="Positive: longer\nPositive: shorter"),
+        refusal="must be said once, got a positive one for a longer bar in line 1 and for a shorter"
+        " one in line 2. Give --sign",
+        step=("--sign", "-1"),
+    )
+    return cases
+
+
+def direction_cases() -> dict[str, FieldCase]:
+    kind = "directions in words"
+    lines = {
+        "run": ("Run: CCW", "CCW"),
+        "measured": ("Measured counter-clockwise", "CCW"),
+        "gemessen": ("Gemessen gegen den Uhrzeigersinn", "CCW"),
+        "sens": ("Sens antihoraire", "CCW"),
+        "senso": ("Senso antiorario", "CCW"),
+        "alone": ("CCW", "CCW"),
+    }
+    cases = {}
+    for name, (line, direction) in lines.items():
+        cases[f"direction_{name}"] = FieldCase(
+            kind,
+            f"a line '{line}'",
+            texts("Angle [deg],Reading [um]", above=line),
+            told=f"direction: {direction}",
+            circles=tuple(replace(circle, direction=direction) for circle in TRUTH),
+        )
+    cases["direction_unknown_subject"] = FieldCase(
+        kind,
+        "a line 'Spindle clockwise'",
+        texts("Angle [deg],Reading [um]", above="Turntable clockwise"),
+        told="'Turntable clockwise', not understood",
+    )
+    return cases
+
+
 def line_cases() -> dict[str, FieldCase]:
     kind = "lines above"
     some = texts("Angle [deg],Reading [um]")
@@ -842,6 +1054,8 @@ def all_cases() -> dict[str, FieldCase]:
         **radius_cases(),
         **angle_cases(),
         **log_cases(),
+        **sign_cases(),
+        **direction_cases(),
         **line_cases(),
         **workbook_cases(),
     }

@@ -5,6 +5,7 @@ python studies/10_files/run.py            # fails when a stated number or messag
 python studies/10_files/run.py --write    # states anew
 python studies/10_files/fuzz.py --write   # by hand, minutes: mutated files through every reader
 python studies/10_files/guided.py --write # by hand, an hour: a coverage-guided hunt
+python studies/10_files/mutation_outcomes.py 7 10000 --write # by hand, minutes: units, angles
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from typer.testing import CliRunner
+from typer.testing import CliRunner, Result
 
 import ldbb_bayes as lb
 from ldbb_bayes.cli import app
@@ -25,6 +26,8 @@ from ldbb_bayes.cli import app
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent), str(HERE)]
 import awkward
+import field_files
+import field_programs
 import malformed
 from study import Study, run
 
@@ -80,6 +83,41 @@ def refused(folder: Path, case: malformed.Malformed) -> dict[str, Any]:
     }
 
 
+def from_the_field(folder: Path, case: field_files.FieldCase) -> dict[str, Any]:
+    """Return whether files from the field are refused, and whether they read as the truth after the
+    step that the refusal names."""
+    (folder / "files").mkdir()
+    for name, content in case.files.items():
+        (folder / "files" / name).write_bytes(content)
+    options = list(case.options)
+    is_refused = False
+    if case.refusal:
+        done = import_files(folder, options)
+        said = " ".join(done.output.split())
+        is_refused = done.exit_code == 2 and case.refusal in said
+        options += case.step
+        for name, content in (case.mended or {}).items():
+            (folder / "files" / name).write_bytes(content)
+    done = import_files(folder, options)
+    reads_true = False
+    if done.exit_code == 0:
+        campaign = lb.read_campaign(folder / "campaign")
+        reads_true = field_files.agrees(field_files.differences(campaign, case.circles))
+    return {
+        "kind": case.kind,
+        "what": case.what,
+        "refused_first": is_refused,
+        "step": " ".join(case.step) or ("the file mended" if case.mended else ""),
+        "reads_true": reads_true,
+    }
+
+
+def import_files(folder: Path, options: list[str]) -> Result:
+    """Import all files of a folder by the command."""
+    files = sorted(str(path) for path in (folder / "files").iterdir())
+    return CliRunner().invoke(app, ["import", *files, "--out", str(folder / "campaign"), *options])
+
+
 def measure() -> dict[str, Any]:
     """Every case; what was found by hand is read."""
     good = {}
@@ -90,7 +128,13 @@ def measure() -> dict[str, Any]:
     for name, wrong in malformed.CASES.items():
         with tempfile.TemporaryDirectory() as folder:
             bad[name] = refused(Path(folder), wrong)
+    field = {}
+    for name, case_of_field in (field_files.CASES | field_programs.program_cases()).items():
+        with tempfile.TemporaryDirectory() as folder:
+            field[name] = from_the_field(Path(folder), case_of_field)
     return {
+        "field": field,
+        "mutations": json.loads((HERE / "mutations.json").read_text(encoding="utf-8")),
         "awkward": good,
         "malformed": bad,
         "largest": {

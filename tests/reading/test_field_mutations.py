@@ -1,14 +1,18 @@
-"""Units, radii and angles of field files changed at random: nothing is misread in silence."""
+"""Units, radii, forces and conventions of field files changed at random: what is accepted is true,
+or a note names the very quantity that was changed, with the value that was assumed."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import field_mutations
+import mutation_outcomes
 import numpy as np
 import pytest
+from field_mutations import Meaning, Mutation, WrittenCircle
 
-N_MUTATIONS = 25
+N_MUTATIONS = 40
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -16,5 +20,55 @@ def test_no_mutation_is_misread_in_silence(seed: int, tmp_path: Path) -> None:
     random = np.random.default_rng(seed)
     for _ in range(N_MUTATIONS):
         mutated = field_mutations.mutation(random)
-        became = field_mutations.outcome(tmp_path, mutated)
+        became = mutation_outcomes.outcome(tmp_path, mutated)
         assert not became.startswith("silent"), mutated.what
+
+
+@pytest.mark.slow
+def test_no_mutation_among_thousands_is_misread_in_silence(tmp_path: Path) -> None:
+    random = np.random.default_rng(5)
+    for _ in range(3000):
+        mutated = field_mutations.mutation(random)
+        became = mutation_outcomes.outcome(tmp_path, mutated)
+        assert not became.startswith("silent"), mutated.what
+
+
+def one_file(header: str, meaning: Meaning, stated: frozenset[str] = frozenset()) -> Mutation:
+    """Return the first circle in a file of its own, with its true meaning."""
+    circle = field_mutations.TRUTH[0]
+    name = f"{circle.force_N:g}N.csv"
+    rows = [header]
+    for angle, reading in zip(circle.angle_deg, circle.reading_um, strict=True):
+        rows.append(f"{angle:g};{reading:.3f}")
+    content = "\n".join([*rows, ""]).encode()
+    written = WrittenCircle(name, circle.force_N, circle.angle_deg, circle.reading_um, meaning)
+    return Mutation("", {name: content}, (written,), stated)
+
+
+def test_a_true_file_is_true(tmp_path: Path) -> None:
+    mutated = one_file("Angle [deg];Reading [um]", Meaning(1.0))
+    assert mutation_outcomes.outcome(tmp_path, mutated) == "true"
+
+
+def test_a_wrong_guess_that_a_note_names_is_told(tmp_path: Path) -> None:
+    mutated = one_file("Angle [deg];Reading", Meaning(0.1))
+    assert mutation_outcomes.outcome(tmp_path, mutated) == "told: reading_um"
+
+
+def test_a_note_on_another_quantity_does_not_count(tmp_path: Path) -> None:
+    mutated = one_file("Angle [deg];Reading", Meaning(1.0, sense=-1))
+    assert mutation_outcomes.outcome(tmp_path, mutated) == "silent: reading_um"
+
+
+def test_a_note_with_another_value_does_not_count(tmp_path: Path) -> None:
+    mutated = one_file("Angle [deg];Reading", Meaning(1.0))
+    doubled = replace(mutated.circles[0], reading=2.0 * mutated.circles[0].reading)
+    mutated = replace(mutated, circles=(doubled,))
+    assert mutation_outcomes.outcome(tmp_path, mutated) == "silent: reading_um"
+
+
+def test_a_note_that_passes_over_what_the_file_states_does_not_count(tmp_path: Path) -> None:
+    stated = frozenset({"unit of the reading"})
+    mutated = one_file("Angle [deg];Reading", Meaning(0.1), stated)
+    became = mutation_outcomes.outcome(tmp_path, mutated)
+    assert became == "silent, passed over: unit of the reading"

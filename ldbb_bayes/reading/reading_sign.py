@@ -1,0 +1,113 @@
+"""Sign of readings, as a header or a line above the table says it in words.
+
+An example is the line ``Positive readings: bar shorter``.
+"""
+
+from __future__ import annotations
+
+import re
+
+from ldbb_bayes.errors import InputError
+from ldbb_bayes.reading.open_question import OpenQuestionError
+from ldbb_bayes.reading.recording import Recording
+from ldbb_bayes.reading.words import LONGEST_TEXT, WORDS
+
+__all__ = ["sign_of_readings"]
+
+_WORDS = WORDS["reading_sign"]
+# Pattern of a word for the sign of a reading, or for what the bar then is.
+_WORD = re.compile(
+    rf"(?P<shorter>{_WORDS['shorter']})|(?P<longer>{_WORDS['longer']})"
+    rf"|(?P<positive>{_WORDS['positive']})|(?P<negative>{_WORDS['negative']})",
+    re.IGNORECASE,
+)
+_OTHER_SUBJECT = re.compile(_WORDS["other"], re.IGNORECASE)
+# Sign of the readings for each pair of the sign of a number and what the bar then is.
+_SIGNS = {
+    frozenset({"positive", "longer"}): 1,
+    frozenset({"negative", "shorter"}): 1,
+    frozenset({"positive", "shorter"}): -1,
+    frozenset({"negative", "longer"}): -1,
+}
+# An error message shows at most this number of characters of a text from a file.
+_TEXT_SHOWN = 60
+
+
+def sign_of_readings(recording: Recording) -> int:
+    """Return the sign with which readings are multiplied: −1 if a longer bar reads less, else 1.
+
+    The user's sign counts first, then the words of the file, which are noted.
+
+    Parameters
+    ----------
+    recording
+        The test as the file holds it.
+
+    Raises
+    ------
+    InputError
+        For words that contradict each other, or that name both signs and do not say which is which.
+    """
+    header = recording.heading.headers[recording.heading.roles["reading"]]
+    texts = {f"the header {header!r}": header}
+    for line, text in (*recording.lines_of_all_tests, *recording.heading.lines_above):
+        texts[f"line {line}"] = text
+    stated = recording.layout.sign
+    sources: dict[int, str] = {}
+    for source, text in texts.items():
+        words = _words_in(text)
+        if not words:
+            continue
+        sign = _sign_of(words)
+        if sign is not None:
+            sources.setdefault(sign, source)
+        elif stated is None:
+            raise OpenQuestionError(
+                f"{recording.place}: one sign of the readings must mean a longer bar, got"
+                f" {text.strip()[:_TEXT_SHOWN]!r} in {source}. Say which: --sign 1 (positive is"
+                " longer) or -1.",
+                "sign",
+                ("1", "-1"),
+            )
+    if stated is not None:
+        if sources and stated not in sources:
+            source = next(iter(sources.values()))
+            recording.note("sign of the reading", f"{stated}, as given", f"{source}", "--sign")
+        return stated
+    if len(sources) > 1:
+        raise InputError(
+            f"{recording.place}: the sign of the readings must be said once, got a positive one for"
+            f" a longer bar in {sources[1]} and for a shorter one in {sources[-1]}. Give --sign."
+        )
+    if not sources:
+        return 1
+    sign, source = next(iter(sources.items()))
+    longer = "positive" if sign == 1 else "negative"
+    recording.note("sign of the reading", f"{sign}: a longer bar is {longer}", source, "--sign")
+    return sign
+
+
+def _words_in(text: str) -> list[str]:
+    """Return the kinds of words for signs and lengths in a text about the sign of readings.
+
+    The list is empty for a text that is not about it.
+    """
+    text = text[:LONGEST_TEXT]
+    if _OTHER_SUBJECT.search(text):
+        return []
+    words = [str(match.lastgroup) for match in _WORD.finditer(text)]
+    has_sign = "positive" in words or "negative" in words
+    has_length = "shorter" in words or "longer" in words
+    if not (has_sign and has_length):
+        return []
+    return words
+
+
+def _sign_of(words: list[str]) -> int | None:
+    """Return the sign of readings that the words of a text mean, two by two; None if unclear."""
+    signs = set()
+    for first, second in zip(words[::2], words[1::2], strict=False):
+        signs.add(_SIGNS.get(frozenset({first, second})))
+    if len(words) % 2 or len(signs) != 1:
+        return None
+    return signs.pop()
