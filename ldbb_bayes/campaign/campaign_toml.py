@@ -181,7 +181,10 @@ def _fill_from_certificates(path: Path, content: dict[str, Any]) -> None:
         if not isinstance(dcc, str):
             continue
         certified = "ball" if name.startswith("balls.") else name
-        stated = read_dcc(_path_inside(path, f"[{name}]: dcc", dcc)).fields(certified)
+        certificate = read_dcc(_path_inside(path, f"[{name}]: dcc", dcc))
+        radius_mm = content.get("radius_mm")
+        bar_length_mm = float(radius_mm) if isinstance(radius_mm, int | float) else None
+        stated = certificate.fields(certified, bar_length_mm=bar_length_mm)
         for key in stated:
             require(
                 key not in table,

@@ -7,7 +7,7 @@ The numbers of a certificate become values of keys of ``campaign.toml``, and the
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,6 +25,10 @@ _ROLES: dict[str, str] = DCC_WORDS["roles"]
 _METRES_PER_MICROMETRE = 1e-6
 # Largest number of certified quantities that an error message lists.
 _QUANTITIES_LISTED = 12
+# Pattern of a length in the name of a bar, such as 100 mm.
+_LENGTH_IN_NAME = re.compile(r"(?<![\d.,])(\d+(?:[.,]\d+)?)\s?mm\b")
+# Two nominal lengths are equal if they differ by at most this share.
+_NOMINAL_TOLERANCE = 1e-3
 # Longest name of a certificate that is written into campaign.toml [characters].
 _LONGEST_LABEL = 200
 
@@ -147,13 +151,15 @@ class CalibrationCertificate(Shown):
     identifier: str
     quantities: tuple[CertifiedQuantity, ...]
 
-    def fields(self, kind: str) -> dict[str, Any]:
+    def fields(self, kind: str, *, bar_length_mm: float | None = None) -> dict[str, Any]:
         """Return what the certificate states about a bar, a force device or a ball.
 
         Parameters
         ----------
         kind
             Kind of object: ``bar``, ``force`` (force device) or ``ball``.
+        bar_length_mm
+            Nominal length of the bar, to choose among the bars of a certificate of several.
 
         Returns
         -------
@@ -164,11 +170,13 @@ class CalibrationCertificate(Shown):
         InputError
             If the certificate states nothing about such an object; the message names the file.
         """
-        readers = {"bar": self.bar, "force": self.force, "ball": self.ball}
+        readers = {"force": self.force, "ball": self.ball}
         with placed(self.path):
+            if kind == "bar":
+                return self.bar(bar_length_mm)
             return readers[kind]()
 
-    def bar(self) -> dict[str, Any]:
+    def bar(self, length_mm: float | None = None) -> dict[str, Any]:
         """Return the length error of a bar, its expanded uncertainty, and the certificate's name.
 
         The keys are those of the table [bar] in campaign.toml: length_error_um [µm], U_um (k = 2)
@@ -176,40 +184,40 @@ class CalibrationCertificate(Shown):
         certificate states an error of indication, this error is returned unchanged. If it states a
         deviation from the nominal length, the sign is changed, because a longer bar reads too
         small. If it states the length and its nominal value, the length is subtracted from the
-        nominal value. Raise an `InputError` if no uncertainty is stated.
+        nominal value. Of several bars, that of the nominal length ``length_mm`` counts. Raise an
+        `InputError` if no uncertainty is stated, or if several errors remain.
         """
         lengths = self._quantities_by_role("m")
-        quantity = self._bar_quantity(lengths)
-        value, U = quantity.numbers(_METRES_PER_MICROMETRE)
-        if not U:
-            raise InputError(
-                f"{quantity.title!r} must have an uncertainty, got none. Give U_um by hand."
-            )
-        error = value
-        if quantity.role == "deviation":
-            error = _without_rounding(0.0 - value)
-        elif quantity.role == "length":
-            nominal, _ = _only(lengths["nominal"]).numbers(_METRES_PER_MICROMETRE)
-            error = _without_rounding(nominal - value)
+        quantity = self._bar_quantity(lengths, length_mm)
+        error, U = _error_of_length(quantity, lengths)
         return {"length_error_um": error, "U_um": U, "certificate": self._label(quantity)}
 
-    def _bar_quantity(self, lengths: dict[str, list[CertifiedQuantity]]) -> CertifiedQuantity:
+    def _bar_quantity(
+        self, lengths: Mapping[str, list[CertifiedQuantity]], length_mm: float | None
+    ) -> CertifiedQuantity:
         """Return the certified quantity that states the error of a bar's length.
 
         An error of indication is preferred to a deviation from the nominal length, and this to a
         length that is stated beside its nominal value. ``lengths`` holds the quantities in units
         of length by their role. Raise an `InputError` if there is no such quantity, or several.
         """
-        if "indication" in lengths:
-            return _only(lengths["indication"])
-        if "deviation" in lengths:
-            return _only(lengths["deviation"])
-        if "length" in lengths and "nominal" in lengths:
-            return _only(lengths["length"])
-        raise InputError(
-            "the DCC must state the error of a bar's length by a name or refType, got"
-            f" {self._content()}. Give length_error_um and U_um by hand."
-        )
+        candidates = lengths.get("indication") or lengths.get("deviation") or []
+        if not candidates and "nominal" in lengths:
+            candidates = lengths.get("length", [])
+        if not candidates:
+            raise InputError(
+                "the DCC must state the error of a bar's length by a name or refType, got"
+                f" {self._content()}. Give length_error_um and U_um by hand."
+            )
+        if len(candidates) > 1 and length_mm is not None:
+            of_length = []
+            for quantity in candidates:
+                if _is_of_length(quantity, lengths.get("nominal", []), length_mm):
+                    of_length.append(quantity)
+            candidates = of_length or candidates
+        if len(candidates) > 1:
+            raise _several_errors(candidates, lengths)
+        return candidates[0]
 
     def force(self) -> dict[str, Any]:
         """Return what the certificate states about a force device, by the keys of campaign.toml.
@@ -334,6 +342,81 @@ class CalibrationCertificate(Shown):
 
     def _content(self) -> str:
         return _listed(self.quantities) or "no number at all"
+
+
+def _error_of_length(
+    quantity: CertifiedQuantity, lengths: Mapping[str, list[CertifiedQuantity]]
+) -> tuple[float, float]:
+    """Return by how much a bar's readings are too large, and the U of it (k = 2), both in µm.
+
+    ``quantity`` states the error. ``lengths`` holds the quantities in units of length by their
+    role. Raise an `InputError` if no uncertainty is stated, or no nominal length beside a length.
+    """
+    value, U = quantity.numbers(_METRES_PER_MICROMETRE)
+    if not U:
+        raise InputError(
+            f"{quantity.title!r} must have an uncertainty, got none. Give U_um by hand."
+        )
+    if quantity.role == "deviation":
+        return _without_rounding(0.0 - value), U
+    if quantity.role == "length":
+        nominals = lengths["nominal"]
+        beside = [nominal for nominal in nominals if nominal.holders == quantity.holders]
+        nominal, _ = _only(beside or nominals).numbers(_METRES_PER_MICROMETRE)
+        return _without_rounding(nominal - value), U
+    return value, U
+
+
+def _is_of_length(
+    quantity: CertifiedQuantity, nominals: Sequence[CertifiedQuantity], length_mm: float
+) -> bool:
+    """Return whether a quantity is of a bar of the nominal length ``length_mm``.
+
+    The certificate states this length in the quantity's name or in that of an element around it,
+    as in ``Bar 100 mm``, or by a nominal length in the same element.
+    """
+    texts = " ".join((*quantity.holders, quantity.name))
+    for match in _LENGTH_IN_NAME.finditer(texts):
+        if _is_close(float(match[1].replace(",", ".")), length_mm):
+            return True
+    for nominal in nominals:
+        is_beside = nominal.holders == quantity.holders and nominal.dimension == "m"
+        if is_beside and _is_close(1e3 * nominal.magnitude(), length_mm):
+            return True
+    return False
+
+
+def _is_close(length_mm: float, nominal_mm: float) -> bool:
+    return abs(length_mm - nominal_mm) <= _NOMINAL_TOLERANCE * nominal_mm
+
+
+def _several_errors(
+    candidates: Sequence[CertifiedQuantity], lengths: Mapping[str, list[CertifiedQuantity]]
+) -> InputError:
+    """Return the error for a certificate that states several errors of a bar's length.
+
+    It names each by what sets it apart, with the numbers that the user may give instead.
+    """
+    texts = []
+    for quantity in candidates[:_QUANTITIES_LISTED]:
+        error, U = _error_of_length(quantity, lengths)
+        name = _name_apart(quantity, candidates)
+        texts.append(f"{name!r} (length_error_um {error:g}, U_um {U:g})")
+    return InputError(
+        f"the DCC must state the error of the bar's length once, got {', '.join(texts)}. Give these"
+        " two numbers of the right one by hand instead of the DCC; of bars of several lengths"
+        " radius_mm chooses."
+    )
+
+
+def _name_apart(quantity: CertifiedQuantity, others: Sequence[CertifiedQuantity]) -> str:
+    """Return the names of a quantity, and of what holds it, that not all of ``others`` share."""
+    names = []
+    for name in (*quantity.holders, quantity.name):
+        n_with_name = sum(name in (*other.holders, other.name) for other in others)
+        if name and n_with_name < len(others):
+            names.append(name)
+    return ", ".join(dict.fromkeys(names)) or quantity.title
 
 
 def _title_with_holder(quantity: CertifiedQuantity) -> str:

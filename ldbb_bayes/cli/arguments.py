@@ -77,7 +77,9 @@ def campaign_from(path: Path, **options: Any) -> lb.Campaign:
         if name in options:
             certificates[name] = options.pop(name)
     return lb.read_campaign(
-        path, certificates=instrument_fields(**certificates), **campaign_fields(**options)
+        path,
+        certificates=instrument_fields(bar_length_mm=options.get("radius_mm"), **certificates),
+        **campaign_fields(**options),
     )
 
 
@@ -112,23 +114,28 @@ def readings_from(files: list[Path], **options: Any) -> SourceCampaign:
             layout_options[option_name] = options.pop(option_name)
         elif option_name in _CERTIFICATE_KEYWORDS:
             certificates[option_name] = options.pop(option_name)
+    bar_length_mm = options.get("radius_mm")
     source = ReportSource(
         files,
         matching(files),
         _layout(**layout_options),
         campaign_fields(**options),
-        instrument_fields(**certificates),
+        instrument_fields(bar_length_mm=bar_length_mm, **certificates),
     )
     return source.read_any()
 
 
-def instrument_fields(*, balls: lb.Ball | None = None, **options: Any) -> dict[str, Any]:
+def instrument_fields(
+    *, balls: lb.Ball | None = None, bar_length_mm: float | None = None, **options: Any
+) -> dict[str, Any]:
     """Return the fields of `Instrument` that options state.
 
     Parameters
     ----------
     balls
         Ball for both the workpiece side and the tool side, stated by the option ``--balls``.
+    bar_length_mm
+        Nominal length of the bar, to choose among the bars of a certificate of several.
     **options
         Fields of `Instrument`, and paths of digital calibration certificates (DCC): ``bar_dcc``,
         ``force_dcc``, ``work_dcc``, ``tool_dcc``.
@@ -143,7 +150,7 @@ def instrument_fields(*, balls: lb.Ball | None = None, **options: Any) -> dict[s
     InputError
         If a DCC cannot be read, or an option and a DCC state the same quantity.
     """
-    from_files = _fields_from_dccs(options)
+    from_files = _fields_from_dccs(options, bar_length_mm)
     for name in from_files:
         flag = ""
         if name in ("work", "tool"):
@@ -161,13 +168,14 @@ def instrument_fields(*, balls: lb.Ball | None = None, **options: Any) -> dict[s
     return fields | from_files | options
 
 
-def _fields_from_dccs(options: dict[str, Any]) -> dict[str, Any]:
+def _fields_from_dccs(options: dict[str, Any], bar_length_mm: float | None) -> dict[str, Any]:
     """Take the paths of DCCs out of the options, and return the fields of `Instrument` in them."""
     fields: dict[str, Any] = {}
     for kind in ("bar", "force"):
         file = options.pop(f"{kind}_dcc", None)
         if file is not None:
-            for name, value in lb.campaign.read_dcc(file).fields(kind).items():
+            certificate = lb.campaign.read_dcc(file)
+            for name, value in certificate.fields(kind, bar_length_mm=bar_length_mm).items():
                 fields[f"{kind}_{name}"] = value
     for ball in ("work", "tool"):
         file = options.pop(f"{ball}_dcc", None)

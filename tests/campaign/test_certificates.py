@@ -111,6 +111,73 @@ def test_a_hybrid_is_one_quantity_in_several_units(tmp_path: Path, units: tuple[
     assert (fields["length_error_um"], fields["U_um"]) == (-0.8, 0.6)
 
 
+HOLDER = (
+    "<dcc:result><dcc:name><dcc:content>{name}</dcc:content></dcc:name><dcc:data>"
+    "<dcc:quantity><dcc:name><dcc:content>Deviation of length</dcc:content></dcc:name>"
+    "{number}</dcc:quantity></dcc:data></dcc:result>"
+)
+
+
+def certificate_of(folder: Path, deviations_um: dict[str, float]) -> Path:
+    """Return a certificate that states a bar's deviation once for each holder, U = 0.9 (k = 3)."""
+    results = ""
+    for name, deviation_um in deviations_um.items():
+        number = BAR_NUMBER.format(value=deviation_um, unit=r"\micro\metre", U=0.9, more="")
+        results += HOLDER.format(name=name, number=number)
+    path = folder / "twice.xml"
+    path.write_text(
+        '<dcc:digitalCalibrationCertificate xmlns:dcc="https://ptb.de/dcc"'
+        ' xmlns:si="https://ptb.de/si"><dcc:measurementResults><dcc:measurementResult>'
+        f"<dcc:results>{results}</dcc:results></dcc:measurementResult></dcc:measurementResults>"
+        "</dcc:digitalCalibrationCertificate>",
+        "utf-8",
+    )
+    return path
+
+
+BARS = {"Ball bar 100 mm": 0.8, "Ball bar 150 mm": -0.4}
+
+
+@pytest.mark.parametrize(("length_mm", "error_um"), [(100.0, -0.8), (150.0, 0.4)])
+def test_of_two_bars_that_of_the_campaign_counts(
+    tmp_path: Path, length_mm: float, error_um: float
+) -> None:
+    certificate = lb.campaign.read_dcc(certificate_of(tmp_path, BARS))
+    fields = certificate.fields("bar", bar_length_mm=length_mm)
+    assert fields["length_error_um"] == error_um
+
+
+def test_two_bars_without_a_length_are_named_with_their_numbers(tmp_path: Path) -> None:
+    certificate = lb.campaign.read_dcc(certificate_of(tmp_path, BARS))
+    named = "'Ball bar 100 mm' .length_error_um -0.8, U_um 0.6., 'Ball bar 150 mm' .length_error_um"
+    refuses(named, certificate.fields, "bar")
+
+
+def test_as_found_and_as_left_are_named_with_their_numbers(tmp_path: Path) -> None:
+    certificate = lb.campaign.read_dcc(certificate_of(tmp_path, {"As found": 2.5, "As left": 0.1}))
+    named = "'As found' .length_error_um -2.5, U_um 0.6., 'As left' .length_error_um -0.1"
+    refuses(named, certificate.fields, "bar", bar_length_mm=150.0)
+
+
+def test_the_radius_of_a_campaign_chooses_the_bar(tmp_path: Path, recovered: lb.Campaign) -> None:
+    lb.write_campaign(recovered, tmp_path / "c")
+    certificate_of(tmp_path / "c", BARS)
+    toml = tmp_path / "c" / "campaign.toml"
+    text = toml.read_text("utf-8")
+    toml.write_text(text.replace("[[test]]", '[bar]\ndcc = "twice.xml"\n\n[[test]]', 1), "utf-8")
+    assert lb.read_campaign(tmp_path / "c").instrument.bar_length_error_um == 0.4
+
+
+def test_the_numbers_that_a_refusal_names_can_be_given(tmp_path: Path) -> None:
+    certificate = certificate_of(tmp_path, {"As found": 2.5, "As left": 0.1})
+    recovered = str(lb.embedded_campaign())
+    refused = CliRunner().invoke(app, ["check", recovered, "--bar-dcc", str(certificate)])
+    assert refused.exit_code == 2
+    assert "by hand instead of the DCC" in " ".join(refused.output.split())
+    given = ["--bar-length-error-um", "-0.1", "--bar-U-um", "0.6"]
+    assert CliRunner().invoke(app, ["check", recovered, *given]).exit_code == 0
+
+
 def test_a_hybrid_of_unknown_units_is_refused_with_its_first_unit(tmp_path: Path) -> None:
     alternatives = ""
     for unit in ("µ", "mu"):
