@@ -474,12 +474,7 @@ def design(
         "costs and certificates must go with goals, got none. Give for example goals={'C_XXX':"
         " '5 %'}.",
     )
-    number = len(pilot.tests) if tests is None else tests
-    require_whole("tests", number)
-    require(
-        1 <= number <= MAX_TESTS,
-        f"tests must be between 1 and {MAX_TESTS}, got {number}. Give the number of circles.",
-    )
+    number = _number_of_tests(tests, pilot)
     compared_tests: list[CircularTest] = []
     for name, campaign in against.items():
         _check_compared(name, campaign, pilot)
@@ -487,7 +482,7 @@ def design(
     if forces_N is None:
         forces_N = _levels_in_range(pilot)
     if criterion is None:
-        criterion = "d" if model.prior.flat else "eig"
+        criterion = _default_criterion(model)
     space = Space(
         model=model,
         pilot=pilot,
@@ -504,8 +499,7 @@ def design(
     )
     compared = {_EQUAL_STEPS: space.equal_steps(number)}
     for name, campaign in against.items():
-        planned = [replace(test.with_reading_um(None), name="") for test in campaign.tests]
-        compared[name] = tuple(planned)
+        compared[name] = _planned_tests(campaign)
     exact = space.search.find_design(number)
     return _describe_design(space, exact, Pilot(pilot.name, pilot.sha256), compared)
 
@@ -517,6 +511,29 @@ def _refuse_beside_goals(names: Sequence[str]) -> None:
         f"goals must go without {', '.join(names)}: they decide on the number of circles and on"
         " what is of interest. Leave out one or the other.",
     )
+
+
+def _number_of_tests(tests: int | None, pilot: Campaign) -> int:
+    """Return the number of circles to run: the one asked for, or as many as the pilot has."""
+    number = len(pilot.tests) if tests is None else tests
+    require_whole("tests", number)
+    require(
+        1 <= number <= MAX_TESTS,
+        f"tests must be between 1 and {MAX_TESTS}, got {number}. Give the number of circles.",
+    )
+    return number
+
+
+def _default_criterion(model: HybridModel) -> CriterionName:
+    """Return the expected information gain, or, with flat priors, the determinant."""
+    # Information gained over a flat prior is infinite.
+    return "d" if model.prior.flat else "eig"
+
+
+def _planned_tests(campaign: Campaign) -> tuple[CircularTest, ...]:
+    """Return the tests of a campaign without their readings and names."""
+    tests = [replace(test.with_reading_um(None), name="") for test in campaign.tests]
+    return tuple(tests)
 
 
 def _force_levels(forces_N: Sequence[float]) -> tuple[float, ...]:

@@ -19,6 +19,7 @@ from types import MappingProxyType
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 from pydantic import Field
 from scipy.special import expit
 
@@ -213,10 +214,7 @@ def next_circle(
     if tolerances is None:
         tolerances = campaign.tolerances
     of_goals = _states_of_goals(goals, known, circles.before, confidence)
-    of_tolerances = {}
-    if tolerances:
-        posterior = sample(model, space.pilot, sampler="independent", seed=seed)
-        of_tolerances = tolerance_states(posterior, tolerances, known, circles.before, confidence)
+    of_tolerances = _states_of_tolerances(tolerances, space, known, circles.before, confidence)
     odds = _ModelOdds.of(model, known, evidences, confidence)
     model_is_aim = odds is not None and (decide_model or not (goals or tolerances))
     aims = _aims_of(of_goals, of_tolerances, odds if model_is_aim else None)
@@ -232,8 +230,6 @@ def next_circle(
     more_circles: int | None = 0
     if not finished:
         more_circles = _circles_to_go(aims, continued)
-    listed = order[:_LISTED]
-    table = space.frame([space.tests[k] for k in listed])
     return NextCircle(
         circles=len(campaign.tests),
         confidence=confidence,
@@ -244,7 +240,7 @@ def next_circle(
         tolerances=_tolerances_so_far(of_tolerances, after),
         finished=finished,
         more_circles=more_circles,
-        table=table.assign(share=_shares_of_the_way(distance_now, distances[listed])),
+        table=_best_circles(space, order[:_LISTED], distance_now, distances),
         chosen=_Chosen(space, space.tests[order[0]]),
     )
 
@@ -270,6 +266,23 @@ def _states_of_goals(
     if goals:
         read_goals = goals_in(known.bound, goals)
     return goal_states(read_goals, known, before, confidence)
+
+
+def _states_of_tolerances(
+    tolerances: Mapping[str, str | Tolerance],
+    space: Space,
+    known: Known,
+    before: Array,
+    confidence: float,
+) -> dict[str, ToleranceState]:
+    """Return decisions on tolerances with the covariances ``before`` the next circle.
+
+    They need posterior draws, which are taken only if there are tolerances.
+    """
+    if not tolerances:
+        return {}
+    posterior = sample(space.model, space.pilot, sampler="independent", seed=space.seed)
+    return tolerance_states(posterior, tolerances, known, before, confidence)
 
 
 def _goals_so_far(
@@ -362,6 +375,18 @@ def _circles_to_go(aims: Sequence[Aim], objective: Objective) -> int | None:
         if all(aim.is_reached or float(aim.distance(circles.before)) <= 0.0 for aim in aims):
             return number
     return None
+
+
+def _best_circles(
+    space: Space, order: Array, distance_now: float, distances: Array
+) -> pd.DataFrame:
+    """Return a table of the best next circles, with the share of the way that each one covers.
+
+    ``order`` are the indices of the circles among the possible ones, the best first.
+    ``distances`` from all aims are those expected after each possible circle.
+    """
+    table = space.frame([space.tests[k] for k in order])
+    return table.assign(share=_shares_of_the_way(distance_now, distances[order]))
 
 
 def _shares_of_the_way(distance_now: float, distances: Array) -> Array:
