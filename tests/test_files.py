@@ -13,13 +13,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from campaigns import full_disk, refuses
+from campaigns import Invoke, full_disk, refuses
 from pydantic import BaseModel, model_validator
 from pydantic.dataclasses import dataclass
 
 import ldbb_bayes as lb
 from ldbb_bayes.campaign.folder import write_campaign_into
 from ldbb_bayes.files import check_target, parse_toml, staged_folder, write_whole
+from ldbb_bayes.files.similar_names import advice_on_path
 from ldbb_bayes.files.validation import raises_input_error, validated
 
 
@@ -248,3 +249,33 @@ def test_strings_without_end_are_refused_at_once(unit: str) -> None:
     text = "\n".join([line] * 26)
     refuses("notes must be valid TOML", parse_toml, text, "notes")
     assert time.perf_counter() - start < 2.0
+
+
+@pytest.mark.parametrize("command", ["identify", "report", "fit", "check"])
+def test_a_command_names_the_nearest_file_where_there_is_none(
+    command: str, tmp_path: Path, invoke: Invoke
+) -> None:
+    (tmp_path / "100N.csv").write_text("angle_deg,reading_um\n")
+    code, _, stderr = invoke(command, tmp_path / "100n.cvs")
+    assert code == 2
+    assert f"Did you mean '{tmp_path / '100N.csv'}'?" in " ".join(stderr.split())
+
+
+@pytest.mark.parametrize("command", ["identify", "report"])
+def test_a_command_names_all_that_it_reads_where_there_is_no_file(
+    command: str, tmp_path: Path, invoke: Invoke
+) -> None:
+    code, _, stderr = invoke(command, tmp_path / "nothing")
+    assert code == 2
+    for word in ("CSV", "XLSX", "XLS", "ODS", "campaign.toml", "of a fit"):
+        assert word in stderr
+
+
+def test_advice_on_a_path_names_the_first_folder_that_does_not_exist(tmp_path: Path) -> None:
+    advice = advice_on_path(tmp_path / "a" / "b" / "c.csv")
+    assert advice == f"There is no folder {tmp_path / 'a'}. Check the path."
+
+
+def test_advice_on_a_path_names_no_file_that_is_called_otherwise(tmp_path: Path) -> None:
+    (tmp_path / "36N.csv").touch()
+    assert advice_on_path(tmp_path / "machine.xlsx") == "Check the path."

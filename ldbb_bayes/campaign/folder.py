@@ -20,6 +20,7 @@ from ldbb_bayes.campaign.certified_instrument import Instrument
 from ldbb_bayes.campaign.readings_table import tests_of_table
 from ldbb_bayes.errors import InputError, check_known, placed, require
 from ldbb_bayes.files import read_toml, staged_folder
+from ldbb_bayes.files.similar_names import advice_on_path
 
 __all__ = [
     "IMPORT_NAME",
@@ -90,10 +91,15 @@ def read_campaign(
     if path.is_dir():
         path = path / TOML_NAME
     if not path.is_file():
-        fault = "is no ordinary file" if path.exists() else "does not exist"
+        fault = "does not exist"
+        advice = advice_on_path(path)
+        if path.exists():
+            fault = "is no ordinary file"
+            advice = "Check the path."
         raise InputError(
-            f"campaign must be a folder with {TOML_NAME}, a {TOML_NAME} or a tidy CSV, got {path},"
-            f" which {fault}. Check the path."
+            f"campaign must be a folder with {TOML_NAME}, a {TOML_NAME} or a tidy CSV (the command"
+            f" import makes one of other tables and workbooks), got {path}, which {fault}."
+            f" {advice}"
         )
     known_options = [entry.name for entry in fields(Campaign) if entry.name != "tests"]
     check_known("option", options, known_options)

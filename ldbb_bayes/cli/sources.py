@@ -12,6 +12,7 @@ from ldbb_bayes.campaign.campaign import LABELS
 from ldbb_bayes.campaign.readings_table import is_tidy_table
 from ldbb_bayes.cli.questions import complete_campaign
 from ldbb_bayes.errors import require
+from ldbb_bayes.files.similar_names import advice_on_path
 from ldbb_bayes.inference.posterior import campaign_of
 from ldbb_bayes.reading.assumptions import Assumption
 from ldbb_bayes.reading.importing import Imported
@@ -103,6 +104,16 @@ def import_parts(source: SourceCampaign) -> tuple[Any, ...]:
     if source.imported is None:
         return ()
     return assumed_parts(source.campaign, source.imported)
+
+
+def _require_path(path: Path) -> None:
+    """Raise an `InputError` for a path where there is nothing, which names all that can be read."""
+    require(
+        path.exists(),
+        f"{path} must be a table (CSV or other text, XLSX, XLSB, XLS, ODS), a folder with"
+        f" {TOML_NAME}, a {TOML_NAME} or the --out folder of a fit, got nothing."
+        f" {advice_on_path(path)}",
+    )
 
 
 @dataclass(frozen=True)
@@ -234,8 +245,9 @@ class ReportSource:
             self.refuse_table_options()
             return SourceCampaign(campaign_of(lb.load(first)), None)
         is_tidy = len(self.paths) == 1 and first.is_file() and is_tidy_table(first)
-        is_missing = len(self.paths) == 1 and not first.is_file()
-        if is_missing or (is_tidy and self.layout == lb.reading.Layout()):
+        _require_path(first)
+        is_folder = len(self.paths) == 1 and not first.is_file()
+        if is_folder or (is_tidy and self.layout == lb.reading.Layout()):
             campaign = lb.read_campaign(
                 first, certificates=self.certificates, **self.campaign_fields
             )
@@ -244,6 +256,7 @@ class ReportSource:
 
     def _read_readings(self) -> SourceCampaign:
         """Return the campaign of a campaign folder or campaign.toml, or the one of tables."""
+        _require_path(self.paths[0])
         if self.is_campaign:
             return SourceCampaign(self._read_campaign(), None)
         imported = self._import_tables()

@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from ldbb_bayes.errors import InputError, require
+from ldbb_bayes.files.similar_names import advice_on_path
 
 __all__ = ["LARGEST_TABLE_BYTES", "bytes_of", "refuse_unwritable", "write_whole"]
 
@@ -68,7 +69,7 @@ def _require_ordinary_file(path: Path, expected: str) -> None:
         )
     if path.exists():
         raise InputError(f"{path} must be {expected}, got no ordinary file. Check the path.")
-    raise InputError(f"{path} must be {expected}, got nothing. Check the path.")
+    raise InputError(f"{path} must be {expected}, got nothing. {advice_on_path(path)}")
 
 
 @contextmanager
