@@ -48,16 +48,22 @@ def import_(
     """Read tables as instruments and spreadsheets write them, and write them as a campaign.
 
     Prints what it assumed about the tables. An option, or the file of --layout, can state every
-    assumed value instead.
+    assumed value instead. At a terminal it asks what the tables leave open, such as which of two
+    units readings are in.
     """
-    # This is imported here, because only this command needs it.
+    # These are imported here, because only this command needs them.
+    from ldbb_bayes.cli.questions import can_ask, import_with_answers
+    from ldbb_bayes.reading.importing import Imported
     from ldbb_bayes.reading.layout import layout_to_toml
 
     output = Output(out, force, as_json, quiet=False)
     output.check(*files_of(out))
-    result = lb.import_campaign(
-        files, layout=layout, **table, **name, instrument=lb.Instrument(**certificates)
-    )
+    instrument = lb.Instrument(**certificates)
+
+    def import_with(completed: lb.reading.Layout) -> Imported:
+        return lb.import_campaign(files, layout=completed, **table, **name, instrument=instrument)
+
+    result = import_with_answers(import_with, layout, ask=can_ask())
     output.deliver(
         result.as_dict(),
         (*parts_of(result), *_unit_notes(result.campaign)),

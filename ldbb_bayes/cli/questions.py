@@ -1,6 +1,7 @@
-"""Questions that ``ldbb-bayes report`` asks at a terminal, about machine, mount and balls.
+"""Questions that ``ldbb-bayes`` asks at a terminal, on open files, machine, mount and balls.
 
-The mount holds the work ball; the force of the bar deflects it.
+Files of readings may leave open in which of two units they are, for example. The mount holds the
+work ball; the force of the bar deflects it.
 """
 
 from __future__ import annotations
@@ -16,8 +17,10 @@ import ldbb_bayes as lb
 from ldbb_bayes.cli.options import CATALOGUE
 from ldbb_bayes.cli.values import ball_in
 from ldbb_bayes.errors import InputError, require
+from ldbb_bayes.reading.importing import Imported
+from ldbb_bayes.reading.open_question import OpenQuestionError
 
-__all__ = ["MACHINES", "MachineType", "can_ask", "complete_campaign"]
+__all__ = ["MACHINES", "MachineType", "can_ask", "complete_campaign", "import_with_answers"]
 
 
 class MachineType(NamedTuple):
@@ -40,6 +43,54 @@ _ANSWERS = {"y": True, "yes": True, "j": True, "ja": True, "n": False, "no": Fal
 def can_ask() -> bool:
     """Return whether a user can answer questions at a terminal."""
     return sys.stdin is not None and sys.stdin.isatty() and sys.stderr.isatty()
+
+
+def import_with_answers(
+    import_with: Callable[[lb.reading.Layout], Imported], layout: lb.reading.Layout, *, ask: bool
+) -> Imported:
+    """Return an import of tables, after the user has answered what the tables leave open.
+
+    Such a question is, for example, in which of two units readings are that both fit.
+
+    Parameters
+    ----------
+    import_with
+        Function that imports the tables with a layout.
+    layout
+        Layout that options state; it is completed by the answers.
+    ask
+        Whether to ask. If not, what is open is refused.
+
+    Returns
+    -------
+    Imported
+
+    Raises
+    ------
+    InputError
+        If the tables cannot be read, or leave a question open that is not asked.
+    """
+    while True:
+        try:
+            return import_with(layout)
+        except OpenQuestionError as question:
+            if not ask:
+                raise
+            layout = _ask_what_is_open(question, layout)
+
+
+def _ask_what_is_open(question: OpenQuestionError, layout: lb.reading.Layout) -> lb.reading.Layout:
+    """Ask what files leave open, and return the layout with the answer."""
+
+    def read(answer: str) -> lb.reading.Layout:
+        value: Any = answer
+        if question.field == "sign" and answer in question.answers:
+            value = int(answer)
+        return layout.with_given({question.field: value})
+
+    typer.echo(str(question), err=True)
+    completed: lb.reading.Layout = _ask(", ".join(question.answers), "", read)
+    return completed
 
 
 def complete_campaign(campaign: lb.Campaign, unstated: Collection[str]) -> lb.Campaign:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import ldbb_bayes as lb
 from ldbb_bayes.campaign.campaign import LABELS
 from ldbb_bayes.campaign.readings_table import is_tidy_table
-from ldbb_bayes.cli.questions import complete_campaign
+from ldbb_bayes.cli.questions import can_ask, complete_campaign, import_with_answers
 from ldbb_bayes.errors import require
 from ldbb_bayes.files.similar_names import advice_on_path
 from ldbb_bayes.inference.posterior import campaign_of
@@ -188,7 +188,8 @@ class ReportSource:
         Parameters
         ----------
         ask
-            Whether to ask the user about machine, mount and balls if nothing states them.
+            Whether to ask the user what the files leave open, and about machine, mount and balls
+            if nothing states them.
 
         Returns
         -------
@@ -199,7 +200,7 @@ class ReportSource:
         InputError
             If files cannot be read or contain no readings, or options do not apply to them.
         """
-        campaign, imported = self._read_readings()
+        campaign, imported = self._read_readings(ask=ask)
         unstated: set[str] = set()
         if imported is not None:
             unstated = set(imported.unsaid)
@@ -225,7 +226,7 @@ class ReportSource:
     def read_any(self) -> SourceCampaign:
         """Return the campaign or plan, read from its folder, from a stored fit, or from tables.
 
-        Nothing is asked of the user.
+        At a terminal the user is asked what tables leave open, and nothing else.
 
         Returns
         -------
@@ -252,14 +253,14 @@ class ReportSource:
                 first, certificates=self.certificates, **self.campaign_fields
             )
             return SourceCampaign(campaign, None)
-        return self._read_readings()
+        return self._read_readings(ask=can_ask())
 
-    def _read_readings(self) -> SourceCampaign:
+    def _read_readings(self, *, ask: bool) -> SourceCampaign:
         """Return the campaign of a campaign folder or campaign.toml, or the one of tables."""
         _require_path(self.paths[0])
         if self.is_campaign:
             return SourceCampaign(self._read_campaign(), None)
-        imported = self._import_tables()
+        imported = self._import_tables(ask=ask)
         return SourceCampaign(imported.campaign, imported)
 
     def _read_campaign(self) -> lb.Campaign:
@@ -287,7 +288,7 @@ class ReportSource:
         campaign = lb.read_campaign(first, certificates=self.certificates, **fields)
         return replace(campaign, **labels)
 
-    def _import_tables(self) -> Imported:
+    def _import_tables(self, *, ask: bool) -> Imported:
         """Return the campaign imported from the tables, with its assumptions.
 
         Raise an `InputError` if the first path is a folder.
@@ -299,6 +300,10 @@ class ReportSource:
             f" {first}/*",
         )
         instrument = lb.Instrument(**self.certificates)
-        return lb.import_campaign(
-            self.typed_paths, layout=self.layout, **self.campaign_fields, instrument=instrument
-        )
+
+        def import_with(layout: lb.reading.Layout) -> Imported:
+            return lb.import_campaign(
+                self.typed_paths, layout=layout, **self.campaign_fields, instrument=instrument
+            )
+
+        return import_with_answers(import_with, self.layout, ask=ask)
