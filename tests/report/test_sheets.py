@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from types import SimpleNamespace
 from typing import Any
 
@@ -25,10 +26,16 @@ from ldbb_bayes.report.stated_quantity import StatedQuantity
 from ldbb_bayes.report.translation import words_of
 from ldbb_bayes.results import Table
 
+# Sheet 1, the certificate, and sheet 2, its results.
+Sheets = tuple[ReportSheet, ...]
+LANGUAGES = ("en", "de")
 
-@pytest.fixture(autouse=True)
-def without_figures(monkeypatch: pytest.MonkeyPatch) -> None:
-    undrawn(monkeypatch)
+
+@pytest.fixture(scope="module", autouse=True)
+def without_figures() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        undrawn(patch)
+        yield
 
 
 def findings_of(campaign: lb.Campaign, tolerances: dict[str, Any] | None = None) -> Findings:
@@ -41,38 +48,48 @@ def findings() -> Findings:
     return findings_of(simulated(plan()))
 
 
+@pytest.fixture(scope="module")
+def by_language(findings: Findings) -> dict[str, Sheets]:
+    return {language: sheets(findings, language=language) for language in LANGUAGES}
+
+
+@pytest.fixture(scope="module")
+def english(by_language: dict[str, Sheets]) -> Sheets:
+    return by_language["en"]
+
+
 def tables_of(sheet: ReportSheet) -> list[Table]:
     return [block for block in sheet.blocks if isinstance(block, Table)]
 
 
-def test_a_certificate_and_its_results(findings: Findings) -> None:
-    assert [sheet.key for sheet in sheets(findings)] == ["certificate", "results-sheet"]
+def test_a_certificate_and_its_results(english: Sheets) -> None:
+    assert [sheet.key for sheet in english] == ["certificate", "results-sheet"]
 
 
-def test_the_certificate_begins_with_whether_it_can_be_used(findings: Findings) -> None:
-    first, _ = sheets(findings)
+def test_the_certificate_begins_with_whether_it_can_be_used(english: Sheets) -> None:
+    first, _ = english
     banner = first.blocks[0]
     assert isinstance(banner, Banner)
     assert banner.kind in ("usable", "reserved")
 
 
-def test_the_certificate_ends_with_lines_to_sign(findings: Findings) -> None:
-    first, _ = sheets(findings)
+def test_the_certificate_ends_with_lines_to_sign(english: Sheets) -> None:
+    first, _ = english
     signatures = first.blocks[-1]
     assert isinstance(signatures, Fields)
     assert signatures.tall
     assert [text for _, text in signatures.entries] == ["", ""]
 
 
-def test_what_is_not_determined_stands_beside_the_traces(findings: Findings) -> None:
-    first, _ = sheets(findings)
+def test_what_is_not_determined_stands_beside_the_traces(english: Sheets) -> None:
+    first, _ = english
     (pair,) = [block for block in first.blocks if isinstance(block, Pair)]
     assert pair.picture.key == "traces"
     assert pair.beside
 
 
-def test_what_a_campaign_does_not_state_is_a_line_to_write_on(findings: Findings) -> None:
-    first, _ = sheets(findings)
+def test_what_a_campaign_does_not_state_is_a_line_to_write_on(english: Sheets) -> None:
+    first, _ = english
     fields = next(block for block in first.blocks if isinstance(block, Fields))
     entries = dict(fields.entries)
     assert entries["Operator"] == ""
@@ -83,15 +100,15 @@ def test_what_a_campaign_does_not_state_is_a_line_to_write_on(findings: Findings
     [("en", "Feed, direction, order", "as listed"), ("de", "Vorschub, Richtung, Folge", "wie auf")],
 )
 def test_the_certificate_states_the_order_of_the_tests(
-    language: str, field: str, entry: str, findings: Findings
+    language: str, field: str, entry: str, by_language: dict[str, Sheets]
 ) -> None:
-    first, _ = sheets(findings, language=language)
+    first, _ = by_language[language]
     fields = next(block for block in first.blocks if isinstance(block, Fields))
     assert entry in dict(fields.entries)[field]
 
 
-def test_every_compliance_and_error_stands_on_sheet_2(findings: Findings) -> None:
-    _, second = sheets(findings)
+def test_every_compliance_and_error_stands_on_sheet_2(english: Sheets) -> None:
+    _, second = english
     (table,) = tables_of(second)
     symbols = {row[1] for row in table.rows}
     assert {"C_XXX", "C_YYY", "E_XX1", "E_YX2", "E_C(0Y)X"} <= symbols
@@ -118,8 +135,8 @@ def test_a_tolerance_has_a_table_of_its_own() -> None:
     assert "≤ 60" in conformity.rows[0]
 
 
-def test_without_a_tolerance_there_is_no_such_table(findings: Findings) -> None:
-    first, _ = sheets(findings)
+def test_without_a_tolerance_there_is_no_such_table(english: Sheets) -> None:
+    first, _ = english
     assert len(tables_of(first)) == 1
 
 
@@ -129,6 +146,11 @@ def varying() -> Findings:
     posterior = fitted(lb.HybridModel.first(1), simulated(plan()))
     tolerances = {"C_XXX_1": "10 nm/N per kN"}
     return find(posterior, comparison=NOT_COMPARED, recommended=NOT_COMPARED, tolerances=tolerances)
+
+
+@pytest.fixture(scope="module")
+def varying_by_language(varying: Findings) -> dict[str, Sheets]:
+    return {language: sheets(varying, language=language) for language in LANGUAGES}
 
 
 def texts_of(sheet: ReportSheet) -> str:
@@ -142,8 +164,10 @@ def texts_of(sheet: ReportSheet) -> str:
 
 
 @pytest.mark.parametrize("language", ["en", "de"])
-def test_no_sheet_states_the_coefficient_of_a_change(varying: Findings, language: str) -> None:
-    first, second = sheets(varying, language=language)
+def test_no_sheet_states_the_coefficient_of_a_change(
+    varying_by_language: dict[str, Sheets], language: str
+) -> None:
+    first, second = varying_by_language[language]
     assert "C_XXX_1" not in texts_of(first)
     assert "C_XXX_1" not in texts_of(second)
 
@@ -156,9 +180,9 @@ def test_no_sheet_states_the_coefficient_of_a_change(varying: Findings, language
     ],
 )
 def test_sheet_2_states_the_change_over_the_tested_forces(
-    varying: Findings, language: str, words: str
+    varying: Findings, language: str, words: str, varying_by_language: dict[str, Sheets]
 ) -> None:
-    _, second = sheets(varying, language=language)
+    _, second = varying_by_language[language]
     row = next(row for row in tables_of(second)[0].rows if row[1] == "ΔC_XXX")
     assert row[0] == words
     change = lb.analysis.change_with_force(varying.posterior)["C_XXX"].change
@@ -167,16 +191,16 @@ def test_sheet_2_states_the_change_over_the_tested_forces(
     )
 
 
-def test_a_tolerance_of_a_slope_is_decided_on(varying: Findings) -> None:
-    first, _ = sheets(varying)
+def test_a_tolerance_of_a_slope_is_decided_on(varying_by_language: dict[str, Sheets]) -> None:
+    first, _ = varying_by_language["en"]
     _, conformity = tables_of(first)
     (row,) = conformity.rows
     assert row[0] == "C_XXX: coefficient of the change with force"
     assert row[-1] in ("conforms", "does not conform", "not decided")
 
 
-def test_numbers_are_those_of_the_language(findings: Findings) -> None:
-    english, german = (tables_of(sheets(findings, language=code)[1])[0] for code in ("en", "de"))
+def test_numbers_are_those_of_the_language(by_language: dict[str, Sheets]) -> None:
+    english, german = (tables_of(by_language[code][1])[0] for code in LANGUAGES)
     values = [row[2] for row in english.rows]
     assert any("." in value for value in values)
     assert [row[2] for row in german.rows] == [value.replace(".", ",") for value in values]
@@ -209,24 +233,24 @@ def row_of(sheet: ReportSheet, symbol: str) -> tuple[str, ...]:
     ],
 )
 def test_the_certificate_states_the_least_stiffness_and_its_direction(
-    findings: Findings, language: str, words: str, where: str
+    by_language: dict[str, Sheets], language: str, words: str, where: str
 ) -> None:
-    first, _ = sheets(findings, language=language)
+    first, _ = by_language[language]
     row = row_of(first, "k_min")
     assert row[0] == words
     assert where in row[-1]
 
 
-def test_the_least_stiffness_is_that_of_the_analysis(findings: Findings) -> None:
-    first, _ = sheets(findings)
+def test_the_least_stiffness_is_that_of_the_analysis(findings: Findings, english: Sheets) -> None:
+    first, _ = english
     least = lb.stiffness(findings.posterior, [389.0]).planes[0].least
     value = float(row_of(first, "k_min")[2])
     assert value == pytest.approx(least.median / 1e3, abs=least.sd / 1e3 / 5.0)
 
 
 @pytest.mark.parametrize("symbol", ["k_max", "k_max / k_min", "ψ", "C_XXX − C_YYY"])
-def test_the_certificate_states_what_is_best_determined(findings: Findings, symbol: str) -> None:
-    first, _ = sheets(findings)
+def test_the_certificate_states_what_is_best_determined(english: Sheets, symbol: str) -> None:
+    first, _ = english
     assert row_of(first, symbol)[3] not in ("", "–")
 
 
@@ -243,27 +267,27 @@ def test_a_direction_beyond_90_degrees_is_that_of_its_opposite() -> None:
     assert text == "at −2.0° ± 4.0° from X (k = 2)"
 
 
-def test_beside_g_stands_what_the_circle_showed(findings: Findings) -> None:
-    first, _ = sheets(findings)
+def test_beside_g_stands_what_the_circle_showed(findings: Findings, english: Sheets) -> None:
+    first, _ = english
     measured, _ = lb.analysis.measure_circularity(findings.posterior)
     shown = measured.set_index("force_N").loc[300.0, "G"]
     assert f"circle at 300\u00a0N as measured: {shown:.1f}" in row_of(first, "G")[-1]
 
 
-def test_g_without_load_stands_on_the_certificate(findings: Findings) -> None:
-    first, _ = sheets(findings)
+def test_g_without_load_stands_on_the_certificate(english: Sheets) -> None:
+    first, _ = english
     titles = [row[0] for row in tables_of(first)[0].rows]
     assert "Circular deviation without load" in titles
 
 
-def test_radial_deviations_from_the_nominal_circle_stand_on_sheet_2(findings: Findings) -> None:
-    _, second = sheets(findings)
+def test_radial_deviations_from_the_nominal_circle_stand_on_sheet_2(english: Sheets) -> None:
+    _, second = english
     titles = [row[0] for row in tables_of(second)[0].rows]
     assert "Largest radial deviation from the nominal circle" in titles
 
 
-def test_the_rose_stands_on_sheet_2(findings: Findings) -> None:
-    _, second = sheets(findings)
+def test_the_rose_stands_on_sheet_2(english: Sheets) -> None:
+    _, second = english
     (row,) = [block for block in second.blocks if isinstance(block, PictureRow)]
     assert [picture.key for picture in row.pictures] == [
         "stiffness_rose",
@@ -373,15 +397,15 @@ def test_sheets_and_terminal_state_a_verdict_alike(entry: Any) -> None:
 
 
 @pytest.mark.parametrize("number", [0, 1])
-def test_both_sheets_have_lines_to_sign(findings: Findings, number: int) -> None:
-    last = sheets(findings)[number].blocks[-1]
+def test_both_sheets_have_lines_to_sign(english: Sheets, number: int) -> None:
+    last = english[number].blocks[-1]
     assert isinstance(last, Fields)
     assert last.tall
 
 
 @pytest.mark.parametrize("number", [0, 1])
-def test_both_sheets_name_machine_serial_number_and_date(findings: Findings, number: int) -> None:
-    fields = next(block for block in sheets(findings)[number].blocks if isinstance(block, Fields))
+def test_both_sheets_name_machine_serial_number_and_date(english: Sheets, number: int) -> None:
+    fields = next(block for block in english[number].blocks if isinstance(block, Fields))
     names = {name for name, _ in fields.entries}
     assert {"Machine (maker, type)", "Serial number", "Date of the tests", "Axes"} <= names
 
@@ -413,14 +437,14 @@ def test_a_value_that_is_not_the_default_is_stated() -> None:
     assert text == "not compensated: 2.33 µm/bar subtracted (stated)"
 
 
-def test_what_a_compliance_contains_is_said(findings: Findings) -> None:
-    _, second = sheets(findings)
+def test_what_a_compliance_contains_is_said(english: Sheets) -> None:
+    _, second = english
     notes = [block for block in second.blocks if isinstance(block, str)]
     assert any("C_XXX: C_XXX + C_XXY" in note for note in notes)
 
 
-def test_sheet_2_states_U_and_not_u(findings: Findings) -> None:
-    _, second = sheets(findings)
+def test_sheet_2_states_U_and_not_u(english: Sheets) -> None:
+    _, second = english
     heads = tables_of(second)[0].heads
     assert "U (k = 2)" in heads
     assert "u" not in heads
@@ -433,13 +457,13 @@ def plain_of(sheet: ReportSheet) -> Items:
     return next(block for block in sheet.blocks if isinstance(block, Items))
 
 
-def test_plain_words_follow_the_fields(findings: Findings) -> None:
-    first, _ = sheets(findings)
+def test_plain_words_follow_the_fields(english: Sheets) -> None:
+    first, _ = english
     assert [type(block).__name__ for block in first.blocks[:3]] == ["Banner", "Fields", "Items"]
 
 
-def test_plain_words_say_where_the_machine_yields_most(findings: Findings) -> None:
-    first, _ = sheets(findings)
+def test_plain_words_say_where_the_machine_yields_most(english: Sheets) -> None:
+    first, _ = english
     stiffness = row_of(first, "k_min")
     sentence = plain_of(first).items[0]
     assert f"stiffness {stiffness[2]} ± {stiffness[3]} N/µm" in sentence
@@ -459,8 +483,8 @@ def test_no_more_than_three_findings(findings: Findings) -> None:
     assert all(finding.probability >= 0.9 for finding in likely)
 
 
-def test_one_direction_cannot_show_backlash(findings: Findings) -> None:
-    first, _ = sheets(findings)
+def test_one_direction_cannot_show_backlash(english: Sheets) -> None:
+    first, _ = english
     assert any(
         "Backlash and servo mismatch were not tested" in item for item in plain_of(first).items
     )

@@ -16,7 +16,7 @@ from ldbb_bayes.cli import file_reports
 from ldbb_bayes.inference.posterior import campaign_of
 from ldbb_bayes.report import findings as findings_module
 from ldbb_bayes.report.blocks import ReportSheet
-from ldbb_bayes.report.findings import find
+from ldbb_bayes.report.findings import Findings, find
 from ldbb_bayes.report.page import Document, html_page
 from ldbb_bayes.report.sheets import sheets
 
@@ -51,6 +51,23 @@ def folder(posterior: xr.DataTree, tmp_path_factory: pytest.TempPathFactory) -> 
     return folder
 
 
+@pytest.fixture(scope="module")
+def without_annex(posterior: xr.DataTree) -> Findings:
+    return find(posterior, sheets_only=True)
+
+
+@pytest.fixture(scope="module")
+def alone(without_annex: Findings) -> tuple[ReportSheet, ...]:
+    """The sheets of a report without annex."""
+    return sheets(without_annex)
+
+
+@pytest.fixture(scope="module")
+def complete(posterior: xr.DataTree) -> tuple[ReportSheet, ...]:
+    """The sheets of a report with annex."""
+    return sheets(find(posterior, comparison=NOT_COMPARED))
+
+
 def texts(sheet: ReportSheet) -> list[str]:
     return [block for block in sheet.blocks if isinstance(block, str)]
 
@@ -75,23 +92,23 @@ def test_the_page_has_two_sheets_and_no_annex(folder: Path) -> None:
     assert 'href="#annex"' not in page
 
 
-def test_sheet_1_differs_by_one_note(posterior: xr.DataTree) -> None:
-    complete = sheets(find(posterior, comparison=NOT_COMPARED))[0]
-    alone = sheets(find(posterior, sheets_only=True))[0]
-    assert len(alone.blocks) == len(complete.blocks) + 1
+def test_sheet_1_differs_by_one_note(
+    complete: tuple[ReportSheet, ...], alone: tuple[ReportSheet, ...]
+) -> None:
+    assert len(alone[0].blocks) == len(complete[0].blocks) + 1
     note = "The annex was left out: what other assumptions would change was not tried."
-    assert set(texts(alone)) - set(texts(complete)) == {note}
+    assert set(texts(alone[0])) - set(texts(complete[0])) == {note}
 
 
-def test_sheet_2_is_the_same(posterior: xr.DataTree) -> None:
-    complete = sheets(find(posterior, comparison=NOT_COMPARED))[1]
-    alone = sheets(find(posterior, sheets_only=True))[1]
-    assert texts(alone) == texts(complete)
-    assert alone.blocks[0] == complete.blocks[0]
+def test_sheet_2_is_the_same(
+    complete: tuple[ReportSheet, ...], alone: tuple[ReportSheet, ...]
+) -> None:
+    assert texts(alone[1]) == texts(complete[1])
+    assert alone[1].blocks[0] == complete[1].blocks[0]
 
 
-def test_the_note_has_a_german_text(posterior: xr.DataTree) -> None:
-    first, _ = sheets(find(posterior, sheets_only=True), language="de")
+def test_the_note_has_a_german_text(without_annex: Findings) -> None:
+    first, _ = sheets(without_annex, language="de")
     assert any(text.startswith("Der Anhang wurde weggelassen") for text in texts(first))
 
 
@@ -125,8 +142,8 @@ def test_only_the_annex_compares_campaigns(posterior: xr.DataTree, tmp_path: Pat
     )
 
 
-def test_a_page_without_annex_is_well_formed(posterior: xr.DataTree) -> None:
-    document = Document("A title", (), (), (), sheets(find(posterior, sheets_only=True)))
+def test_a_page_without_annex_is_well_formed(alone: tuple[ReportSheet, ...]) -> None:
+    document = Document("A title", (), (), (), alone)
     assert html_page(document).rstrip().endswith("</main>\n</body>\n</html>")
 
 
