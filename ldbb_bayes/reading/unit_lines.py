@@ -73,12 +73,7 @@ def units_stated(text: str) -> dict[str, str]:
     scale = _size_of_count(text)
     if scale:
         stated["reading_scale"] = scale
-    for column, pattern in _STATED_IN.items():
-        stated_in = pattern.search(text)
-        if stated_in is not None and not _OTHER.search(text):
-            unit = _unit_after_in(stated_in["unit"], text, column)
-            if unit:
-                stated[f"{column}_unit"] = unit
+    stated |= _units_stated_in(text)
     match = _LINE.search(text)
     if match is None or _OTHER.search(match["label"]):
         return stated
@@ -91,6 +86,21 @@ def units_stated(text: str) -> dict[str, str]:
     if scaled_unit(text) and not unit_named(text):  # a unit with a factor, such as 10 nm
         return stated | _scaled_units(scaled_unit(text), role)
     return stated | _units_of_roles(text, role)
+
+
+def _units_stated_in(text: str) -> dict[str, str]:
+    """Return the units that a line such as "All readings are in mm" states, by key."""
+    stated: dict[str, str] = {}
+    if _OTHER.search(text):
+        return stated
+    for role, pattern in _STATED_IN.items():
+        match = pattern.search(text)
+        if match is None:
+            continue
+        unit = _unit_after_in(match["unit"], text, role)
+        if unit:
+            stated[f"{role}_unit"] = unit
+    return stated
 
 
 def _unit_after_in(unit: str, text: str, role: str) -> str:
