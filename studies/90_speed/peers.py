@@ -24,6 +24,7 @@ from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.diagnostics import diagnose
 from ldbb_bayes.model.fourier import SIZE
 from ldbb_bayes.model.hybrid import BoundModel
+from ldbb_bayes.model.reduction import Reduced
 from ldbb_bayes.model.terms import BasisNoise
 
 __all__ = ["ReducedDensity", "ReducedNuts", "bridged_log_evidence", "check", "nested_log_evidence"]
@@ -45,6 +46,13 @@ class _Nuisances:
     sd: Array
     owner: Array
     noise: Array
+
+
+def _is_uniform(test: Reduced) -> bool:
+    """Whether the basis is orthogonal over the readings of a test, so that its factor is
+    diagonal."""
+    circle = test.near_uniform
+    return circle is not None and not circle.significant.any()
 
 
 def _nuisances(bound: BoundModel) -> _Nuisances:
@@ -212,7 +220,7 @@ class ReducedDensity:
             )
         jax.config.update("jax_enable_x64", True)
         self.bound = bound
-        if not all(test.is_orthogonal for test in bound.reduced):
+        if not all(_is_uniform(test) for test in bound.reduced):
             raise InputError(
                 "tests must be uniform circles for a peer, got another sampling. Leave the peers"
                 " out."
