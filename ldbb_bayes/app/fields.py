@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -293,12 +294,13 @@ def source_from(folder: Path, choices: Mapping[str, str]) -> ReportSource:
     stated: dict[str, Any] = {}
     for group_name in ("name", "table", "labels"):
         stated |= _argument(group_name, dict, choices, folder)
+    instrument_of_length = partial(instrument_fields, bar_length_mm=stated.get("radius_mm"))
     return ReportSource(
         typed_paths=files,
         paths=matching(files),
         layout=_argument("layout", LAYOUT_OPTIONS.make, choices, folder),
         campaign_fields=campaign_fields(**stated),
-        certificates=_argument("certificates", instrument_fields, choices, folder),
+        certificates=_argument("certificates", instrument_of_length, choices, folder),
     )
 
 
