@@ -83,10 +83,13 @@ def unit_of(header: str) -> Header:
     An unknown unit, in brackets or after "in", is returned unchanged; it leads to an error only if
     the column is used.
     """
-    header = header.strip().lstrip("#").strip()
+    header = header.strip().lstrip("#%").strip()
     if len(header) > LONGEST_NAME:
         return Header(header, "")
     name = BRACKET.split(header)[0].strip(" _")
+    before_brackets = _unit_before_remark(header, name)
+    if before_brackets is not None:
+        return before_brackets
     bracketed = [_RANGE.sub("", text) for text in _INSIDE_BRACKETS.findall(header)]
     if name and bracketed:
         after_brackets = re.split(r"[\])}>]", header)[-1]
@@ -100,6 +103,22 @@ def unit_of(header: str) -> Header:
     if name and bracketed:
         return Header(name, _stated_unit(name, bracketed, is_scaled=False))
     return _unit_at_end(header)
+
+
+def _unit_before_remark(header: str, name: str) -> Header | None:
+    """Return name and unit of a header with a remark behind its unit, as "Reading, µm (radial)".
+
+    Return None for any other header. ``name`` is the header up to its first bracket.
+    """
+    remarks = _INSIDE_BRACKETS.findall(header)
+    if len(remarks) != 1 or not re.fullmatch(r"[^\W\d_]{4,}(?: [^\W\d_]+)*", remarks[0]):
+        return None
+    if unit_named(remarks[0]):
+        return None
+    before = _unit_at_end(name)
+    if before.unit in ("", name) or not unit_named(before.unit):
+        return None
+    return before
 
 
 def _stated_unit(name: str, texts: Sequence[str], is_scaled: bool) -> str:

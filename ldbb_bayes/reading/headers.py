@@ -346,7 +346,7 @@ def _column_names(sheet: Sheet, header_row: int, block: int) -> list[str]:
     """
     row = sheet.rows[header_row]
     names = list(row.cells)
-    if names[:1] == ["#"]:
+    if names[:1] in (["#"], ["%"], ["//"]):
         names = names[1:]
     if sheet.separator == " ":
         names = _join_units(names)
@@ -389,7 +389,7 @@ def _row_of_units(cells: Sequence[str]) -> list[str]:
     """
     units = []
     for cell in cells:
-        text = cell.strip("[](){} ")
+        text = cell.lstrip("#%").strip("[](){} ")
         units.append(unit_named(text) or text)
     holds_load = any(load_in_name([cell]) is not None for cell in cells)
     if holds_load or not _holds_only_units(cells):
@@ -408,7 +408,7 @@ def _holds_only_units(cells: Sequence[str]) -> bool:
     n_bracketed = 0
     uncertain = []
     for cell in cells:
-        if unit_named(cell.strip("[](){} ")):
+        if unit_named(cell.lstrip("#%").strip("[](){} ")):
             n_known += 1
         elif _BRACKETED.fullmatch(cell):
             n_bracketed += 1

@@ -152,6 +152,11 @@ _SENSE = re.compile(
 _DIRECTION = re.compile(_DIRECTION_WORDS["after"], re.IGNORECASE)
 # Pattern of words which show that a line is about the sense in which angles are counted.
 _SENSE_OF_ANGLE = re.compile(WORDS["angle_convention"]["sense"], re.IGNORECASE)
+# Patterns of words, such as "rechts", that mean a sense after a word for direction.
+_SIDES = {
+    "CW": re.compile(rf"[\s:=;,|]*(?:{_DIRECTION_WORDS['right']})(?!\w)", re.IGNORECASE),
+    "CCW": re.compile(rf"[\s:=;,|]*(?:{_DIRECTION_WORDS['left']})(?!\w)", re.IGNORECASE),
+}
 # Pattern of a line that is about angles.
 _ANGLES = re.compile(WORDS["angle_convention"]["subject"], re.IGNORECASE)
 # Pattern of words for the way the machine went, such as "run" or "measured".
@@ -389,16 +394,16 @@ def unknown_length(lines: Lines) -> str:
 
 
 def unknown_direction(lines: Lines) -> str:
-    """Return a note on the first line with a word such as clockwise that is not understood.
+    """Return a note on the first line that may state a direction but is not understood.
 
-    Such a line is neither about the direction of travel nor about angles. The note is empty
-    without such a line.
+    Such a line has a word for direction, or one such as clockwise; it neither states the direction
+    of travel nor is about angles. The note is empty without such a line.
     """
     for line, content in lines:
         text = content[:LONGEST_TEXT]
         if _ANGLES.search(text) or directions_stated([(line, text)]):
             continue
-        if senses_in(text):
+        if senses_in(text) or _DIRECTION.search(text):
             return f"line {line} says {text.strip()[:_LENGTH_SHOWN]!r}, not understood"
     return ""
 
@@ -450,6 +455,10 @@ def _is_about_travel(text: str) -> bool:
 def _direction_after(text: str) -> set[str]:
     """Return the directions CW and CCW that a line states after a word such as "direction"."""
     senses = senses_in(text)
+    if not senses:
+        for sense, side in _SIDES.items():
+            if side.match(text):
+                return {sense}
     if len(senses) > 1:
         # A line may list both directions before it states one: "Direction (CW/CCW): CCW".
         return senses_in(re.split(r"[:=;|\t]", text)[-1])

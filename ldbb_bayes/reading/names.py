@@ -24,7 +24,7 @@ __all__ = [
 # Pattern of a number with a unit of force or pressure in a name, such as 238N or 2.5 bar.
 LOAD_IN_NAME = re.compile(
     rf"(?<![\d.,A-Za-z])({NUMBER_IN_TEXT})[ _-]?"
-    r"(kN|daN|N|newton|bar|mbar|MPa|kPa|psi)(?![a-zA-Z])",
+    r"(kN|daN|N|newton|lbf|kgf|kp|bar|mbar|MPa|kPa|psi)(?![a-zA-Z])",
     re.IGNORECASE,
 )
 # Pattern of a load (force or pressure) that can be read in two ways. An underscore, a hyphen or a p

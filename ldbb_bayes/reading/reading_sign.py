@@ -10,7 +10,7 @@ import re
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.reading.open_question import OpenQuestionError
 from ldbb_bayes.reading.recording import Recording
-from ldbb_bayes.reading.words import LONGEST_TEXT, WORDS
+from ldbb_bayes.reading.words import LONGEST_TEXT, WORDS, comparable
 
 __all__ = ["sign_of_readings"]
 
@@ -22,6 +22,10 @@ _WORD = re.compile(
     re.IGNORECASE,
 )
 _OTHER_SUBJECT = re.compile(_WORDS["other"], re.IGNORECASE)
+# Pattern of a text that writes the reading as nominal less actual radius, and of a header that
+# writes it with a minus.
+_NOMINAL_LESS_ACTUAL = re.compile(_WORDS["nominal_less_actual"])
+_MINUS = re.compile(_WORDS["minus"])
 # Sign of the readings for each pair of the sign of a number and what the bar then is.
 _SIGNS = {
     frozenset({"positive", "longer"}): 1,
@@ -48,27 +52,8 @@ def sign_of_readings(recording: Recording) -> int:
     InputError
         For words that contradict each other, or that name both signs and do not say which is which.
     """
-    header = recording.heading.headers[recording.heading.roles["reading"]]
-    texts = {f"the header {header!r}": header}
-    for line, text in (*recording.lines_of_all_tests, *recording.heading.lines_above):
-        texts[f"line {line}"] = text
     stated = recording.layout.sign
-    sources: dict[int, str] = {}
-    for source, text in texts.items():
-        words = _words_in(text)
-        if not words:
-            continue
-        sign = _sign_of(words)
-        if sign is not None:
-            sources.setdefault(sign, source)
-        elif stated is None:
-            raise OpenQuestionError(
-                f"{recording.place}: one sign of the readings must mean a longer bar, got"
-                f" {text.strip()[:_TEXT_SHOWN]!r} in {source}. Say which: --sign 1 (positive is"
-                " longer) or -1.",
-                "sign",
-                ("1", "-1"),
-            )
+    sources = _stated_signs(recording)
     if stated is not None:
         if sources and stated not in sources:
             source = next(iter(sources.values()))
@@ -85,6 +70,38 @@ def sign_of_readings(recording: Recording) -> int:
     longer = "positive" if sign == 1 else "negative"
     recording.note("sign of the reading", f"{sign}: a longer bar is {longer}", source, "--sign")
     return sign
+
+
+def _stated_signs(recording: Recording) -> dict[int, str]:
+    """Return the signs that the header of readings and lines above state, each with its source.
+
+    Raise an `OpenQuestionError` for words whose meaning is open, if the user states no sign.
+    """
+    header = recording.heading.headers[recording.heading.roles["reading"]]
+    texts = {f"the header {header!r}": header}
+    for line, text in (*recording.lines_of_all_tests, *recording.heading.lines_above):
+        texts[f"line {line}"] = text
+    sources: dict[int, str] = {}
+    if _MINUS.search(comparable(header)):
+        sources[-1] = f"the header {header!r}"
+    for source, text in texts.items():
+        if _NOMINAL_LESS_ACTUAL.search(comparable(text[:LONGEST_TEXT])):
+            sources.setdefault(-1, source)
+        words = _words_in(text)
+        if not words:
+            continue
+        sign = _sign_of(words)
+        if sign is not None:
+            sources.setdefault(sign, source)
+        elif recording.layout.sign is None:
+            raise OpenQuestionError(
+                f"{recording.place}: one sign of the readings must mean a longer bar, got"
+                f" {text.strip()[:_TEXT_SHOWN]!r} in {source}. Say which: --sign 1 (positive is"
+                " longer) or -1.",
+                "sign",
+                ("1", "-1"),
+            )
+    return sources
 
 
 def _words_in(text: str) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -37,6 +38,8 @@ __all__ = ["FIELDS_OF_ALL_TESTS", "layout_names", "split_sheet"]
 # Roles of the columns whose numbers are not shared by the tests of a sheet: the columns that name
 # tests and directions hold words, and each column of readings may be a separate test.
 _NOT_SHARED = ("test", "direction", "reading")
+# Fewest numbers with a mark in a column, for which it is asked whether it is one of thousands.
+_FEWEST_MARKED = 5
 # Fields of a test or campaign that a column without a role may state.
 _FIELDS_OF_COLUMNS = ("radius_mm", "feed_mm_per_min", "start_deg", "overshoot_deg")
 # Fields of a test or campaign that lines in a sheet without a table may state for all tests.
@@ -292,6 +295,9 @@ def _read_columns(
     for k, line in enumerate(lines):
         cells_by_line += [(line, cells[column][k]) for column in number_columns]
     decimal = _decimal_mark_of(sheet, cells_by_line, layout, log)
+    if decimal is not None and layout.decimal is None:
+        for column in number_columns:
+            _check_thousands(sheet, lines, cells[column], decimal)
     if clock_column is not None:
         units = list(heading.units)
         units[clock_column] = "s"
@@ -361,6 +367,33 @@ def _decimal_mark_of(
             reason = "points stand between thousands"
         log.add(sheet.place, "decimal mark", decimal, reason, "--decimal")
     return decimal
+
+
+def _check_thousands(
+    sheet: Sheet, lines: Sequence[int], cells: Sequence[str], decimal: str
+) -> None:
+    """Raise an error for a column whose decimal marks rather separate thousands.
+
+    Three digits follow each mark, and other numbers of the column have no mark, as 22,658 and 106.
+    A number with three decimals seldom ends in three zeros that are not written.
+    """
+    marked = []
+    unmarked = []
+    for line, cell in zip(lines, cells, strict=True):
+        if decimal in cell:
+            marked.append((line, cell))
+        elif looks_like_number(cell) and OTHER_MARK[decimal] not in cell:
+            unmarked.append(cell)
+    whole = [cell for cell in unmarked if re.sub("^[+\\-−–]", "", cell).isdigit()]
+    if len(marked) < _FEWEST_MARKED or not all(could_be_thousands(cell) for _, cell in marked):
+        return
+    if any(cell.strip("+-−–0") for cell in whole):
+        line, cell = marked[0]
+        raise InputError(
+            f"{sheet.place}, line {line}: marks must be decimal or stand between thousands, got"
+            f" {cell!r} beside {whole[0]!r}, which may be either. Say which mark is decimal:"
+            f" --decimal '{decimal}', or '{OTHER_MARK[decimal]}' if these are thousands."
+        )
 
 
 def _common_mark(sheet: Sheet, cells: Sequence[tuple[int, str]]) -> str | None:

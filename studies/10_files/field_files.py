@@ -404,6 +404,31 @@ def unit_cases() -> dict[str, FieldCase]:
         refusal="got 'furlong' in line 2",
         step=("--unit", "um"),
     )
+    cases["header_with_remark"] = FieldCase(
+        kind,
+        "a header 'Reading, µm (radial)'",
+        texts("Angle, °;Reading, µm (radial)", separator=";"),
+    )
+    cases["header_of_comments"] = FieldCase(
+        kind,
+        "header and units behind number signs",
+        texts("#angle\treading\n#deg\tum", separator="\t"),
+    )
+    cases["header_of_octave"] = FieldCase(
+        kind,
+        "a header behind a percent sign",
+        texts("% Angle(deg)  Reading(um)", separator="  "),
+    )
+    cases["thousands_in_nm"] = FieldCase(
+        kind,
+        "whole nanometres with commas between thousands",
+        texts(
+            '"Angle [deg]","Reading [nm]"',
+            lambda c, k: [f'"{c.angle_deg[k]:g}"', f'"{c.reading_um[k] * 1e3:,.0f}"'],
+        ),
+        refusal="Say which mark is decimal: --decimal ',', or '.' if these are thousands",
+        step=("--decimal", "."),
+    )
     cases["line_with_scale"] = FieldCase(
         kind,
         "a line 'Scale factor 10', no unit",
@@ -900,6 +925,23 @@ def sign_cases() -> dict[str, FieldCase]:
         texts(header, above="Positive = bar longer"),
         told="sign of the reading: 1: a longer bar is positive",
     )
+    headers = {
+        "minus": "-dR [um]",
+        "nominal_less_R": "Rnom-R [um]",
+        "nominal_less_actual": "Nominal - actual [um]",
+        "soll_ist": "Soll - Ist [µm]",
+    }
+    for name, words in headers.items():
+        cases[f"sign_header_{name}"] = FieldCase(
+            kind,
+            f"a header '{words}'",
+            texts(f"Angle [deg],{words}", negated),
+            told="sign of the reading: −1: a longer bar is negative",
+        )
+    for words in ("R - Rnom [um]", "Ist-Soll [µm]"):
+        cases[f"sign_header_{words[0]}"] = FieldCase(
+            kind, f"a header '{words}'", texts(f"Angle [deg],{words}")
+        )
     cases["sign_of_force"] = FieldCase(
         kind,
         "a line about the sign of the force",
@@ -932,6 +974,9 @@ def direction_cases() -> dict[str, FieldCase]:
         "sens": ("Sens antihoraire", "CCW"),
         "senso": ("Senso antiorario", "CCW"),
         "alone": ("CCW", "CCW"),
+        "links": ("Drehrichtung: links", "CCW"),
+        "chinese": ("方向: 逆时针", "CCW"),
+        "russian": ("Направление: против часовой стрелки", "CCW"),
     }
     cases = {}
     for name, (line, direction) in lines.items():
@@ -942,6 +987,12 @@ def direction_cases() -> dict[str, FieldCase]:
             told=f"direction: {direction}",
             circles=tuple(replace(circle, direction=direction) for circle in TRUTH),
         )
+    cases["direction_unknown"] = FieldCase(
+        kind,
+        "a line 'Direction: widdershins'",
+        texts("Angle [deg],Reading [um]", above="Direction: widdershins"),
+        told="'Direction: widdershins', not understood",
+    )
     cases["direction_unknown_subject"] = FieldCase(
         kind,
         "a line 'Spindle clockwise'",
