@@ -195,7 +195,10 @@ def _enlarge(campaign: Campaign, truth: ModelDraws, rng: np.random.Generator) ->
     """
     plan = campaign.plan()
     tests = list(campaign.tests)
-    for test, readings_mm in zip(plan.tests, new_circles(truth, plan, rng), strict=True):
+    # The enlarged campaign is analysed by the model, so the model must simulate it: circles that
+    # are as alike as those measured would not be what the analysis expects.
+    circles = new_circles(truth, plan, rng, learn_spread=False)
+    for test, readings_mm in zip(plan.tests, circles, strict=True):
         simulated = test.with_reading_um(readings_mm[0] * 1e3)
         tests.append(replace(simulated, name=f"{test.name} simulated"))
     return replace(campaign, tests=tuple(tests))

@@ -117,11 +117,25 @@ def predict(
     return pd.concat(tables, ignore_index=True)
 
 
-def new_circles(draws: ModelDraws, plan: Campaign, rng: np.random.Generator) -> Iterator[Array]:
+def new_circles(
+    draws: ModelDraws, plan: Campaign, rng: np.random.Generator, *, learn_spread: bool = True
+) -> Iterator[Array]:
     """Yield predicted readings of each planned test in turn [mm], shape (draws, n).
 
     Each posterior draw of the hyper-parameters and parameters gives one circle of n readings, with
-    white noise. ``plan`` holds the tests to predict.
+    white noise.
+
+    Parameters
+    ----------
+    draws
+        Posterior draws of one model.
+    plan
+        Tests to predict.
+    rng
+        Generator of random numbers.
+    learn_spread
+        Whether new circles are as unlike each other as the measured ones are. If not, they are as
+        the model itself says: their noise factors λ are drawn from the prior.
     """
     measured, planned = _bind_with_plan(draws.bound, plan)
     names = planned.hyper_prior.names
@@ -130,7 +144,7 @@ def new_circles(draws: ModelDraws, plan: Campaign, rng: np.random.Generator) -> 
         phi[:, names.index(name)] = draws.phi[:, column]
     measured_factors = _noise_factors(draws)
     for name in planned.setting.circle:
-        if measured_factors.size and str(name) in names:
+        if learn_spread and measured_factors.size and str(name) in names:
             phi[:, names.index(str(name))] = draw_new_noise_factors(measured_factors, rng)
     coefficients = _draw_shared_of_plan(measured, planned, phi, draws.beta, rng)
     sigma = phi[:, names.index("sigma")]

@@ -55,11 +55,12 @@ def draws() -> ModelDraws:
     return ModelDraws(bound, phi, np.tile(bound.centre, (4000, 1)))
 
 
-def band_width(draws: ModelDraws, seed: int) -> float:
+def band_width(draws: ModelDraws, seed: int, *, learn_spread: bool = True) -> float:
     """Return the mean width of the 99 % band of a new circle [mm]."""
     angle = np.arange(0.0, 360.0, 15.0)
     circle = lb.CircularTest(350.0, angle)
-    readings = next(new_circles(draws, lb.Plan((circle,)), np.random.default_rng(seed)))
+    rng = np.random.default_rng(seed)
+    readings = next(new_circles(draws, lb.Plan((circle,)), rng, learn_spread=learn_spread))
     low, high = np.quantile(readings, [0.005, 0.995], axis=0)
     return float((high - low).mean())
 
@@ -70,3 +71,8 @@ def test_bands_of_new_circles_are_wider_where_one_circle_was_odd(draws: ModelDra
     odd_phi[:, names.index(str(draws.bound.setting.circle[0]))] = 8.0
     odd = ModelDraws(draws.bound, odd_phi, draws.beta)
     assert band_width(draws, 1) < 0.9 * band_width(odd, 1)
+
+
+def test_circles_that_scatter_as_the_prior_says_have_wider_bands(draws: ModelDraws) -> None:
+    """All measured circles are alike, which the prior of the noise factors does not learn."""
+    assert band_width(draws, 1) < 0.95 * band_width(draws, 1, learn_spread=False)
