@@ -29,6 +29,8 @@ LONG_EXAMPLES = {
     "analysis.Identifiability",
     "analysis.ParameterIdentifiability",
     "analysis.Validation",
+    "analysis.Workflow",
+    "analysis.calibrate_posterior",
     "analysis.compare_posteriors",
     "average",
     "calibrate",

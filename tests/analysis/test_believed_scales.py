@@ -59,7 +59,7 @@ def test_beliefs_are_the_prior_where_readings_say_nothing() -> None:
 def test_beliefs_are_true_after_many_circles() -> None:
     bound = FIRST.bind(plan((360,) * 20, forces_N=np.linspace(36.0, 742.0, 20).tolist()))
     scores = np.array([-0.5, -0.3, 0.2, 0.4])
-    phi = np.tile(bound.hyper_prior.quantile(ndtr(scores)), (50, 1))
+    phi = np.tile(bound.hyper_prior.quantile(ndtr(scores)), (20, 1))
     believed = believed_scales(bound, phi, 4, 1)
     ratio = believed / phi[:, None]
     np.testing.assert_allclose(ratio.mean(axis=(0, 1)), 1.0, atol=0.15)

@@ -216,11 +216,12 @@ def test_a_certificate_is_not_tried_twice() -> None:
     assert tried.sd_with(BAR, BAR) == {}
 
 
-def test_pairs_are_for_what_one_cure_leaves_confounded() -> None:
-    identified = lb.identify(DEFAULT, one_way())
+def test_pairs_are_for_what_one_cure_leaves_confounded(
+    planned: lb.analysis.Identifiability,
+) -> None:
     tried = tried_cures(DEFAULT, one_way())
     with_pair = []
-    for name, entry in identified.parameters.items():
+    for name, entry in planned.parameters.items():
         pair = entry.paired_remedy
         if pair is None:
             continue
@@ -237,11 +238,10 @@ def test_pairs_are_for_what_one_cure_leaves_confounded() -> None:
     assert with_pair
 
 
-def test_what_one_cure_frees_has_no_pair() -> None:
-    identified = lb.identify(DEFAULT, one_way())
+def test_what_one_cure_frees_has_no_pair(planned: lb.analysis.Identifiability) -> None:
     tried = tried_cures(DEFAULT, one_way())
-    remedies = {name: entry.remedy for name, entry in identified.parameters.items()}
-    sd = {name: entry.sd for name, entry in identified.parameters.items()}
+    remedies = {name: entry.remedy for name, entry in planned.parameters.items()}
+    sd = {name: entry.sd for name, entry in planned.parameters.items()}
     freed = []
     for name, remedy in remedies.items():
         if remedy is None:

@@ -24,17 +24,18 @@ def test_a_goal_that_is_not_met_names_the_next_circle(folder: Path, invoke: Invo
 
 
 def test_json_states_the_probability_that_a_goal_is_met(folder: Path, invoke: Invoke) -> None:
-    record = json.loads(invoke("next", folder, *GOAL, "--json")[1])
+    record = json.loads(invoke("next", folder, "--preset", "first", *GOAL, "--json")[1])
     assert 0.0 <= record["goals"]["C_XXX"]["probability"] <= 1.0
 
 
 def test_json_states_that_constant_or_linear_stands(folder: Path, invoke: Invoke) -> None:
-    record = json.loads(invoke("next", folder, *GOAL, "--json")[1])
+    record = json.loads(invoke("next", folder, "--preset", "first", *GOAL, "--json")[1])
     assert 0.0 <= record["model"]["probability_linear"] <= 1.0
 
 
 def test_json_states_a_decision_on_a_tolerance(folder: Path, invoke: Invoke) -> None:
-    record = json.loads(invoke("next", folder, "--tolerance", "C_XXX=1 µm/N", "--json")[1])
+    tolerance = ("--tolerance", "C_XXX=1 µm/N")
+    record = json.loads(invoke("next", folder, "--preset", "first", *tolerance, "--json")[1])
     assert record["tolerances"]["C_XXX"]["now"]["decision"] == "conforms"
 
 
@@ -79,7 +80,7 @@ def test_the_operators_sheet_has_the_force_and_the_pressure(
 def test_bad_options_are_refused(
     options: tuple[str, ...], message: str, folder: Path, invoke: Invoke
 ) -> None:
-    code, stdout, stderr = invoke("next", folder, *options)
+    code, stdout, stderr = invoke("next", folder, "--preset", "first", *options)
     assert code == 2
     assert message in stderr
     assert stdout == ""
@@ -91,6 +92,7 @@ def test_a_plan_is_refused(planned: Path, invoke: Invoke) -> None:
     assert "must have readings, got a plan" in stderr
 
 
+@pytest.mark.usefixtures("few_states")
 @pytest.mark.parametrize(
     "options",
     [

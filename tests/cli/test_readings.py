@@ -12,6 +12,9 @@ from campaigns import Invoke, written
 
 import ldbb_bayes as lb
 
+# A small model: how files are read does not hang on it.
+SMALL = ("--preset", "first", "--degree", 0)
+
 
 @pytest.fixture(scope="module")
 def tables(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
@@ -27,7 +30,7 @@ def imported(tables: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Pa
 
 
 def _identified(invoke: Invoke, *arguments: Any) -> dict[str, Any]:
-    record: dict[str, Any] = json.loads(invoke("identify", *arguments, "--json")[1])
+    record: dict[str, Any] = json.loads(invoke("identify", *arguments, *SMALL, "--json")[1])
     return record["parameters"]
 
 
@@ -38,12 +41,12 @@ def test_identify_reads_tables_as_report_does(
 
 
 def test_identify_prints_what_the_import_assumed(tables: list[Path], invoke: Invoke) -> None:
-    stdout = invoke("identify", *tables)[1]
+    stdout = invoke("identify", *tables, *SMALL)[1]
     assert "Assumed (change it with the option named)" in stdout
 
 
 def test_an_option_of_tables_states_what_was_assumed(tables: list[Path], invoke: Invoke) -> None:
-    stdout = invoke("identify", *tables, "--radius-mm", 140)[1]
+    stdout = invoke("identify", *tables, *SMALL, "--radius-mm", 140)[1]
     assert "radius_mm: 150 mm" not in stdout
 
 
@@ -52,8 +55,9 @@ def test_a_pattern_names_several_tables(tables: list[Path], invoke: Invoke) -> N
     assert _identified(invoke, pattern) == _identified(invoke, *sorted(tables))
 
 
+@pytest.mark.usefixtures("few_states")
 def test_design_reads_tables(tables: list[Path], imported: Path, invoke: Invoke) -> None:
-    options = ("--tests", 2, "--forces", "100,300,600", "--preset", "first", "--json")
+    options = ("--tests", 2, "--forces", "100,300,600", *SMALL, "--json")
     from_tables = json.loads(invoke("design", *tables, *options)[1])
     from_campaign = json.loads(invoke("design", imported, *options)[1])
     assert from_tables["tests"] == from_campaign["tests"]
@@ -63,7 +67,7 @@ def test_identify_reads_the_campaign_of_a_fit(
     imported: Path, tmp_path: Path, invoke: Invoke
 ) -> None:
     out = tmp_path / "fit"
-    invoke("fit", imported, "--sampler", "independent", "--preset", "first", "--out", out)
+    invoke("fit", imported, "--sampler", "independent", *SMALL, "--out", out)
     assert _identified(invoke, out) == _identified(invoke, imported)
 
 
