@@ -23,6 +23,8 @@ PILOT = lb.read_campaign(lb.embedded_campaign())
 FORCES = (36.0, 742.0)
 GOALS = {"C_XXX": "24 %", "E_C0YX": "25 µrad"}
 
+pytestmark = pytest.mark.usefixtures("few_states")
+
 
 @pytest.fixture(scope="module")
 def family():
