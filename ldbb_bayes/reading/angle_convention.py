@@ -28,6 +28,8 @@ _ZERO = re.compile(
 _AXIS = re.compile(r"(?<![\w/])[+\-−]?[XYZ][+\-−]?(?![\w/])")
 # Pattern of words for a direction that is no axis, such as north.
 _NO_AXIS = re.compile(_WORDS["no_axis"], re.IGNORECASE)
+# Pattern of a header of angles with a minus in front.
+_MINUS = re.compile(_WORDS["minus"], re.IGNORECASE)
 # Pattern of words for the angle itself, and of words which show that an axis beside it is no zero.
 _ANGLE = re.compile(_WORDS["angle"], re.IGNORECASE)
 _OTHER_AXIS = re.compile(_WORDS["other_axis"], re.IGNORECASE)
@@ -174,7 +176,9 @@ def _words_in(recording: Recording, source: str, text: str, is_header: bool) -> 
         _check_announced(recording, source, text)
         _check_no_axis(recording, source, text)
     sense = ""
-    if is_header or zero or _SENSE.search(text) or _ANGLE.search(text):
+    if is_header and _MINUS.search(text):
+        sense = "CW"
+    elif is_header or zero or _SENSE.search(text) or _ANGLE.search(text):
         senses = senses_in(text)
         if len(senses) == 1:
             sense = senses.pop()

@@ -101,7 +101,10 @@ _QUANTITIES = _quantities()
 # date or a longer number.
 _WHOLE_NUMBER = rf"(?P<number>{NUMBER_IN_TEXT})(?![\d:/]|[.,]\d|[\-−]\d|\s\d{{3}}(?!\d))(?!')"
 # Pattern of a unit that a line states before the number: "in" and a word, or a text in brackets.
-_UNIT_BEFORE = r"(?:in\s+(?P<inside>[^\s:=;,|]+)|[\[(](?P<brackets>[^\])]*)[\])])"
+_UNIT_BEFORE = (
+    r"(?:in\s+(?P<inside>[^\s:=;,|]+)|[\[(](?P<brackets>[^\])]*)[\])]"
+    r"|(?P<cell_before>mm|cm|inch|in|N|kN|daN|bar|MPa|mm/min)(?=[;,|\t]))"
+)
 # Pattern of the word that follows a number, in the same cell or in the next one.
 _FOLLOWING = r"\s*(?P<cell>[;|,\t]?)\s*(?P<following>[^\s;,|()\[\]]*)"
 # Patterns, by field, of the words that precede a name in a line above a table, such as "Operator".
@@ -133,7 +136,7 @@ _LENGTH = re.compile(
     rf"[^;,|\t]*?(?P<number>(?<![\d.,:/-]){NUMBER_IN_TEXT})[\s;|\t]?(?P<unit>[^\W\d_]+|\")(?![/\w])"
 )
 # Pattern of a letter for radius or diameter with a number directly behind it, such as D200.
-_LETTER_AND_NUMBER = re.compile(r"(?<![\w.])[RrDØø]\s?=?\s?(?:[5-9]\d|[1-9]\d\d)(?![\w.,])")
+_LETTER_AND_NUMBER = re.compile(r"(?<![\w.])[RrDØø]\s?[:=]?\s?(?:[5-9]\d|[1-9]\d\d)(?![\w.,])")
 # Smallest and largest radius or diameter of a circle [µm].
 _RADII_UM = (2e4, 2e6)
 # Largest number of characters of a line that a note shows.
@@ -259,7 +262,7 @@ def _stated_number(
         return None
     if match["cell"] and _unit_among(following, quantity.units) is None:
         following = ""  # the next cell is not the unit of this number
-    named = match["inside"] or match["brackets"] or following
+    named = match["inside"] or match["brackets"] or match["cell_before"] or following
     unit: str | None = quantity.usual_unit
     if not named and quantity.field in ("force_N", "pressure_bar") and _is_in_title(match):
         return None

@@ -37,6 +37,12 @@ _STATED_IN = {
 }
 # Pattern of a unit in the second half of such a line.
 _UNIT = re.compile(r"[^\s;,|:=()\[\]/]+")
+# Pattern of words for a share of a unit, such as thousandths.
+_SHARE = re.compile(rf"(?<!\w)(?:{_WORDS['share']})(?!\w)", re.IGNORECASE)
+# Pattern of a line that is nothing but a label and a unit, such as "Units - mm".
+_BARE_LINE = re.compile(
+    rf"\W*(?:{_WORDS['label']})\s*[-–]?\s*(?P<unit>[^\s;|()\[\]]+)[\s;,|\t]*", re.IGNORECASE
+)
 # Pattern of a factor in front of a unit.
 _FACTOR = re.compile(r"[x×*]\s*\d|\d")
 _UNREAD_FACTOR = re.compile(r"[x×*]\s*\d\S*\s*[^\W\d_]+", re.IGNORECASE)
@@ -53,7 +59,7 @@ _SIZE = rf"(?P<size>{NUMBER_IN_TEXT}[\s;|]*[^\W\d]+)"
 _SCALES = (
     re.compile(rf"{_SIZE}\s*(?:{_WORDS['per']})\s*(?:{_WORDS['count']})(?!\w)", re.IGNORECASE),
     re.compile(
-        rf"(?<!\w)(?:1\s*)?(?:{_WORDS['count']})\s*(?:{_WORDS['equals']})\s*{_SIZE}", re.IGNORECASE
+        rf"(?<!\w)(?:1\s*)?(?:{_WORDS['count']})\s*(?:{_WORDS['equals']})?\s*{_SIZE}", re.IGNORECASE
     ),
 )
 _SCALE = re.compile(rf"(?<!\w)(?:{_WORDS['scale']})(?!\w)", re.IGNORECASE)
@@ -74,6 +80,9 @@ def units_stated(text: str) -> dict[str, str]:
     if scale:
         stated["reading_scale"] = scale
     stated |= _units_stated_in(text)
+    bare = _BARE_LINE.fullmatch(text)
+    if bare is not None and unit_named(bare["unit"]):
+        return stated | _units_of_roles(bare["unit"], "")
     match = _LINE.search(text)
     if match is None or _OTHER.search(match["label"]):
         return stated
@@ -81,11 +90,18 @@ def units_stated(text: str) -> dict[str, str]:
     if role is None:
         return stated
     text = match["units"].strip()
-    if _FACTOR.match(text) and not scaled_unit(text):  # such as x 10 µm, which is not known
+    if _has_unread_factor(text):
         return stated | {f"{role or 'reading'}_unit": text}
     if scaled_unit(text) and not unit_named(text):  # a unit with a factor, such as 10 nm
         return stated | _scaled_units(scaled_unit(text), role)
     return stated | _units_of_roles(text, role)
+
+
+def _has_unread_factor(text: str) -> bool:
+    """Return whether a unit has a factor that is not read, as in x 10 µm or thousandths of a mm."""
+    if _SHARE.search(text):
+        return True
+    return _FACTOR.match(text) is not None and not scaled_unit(text)
 
 
 def _units_stated_in(text: str) -> dict[str, str]:

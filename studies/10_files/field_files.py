@@ -341,6 +341,9 @@ def unit_cases() -> dict[str, FieldCase]:
         "readings_in": ("All readings are in mm", 1e3),
         "messwerte_in": ("Messwerte in mil", 25.4),
         "thousandth": ("Einheit: 1/1000 mm", 1.0),
+        "ablesung": ("Ablesung in 1/100 mm", 10.0),
+        "lsb": ("LSB 0.1 um", 0.1),
+        "no_mark": ("Units - mil", 25.4),
     }
     for name, (line, size) in lines.items():
         cases[f"line_{name}"] = FieldCase(
@@ -371,6 +374,13 @@ def unit_cases() -> dict[str, FieldCase]:
         texts(NO_UNIT, scaled(10.0), above="Units: x 10 um"),
         refusal="got 'x 10 um' in line 1. Correct the header, or give --unit",
         step=("--unit", "10 um"),
+    )
+    cases["line_with_share"] = FieldCase(
+        kind,
+        "a line 'Unit: thousandths of a mm'",
+        texts(NO_UNIT, above="Unit: thousandths of a mm"),
+        refusal="got 'thousandths of a mm' in line 1. Correct the header, or give --unit",
+        step=("--unit", "um"),
     )
     cases["row_of_units_for_readings"] = FieldCase(
         kind,
@@ -621,6 +631,10 @@ def radius_cases() -> dict[str, FieldCase]:
         "diameter_behind": "Circle of 200 mm diameter",
         "dia": "Test circle dia. 200 mm",
         "rayon_nominal": "Rayon nominal : 100 mm",
+        "unit_in_cell_before": "Radius,mm,100",
+        "R0": "Nominal circle radius R0 = 100.000 mm",
+        "raio": "Raio do círculo: 100 mm",
+        "messkreis": "Messkreisdurchmesser 200 mm",
     }
     cases = {}
     for name, line in lines.items():
@@ -689,6 +703,8 @@ def angle_cases() -> dict[str, FieldCase]:
         "from_X": ("Angle from X [deg]", 0.0, 1),
         "encoder": ("Angle from encoder [deg]", 0.0, 1),
         "range": ("Angle from 0 to 360 [deg]", 0.0, 1),
+        "minus": ("-theta [deg]", 0.0, -1),
+        "360_minus": ("360-Angle [deg]", 0.0, -1),
     }
     cases = {}
     for name, (header, zero, sense) in headers.items():
@@ -708,6 +724,8 @@ def angle_cases() -> dict[str, FieldCase]:
         "sign_behind": ("Angle origin is the machine's Y- direction, cw", 270.0, -1),
         "axis": ("Angle axis: Y (cw)", 90.0, -1),
         "start_of_angle": ("Start of angle at Y+, ccw", 90.0, 1),
+        "mathematical": ("Winkel: 0° bei +Y, mathematisch negativ", 90.0, -1),
+        "offset_of_zero": ("Angle offset: 0.0 deg", 0.0, 1),
         "squareness": ("Squareness: angle of Y is 89.99 deg", 0.0, 1),
     }
     for name, (line, zero, sense) in lines.items():
@@ -731,12 +749,22 @@ def angle_cases() -> dict[str, FieldCase]:
         "compass": "Compass angles",
         "oclock": "Angle zero: 12 o'clock",
         "axis_alone": "Angles along Y, clockwise",
+        "atan": "Angle = atan2(x, y)",
+        "offset": "Angle offset: 90 deg",
     }
     for name, line in no_axes.items():
         cases[f"zero_{name}"] = FieldCase(
             kind,
             f"a line '{line}'",
             texts("Angle [deg],Reading [um]", turned(90.0, -1), above=line),
+            refusal="Say at which: --angle-zero +X, +Y, -X or -Y",
+            step=("--angle-zero", "+Y", "--angle-sense", "CW"),
+        )
+    for word in ("Azimuth", "Bearing", "Heading"):
+        cases[f"zero_{word.lower()}"] = FieldCase(
+            kind,
+            f"a header '{word} [deg]'",
+            texts(f"{word} [deg],Reading [um]", turned(90.0, -1)),
             refusal="Say at which: --angle-zero +X, +Y, -X or -Y",
             step=("--angle-zero", "+Y", "--angle-sense", "CW"),
         )
