@@ -44,6 +44,7 @@ LONG_EXAMPLES = {
     "figures.parameter_contributions",
     "figures.prior_and_posterior",
     "figures.rank_ecdf",
+    "figures.workflow_checks",
     "figures.save_figure",
     "find_outlying_tests",
     "fleet.Batch",

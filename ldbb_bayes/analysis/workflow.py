@@ -43,6 +43,8 @@ _PRIOR_CIRCLES = 2000
 _PRIOR_PROB = 0.95
 # Error allowed in every log evidence [nat].
 _TOLERANCE = 1e-2
+# p-value of all circles left out together below which they do not scatter as predicted.
+_UNIFORM = 0.05
 # Number of steps by which the weights of stacking are found; each step raises the mean log density.
 _STACKING_STEPS = 500
 
@@ -105,6 +107,18 @@ class Workflow(Result):
         return tuple(name for name, p in zip(names, adjusted, strict=True) if p < FALSE_ALARMS)
 
     @property
+    def quiet_circles(self) -> tuple[str, ...]:
+        """Names of the circles whose range is below the interval that the prior expects.
+
+        The prior is wider than this machine needs. That is not wrong: priors are for all machines.
+        """
+        names = []
+        for name, expected in self.prior_ranges.items():
+            if expected.measured_um < expected.low_um:
+                names.append(name)
+        return tuple(names)
+
+    @property
     def outlying_circles(self) -> tuple[str, ...]:
         """Names of the circles that the others do not predict (family-wise p below 2 %)."""
         names = []
@@ -122,6 +136,14 @@ class Workflow(Result):
         """
         p_values = np.array([circle.p_value for circle in self.left_out.values()])
         return float(uniformity_p_value(p_values))
+
+    @property
+    def scatter_as_predicted(self) -> bool:
+        """Whether the p-values of all circles left out are uniform (p not below 5 %).
+
+        It is stated and does not count in ``passed``.
+        """
+        return self.uniformity_p_value >= _UNIFORM
 
     @property
     def passed(self) -> bool:

@@ -403,7 +403,7 @@ def _check_workflow(
         f"--sampler must be independent with --workflow, got {settings['sampler']}. Leave it out.",
     )
     campaign = campaign_from(source, **certificates)
-    output.check("workflow.json", "ranks.csv", figures=["rank_ecdf"])
+    output.check("workflow.json", "ranks.csv", figures=["rank_ecdf", "workflow_checks"])
     with (
         executor_named(**pool) as executor,
         counting_progress(output.quiet, "simulated campaigns") as progress,
@@ -423,7 +423,10 @@ def _check_workflow(
         record,
         result,
         {"workflow.json": record, "ranks.csv": ranks.rename_axis("replicate").reset_index()},
-        {"rank_ecdf": drawing("rank_ecdf", result.calibration)},
+        {
+            "rank_ecdf": drawing("rank_ecdf", result.calibration),
+            "workflow_checks": drawing("workflow_checks", result),
+        },
     )
     if not result.passed:
         raise typer.Exit(EXIT_MISSED)

@@ -205,7 +205,7 @@ def _passages_of_workflow(workflow: Workflow) -> tuple[Passage, ...]:
             )
         )
     prior = f"range the prior expects, {100 * workflow.prior_prob:g} % (µm)"
-    heads = ("test", "range (µm)", prior, "p by the other circles", "worst order")
+    heads = ("test", "range (µm)", prior, "p-value given the others", "order of largest deviation")
     return (Table.of("Every circle", heads, rows), *wording.workflow_sentences(workflow))
 
 

@@ -527,7 +527,9 @@ def test_workflow(three: Path, tmp_path: Path, invoke: Invoke) -> None:
     record = json.loads(stdout)
     assert code == (0 if record["passed"] else 1)
     assert json.loads((out / "workflow.json").read_text()) == record
-    assert names_in(out) == {"ranks.csv", "workflow.json"} | figure_files("rank_ecdf")
+    assert names_in(out) == {"ranks.csv", "workflow.json"} | figure_files(
+        "rank_ecdf workflow_checks"
+    )
     assert len(record["prior_ranges"]) == len(record["left_out"]) == 3
     assert record["calibration"]["draws"] == 19
 

@@ -25,3 +25,4 @@ from .style import save_figure as save_figure
 from .style import styled as styled
 from .verdict_figures import budget_bars as budget_bars
 from .verdict_figures import prior_and_posterior as prior_and_posterior
+from .workflow_figure import workflow_checks as workflow_checks

@@ -1,0 +1,144 @@
+"""Figure of the checks of a Bayesian workflow that compare one campaign with its model."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from scipy.stats import beta
+
+from ldbb_bayes.analysis.workflow import Workflow
+from ldbb_bayes.report.figures.style import (
+    ACCENT,
+    FAINT,
+    PALETTE,
+    name_rows,
+    new_figure,
+    right_labels,
+    styled,
+)
+
+__all__ = ["workflow_checks"]
+
+# Probability of the interval of each sorted p-value of the circles left out.
+_PROB = 0.95
+
+
+@styled
+def workflow_checks(workflow: Workflow) -> Figure:
+    """Draw what the checks of a workflow compare: circles with prior and others, prior, models.
+
+    The panels are: the range of every circle and the interval that the prior expects of it; the
+    p-values of the circles left out, sorted, with the 95 % interval of each if all are uniform; the
+    parameters that depend on their prior; and the weights of the models that together predict
+    circles left out best. The ranks of the calibration have a figure of their own, `rank_ecdf`.
+
+    Parameters
+    ----------
+    workflow : Workflow
+        Findings that `check_workflow` returns.
+
+    Returns
+    -------
+    Figure
+        A Matplotlib figure with four panels.
+
+    Examples
+    --------
+    >>> fast = lb.HybridModel.first(0)
+    >>> workflow = lb.analysis.check_workflow(fast, campaign, replicates=10, draws=19)
+    >>> figure = lb.figures.workflow_checks(workflow)
+    >>> len(figure.axes)
+    4
+    """
+    circles = len(workflow.prior_ranges)
+    rows = max(circles, len(workflow.prior_sensitivity), 4)
+    figure = new_figure(7.2, 2.0 + 0.44 * rows)
+    panels = figure.subplots(2, 2, height_ratios=[rows, max(rows * 0.8, 4)])
+    _draw_prior_ranges(panels[0, 0], workflow)
+    _draw_left_out(panels[0, 1], workflow)
+    _draw_sensitivity(panels[1, 0], workflow)
+    _draw_weights(panels[1, 1], workflow)
+    return figure
+
+
+def _draw_prior_ranges(axes: Axes, workflow: Workflow) -> None:
+    """Draw the measured range of every circle over the interval that the prior expects."""
+    rows = name_rows(axes, list(workflow.prior_ranges))
+    surprising = workflow.surprising_circles
+    for row, (name, expected) in zip(rows, workflow.prior_ranges.items(), strict=True):
+        axes.plot(
+            [expected.low_um, expected.high_um],
+            [row, row],
+            color=FAINT,
+            linewidth=6,
+            solid_capstyle="butt",
+        )
+        colour = PALETTE[1] if name in surprising else ACCENT
+        axes.plot(expected.measured_um, row, "o", color=colour, markersize=5)
+    axes.set_xlim(0.0, None)
+    axes.set_xlabel("range of the circle (µm)")
+    axes.set_title(
+        f"Prior prediction: measured (dots),\nexpected, {100 * workflow.prior_prob:g} % (bars)",
+        fontsize=9,
+    )
+
+
+def _draw_left_out(axes: Axes, workflow: Workflow) -> None:
+    """Draw the sorted p-values of circles left out, and the interval of each under uniformity."""
+    by_size = sorted(workflow.left_out.items(), key=lambda entry: entry[1].p_value)
+    names = [name for name, _ in by_size]
+    rows = name_rows(axes, names)
+    ranks = np.arange(1, len(names) + 1)
+    low, high = beta(ranks, len(names) + 1 - ranks).interval(_PROB)
+    axes.hlines(rows, low, high, color=FAINT, linewidth=6)
+    outlying = workflow.outlying_circles
+    for row, (name, circle) in zip(rows, by_size, strict=True):
+        colour = PALETTE[1] if name in outlying else ACCENT
+        axes.plot(circle.p_value, row, "o", color=colour, markersize=5)
+    axes.set_xlim(-0.03, 1.03)
+    axes.set_xlabel("p-value, sorted (1)")
+    axes.set_title(
+        f"Circles left out: p-values (dots),\n{100 * _PROB:g} % of each if uniform (bars)",
+        fontsize=9,
+    )
+    axes.text(
+        0.03,
+        0.04,
+        f"together p = {workflow.uniformity_p_value:.2g}",
+        transform=axes.transAxes,
+        ha="left",
+        va="bottom",
+        fontsize=8,
+    )
+
+
+def _draw_sensitivity(axes: Axes, workflow: Workflow) -> None:
+    """Draw the sensitivity to the prior of the parameters that depend on it."""
+    sensitivity = workflow.prior_sensitivity
+    axes.set_xlabel("power-scaling sensitivity (1)")
+    axes.set_title("Parameters that depend on the prior", fontsize=9)
+    if not sensitivity:
+        axes.set_xticks([])
+        axes.set_yticks([])
+        axes.text(0.5, 0.5, "none", transform=axes.transAxes, ha="center", va="center")
+        return
+    rows = name_rows(axes, list(sensitivity))
+    axes.barh(rows, list(sensitivity.values()), color=ACCENT, height=0.6)
+    axes.set_xlim(0.0, None)
+
+
+def _draw_weights(axes: Axes, workflow: Workflow) -> None:
+    """Draw the stacking weights of the models, with the log densities of the circles left out."""
+    rows = name_rows(axes, list(workflow.stacking_weights))
+    axes.barh(rows, list(workflow.stacking_weights.values()), color=ACCENT, height=0.6)
+    best = max(workflow.elpd.values())
+    behind = []
+    for name in workflow.stacking_weights:
+        behind.append(f"{workflow.elpd[name] - best:.1f} nat".replace("-", "−"))
+    right_labels(axes, rows, behind)
+    axes.set_xlim(0.0, 1.0)
+    axes.set_xlabel("stacking weight (1)")
+    axes.set_title(
+        "Models that predict circles left out;\nright: log density less the best", fontsize=9
+    )
