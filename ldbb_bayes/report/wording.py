@@ -1065,14 +1065,35 @@ def goal_design_sentences(result: GoalDesign) -> tuple[str, ...]:
             {
                 "name": display_name(name),
                 "floor": f"{two_digits(obstacle.U_floor, factor)} {unit}",
-                "held_by": _source_in_table(obstacle.held_by),
+                "held_by": _holder_in_words(obstacle.held_by),
                 "share": f"{100.0 * obstacle.share:.0f} %",
                 "certificate": obstacle.certificate,
                 "with_certificate": f"{two_digits(obstacle.U_with_certificate, factor)} {unit}",
                 "reached": obstacle.reached,
             }
         )
-    return _sentences("goal_design_sentences", result, met, obstacles)
+    near_misses = []
+    for name, near_miss in result.near_misses.items():
+        factor, unit = display_unit(result.goals[name].goal.unit)
+        near_misses.append(
+            {
+                "name": display_name(name),
+                "circles": near_miss.circles,
+                "likely_U": f"{two_digits(near_miss.likely_U, factor)} {unit}",
+                "limit": f"{two_digits(result.goals[name].limit_U, factor)} {unit}",
+                "probability": f"{100.0 * near_miss.probability:.0f} %",
+                "held_by": _holder_in_words(near_miss.held_by),
+                "share": f"{100.0 * near_miss.share:.0f} %",
+                "certificate": near_miss.certificate,
+            }
+        )
+    return _sentences("goal_design_sentences", result, met, obstacles, near_misses)
+
+
+def _holder_in_words(name: str) -> str:
+    """Return the source that holds a goal, to begin a sentence; names keep their capitals."""
+    words = _source_in_table(name)
+    return words[:1].upper() + words[1:]
 
 
 # ---- sentences on the next circle

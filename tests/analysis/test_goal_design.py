@@ -229,3 +229,36 @@ def test_a_plan_without_readings_may_be_the_pilot():
     found = lb.design(MODEL, replace(PILOT.plan()), goals={"E_C0YX": "60 µrad"}, forces_N=FORCES)
     assert not found.measured
     assert not found.goals["E_C0YX"].met_by_pilot
+
+
+@pytest.fixture(scope="module")
+def just_missed():
+    """Goal a little above what very many circles leave, so that 40 circles do not reach it."""
+    beyond_reach = lb.design(MODEL, PILOT, goals={"E_C0YX": "1e-3 µrad"}, forces_N=FORCES)
+    floor = beyond_reach.obstacles["E_C0YX"].U_floor
+    costs = Costs(hours=8.0)
+    return lb.design(MODEL, PILOT, goals={"E_C0YX": 1.02 * floor}, forces_N=FORCES, costs=costs)
+
+
+def test_a_goal_that_only_very_many_circles_reach_is_a_near_miss(just_missed):
+    near_miss = just_missed.near_misses["E_C0YX"]
+    assert just_missed.plans == ()
+    assert just_missed.obstacles == {}
+    assert near_miss.circles == 40
+    assert near_miss.probability < 0.9
+
+
+def test_the_largest_campaign_of_a_near_miss_leaves_more_than_the_goal(just_missed):
+    assert just_missed.near_misses["E_C0YX"].likely_U > just_missed.goals["E_C0YX"].limit_U
+
+
+def test_a_near_miss_is_not_put_down_to_a_lack_of_time(just_missed):
+    assert not just_missed.too_long
+    assert not just_missed.all_reached
+    assert "Allow more time" not in text_of(just_missed)
+
+
+def test_a_near_miss_states_what_the_largest_campaign_leaves_and_what_holds_it(just_missed):
+    text = " ".join(text_of(just_missed).split())
+    assert "E_C(0Y)X: 40 circles leave U of up to" in text
+    assert "holds the largest share of what still more circles would leave" in text

@@ -21,7 +21,13 @@ from ldbb_bayes.analysis.design.goals import Goal
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest
 from ldbb_bayes.results import Array
 
-__all__ = ["FoundCampaign", "find_cheapest", "judge_plan", "shares_of_machines"]
+__all__ = [
+    "CheapestCampaigns",
+    "FoundCampaign",
+    "find_cheapest",
+    "judge_plan",
+    "shares_of_machines",
+]
 
 # Largest number of circles of a campaign.
 _MOST_CIRCLES = 40
@@ -56,6 +62,16 @@ class FoundCampaign:
     def price(self, costs: Costs) -> float:
         """Return the price of the campaign with its certificates."""
         return self.family.price(costs, self.tests)
+
+
+@dataclass(frozen=True, eq=False)
+class CheapestCampaigns:
+    """What the search found."""
+
+    campaigns: tuple[FoundCampaign, ...]  #: the campaigns that reach all goals, the cheapest first
+    #: where no campaign of the largest number of circles reaches all goals, the one that reaches
+    #: them on most machines; None if some do, or if no full forecast was needed to tell
+    nearest: FoundCampaign | None
 
 
 def judge_plan(
@@ -123,7 +139,7 @@ def find_cheapest(
     costs: Costs,
     probability: float,
     number: int,
-) -> tuple[FoundCampaign, ...]:
+) -> CheapestCampaigns:
     """Return the cheapest campaigns that reach all goals, one of each family.
 
     Where fewer families than asked for reach them, campaigns of the cheapest with more circles
@@ -144,7 +160,7 @@ def find_cheapest(
 
     Returns
     -------
-    tuple of FoundCampaign
+    CheapestCampaigns
         The campaigns, the cheapest first; none if no family reaches the goals.
     """
     search = _Search(goals, costs, probability)
@@ -175,7 +191,9 @@ def find_cheapest(
     found.sort(key=lambda campaign: campaign.price(costs))
     if found:
         found += _with_more_circles(found[0], number - len(found), costs)
-    return tuple(sorted(found, key=lambda campaign: campaign.price(costs)))
+    found.sort(key=lambda campaign: campaign.price(costs))
+    nearest = None if search.is_reachable else search.nearest
+    return CheapestCampaigns(tuple(found), nearest)
 
 
 def _with_more_circles(campaign: FoundCampaign, number: int, costs: Costs) -> list[FoundCampaign]:
@@ -202,6 +220,9 @@ class _Search:
         #: least of what fewer circles add to ln of the ratio of full to quick forecast, times
         #: their number
         self._inflation = np.inf
+        self.is_reachable = False  #: whether the largest campaign of a family reaches all goals
+        #: of the largest campaigns that do not, the one that reaches them on most machines
+        self.nearest: FoundCampaign | None = None
         self.effort = 0  #: sum of the squared numbers of circles of all full forecasts
 
     def start(self, progress: _Progress) -> bool:
@@ -214,7 +235,9 @@ class _Search:
         many = (_MOST_CIRCLES // _CIRCLES_OF_SHARES) * counts
         largest = judge_plan(family, family.tests_of(many))
         if not self._is_met(largest):
+            self._keep_nearest(largest)
             return False
+        self.is_reachable = True
         progress.lasting_inflation = max(self._inflation_of(largest, many), 0.0)
         needed = _least_multiple(family, counts, -progress.lasting_inflation)
         begin = int(_BEGIN_SHARE * needed * _CIRCLES_OF_SHARES)
@@ -227,8 +250,17 @@ class _Search:
         distance = campaign.family.quick.distance(counts)
         return float(np.quantile(excess, self._probability)) - distance
 
+    def _keep_nearest(self, campaign: FoundCampaign) -> None:
+        """Keep a campaign that does not reach the goals if it comes nearer than those before."""
+        if self.nearest is None or self._share_met(campaign) > self._share_met(self.nearest):
+            self.nearest = campaign
+
+    def _share_met(self, campaign: FoundCampaign) -> float:
+        """Return the share of the possible machines on which a campaign reaches all goals."""
+        return shares_of_machines(campaign.stated, self._goals)[""]
+
     def _is_met(self, campaign: FoundCampaign) -> bool:
-        return shares_of_machines(campaign.stated, self._goals)[""] >= self._probability
+        return self._share_met(campaign) >= self._probability
 
     def attempt(self, progress: _Progress) -> FoundCampaign | None:
         """Return the best campaign of a family's present number of circles if it meets the goals.

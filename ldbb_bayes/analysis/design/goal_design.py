@@ -33,7 +33,7 @@ from ldbb_bayes.analysis.design.costs import Costs
 from ldbb_bayes.analysis.design.customary_plans import equal_steps, published_forces
 from ldbb_bayes.analysis.design.forecast import Expected, forecast_plan, states_of
 from ldbb_bayes.analysis.design.goals import COVERAGE_FACTOR, Goal, goals_in
-from ldbb_bayes.analysis.design.obstacles import Obstacle, obstacles_of
+from ldbb_bayes.analysis.design.obstacles import NearMiss, Obstacle, near_miss_of, obstacles_of
 from ldbb_bayes.analysis.design.space import Space
 from ldbb_bayes.analysis.design.states import States, states_before
 from ldbb_bayes.campaign.campaign import Campaign, CircularTest, Direction
@@ -151,6 +151,9 @@ class GoalDesign(Result):
     #: none if nothing is needed, or if time is too short
     plans: tuple[GoalPlan, ...]
     obstacles: dict[str, Obstacle]  #: goals that no number of circles reaches, by name
+    #: goals that very many circles would reach, but no campaign that can be run; the other goals
+    #: too where all together are reached on too few machines, by name
+    near_misses: dict[str, NearMiss]
     #: goals that neither circles nor the certificates on offer reach; the plans leave them out
     unreachable: tuple[str, ...]
     #: campaigns as people run them today; none where nothing is needed or reached
@@ -172,7 +175,8 @@ class GoalDesign(Result):
     def too_long(self) -> bool:
         """Whether goals that can be reached were not, and machine time was limited."""
         is_reachable = len(self.unreachable) < len(self.goals)
-        return not self.plans and is_reachable and self.costs.hours is not None
+        is_limited = self.costs.hours is not None
+        return not self.plans and is_reachable and is_limited and not self.near_misses
 
     @property
     def best(self) -> GoalPlan:
@@ -291,6 +295,7 @@ def _describe(
     plans: tuple[GoalPlan, ...] = ()
     customary: tuple[CustomaryPlan, ...] = ()
     obstacles: dict[str, Obstacle] = {}
+    near_misses: dict[str, NearMiss] = {}
     unreachable: tuple[str, ...] = ()
     if needed:
         plan = space.plan_of(space.tests[:1], seed=space.seed)
@@ -304,15 +309,18 @@ def _describe(
             narrowed = replace(space, parameters=tuple(reachable))
             families = tuple(families_of(narrowed, sets, reachable, states))
             found = find_cheapest(families, reachable, costs, probability, _SHOWN)
-            plans = tuple(_plan_of(campaign, reachable, costs) for campaign in found)
-            if found:
-                customary = _customary_plans(found[0], reachable, costs)
+            plans = tuple(_plan_of(campaign, reachable, costs) for campaign in found.campaigns)
+            if plans:
+                customary = _customary_plans(found.campaigns[0], reachable, costs)
+            elif found.nearest is not None:
+                near_misses = _near_misses(found.nearest, reachable, costs, probability)
     return GoalDesign(
         goals=known,
         probability=probability,
         costs=costs,
         plans=plans,
         obstacles=obstacles,
+        near_misses=near_misses,
         unreachable=unreachable,
         customary=customary,
         measured=not space.pilot.is_plan,
@@ -336,6 +344,27 @@ def _reachable(
         if len(reachable) == len(goals):
             break
     return {name: goal for name, goal in goals.items() if name in reachable}
+
+
+def _near_misses(
+    nearest: FoundCampaign, goals: Mapping[str, Goal], costs: Costs, probability: float
+) -> dict[str, NearMiss]:
+    """Return the goals that the largest campaign meets on too few machines, and what holds them.
+
+    If it meets each of them on enough machines, but not all together, all are returned.
+    """
+    forecasts = _plan_of(nearest, goals, costs).goals
+    missed = [name for name in goals if forecasts[name].probability < probability]
+    near_misses = {}
+    for name in missed or goals:
+        near_misses[name] = near_miss_of(
+            nearest.family,
+            name,
+            circles=len(nearest.tests),
+            likely_U=forecasts[name].likely_U,
+            probability=forecasts[name].probability,
+        )
+    return near_misses
 
 
 def _plan_of(campaign: FoundCampaign, goals: Mapping[str, Goal], costs: Costs) -> GoalPlan:

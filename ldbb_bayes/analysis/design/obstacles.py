@@ -21,7 +21,7 @@ from ldbb_bayes.model.bound_information import information_of
 from ldbb_bayes.model.information import Information
 from ldbb_bayes.results import Array, Result
 
-__all__ = ["Obstacle", "obstacles_of"]
+__all__ = ["NearMiss", "Obstacle", "near_miss_of", "obstacles_of"]
 
 # A certificate is named if it leaves less than this share of the uncertainty that circles leave.
 _WORTH_SHARE = 0.9
@@ -43,6 +43,52 @@ class Obstacle(Result):
     #: expanded uncertainty that very many circles would leave with the certificate
     U_with_certificate: float
     reached: bool  #: whether the goal can be reached with the certificate
+
+
+@dataclass(frozen=True)
+class NearMiss(Result):
+    """A goal that very many circles would reach, but no campaign that can be run.
+
+    With few circles the analysis knows the scales of noise and effects less well than with very
+    many. So a goal can lie just above what circles leave, and still be out of their reach.
+    """
+
+    circles: int  #: number of circles of the largest campaign
+    #: expanded uncertainty (k = 2) that nine in ten of the possible machines state at most after
+    #: the largest campaign, in the parameter's unit
+    likely_U: float
+    probability: float  #: share of the possible machines on which the largest campaign meets it
+    held_by: str  #: model term or parameter that holds most of what very many circles leave
+    share: float  #: share of ``held_by`` in the variance that very many circles leave
+    #: certificate that would help most, such as "mount ± 2 %"; empty if none would
+    certificate: str
+
+
+def near_miss_of(
+    family: CampaignFamily, name: str, *, circles: int, likely_U: float, probability: float
+) -> NearMiss:
+    """Return what keeps a goal out of reach of a family's campaign, whose forecast is stated.
+
+    Parameters
+    ----------
+    family
+        Family of the campaign.
+    name
+        Name of the goal's parameter.
+    circles, likely_U, probability
+        Number of circles of the campaign, U that nine in ten machines state at most, and share of
+        the machines on which the goal is met.
+    """
+    floor = dict(zip(family.goals, family.quick.floor().tolist(), strict=True))[name]
+    certificate = ""
+    lowest = floor + float(np.log(_WORTH_SHARE))
+    for missing, statements in missing_certificates(family.bound.campaign.instrument).items():
+        distance = _floors_with(family, missing, statements)[name]
+        if distance < lowest:
+            certificate = missing
+            lowest = distance
+    holder = _held_by(family)[name]
+    return NearMiss(circles, likely_U, probability, holder.name, holder.share, certificate)
 
 
 def obstacles_of(family: CampaignFamily) -> dict[str, Obstacle]:
@@ -84,7 +130,8 @@ def _floors_with(
 ) -> dict[str, float]:
     """Return ln(u/u*) of every goal that very many circles leave with a certificate."""
     offer = CertificateOffer(name, 0.0, statements)
-    certified = CampaignFamily(family.space, (offer,), family.goals, family.states)
+    offers = (*family.offers, offer)
+    certified = CampaignFamily(family.space, offers, family.goals, family.states)
     return dict(zip(family.goals, certified.quick.floor().tolist(), strict=True))
 
 
