@@ -13,6 +13,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 import pytest
+import typer
 from campaigns import Invoke
 from hypothesis import HealthCheck, settings
 from reports import fitted
@@ -26,6 +27,8 @@ from ldbb_bayes.model.hybrid import HybridModel
 from ldbb_bayes.report.findings import find
 from ldbb_bayes.report.page import Document, compose, html_page
 
+# The command line, read once: Typer reads all commands and options anew for every call of an app.
+COMMAND_LINE = typer.main.get_command(app)
 ROOT = Path(__file__).resolve().parents[1]
 
 settings.register_profile(
@@ -113,7 +116,7 @@ def invoke(capsys: pytest.CaptureFixture[str]) -> Invoke:
 
     def run(*arguments: object) -> tuple[int, str, str]:
         with pytest.raises(SystemExit) as ended:
-            app([str(argument) for argument in arguments])
+            COMMAND_LINE([str(argument) for argument in arguments])
         printed = capsys.readouterr()
         return int(ended.value.code or 0), printed.out, printed.err
 

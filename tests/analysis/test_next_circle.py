@@ -13,6 +13,7 @@ from ldbb_bayes.analysis.design.candidate_covariances import CandidateCovariance
 from ldbb_bayes.analysis.design.criteria import Determinant
 from ldbb_bayes.analysis.design.next_circle import NextCircle, next_circle
 from ldbb_bayes.analysis.design.objective import Objective
+from ldbb_bayes.analysis.rival_explanations import compare_explanations
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.inference.posterior import draws_of
@@ -123,6 +124,17 @@ def test_an_absolute_goal_is_met_or_not(step: NextCircle) -> None:
     assert step.goals["E_C0YX"].probability == 0.0
 
 
+def test_the_log_bayes_factor_is_that_of_more_exact_evidences(
+    recovered: Campaign, step: NextCircle
+) -> None:
+    models = {"constant": MODEL.with_degree(0), "linear": MODEL}
+    evidences = lb.inference.Evidences(recovered, tolerance=0.1)
+    averaged = compare_explanations(models, evidences).averaged.log_bayes_factor
+    assert step.model is not None
+    assert step.model.log_bayes_factor == pytest.approx(averaged, abs=0.25)
+
+
+@pytest.mark.slow
 def test_the_log_bayes_factor_is_that_of_compare(recovered: Campaign, step: NextCircle) -> None:
     models = {"constant": MODEL.with_degree(0), "linear": MODEL}
     comparison = lb.compare(models, recovered, tolerance=0.05)
