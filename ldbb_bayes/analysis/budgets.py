@@ -17,8 +17,8 @@ In an average over models, the shares are those under every model, weighted with
 the model times the variance under it; the spread of the models' means is a source of its own, the
 choice between the models.
 
-Every source is measured here, stated or assumed (`origins`). Where what is not measured here holds
-most of the variance, the budget names the heaviest of that: no number of further circles would
+Every source is measured here, stated or assumed (`origins`). If stated and assumed sources together
+have most of the variance, the budget names the largest of them: no number of further circles would
 reduce it.
 """
 
@@ -218,7 +218,8 @@ def budget_uncertainty(posterior: xr.DataTree) -> dict[str, Budget]:
     dict of str to Budget
         Budget of each parameter by name, in internal units (mm, N, rad). Its ``contributions`` are
         the lines, the largest share first. Its ``heaviest`` is the term with the largest share; if
-        what is not measured here has more than half of the variance, it is the largest of that.
+        stated and assumed sources together have more than half of the variance, it is the largest
+        of these.
 
     Raises
     ------

@@ -202,8 +202,8 @@ def sampler_named(name: str, *, stacklevel: int = 5) -> str:
 class FittedModel(NamedTuple):
     """Posterior draws of a model and a campaign, and how well the model fits.
 
-    Most analyses need the draws as a DataTree (`tree`), which takes longer to build than the
-    numbers of one campaign among many take to read.
+    Most analyses need the draws as a DataTree (`tree`). It is built only on request because that
+    takes time, which counts where many campaigns are fitted.
     """
 
     draws: ModelDraws  #: posterior draws of all chains, joined, with the model of the campaign

@@ -44,7 +44,7 @@ class EntryBlock(NamedTuple):
 
     #: Places of the groups · s · n entries among all entries.
     entries: slice
-    #: Number of groups, s, and n.
+    #: Number of groups, number s of columns in a group, and number n of entries in a column.
     shape: tuple[int, int, int]
 
 

@@ -231,7 +231,10 @@ class Information:
 
     @cached_property
     def _covariance(self) -> Array:
-        """Posterior covariance of all m coefficients; nobody changes it, as all share it."""
+        """Posterior covariance of all m coefficients.
+
+        The array is read-only, because all callers share it.
+        """
         covariance = self._covariance_without((), 1.0)
         covariance.flags.writeable = False
         return covariance

@@ -11,7 +11,7 @@ __all__ = ["measured_length", "measured_length_stated"]
 _WORDS = WORDS["diameters"]
 # Pattern of a header or text that names a diameter.
 _DIAMETER = re.compile(rf"(?<![a-zäöüéèáâ])(?:{_WORDS['header']})")
-# The same inside a longer word, such as Kreisdurchmesser.
+# Pattern of a diameter inside a longer word, such as Kreisdurchmesser.
 _LONG_WORD = re.compile("durchmesser|diamet")
 _RADIAL = re.compile(_WORDS["radial"])
 # Pattern of a line that is about the readings.

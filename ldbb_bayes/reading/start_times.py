@@ -39,7 +39,8 @@ _SHORTEST_CIRCLE_S = 5.0
 _LIST_SHOWN = 200
 # Command-line options that change when tests count as run, if files state their times.
 _OPTIONS_TAKEN = "time_s of a [[test]] in --layout, --no-drift"
-# The same options, if tests count as run in the order in which they are listed.
+# Command-line options that change when tests count as run, if files state no times: the tests then
+# count as run in the order in which they are listed.
 _OPTIONS_LISTED = "--order, time_s of a [[test]] in --layout, --no-drift"
 
 

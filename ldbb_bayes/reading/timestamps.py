@@ -182,7 +182,10 @@ def _stamp_of(match: re.Match[str], rank: Rank) -> Timestamp | None:
 
 
 class _Dates(NamedTuple):
-    """Dates that a text may mean; both are the same unless it is of a form such as 03/04/2026."""
+    """The two dates that a text may mean.
+
+    They differ only for a form such as 03/04/2026, in which the day or the month may stand first.
+    """
 
     day_first: date | None  # date if the day stands before the month; None if there is no such date
     month_first: date | None  # date if the month stands before the day

@@ -2,8 +2,8 @@
 
 Campaigns are tried in the order of their price. Of every family (the same clockings, radii and
 certificates) and number of circles, the one nearest to the goals by the quick forecast is taken.
-Where it seems near enough, the full forecast decides. The quick forecast is too good by a factor
-that hardly differs between campaigns of one family: it is learnt from the full ones.
+If it seems near enough, the full forecast decides. The quick forecast is too good by a factor that
+hardly differs between campaigns of one family. This factor is estimated from the full forecasts.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ def shares_of_machines(stated: StatedByMachines, goals: Mapping[str, Goal]) -> d
 
 @dataclass
 class _Progress:
-    """What the search knows of one family so far."""
+    """State of the search in one family of campaigns."""
 
     family: CampaignFamily
     circles: int
