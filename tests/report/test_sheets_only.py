@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 import xarray as xr
 from campaigns import Invoke, plan, refuses, simulated
-from reports import NOT_COMPARED, fitted
+from reports import NOT_COMPARED, fitted, undrawn
 
 import ldbb_bayes as lb
 from ldbb_bayes.cli import file_reports
@@ -58,14 +58,18 @@ def without_annex(posterior: xr.DataTree) -> Findings:
 
 @pytest.fixture(scope="module")
 def alone(without_annex: Findings) -> tuple[ReportSheet, ...]:
-    """The sheets of a report without annex."""
-    return sheets(without_annex)
+    """The sheets of a report without annex; their figures are empty."""
+    with pytest.MonkeyPatch.context() as patch:
+        undrawn(patch)
+        return sheets(without_annex)
 
 
 @pytest.fixture(scope="module")
 def complete(posterior: xr.DataTree) -> tuple[ReportSheet, ...]:
-    """The sheets of a report with annex."""
-    return sheets(find(posterior, comparison=NOT_COMPARED))
+    """The sheets of a report with annex; their figures are empty."""
+    with pytest.MonkeyPatch.context() as patch:
+        undrawn(patch)
+        return sheets(find(posterior, comparison=NOT_COMPARED))
 
 
 def texts(sheet: ReportSheet) -> list[str]:
