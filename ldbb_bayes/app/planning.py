@@ -278,7 +278,9 @@ def _best_tests(space: Space, sliders: Mapping[str, float]) -> tuple[lb.Circular
     kinds = len(_kinds_of_test(space, low))
     most_levels = max(_FEWEST_LEVELS, _MOST_CANDIDATES // kinds)
     levels = _force_levels(low, high, max(2, min(round(high - low) + 1, most_levels)))
-    candidates = replace(space, forces_N=levels)
+    # Ball angles ascend, as those given to design do: the search starts from the same tests.
+    clockings_deg = tuple(sorted(space.clockings_deg))
+    candidates = replace(space, forces_N=levels, clockings_deg=clockings_deg)
     number = int(sliders["circles"])
     equally_spaced = _equally_spaced_tests(space, sliders)
     if min(number, len(levels)) < candidates.search.levels:
