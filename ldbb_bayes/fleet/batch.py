@@ -173,8 +173,8 @@ def run_batch(
     >>> batch.done, batch.failures
     (1, 1)
     >>> batch.failed[0]["reason"]
-    'campaign must be a folder with campaign.toml, a campaign.toml or a tidy CSV, got machine_2,
-     which does not exist. Check the path.'
+    'campaign must be a folder with campaign.toml, a campaign.toml or a tidy CSV (the command import
+     makes one of other tables and workbooks), got machine_2, which does not exist. Check the path.'
     """
     check_pyarrow()
     _check_restart(resume=resume, retry=retry, force=force)
