@@ -179,7 +179,7 @@ class Design(Forecast):
     compared: tuple[Judged, ...]
     limits: Limits  #: limits of what the recommended tests can show
     #: root mean square of the values of each hyper-parameter (scales of the noise and of other
-    #: effects) that the forecast averages over [µm]
+    #: effects) that the forecast averages over; lengths in µm, λ and decay are pure numbers
     hyper_um: dict[str, float]
     #: whether the values of the hyper-parameters come from readings (those of the campaign that the
     #: design starts from), not from their prior

@@ -33,7 +33,8 @@ _POSTERIORS: WeakKeyDictionary[Campaign, list[HyperPosterior]] = WeakKeyDictiona
 class States:
     """K equally likely states of the machine: values of hyper-parameters and parameters."""
 
-    phi: Array  #: hyper-parameters φ, shape (K, h) [mm]
+    #: hyper-parameters φ, shape (K, h), with lengths in mm; λ and decay are pure numbers
+    phi: Array
     #: parameters β, whose compliances are not negative, shape (K, p); if their prior is flat, none
     #: are drawn, and p = 0
     beta: Array
@@ -79,7 +80,7 @@ def extend_hyper_parameters(
     bound
         Model bound to the circles run, followed by the new circles.
     phi
-        K values of the pilot's φ, shape (K, h) [mm].
+        K values of the pilot's φ, shape (K, h), with lengths in mm; λ and decay are pure numbers.
     run
         Number of the pilot's circles that ``bound`` includes.
     scattering
@@ -88,7 +89,8 @@ def extend_hyper_parameters(
     Returns
     -------
     Array
-        K values of the H hyper-parameters of ``bound``, shape (K, H) [mm].
+        K values of the H hyper-parameters of ``bound``, shape (K, H), with lengths in mm; λ and
+        decay are pure numbers.
     """
     pilot = bound.pilot or bound.campaign
     pilot_bound = bound
