@@ -9,11 +9,11 @@ import re
 import signal
 import subprocess
 import sys
-from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
 import pytest
+from terminals import read_to_the_end
 
 import ldbb_bayes as lb
 from ldbb_bayes.report.figures import FIGURES
@@ -54,16 +54,6 @@ def test_interruption_while_modules_are_loaded(module: str, folder: Path) -> Non
         ["ldbb-bayes: interrupted; nothing was written.\n"],
         130,
     )
-
-
-def read_to_the_end(terminal: int) -> bytes:
-    output = b""
-    with suppress(OSError):  # how a terminal says that its other end is closed
-        block = os.read(terminal, 4096)
-        while block:
-            output += block
-            block = os.read(terminal, 4096)
-    return output
 
 
 @pytest.mark.slow

@@ -6,11 +6,11 @@ import os
 import pty
 import subprocess
 import sys
-from contextlib import suppress
 from pathlib import Path
 
 import field_files
 import pytest
+from terminals import read_to_the_end
 
 import ldbb_bayes as lb
 
@@ -34,12 +34,7 @@ def at_a_terminal(arguments: list[str], typed: str) -> tuple[int, str]:
     ) as process:
         os.close(process_end)
         os.write(terminal, typed.encode())
-        shown = b""
-        with suppress(OSError):  # how a terminal says that its other end is closed
-            block = os.read(terminal, 4096)
-            while block:
-                shown += block
-                block = os.read(terminal, 4096)
+        shown = read_to_the_end(terminal)
     os.close(terminal)
     return process.returncode, " ".join(shown.decode().split())
 
