@@ -229,7 +229,7 @@ def elastic_draws_with(
         return ElasticDraws(compliances, per_force)
     names = _names_of_shared(bound)
     secants = joint_load.secants(bound.setting, force_N)
-    columns_by_axis = joint_load_columns(bound.setting, bound.columns_of[JointLoad])
+    columns_by_axis = joint_load_columns(bound.setting, bound.columns_of[type(joint_load)])
     for index, compliance in enumerate(bound.compliances):
         if compliance.kind != "direct" or compliance.twist not in columns_by_axis:
             continue

@@ -48,6 +48,14 @@ class SecondJointLoad(lb.terms.JointLoad):
         own = super().columns(setting)
         return tuple(lb.terms.Columns(c.names[:2], c.values[..., :2], c.sd[:2]) for c in own)
 
+    def secants(self, setting: Any, force_N: Any) -> Any:
+        """Change of an axis' compliance per unit of its two coefficients, shape (n, 2)."""
+        return super().secants(setting, force_N)[:, :2]
+
+    def deflections(self, setting: Any, axis: int, r: int, force_N: Any) -> Any:
+        """Deflections of an axis around a circle per unit of its two coefficients."""
+        return super().deflections(setting, axis, r, force_N)[..., :2]
+
 
 def adding(term: lb.terms.Term) -> Change:
     """This term beside those of the model."""
