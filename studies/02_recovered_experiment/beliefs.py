@@ -80,7 +80,7 @@ BELIEFS: Mapping[str, Change] = {
     f"all, {STATED}": lambda model: THIRD,
 }
 # What `--quick` measures again.
-AGAIN = ("first edition", "all together")
+AGAIN = ("first edition", "Ĉ with its uncertainty", "all together")
 
 
 def zero_kept(model: lb.HybridModel) -> lb.HybridModel:
