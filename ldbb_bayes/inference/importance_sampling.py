@@ -13,14 +13,12 @@ effective sample size of the weights.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from scipy.stats import qmc
 
-from ldbb_bayes.inference.integrals import Index, Integral, LogDensity, in_chunks
+from ldbb_bayes.inference.integrals import Integral, LogDensity, in_chunks
 from ldbb_bayes.inference.mixture_proposals import Mixture, SplitT, fit_split_t, refit_mixture
 from ldbb_bayes.results import Array
 
@@ -40,12 +38,22 @@ _POINTS_PER_DIMENSION = 1.5
 # Each round of importance sampling starts with this many times the points with which the round
 # before started, unless that exceeds the largest number allowed.
 _GROWTH = 4
+# Beside every component, a proposal has one that is wider by the factor ``_WIDE``. All wider ones
+# together have the share ``_WIDE_SHARE`` of the points.
+_WIDE = 1.5
+_WIDE_SHARE = 0.1
 # Largest number of rounds of importance sampling, each of which draws new points.
 _ROUNDS = 5
 # A round of sampling is extended by more points if the effective sample size of its weights exceeds
 # this share of its number of points. Otherwise the proposal (the density drawn from) is fitted
 # anew.
 _EFFICIENT = 0.4
+# Weights of a round are very even if their effective sample size exceeds this share of its number
+# of points. A proposal fitted anew would hardly be better.
+_VERY_EFFICIENT = 0.7
+# A round is not extended if its error exceeds this multiple of the tolerance, unless it is already
+# large. A proposal that is fitted anew, to more points, then takes fewer points in all.
+_REACHABLE = 2.0
 # Before a proposal (the density drawn from) is fitted to weighted points, weights are evened out by
 # raising them to a power below one. In h dimensions, their effective sample size must then reach
 # this number times h + 1, or a third of the number of points if that is smaller.
@@ -63,7 +71,7 @@ def importance_sample(
     tolerance: float = 1e-2,
     seed: int = 0,
     max_points: int = 65_536,
-    tries: int = 2,
+    tries: int = 3,
 ) -> Integral:
     """Return the integral ∫ f of a density from quasi-random points, to a tolerance if possible.
 
@@ -124,20 +132,33 @@ def _best_of_rounds(
     """
     rng = np.random.default_rng(seed)
     components = tuple(_fit_along_axes(log_density, mode, root) for mode, root in modes)
-    proposal = Mixture(components, np.full(len(modes), 1.0 / len(modes)))
+    fitted = Mixture(components, np.full(len(modes), 1.0 / len(modes)))
+    proposal = _add_wider(fitted)
     fewest = max(_FEWEST_POINTS, _POINTS_PER_DIMENSION * len(modes[0][0]))
     size = 1 << int(np.ceil(np.log2(fewest)))
     first = _draw_round(log_density, proposal, size, rng)
     rounds = [first]
+    proposals = [proposal]
     while len(rounds) < _ROUNDS:
-        proposal = _fit_to_rounds(rounds)
+        fitted = _fit_to_rounds(rounds, proposals, fitted)
+        proposal = _add_wider(fitted)
         size = min(_GROWTH * size, max_points // _SCRAMBLES)
+        refit_points = _GROWTH * size * _SCRAMBLES
+        if len(rounds) == _ROUNDS - 1:
+            refit_points = max_points
         sample = _draw_round(
-            log_density, proposal, size, rng, tolerance=tolerance, max_points=max_points
+            log_density,
+            proposal,
+            size,
+            rng,
+            tolerance=tolerance,
+            refit_points=refit_points,
+            max_points=max_points,
         )
         if sample.trusted and sample.error <= tolerance:
             return sample
         rounds.append(sample)
+        proposals.append(proposal)
     return min(rounds[1:], key=_untrusted_and_error)
 
 
@@ -152,50 +173,49 @@ def _draw_round(
     rng: np.random.Generator,
     *,
     tolerance: float = np.inf,
+    refit_points: int = 0,
     max_points: int = 0,
 ) -> Integral:
     """Return one round of importance sampling, doubled in size until the tolerance is reached.
 
     Points are drawn from ``proposal``, at first ``size`` points of each randomised quasi-random
     sequence (scramble). ``log_density`` is the logarithm of the density f to integrate and
-    ``tolerance`` the error allowed in ln ∫ f [nat]. Doubling stops early if the weights are too
-    uneven or cannot be trusted, or if the round would have more than ``max_points`` points.
+    ``tolerance`` the error allowed in ln ∫ f [nat]. Doubling stops early if the weights are uneven
+    or cannot be trusted, or if the round would have more than ``max_points`` points. Unless the
+    weights are very even, it also stops at ``refit_points`` points, as a proposal that is fitted
+    anew to these points is then likely to be better. So it does if the tolerance is out of reach.
     """
-    count = np.maximum(np.rint(size * proposal.share), 1.0).astype(int)
-    proposal = replace(proposal, share=count / count.sum())
     h = len(proposal.components[0].centre)
-    engines = []
-    for _ in count:
-        engines.append([qmc.Sobol(h, rng=rng) for _ in range(_SCRAMBLES)])
-    sample = _extend_sample(log_density, proposal, engines, count, None)
-    while 2 * len(sample.free) <= max_points and sample.trusted and sample.error > tolerance:
-        if sample.ess <= _EFFICIENT * len(sample.free):
+    engines = [qmc.Sobol(h + 1, rng=rng) for _ in range(_SCRAMBLES)]
+    sample = _extend_sample(log_density, proposal, engines, size, None)
+    while sample.trusted and sample.error > tolerance:
+        n = len(sample.free)
+        efficiency = sample.ess / n
+        if efficiency <= _EFFICIENT or 2 * n > max_points:
             break
-        repeats = len(sample.free) // (_SCRAMBLES * count.sum())
-        sample = _extend_sample(log_density, proposal, engines, repeats * count, sample)
+        if efficiency <= _VERY_EFFICIENT and 2 * n > refit_points:
+            break
+        if 16 * n < max_points and sample.error > _REACHABLE * tolerance:
+            break
+        sample = _extend_sample(log_density, proposal, engines, n // _SCRAMBLES, sample)
     return sample
 
 
 def _extend_sample(
     log_density: LogDensity,
     proposal: Mixture,
-    engines: Sequence[Sequence[qmc.Sobol]],
-    count: Index,
+    engines: Sequence[qmc.Sobol],
+    size: int,
     earlier: Integral | None,
 ) -> Integral:
     """Return a sample of weighted points: those of ``earlier``, if it is given, and new ones.
 
-    The points are drawn from the components of ``proposal`` by quasi-random sequences. ``engines``
-    holds, for each component, its randomised sequences; ``count``, shape (components,), is the
-    number of points that each component adds to each of its sequences. ``log_density`` is the
-    logarithm of the density to integrate.
+    ``size`` points are drawn from ``proposal`` with each of the randomised quasi-random sequences
+    ``engines``. ``log_density`` is the logarithm of the density to integrate.
     """
-    points = []
-    for component, scrambles, size in zip(proposal.components, engines, count, strict=True):
-        for engine in scrambles:
-            points.append(component.transform(_draw_uniform(engine, size)))
-    free = np.concatenate(points)
-    scramble = np.concatenate([np.repeat(np.arange(_SCRAMBLES), size) for size in count])
+    uniform = np.concatenate([engine.random(size) for engine in engines])
+    free = proposal.transform(uniform)
+    scramble = np.repeat(np.arange(_SCRAMBLES), size)
     values = in_chunks(log_density, free)
     if earlier is not None:
         free = np.concatenate([earlier.free, free])
@@ -204,15 +224,6 @@ def _extend_sample(
     log_volume = -proposal.log_density(free) - np.log(len(free))
     no_edge = np.zeros(len(free), dtype=bool)
     return Integral(free, values, log_volume, scramble, no_edge, proposal)
-
-
-def _draw_uniform(engine: qmc.Sobol, count: int) -> Array:
-    """Return the next ``count`` points of a Sobol sequence in h dimensions, shape (count, h)."""
-    with warnings.catch_warnings():
-        # SciPy warns if the number of points drawn at once is no power of two. For the components
-        # of a mixture it rarely is one.
-        warnings.filterwarnings("ignore", message="The balance properties", category=UserWarning)
-        return np.asarray(engine.random(count))
 
 
 def _fit_along_axes(log_density: LogDensity, mode: Array, root: Array) -> SplitT:
@@ -235,8 +246,22 @@ def _fit_along_axes(log_density: LogDensity, mode: Array, root: Array) -> SplitT
     return fit_split_t(mode, root, z_of_axes, weight / weight.sum(axis=0))
 
 
-def _fit_to_rounds(rounds: Sequence[Integral]) -> Mixture:
-    """Return the proposal of the last round, refitted to the weighted points of all rounds.
+def _add_wider(fitted: Mixture) -> Mixture:
+    """Return a mixture with an additional, wider component beside every component.
+
+    Where a fitted mixture falls off faster than the density to integrate, a few points have large
+    weights. Wider components keep weights small there (defensive mixture, Hesterberg, Technometrics
+    37 (1995) 185).
+    """
+    wider = fitted.widen(_WIDE)
+    share = np.concatenate([(1.0 - _WIDE_SHARE) * fitted.share, _WIDE_SHARE * wider.share])
+    return Mixture((*fitted.components, *wider.components), share)
+
+
+def _fit_to_rounds(
+    rounds: Sequence[Integral], proposals: Sequence[Mixture], fitted: Mixture
+) -> Mixture:
+    """Return a mixture, refitted to the weighted points of all rounds.
 
     A proposal is the density from which the points of a round are drawn. The weight of a point is
     the density to integrate divided by the mean of the proposals of all rounds. In this mean, each
@@ -244,12 +269,11 @@ def _fit_to_rounds(rounds: Sequence[Integral]) -> Mixture:
     """
     points = np.concatenate([sample.free for sample in rounds])
     log_density = np.concatenate([sample.log_density for sample in rounds])
-    proposals = [sample.proposal for sample in rounds if sample.proposal is not None]
     log_proposals = []
     for sample, proposal in zip(rounds, proposals, strict=True):
         log_proposals.append(np.log(len(sample.free)) + proposal.log_density(points))
     log_weight = log_density - np.logaddexp.reduce(log_proposals, axis=0)
-    return refit_mixture(proposals[-1], points, _even_out(log_weight, points.shape[1]))
+    return refit_mixture(fitted, points, _even_out(log_weight, points.shape[1]))
 
 
 def _even_out(log_weight: Array, h: int) -> Array:

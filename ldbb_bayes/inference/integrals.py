@@ -10,15 +10,24 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ldbb_bayes.inference.diagnostics import pareto_k
-from ldbb_bayes.inference.mixture_proposals import Mixture, Random
+from ldbb_bayes.inference.mixture_proposals import Random
 from ldbb_bayes.results import Array
 
-__all__ = ["CHUNK", "LARGEST_PARETO_K", "Index", "Integral", "LogDensity", "in_chunks"]
+__all__ = [
+    "CHUNK",
+    "LARGEST_PARETO_K",
+    "Index",
+    "Integral",
+    "LogDensity",
+    "Proposal",
+    "in_chunks",
+]
 
 Index = NDArray[np.intp]
 LogDensity = Callable[[Array], Array]
@@ -59,6 +68,16 @@ _DECLINE = 0.35
 _TINY = 1e-300
 
 
+class Proposal(Protocol):
+    """Density from which the nodes of a sample are drawn."""
+
+    def log_density(self, points: Array) -> Array:
+        """Return the log density, shape (n,), at points of shape (n, h)."""
+
+    def draw(self, size: int, rng: Random, *, temperature: float = 1.0) -> Array:
+        """Return independent random draws, shape (size, h), spread wider by √``temperature``."""
+
+
 @dataclass(frozen=True, eq=False)
 class Integral:
     """Integral ∫ f of a density f in h dimensions as a sum over n weighted nodes."""
@@ -77,7 +96,7 @@ class Integral:
     edge: NDArray[np.bool_]
     #: density from which the nodes of a sample were drawn at random; None for the nodes of a
     #: lattice
-    proposal: Mixture | None
+    proposal: Proposal | None
     #: largest share of the integral that may lie in nodes at which the density was not evaluated
     #: because their weight is small
     left_out: float = 0.0
@@ -222,7 +241,7 @@ class Integral:
         """
         return self._sample_proposal().log_density(free)
 
-    def _sample_proposal(self) -> Mixture:
+    def _sample_proposal(self) -> Proposal:
         if self.proposal is None:
             raise TypeError("a lattice has no proposal to draw from. Use importance_sample.")
         return self.proposal

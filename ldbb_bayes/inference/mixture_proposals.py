@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import gammaln, stdtrit
 
+from ldbb_bayes.inference.coordinate_dependence import Dependence, fit_dependence
 from ldbb_bayes.results import Array
 
 __all__ = ["Mixture", "Random", "SplitT", "fit_split_t", "refit_mixture"]
@@ -51,23 +52,21 @@ _LARGEST_SCALE = 20.0
 _WIDER = 1.05
 # Largest number of weighted points to which the tails of a proposal (the density drawn from) are
 # fitted. If there are more, this number of points is picked in proportion to the weights.
-_FITTED_POINTS = 4096
+_FITTED_POINTS = 1024
 # Smallest share of a component in a mixture. A component that receives a smaller share of the
 # weighted points is not fitted to them again.
 _SMALLEST_SHARE = 0.02
-# The correlations of a proposal (the density drawn from) that is fitted to weighted points are
-# shrunk towards zero, as if there were this many additional uncorrelated points per dimension.
-_SHRINKAGE = 4.0
 
 
 @dataclass(frozen=True, eq=False)
 class SplitT:
     """Distribution of x = centre + root z, where each of h elements of z follows its own split t.
 
-    The elements of z are independent. A split t is a Student-t distribution with different scales
-    and degrees of freedom on its two sides. Its density is continuous, as the two sides have the
-    same height at z = 0. The columns of the matrix ``root`` are the directions of the elements of z
-    in the space of x.
+    The elements of z are independent, unless a ``dependence`` is stated: mean and width of each
+    element then depend on the first ones (`coordinate_dependence`). A split t is a Student-t
+    distribution with different scales and degrees of freedom on its two sides. Its density is
+    continuous, as the two sides have the same height at z = 0. The columns of the matrix ``root``
+    are the directions of the elements of z in the space of x.
     """
 
     #: point x at which the two sides of the distribution meet in every direction, shape (h,)
@@ -81,16 +80,23 @@ class SplitT:
     #: degrees of freedom of the distribution along each of h directions; first below the centre,
     #: then above it, shape (2, h)
     freedom: Array
+    #: how mean and width of each coordinate z depend on the first ones; None if they do not
+    dependence: Dependence | None = None
 
     def log_density(self, points: Array) -> Array:
         """Return the log density of the distribution, shape (n,), at points x of shape (n, h)."""
         z = np.linalg.solve(self.root, (points - self.centre).T).T
+        log_width: Array | float = 0.0
+        if self.dependence is not None:
+            independent = self.dependence.remove(z)
+            z = independent.points
+            log_width = independent.log_width
         above = z > 0.0
         scale = np.where(above, self.scale[1], self.scale[0])
         freedom = np.where(above, self.freedom[1], self.freedom[0])
         tails = (0.5 * (freedom + 1.0) * np.log1p(z**2 / (freedom * scale**2))).sum(axis=1)
         log_mass = np.log(_side_masses(self.scale, self.freedom).sum(axis=0)).sum()
-        return np.asarray(-log_mass - np.linalg.slogdet(self.root)[1] - tails)
+        return np.asarray(-log_mass - np.linalg.slogdet(self.root)[1] - tails - log_width)
 
     def transform(self, uniform: Array) -> Array:
         """Return n random points x of the distribution, shape (n, h), from uniform random numbers.
@@ -109,6 +115,8 @@ class SplitT:
         signed_scale = np.where(below, self.scale[0], -self.scale[1])
         freedom = np.where(below, self.freedom[0], self.freedom[1])
         z = signed_scale * stdtrit(freedom, level)
+        if self.dependence is not None:
+            z = self.dependence.restore(z)
         return np.asarray(self.centre + z @ self.root.T)
 
 
@@ -153,19 +161,31 @@ class Mixture:
             rows.append(np.log(share) + component.log_density(points))
         return np.stack(rows)
 
+    def transform(self, uniform: Array) -> Array:
+        """Return n random points of the mixture, shape (n, h), from uniform random numbers.
+
+        ``uniform``, shape (n, h + 1), holds independent random numbers between 0 and 1. The first
+        one of each point picks its component.
+        """
+        limits = np.cumsum(self.share)[:-1]
+        picked = np.searchsorted(limits, uniform[:, 0], side="right")
+        points = np.empty((len(uniform), uniform.shape[1] - 1))
+        for k, component in enumerate(self.components):
+            points[picked == k] = component.transform(uniform[picked == k, 1:])
+        return points
+
     def draw(self, size: int, rng: Random, *, temperature: float = 1.0) -> Array:
         """Return independent random draws from the mixture, shape (size, h).
 
         The scales (widths) of the components are multiplied by the square root of ``temperature``.
         """
-        limits = np.cumsum(self.share)[:-1]
-        picked = np.searchsorted(limits, rng.uniform(size=size), side="right")
-        uniform = rng.uniform(size=(size, len(self.components[0].centre)))
-        points = np.empty_like(uniform)
-        for k, component in enumerate(self.components):
-            wider = replace(component, scale=component.scale * np.sqrt(temperature))
-            points[picked == k] = wider.transform(uniform[picked == k])
-        return points
+        h = len(self.components[0].centre)
+        return self.widen(np.sqrt(temperature)).transform(rng.uniform(size=(size, h + 1)))
+
+    def widen(self, factor: float) -> Mixture:
+        """Return the mixture with the scales of all its components multiplied by a factor."""
+        wider = [replace(one, scale=factor * one.scale) for one in self.components]
+        return Mixture(tuple(wider), self.share)
 
 
 def refit_mixture(proposal: Mixture, points: Array, weight: Array) -> Mixture:
@@ -191,32 +211,52 @@ def _refit_component(component: SplitT, points: Array, weight: Array) -> SplitT:
     """Return a component of a mixture, refitted to mean, covariance and tails of weighted points.
 
     ``component`` gives the coordinates in which the fit is made. ``points`` has the shape (n, h);
-    the weights, shape (n,), sum to one. Correlations are shrunk towards zero; the shrinkage is
-    stronger if few points carry the weight.
+    the weights, shape (n,), sum to one.
     """
     z = np.linalg.solve(component.root, (points - component.centre).T).T
     ess = 1.0 / (weight**2).sum()
-    h = z.shape[1]
     mean = weight @ z
     centred = z - mean
     covariance = (centred.T * weight) @ centred
     sd = np.sqrt(np.diag(covariance))
-    pseudo_points = _SHRINKAGE * h
-    correlation = ess * covariance / np.outer(sd, sd) + pseudo_points * np.eye(h)
-    correlation = correlation / (ess + pseudo_points)
+    correlation = _shrink_correlation(covariance / np.outer(sd, sd), ess)
     values, vectors = np.linalg.eigh(correlation)
     standard = centred / sd @ (vectors / np.sqrt(values)) @ vectors.T
     spread = np.sqrt(weight @ standard**2)
+    standard = standard / spread
     root = (component.root * sd) @ (vectors * np.sqrt(values)) @ vectors.T * spread
     centre = component.centre + component.root @ mean
+    dependence = fit_dependence(standard, weight)
+    standard = dependence.remove(standard).points
     if len(points) > _FITTED_POINTS:
         levels = np.linspace(0.0, 1.0, _FITTED_POINTS, endpoint=False) + 0.5 / _FITTED_POINTS
         picked = np.minimum(np.searchsorted(np.cumsum(weight), levels), len(weight) - 1)
         standard = standard[picked]
         weight = np.full(_FITTED_POINTS, 1.0 / _FITTED_POINTS)
-    return fit_split_t(
-        centre, root, standard / spread, np.broadcast_to(weight[:, None], standard.shape)
+    h = len(centre)
+    fitted = fit_split_t(
+        np.zeros(h), np.eye(h), standard, np.broadcast_to(weight[:, None], standard.shape)
     )
+    dependence = replace(dependence, offset=fitted.centre)
+    return SplitT(centre, root, fitted.scale, fitted.freedom, dependence)
+
+
+def _shrink_correlation(correlation: Array, ess: float) -> Array:
+    """Return a correlation matrix whose coefficients are shrunk towards zero, shape (h, h).
+
+    A coefficient computed from ``ess`` independent points scatters by 1 / √ess. All are multiplied
+    by the same factor, one minus the share of this scatter in their sum of squares. In the mean it
+    brings them closest to the true ones (Schäfer and Strimmer, Statistical Applications in Genetics
+    and Molecular Biology 4 (2005) 32). If few points carry the weight in many dimensions, hardly
+    any correlation is left, which is much better than correlations by chance.
+    """
+    h = len(correlation)
+    sum_of_squares = (correlation**2).sum() - h
+    by_chance = h * (h - 1.0) / ess
+    if sum_of_squares <= by_chance:
+        return np.eye(h)
+    share = by_chance / sum_of_squares
+    return (1.0 - share) * correlation + share * np.eye(h)
 
 
 class _AxisFit(NamedTuple):

@@ -19,8 +19,10 @@ import numpy as np
 from scipy.stats import qmc
 
 from ldbb_bayes.inference.conditional_sampling import draw_parameters_given
+from ldbb_bayes.inference.density_ratio import LogValues, RatioSampler
 from ldbb_bayes.inference.importance_sampling import importance_sample
 from ldbb_bayes.inference.integrals import CHUNK, Index, Integral, in_chunks
+from ldbb_bayes.inference.normal_scores import NormalScores
 from ldbb_bayes.inference.quadrature import integrate
 from ldbb_bayes.model.conditional import ParameterConditional
 from ldbb_bayes.model.hybrid import BoundModel
@@ -39,6 +41,8 @@ _DIFFERENCE_STEP = 0.05
 # if it is smaller. Curvatures are in unbounded coordinates of the hyper-parameters, such as their
 # logarithms.
 _LEAST_CURVATURE = 0.3
+# The search for a mode (maximum) ends when a step raises the log density by at most this [nat].
+_MODE_GAIN = 1e-5
 # The search for modes (maxima) of the posterior of the hyper-parameters begins with ``_STARTS``
 # points. Only the ``_BEST_STARTS`` points of highest density are considered further.
 _STARTS = 256
@@ -52,12 +56,16 @@ _SEPARATION = 1.5
 # A maximum of the log posterior density of the hyper-parameters is negligible if it is lower than
 # the highest maximum by at least this [nat].
 _NEGLIGIBLE_DEPTH = 12.0
-# Maxima of the posterior density are also sought with one hyper-parameter held near zero, but only
-# if the model has at most this number of hyper-parameters.
-_LARGEST_CORNER_DIMENSION = 5
-# When maxima of the posterior density with one hyper-parameter held near zero are sought, its
-# logarithm (unbounded coordinate) is held at this distance below its value at the mode.
-_BELOW_MODE = 3.0
+# Maxima of the posterior density are also sought with the normal score of one scale held at this
+# number of standard deviations below its value at the mode, that is, with the scale near zero.
+_BELOW_MODE = 4.0
+# Such a maximum is not sought if the log density, where the search would start, is lower than at
+# the mode by more than ``_NEGLIGIBLE_START`` [nat]. It is negligible if it is lower than the mode
+# by at least ``_NEGLIGIBLE_CORNER`` [nat].
+_NEGLIGIBLE_START = 12.0
+_NEGLIGIBLE_CORNER = 8.0
+# The search ends when a step raises the log density by no more than this [nat].
+_CORNER_GAIN = 1e-2
 # Coarse nodes are weighted values of the hyper-parameters that serve where a rough integral
 # suffices. ``_COARSE_TOLERANCE`` is the error allowed in the log integral from them [nat].
 # ``_COARSE_STEP`` is the spacing of the points of their lattice, in standard deviations of the
@@ -140,33 +148,48 @@ class HyperPosterior:
         self._integrals: dict[float, Integral] = {}
 
     @cached_property
+    def _scores(self) -> NormalScores:
+        return NormalScores(self.bound.hyper_prior)
+
+    @cached_property
     def modes(self) -> list[tuple[Array, Array]]:
         """Modes (maxima) of the density, the highest first: at most three, found by a search.
 
-        Negligible modes are left out. Each mode is a pair: the point in unbounded coordinates of
-        the h hyper-parameters, shape (h,), and a square root, shape (h, h), of the inverse of minus
-        the Hessian of the log density there.
+        The density is that of the normal scores of the h hyper-parameters (`normal_scores`).
+        Negligible modes are left out. Each mode is a pair: the scores, shape (h,), and a square
+        root, shape (h, h), of the inverse of minus the Hessian of the log density there.
         """
-        summits = []
+        summits: list[Array] = []
+
+        def is_known(point: Array) -> bool:
+            return not _is_separate(point, summits)
+
         for start in self._starts():
-            summits.append(
-                newton(self._smooth, self._derivatives, start, least_curvature=_LEAST_CURVATURE)
+            summit = newton(
+                self._smooth_of_scores,
+                self._derivatives,
+                start,
+                least_curvature=_LEAST_CURVATURE,
+                gain=_MODE_GAIN,
+                stop=is_known,
             )
-        height = self._smooth(np.array(summits))
+            summits.append(summit)
+        height = self._smooth_of_scores(np.array(summits))
         modes: list[Array] = []
         for k in np.argsort(-height):
             counts = height[k] > height.max() - _NEGLIGIBLE_DEPTH
             if counts and _is_separate(summits[k], modes):
                 modes.append(summits[k])
-        return [(mode, _inverse_root(self._derivatives(mode)[1])) for mode in modes]
+        return [(mode, _inverse_root(self._derivatives(mode, exact=True)[1])) for mode in modes]
 
     @property
     def mode(self) -> Array:
         """The highest maximum of the density, in unbounded coordinates of φ, shape (h,).
 
-        φ are the h hyper-parameters (scales of the noise and of other effects).
+        φ are the h hyper-parameters (scales of the noise and of other effects). The density is that
+        of their normal scores.
         """
-        return self.modes[0][0]
+        return self._scores.free(self.modes[0][0])
 
     def given(self, free: Array) -> tuple[Array, ParameterConditional]:
         """Return ln p(y | φ), shape (w,), and the Gaussian densities p(β | y, φ) for w values of φ.
@@ -220,8 +243,7 @@ class HyperPosterior:
             nodes = self.truncate(self._plain_integral(_NODES_SHARE * tolerance), tolerance)
         if nodes.integral.error <= tolerance:
             return nodes
-        smooth = integrate(self._smooth, self.modes, tolerance=tolerance, seed=self._seed)
-        smooth_nodes = self.truncate(smooth, tolerance, bounded=True)
+        smooth_nodes = self.truncate(self._integral(tolerance), tolerance, bounded=True)
         if smooth_nodes.error < nodes.error:
             return smooth_nodes
         return nodes
@@ -233,10 +255,18 @@ class HyperPosterior:
         is replaced by its upper bound. The tolerance is that of the log integral [nat].
         """
         if tolerance not in self._integrals:
-            self._integrals[tolerance] = integrate(
-                self._smooth, self.modes, tolerance=tolerance, seed=self._seed
-            )
+            self._integrals[tolerance] = self._integrate(tolerance)
         return self._integrals[tolerance]
+
+    def _integrate(self, tolerance: float, *, step: float | None = None) -> Integral:
+        integral = integrate(
+            self._smooth_of_scores,
+            [*self.modes, *self._corners],
+            tolerance=tolerance,
+            step=step,
+            seed=self._seed,
+        )
+        return self._scores.to_free(integral)
 
     def _plain_integral(self, tolerance: float) -> Integral:
         return self.plain.nodes(tolerance).integral
@@ -252,7 +282,8 @@ class HyperPosterior:
 
         Nodes are weighted values of the hyper-parameters φ (scales of the noise and of other
         effects). P(T | y, φ) is the probability, given the readings y and φ, of the condition T
-        that no compliance is negative.
+        that no compliance is negative. It is computed at some of the nodes only (`density_ratio`),
+        and at all of them if these do not suffice for the tolerance.
 
         Parameters
         ----------
@@ -264,16 +295,25 @@ class HyperPosterior:
             Whether ``integral`` already contains the upper bound of P(T | y, φ), which is then
             replaced by P(T | y, φ) itself.
         """
-        errors = np.zeros(len(integral.free))
 
-        def log_factor(index: Index) -> Array:
-            problems = self.given(integral.free[index])[1].orthant
-            value, errors[index] = problems.log_probability(
+        def evaluate(index: Index) -> LogValues:
+            orthant = self.given(integral.free[index])[1].orthant
+            value, error = orthant.log_probability(
                 max(tolerance / 4.0, _FINEST_TOLERANCE), seed=self._seed
             )
             if bounded:
-                return value - problems.log_bound
-            return value
+                value = value - orthant.log_bound
+            return LogValues(integral.log_density[index] + value, error)
+
+        sampled = RatioSampler(integral).integrate(evaluate, tolerance)
+        if sampled is not None:
+            return Nodes(self, sampled.integral, sampled.value_error)
+        errors = np.zeros(len(integral.free))
+
+        def log_factor(index: Index) -> Array:
+            values = evaluate(index)
+            errors[index] = values.error
+            return values.log_density - integral.log_density[index]
 
         def log_factor_in_chunks(index: Index) -> Array:
             return in_chunks(log_factor, index)
@@ -345,10 +385,13 @@ class HyperPosterior:
         ``truncated``, the probability that no compliance is negative is replaced by its upper
         bound.
         """
-        modes = [*self.modes, *self._corners()]
-        return importance_sample(
-            self._smooth, modes, tolerance=_COARSE_TOLERANCE / 4.0, seed=self._seed
+        sample = importance_sample(
+            self._smooth_of_scores,
+            [*self.modes, *self._corners],
+            tolerance=_COARSE_TOLERANCE / 4.0,
+            seed=self._seed,
         )
+        return self._scores.to_free(sample)
 
     @cached_property
     def coarse_probability(self) -> ProbabilityInside:
@@ -365,13 +408,7 @@ class HyperPosterior:
         Their log integral has a tolerance of 0.2 nat. If this density is ``truncated``, the
         probability that no compliance is negative is replaced by its upper bound.
         """
-        return integrate(
-            self._smooth,
-            self.modes,
-            tolerance=_COARSE_TOLERANCE,
-            step=_COARSE_STEP,
-            seed=self._seed,
-        )
+        return self._integrate(_COARSE_TOLERANCE, step=_COARSE_STEP)
 
     @cached_property
     def coarse_truncated(self) -> Integral:
@@ -405,70 +442,85 @@ class HyperPosterior:
         """Return the points from which the search for modes climbs.
 
         They are points of high density among many starting points: at most three, not close to each
-        other. If the mode of a similar density was given, it is the only point. Each point is in
-        unbounded coordinates of the hyper-parameters, shape (h,).
+        other. If the mode of a similar density was given, it is the only point. Each point holds
+        the normal scores of the hyper-parameters, shape (h,).
         """
         if self._near is not None:
-            return [self._near]
+            return [self._scores.scores(self._near)]
         prior = self.bound.hyper_prior
         points = qmc.Sobol(len(prior.names), rng=np.random.default_rng(self._seed)).random(_STARTS)
-        starts = prior.starts(points)
-        starts = starts[np.argsort(-self._smooth(starts))]
+        starts = self._scores.scores(prior.starts(points))
+        starts = starts[np.argsort(-self._smooth_of_scores(starts))]
         basins: list[Array] = []
         for start in starts[:_BEST_STARTS]:
             if len(basins) < _BASINS and _is_separate(start, basins):
                 basins.append(start)
         return basins
 
+    @cached_property
     def _corners(self) -> list[tuple[Array, Array]]:
-        """Return the maxima of the density if one hyper-parameter at a time is held near zero.
+        """Maxima of the density if one scale at a time is held near zero, each as in `modes`.
 
-        The density may extend far towards the value zero of a hyper-parameter. A proposal that is
-        also fitted at these maxima covers that region. Each maximum is a pair as in `modes`: its
-        point in unbounded coordinates, shape (h,), and a square root of the inverse of minus the
-        Hessian there. Negligible maxima are left out. The list is empty if there are more than five
-        hyper-parameters.
+        The density may extend far towards the value zero of a scale, and the other hyper-parameters
+        differ there from those at the mode. A proposal that is also fitted at these maxima covers
+        that region. Negligible maxima are left out.
         """
+        mode, root = self.modes[0]
+        prior = self.bound.hyper_prior
+        axes = np.flatnonzero(prior.in_mm & (prior.lower == 0.0))
+        sd = np.sqrt((root**2).sum(axis=1))
+        starts = mode - _BELOW_MODE * np.diag(sd)[axes]
+        heights = self._smooth_of_scores(np.concatenate([mode[None], starts]))
         corners: list[tuple[Array, Array]] = []
-        dimensions = len(self.mode)
-        if dimensions > _LARGEST_CORNER_DIMENSION:
-            return corners
-        for axis in range(dimensions):
-            free_axes = np.arange(dimensions) != axis
-            start = self.mode - np.where(free_axes, 0.0, _BELOW_MODE)
-            derivatives = self._derivatives_along(free_axes)
-            corner = newton(self._smooth, derivatives, start, least_curvature=_LEAST_CURVATURE)
-            heights = self._smooth(np.array([self.mode, corner]))
-            if heights[1] - heights[0] > -_NEGLIGIBLE_DEPTH:
-                corners.append((corner, _inverse_root(derivatives(corner)[1])))
+        for axis, start, height in zip(axes, starts, heights[1:], strict=True):
+            if height < heights[0] - _NEGLIGIBLE_START:
+                continue
+            corner = newton(
+                self._smooth_of_scores,
+                self._derivatives_at_fixed(axis),
+                start,
+                least_curvature=_LEAST_CURVATURE,
+                gain=_CORNER_GAIN,
+            )
+            if self._smooth_of_scores(corner[None])[0] > heights[0] - _NEGLIGIBLE_CORNER:
+                corners.append((corner, _inverse_root(self._derivatives(corner, exact=True)[1])))
         return corners
 
-    def _derivatives_along(self, free_axes: Array) -> Callable[[Array], tuple[Array, Array]]:
-        """Return a function that gives gradient and Hessian of the log density at a point.
+    def _derivatives_at_fixed(self, axis: int) -> Callable[[Array], tuple[Array, Array]]:
+        """Return a function that gives gradient and Hessian at a point, zero along one axis.
 
-        A point holds the hyper-parameters in unbounded coordinates, shape (h,). ``free_axes``,
-        shape (h,), is True for the coordinates that may change. The elements of gradient and
-        Hessian are set to zero for all other coordinates.
+        The axis is that of a normal score that a search for a maximum must not change.
         """
+        may_change = np.arange(len(self.bound.hyper_prior.names)) != axis
 
         def derivatives(point: Array) -> tuple[Array, Array]:
             gradient, hessian = self._derivatives(point)
-            both_free = np.outer(free_axes, free_axes)
-            return np.where(free_axes, gradient, 0.0), np.where(both_free, hessian, 0.0)
+            both = np.outer(may_change, may_change)
+            return np.where(may_change, gradient, 0.0), np.where(both, hessian, 0.0)
 
         return derivatives
 
-    def _smooth(self, free: Array) -> Array:
-        return self.log_density(free, smooth=True)
+    def _smooth_of_scores(self, scores: Array) -> Array:
+        log_density = self.log_density(self._scores.free(scores), smooth=True)
+        return np.asarray(log_density + self._scores.log_jacobian(scores))
 
-    def _derivatives(self, point: Array) -> tuple[Array, Array]:
-        return central_differences(self._smooth, point, _DIFFERENCE_STEP)
+    def _derivatives(self, point: Array, *, exact: bool = False) -> tuple[Array, Array]:
+        """Return gradient and Hessian of the smooth log density at a point, (h,) and (h, h).
+
+        The noise factors of two circles hardly depend on each other. Unless ``exact``, their mixed
+        derivatives are not computed, so that the work grows in proportion to the number of circles.
+        """
+        of_circle = np.array([law == "circle" for law in self.bound.hyper_prior.laws])
+        coupled = np.ones((len(point), len(point)), dtype=bool)
+        if not exact:
+            coupled = ~np.outer(of_circle, of_circle)
+        return central_differences(self._smooth_of_scores, point, _DIFFERENCE_STEP, coupled=coupled)
 
 
 def _is_separate(point: Array, points: list[Array]) -> bool:
     """Return whether a point is far enough from all of ``points`` to count as a separate one.
 
-    Points are values of the hyper-parameters in unbounded coordinates, shape (h,).
+    Points are normal scores of the hyper-parameters, shape (h,).
     """
     return all(np.linalg.norm(point - other) > _SEPARATION for other in points)
 

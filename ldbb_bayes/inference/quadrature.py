@@ -1,4 +1,4 @@
-"""Integrals of a density with known modes: by a lattice in few dimensions, by sampling in many."""
+"""Integrals of a density with known modes, by a lattice or by sampling: the one that is faster."""
 
 from __future__ import annotations
 
@@ -11,9 +11,15 @@ from ldbb_bayes.results import Array
 
 __all__ = ["integrate"]
 
-# Largest number of dimensions in which an integral is computed from a lattice of nodes. In more
-# dimensions importance sampling needs fewer nodes.
-LARGEST_LATTICE_DIMENSION = 5
+# Largest number of dimensions in which an integral is always computed from a lattice of nodes. With
+# a tolerance of 0.01 nat, lattices of 2, 3, 4 and 5 dimensions took 0.01, 0.03, 0.03 and 0.5 s of
+# processor time, samples 0.02, 0.03, 0.03 and 0.08 s.
+LARGEST_LATTICE_DIMENSION = 4
+# In this number of dimensions an integral is computed from a lattice if its tolerance is below
+# ``_FINE_TOLERANCE`` [nat], and from a sample otherwise: with 0.001 nat, lattices took 1.7 to 3.7 s
+# of processor time and samples 2.2 to 5.2 s.
+_DIMENSION_OF_FINE_LATTICE = 5
+_FINE_TOLERANCE = 3e-3
 # Importance sampling is asked for an integral with an error of at most this share of the tolerance,
 # because averages over its nodes have further errors.
 _SHARE_OF_TOLERANCE = 0.8
@@ -29,8 +35,9 @@ def integrate(
 ) -> Integral:
     """Return the integral ∫ f of a density in h dimensions, with its nodes and error.
 
-    In up to five dimensions it is computed from a lattice, in more dimensions by importance
-    sampling. If the weights of a sample cannot be trusted, the error of the result is infinite.
+    In up to four dimensions it is computed from a lattice, in more than five by importance
+    sampling, and in five by the one of the two that takes less time to reach the tolerance. If the
+    weights of a sample cannot be trusted, the error of the result is infinite.
 
     Parameters
     ----------
@@ -47,7 +54,14 @@ def integrate(
     seed : int
         Seed of importance sampling.
     """
-    if len(modes[0][0]) <= LARGEST_LATTICE_DIMENSION:
+    if _is_lattice_cheaper(len(modes[0][0]), tolerance):
         return grow_lattice(log_density, modes, tolerance=tolerance, step=step)
     tolerance_of_sample = _SHARE_OF_TOLERANCE * tolerance
     return importance_sample(log_density, modes, tolerance=tolerance_of_sample, seed=seed)
+
+
+def _is_lattice_cheaper(h: int, tolerance: float) -> bool:
+    """Return whether a lattice takes less time than a sample for an integral in h dimensions."""
+    if h == _DIMENSION_OF_FINE_LATTICE:
+        return tolerance < _FINE_TOLERANCE
+    return h <= LARGEST_LATTICE_DIMENSION

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ldbb_bayes.results import Array
 
@@ -27,6 +28,7 @@ def newton(
     *,
     least_curvature: float = 0.3,
     gain: float = 1e-6,
+    stop: Callable[[Array], bool] | None = None,
 ) -> Array:
     """Return a mode (local maximum) of a log density of h coordinates, shape (h,).
 
@@ -49,6 +51,9 @@ def newton(
         Smallest curvature that a step uses.
     gain
         The search ends when a step raises the log density by no more than this [nat].
+    stop
+        Function that takes a point (h,) and returns whether the search may end there, for example
+        because it is near a mode that is known.
     """
     point = np.array(start, dtype=float)
     fractions = np.array(_FRACTIONS)
@@ -66,6 +71,8 @@ def newton(
             break
         point = point + fractions[best] * step
         value = float(trials[best])
+        if stop is not None and stop(point):
+            break
     return point
 
 
@@ -73,8 +80,13 @@ def central_differences(
     function: Callable[[Array], Array],
     point: Array,
     step: float,
+    *,
+    coupled: NDArray[np.bool_] | None = None,
 ) -> tuple[Array, Array]:
     """Return gradient (h,) and Hessian (h, h) of a function at a point, by central differences.
+
+    The mixed derivative for coordinates i and j is computed from the values at two further points,
+    at which both coordinates are changed in the same direction.
 
     Parameters
     ----------
@@ -85,19 +97,25 @@ def central_differences(
         Point where the derivatives are computed, shape (h,).
     step
         Distance between neighbouring points of the differences, the same for every coordinate.
+    coupled
+        Whether the mixed derivative is computed for each pair of coordinates, shape (h, h),
+        symmetric; it is zero for all others. Default: for all pairs.
     """
     h = len(point)
     steps = np.eye(h) * step
-    i, j = np.tril_indices(h, -1)
-    signs = ((1, 1), (1, -1), (-1, 1), (-1, -1))
-    corners = [a * steps[i] + b * steps[j] for a, b in signs]
-    offsets = np.concatenate([np.zeros((1, h)), steps, -steps, *corners])
-    values = function(point + offsets)
+    if coupled is None:
+        coupled = np.ones((h, h), dtype=bool)
+    i, j = np.nonzero(np.tril(coupled, -1))
+    both = steps[i] + steps[j]
+    values = function(point + np.concatenate([np.zeros((1, h)), steps, -steps, both, -both]))
+    middle = values[0]
     forward = values[1 : h + 1]
     backward = values[h + 1 : 2 * h + 1]
-    hessian = np.diag((forward + backward - 2 * values[0]) / step**2)
-    a, b, c, d = values[2 * h + 1 :].reshape(4, -1)
-    mixed = (a - b - c + d) / (4 * step**2)
+    second = forward + backward - 2.0 * middle
+    both_forward, both_backward = values[2 * h + 1 :].reshape(2, -1)
+    second_along_both = both_forward + both_backward - 2.0 * middle
+    mixed = (second_along_both - second[i] - second[j]) / (2.0 * step**2)
+    hessian = np.diag(second / step**2)
     hessian[i, j] = mixed
     hessian[j, i] = mixed
-    return (forward - backward) / (2 * step), hessian
+    return (forward - backward) / (2.0 * step), hessian

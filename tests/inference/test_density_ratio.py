@@ -27,7 +27,7 @@ def log_normal(x: Array) -> Array:
 @pytest.fixture(scope="module")
 def nodes() -> Integral:
     """Nodes of N(0, I)."""
-    return importance_sample(log_normal, [(np.zeros(H), np.eye(H))], tolerance=4e-3)
+    return importance_sample(log_normal, [(np.zeros(H), np.eye(H))], tolerance=2e-3)
 
 
 def smooth(x: Array) -> Array:

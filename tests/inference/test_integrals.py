@@ -348,9 +348,9 @@ def test_what_cannot_be_trusted_says_so() -> None:
 
 
 def test_a_second_try_has_another_seed() -> None:
-    log_density, modes = case(student, 26, 0)
+    log_density, modes = case(student, 32, 0)
     for tries, trusted in ((1, False), (2, True)):
-        sample = importance_sample(log_density, modes, max_points=512, seed=2, tries=tries)
+        sample = importance_sample(log_density, modes, max_points=512, seed=5, tries=tries)
         assert sample.trusted == trusted
 
 
@@ -361,16 +361,10 @@ def test_a_lattice_that_ran_out_of_nodes_has_a_larger_error() -> None:
 @pytest.mark.parametrize(
     ("problem", "h", "seed"),
     [
-        (funnel, 6, 0),
-        pytest.param(student, 20, 0, marks=pytest.mark.slow),
-        pytest.param(student, 20, 1, marks=pytest.mark.slow),
-        pytest.param(student, 20, 2, marks=pytest.mark.slow),
-        pytest.param(bananas, 20, 0, marks=pytest.mark.slow),
-        pytest.param(bananas, 20, 1, marks=pytest.mark.slow),
-        pytest.param(bananas, 20, 2, marks=pytest.mark.slow),
-        pytest.param(funnel, 10, 0, marks=pytest.mark.slow),
+        (funnel, 10, 0),
         pytest.param(funnel, 10, 1, marks=pytest.mark.slow),
         pytest.param(funnel, 10, 2, marks=pytest.mark.slow),
+        pytest.param(funnel, 20, 0, marks=pytest.mark.slow),
     ],
 )
 def test_an_integral_whose_weights_cannot_be_trusted_has_no_error(
@@ -386,6 +380,18 @@ def test_an_integral_whose_weights_cannot_be_trusted_has_no_error(
     product = integral.times(log_factor, 1e-4)
     assert not integral.trusted
     assert (integral.error, product.error) == (np.inf, np.inf)
+
+
+@pytest.mark.parametrize(
+    ("problem", "h"),
+    [(funnel, 5), (bananas, 6), (student, 14), pytest.param(student, 20, marks=pytest.mark.slow)],
+)
+def test_hard_integrals_lie_within_their_error(problem: Problem, h: int) -> None:
+    """Means and widths of coordinates depend on others, or all tails are heavy at once."""
+    log_density, modes = case(problem, h, 0)
+    integral = importance_sample(log_density, modes, tolerance=0.02)
+    assert integral.trusted
+    assert error_ratio(integral) <= 3.0
 
 
 def test_a_lattice_has_no_proposal() -> None:

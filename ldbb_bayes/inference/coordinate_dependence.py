@@ -1,0 +1,187 @@
+"""Coordinates whose mean and width depend on others, as a proposal for importance sampling.
+
+A proposal is the density from which points are drawn. If a scale that is common to all circles is
+near zero, the readings determine other scales less, and these spread more. A correlation cannot
+express this. Let u be h coordinates that are not correlated. The mean m of each coordinate and the
+logarithm of its width s are therefore polynomials of degree two in the coordinates before it, among
+the first k, so that
+
+    z = (u − m) / s − offset
+
+has coordinates that are nearly independent. The matrix of the derivatives ∂z/∂u is triangular. Its
+determinant is the product of all 1 / s.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ldbb_bayes.results import Array
+
+__all__ = ["Dependence", "fit_dependence"]
+
+# Largest number k of coordinates on which the others may depend. The first hyper-parameters are the
+# scales that are common to all circles, at most seven.
+_LEADING = 7
+# Coordinates farther than this from zero count as this far in the polynomials, so that these are
+# not extrapolated. Coordinates have the standard deviation one.
+_FARTHEST = 5.0
+# The logarithm of a width is at most this, and at least its negative.
+_LARGEST_LOG_WIDTH = 1.0
+# A dependence counts only if it exceeds this number of standard errors.
+_SIGNIFICANT = 3.0
+# Number of scoring steps by which the widths are fitted.
+_STEPS = 4
+
+
+class IndependentPoints(NamedTuple):
+    """Points in nearly independent coordinates."""
+
+    points: Array  #: coordinates z of n points, shape (n, h)
+    log_width: Array  #: sum of the logarithms of all widths at each point, shape (n,)
+
+
+@dataclass(frozen=True, eq=False)
+class Dependence:
+    """How mean and width of h coordinates u depend on the first k of them.
+
+    The rows of both coefficient matrices are for 1, for the first k coordinates, and for their
+    squares. A coordinate depends only on coordinates before it.
+    """
+
+    mean: Array  #: coefficients of the means, shape (1 + 2 k, h)
+    log_width: Array  #: coefficients of the logarithms of the widths, shape (1 + 2 k, h)
+    offset: Array  #: coordinates subtracted after division by the widths, shape (h,)
+
+    @property
+    def leading(self) -> int:
+        """Number k of coordinates on which the others depend."""
+        return len(self.mean) // 2
+
+    def remove(self, u: Array) -> IndependentPoints:
+        """Return nearly independent coordinates z of n points, from coordinates u, shape (n, h)."""
+        terms = _terms(u[:, : self.leading])
+        log_width = _limited(terms @ self.log_width)
+        z = (u - terms @ self.mean) * np.exp(-log_width) - self.offset
+        return IndependentPoints(z, log_width.sum(axis=1))
+
+    def restore(self, z: Array) -> Array:
+        """Return the coordinates u of n points, shape (n, h), from z; the inverse of `remove`."""
+        standard = z + self.offset
+        u = standard.copy()
+        for first in range(1, self.leading + 1):
+            columns = slice(first, first + 1)
+            if first == self.leading:
+                columns = slice(first, None)
+            terms = _terms(u[:, : self.leading])
+            width = np.exp(_limited(terms @ self.log_width[:, columns]))
+            u[:, columns] = terms @ self.mean[:, columns] + width * standard[:, columns]
+        return u
+
+
+def _terms(leading: Array) -> Array:
+    """Return 1, the first k coordinates of n points, and their squares, shape (n, 1 + 2 k)."""
+    near = np.clip(leading, -_FARTHEST, _FARTHEST)
+    return np.concatenate([np.ones((len(near), 1)), near, near**2], axis=1)
+
+
+def _limited(log_width: Array) -> Array:
+    return np.asarray(np.clip(log_width, -_LARGEST_LOG_WIDTH, _LARGEST_LOG_WIDTH))
+
+
+@dataclass(frozen=True, eq=False)
+class _Polynomials:
+    """Two orthonormal polynomials of each of k coordinates, of degree one and of degree two."""
+
+    mean: Array  # weighted means of the k coordinates, shape (k,)
+    sd: Array  # their weighted standard deviations, shape (k,)
+    skewness: Array  # their weighted skewness, shape (k,)
+    square_sd: Array  # standard deviation of the second polynomial before it is scaled, shape (k,)
+    linear: Array  # first polynomial of each coordinate at n points, shape (n, k)
+    square: Array  # second polynomial of each coordinate at n points, shape (n, k)
+
+    def coefficients(self, of_linear: Array, of_square: Array) -> Array:
+        """Return coefficients of 1, of the k coordinates and of their squares, (1 + 2 k, h).
+
+        ``of_linear`` and ``of_square``, shape (k, h), are coefficients of the two polynomials. With
+        t = (u − mean) / sd these are t and (t² − 1 − skewness t) / square_sd.
+        """
+        mean = self.mean[:, None]
+        sd = self.sd[:, None]
+        of_t_squared = of_square / self.square_sd[:, None]
+        of_t = of_linear - of_t_squared * self.skewness[:, None]
+        of_square_of_u = of_t_squared / sd**2
+        of_u = of_t / sd - 2.0 * mean * of_square_of_u
+        constant = mean**2 * of_square_of_u - of_t * mean / sd - of_t_squared
+        return np.concatenate([constant.sum(axis=0)[None], of_u, of_square_of_u])
+
+
+def _polynomials(leading: Array, weight: Array) -> _Polynomials:
+    """Return orthonormal polynomials of coordinates of n weighted points, shape (n, k)."""
+    near = np.clip(leading, -_FARTHEST, _FARTHEST)
+    mean = weight @ near
+    sd = np.sqrt(weight @ (near - mean) ** 2)
+    linear = (near - mean) / sd
+    skewness = weight @ linear**3
+    square = linear**2 - 1.0 - skewness * linear
+    square_sd = np.sqrt(weight @ square**2)
+    return _Polynomials(mean, sd, skewness, square_sd, linear, square / square_sd)
+
+
+def fit_dependence(u: Array, weight: Array) -> Dependence:
+    """Return how mean and width of coordinates depend on the first ones, fitted to n points.
+
+    A coefficient that does not exceed three standard errors is zero. The standard error is that of
+    as many independent points as the effective sample size of the weights.
+
+    Parameters
+    ----------
+    u : ndarray, shape (n, h)
+        Coordinates of the points. Their weighted means are zero, their variances are one, and they
+        are not correlated.
+    weight : ndarray, shape (n,)
+        Weights of the points, which sum to one.
+    """
+    h = u.shape[1]
+    k = min(h - 1, _LEADING)
+    is_before = np.arange(k)[:, None] < np.arange(h)
+    ess = 1.0 / (weight**2).sum()
+    polynomials = _polynomials(u[:, :k], weight)
+    moment = (polynomials.square.T * weight) @ u
+    is_significant = np.abs(moment) > _SIGNIFICANT / np.sqrt(ess)
+    of_square = np.where(is_before & is_significant, moment, 0.0)
+    deviation = u - polynomials.square @ of_square
+    of_width = _fit_widths(deviation, polynomials, is_before, weight)
+    return Dependence(
+        polynomials.coefficients(np.zeros((k, h)), of_square),
+        polynomials.coefficients(of_width[:k], of_width[k:]),
+        np.zeros(h),
+    )
+
+
+def _fit_widths(
+    deviation: Array, polynomials: _Polynomials, is_before: Array, weight: Array
+) -> Array:
+    """Return coefficients of the log widths, of both polynomials of k coordinates, (2 k, h).
+
+    ``deviation``, shape (n, h), holds the deviations of coordinates from their means.
+    ``is_before``, shape (k, h), states whether each of the first k coordinates is before each
+    coordinate. The likelihood of normal deviations is maximised by scoring steps (Harvey,
+    Econometrica 44 (1976) 461).
+    """
+    values = np.concatenate([polynomials.linear, polynomials.square], axis=1)
+    counts = np.concatenate([is_before, is_before])
+    coefficients = np.zeros(counts.shape)
+    ess = 1.0 / (weight**2).sum()
+    for step in range(_STEPS):
+        standard = deviation * np.exp(-_limited(values @ coefficients))
+        excess = standard**2 / (weight @ standard**2) - 1.0
+        moment = 0.5 * (values.T * weight) @ excess
+        if step == 0:
+            standard_error = 0.5 * np.sqrt(weight @ excess**2 / ess)
+            counts = counts & (np.abs(moment) > _SIGNIFICANT * standard_error)
+        coefficients = coefficients + np.where(counts, moment, 0.0)
+    return coefficients

@@ -1,0 +1,160 @@
+"""Coordinates of the hyper-parameters in which integrals over them are computed.
+
+The hyper-parameters φ are the scales of the noise and of other effects. Under its prior, the normal
+score z of a hyper-parameter is standard normal: Φ(z) is its prior probability of a smaller value.
+The logarithm of a scale that the readings hardly determine extends far towards minus infinity, with
+an exponential tail. Its normal score has a Gaussian tail, so that the posterior of all φ together
+resembles a Gaussian more closely, and fewer nodes suffice. Noise factors of circles keep their
+logarithms, which are nearly normal.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import log_ndtr, ndtri_exp
+
+from ldbb_bayes.inference.integrals import Integral, Proposal
+from ldbb_bayes.inference.mixture_proposals import Random
+from ldbb_bayes.model.hyper_prior import HyperPrior
+from ldbb_bayes.results import Array
+
+__all__ = ["NormalScores"]
+
+# A hyper-parameter counts as at least this away from its bounds, so that the logarithm of the
+# distance is finite.
+_LEAST_DISTANCE = 1e-300
+# The logarithm of a probability counts as at most this, so that its normal quantile is finite.
+_LARGEST_LOG_PROBABILITY = -1e-300
+
+
+@dataclass(frozen=True)
+class NormalScores:
+    """Transformation between normal scores and unbounded coordinates of h hyper-parameters.
+
+    Unbounded coordinates, here called free, are those of `HyperPrior`, mostly ln(φ − lower bound).
+    Lengths and decays are transformed to their normal scores. Both have normal priors that are
+    restricted to an interval from a to b; for lengths b is infinite. The logarithms of noise
+    factors of circles stay as they are. Arrays of points have the shape (..., h).
+    """
+
+    prior: HyperPrior
+
+    @cached_property
+    def _restricted(self) -> NDArray[np.bool_]:
+        """Whether each hyper-parameter has a restricted normal prior, shape (h,)."""
+        return np.array([law != "circle" for law in self.prior.laws])
+
+    @cached_property
+    def _bounds(self) -> Array:
+        """Bounds a and b of the k hyper-parameters with restricted normal priors, shape (2, k)."""
+        return np.asarray(self.prior.bounds[self._restricted].T)
+
+    @cached_property
+    def _mean(self) -> Array:
+        """Means of the k normal priors before restriction, shape (k,)."""
+        mean = np.where(self.prior.in_mm, 0.0, self.prior.scale)
+        return np.asarray(mean[self._restricted])
+
+    @cached_property
+    def _sd(self) -> Array:
+        """Standard deviations of the k normal priors before restriction, shape (k,)."""
+        sd = np.where(self.prior.in_mm, self.prior.scale, self.prior.decay_sd)
+        return np.asarray(sd[self._restricted])
+
+    @cached_property
+    def _log_above(self) -> Array:
+        """Log probability of values above b under the unrestricted priors, shape (k,)."""
+        return np.asarray(log_ndtr(-(self._bounds[1] - self._mean) / self._sd))
+
+    @cached_property
+    def _log_mass(self) -> Array:
+        """Log probability of values between a and b under the unrestricted priors, shape (k,)."""
+        return self._log_probability_above(self._bounds[0])
+
+    def _log_probability_above(self, values: Array) -> Array:
+        """Return ln P(φ between ``values`` and b) under the unrestricted priors, (..., k)."""
+        log_tail = log_ndtr(-(values - self._mean) / self._sd)
+        log_share = np.minimum(self._log_above - log_tail, _LARGEST_LOG_PROBABILITY)
+        return np.asarray(log_tail + np.log(-np.expm1(log_share)))
+
+    def _values(self, scores: Array) -> Array:
+        """Return the k hyper-parameters with restricted normal priors at given scores, (..., k)."""
+        log_probability = log_ndtr(-scores[..., self._restricted]) + self._log_mass
+        log_tail = np.logaddexp(log_probability, self._log_above)
+        return np.asarray(self._mean - self._sd * ndtri_exp(log_tail))
+
+    def _log_distances(self, values: Array) -> tuple[Array, Array]:
+        """Return ln(φ − a), and ln(b − φ) or zero where b is infinite, each of shape (..., k)."""
+        lower, upper = self._bounds
+        above = np.log(np.maximum(values - lower, _LEAST_DISTANCE))
+        below = np.maximum(upper - values, _LEAST_DISTANCE)
+        return above, np.where(np.isfinite(upper), np.log(below), 0.0)
+
+    def free(self, scores: Array) -> Array:
+        """Return the unbounded coordinates at given normal scores."""
+        free = np.array(scores, dtype=float)
+        above, below = self._log_distances(self._values(scores))
+        free[..., self._restricted] = above - below
+        return free
+
+    def scores(self, free: Array) -> Array:
+        """Return the normal scores at given unbounded coordinates."""
+        scores = np.array(free, dtype=float)
+        values = self.prior.phi(free)[..., self._restricted]
+        log_probability = self._log_probability_above(values) - self._log_mass
+        bounded = np.minimum(log_probability, _LARGEST_LOG_PROBABILITY)
+        scores[..., self._restricted] = -ndtri_exp(bounded)
+        return scores
+
+    def log_jacobian(self, scores: Array) -> Array:
+        """Return the log volume of unbounded coordinates per volume of scores, shape (...).
+
+        It follows from the prior density p of a hyper-parameter: the standard normal density of its
+        score z times dz is p(φ) dφ, and dφ is (φ − a) times the change of the unbounded coordinate,
+        or (φ − a) (b − φ) / (b − a) times it if b is finite.
+        """
+        values = self._values(scores)
+        above, below = self._log_distances(values)
+        width = np.diff(self._bounds, axis=0)[0]
+        log_slope = above + below - np.log(np.where(np.isfinite(width), width, 1.0))
+        # The factors 1 / √(2π) of both normal densities cancel.
+        white = (values - self._mean) / self._sd
+        log_prior = -0.5 * white**2 - np.log(self._sd) - self._log_mass
+        log_normal = -0.5 * scores[..., self._restricted] ** 2
+        total: Array = (log_normal - log_prior - log_slope).sum(axis=-1)
+        return total
+
+    def to_free(self, integral: Integral) -> Integral:
+        """Return an integral over normal scores as an integral over unbounded coordinates."""
+        log_jacobian = self.log_jacobian(integral.free)
+        proposal: Proposal | None = None
+        if integral.proposal is not None:
+            proposal = _FreeProposal(self, integral.proposal)
+        return replace(
+            integral,
+            free=self.free(integral.free),
+            log_density=integral.log_density - log_jacobian,
+            log_volume=integral.log_volume + log_jacobian,
+            proposal=proposal,
+        )
+
+
+@dataclass(frozen=True)
+class _FreeProposal:
+    """Proposal in normal scores, as a density of unbounded coordinates."""
+
+    coordinates: NormalScores
+    of_scores: Proposal
+
+    def log_density(self, points: Array) -> Array:
+        """Return the log density, shape (n,), at unbounded coordinates of shape (n, h)."""
+        scores = self.coordinates.scores(points)
+        return self.of_scores.log_density(scores) - self.coordinates.log_jacobian(scores)
+
+    def draw(self, size: int, rng: Random, *, temperature: float = 1.0) -> Array:
+        """Return independent random draws in unbounded coordinates, shape (size, h)."""
+        return self.coordinates.free(self.of_scores.draw(size, rng, temperature=temperature))

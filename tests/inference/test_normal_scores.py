@@ -1,0 +1,75 @@
+"""Normal scores of hyper-parameters against SciPy's distributions and numerical derivatives."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from ldbb_bayes.inference.importance_sampling import importance_sample
+from ldbb_bayes.inference.normal_scores import NormalScores
+from ldbb_bayes.model.hyper_prior import HyperPrior
+
+PRIOR = HyperPrior(
+    names=("sigma", "delta", "decay", "lambda_f036"),
+    scale=np.array([1e-3, 2e-3, 2.0, 1.0]),
+    lower=np.array([7e-5, 0.0, 0.0, 0.0]),
+    laws=("half-normal", "half-normal", "decay", "circle"),
+    decay_sd=0.7,
+)
+SCORES = NormalScores(PRIOR)
+POINTS = np.random.default_rng(0).normal(size=(200, 4))
+
+
+def test_a_score_is_the_normal_quantile_of_the_prior_probability() -> None:
+    phi = PRIOR.phi(SCORES.free(POINTS))
+    sigma = stats.truncnorm(0.07, np.inf, scale=1e-3)
+    decay = stats.truncnorm(-1.5 / 0.7, 1.5 / 0.7, loc=2.0, scale=0.7)
+    np.testing.assert_allclose(sigma.cdf(phi[:, 0]), stats.norm.cdf(POINTS[:, 0]), rtol=1e-9)
+    np.testing.assert_allclose(
+        stats.halfnorm(scale=2e-3).cdf(phi[:, 1]), stats.norm.cdf(POINTS[:, 1]), rtol=1e-9
+    )
+    np.testing.assert_allclose(decay.cdf(phi[:, 2]), stats.norm.cdf(POINTS[:, 2]), rtol=1e-9)
+
+
+def test_a_noise_factor_keeps_its_logarithm() -> None:
+    np.testing.assert_array_equal(SCORES.free(POINTS)[:, 3], POINTS[:, 3])
+
+
+def test_scores_of_free_coordinates_are_the_inverse() -> None:
+    np.testing.assert_allclose(SCORES.scores(SCORES.free(POINTS)), POINTS, atol=1e-7)
+
+
+@pytest.mark.parametrize("distance", [8.0, 20.0])
+def test_scores_far_from_zero_are_finite(distance: float) -> None:
+    both = np.array([[-distance] * 4, [distance] * 3 + [1.0]])
+    assert np.isfinite(SCORES.free(both)[:, :2]).all()
+    assert np.isfinite(SCORES.log_jacobian(both[:, [0, 1, 2, 3]])).all()
+
+
+def test_the_jacobian_is_the_numerical_derivative() -> None:
+    step = 1e-6
+    log_slope = np.zeros(len(POINTS))
+    for axis in range(4):
+        change = step * np.eye(4)[axis]
+        difference = SCORES.free(POINTS + change) - SCORES.free(POINTS - change)
+        log_slope += np.log(difference[:, axis] / (2.0 * step))
+    np.testing.assert_allclose(SCORES.log_jacobian(POINTS), log_slope, atol=1e-6)
+
+
+def test_an_integral_of_the_prior_is_one_in_both_coordinates() -> None:
+    def log_density(scores: np.ndarray) -> np.ndarray:
+        return PRIOR.log_density_of_free(SCORES.free(scores)) + SCORES.log_jacobian(scores)
+
+    of_scores = importance_sample(log_density, [(np.zeros(4), np.eye(4))], tolerance=1e-2)
+    of_free = SCORES.to_free(of_scores)
+    assert of_scores.log_integral == pytest.approx(0.0, abs=3.0 * of_scores.error)
+    assert of_free.log_integral == pytest.approx(of_scores.log_integral, abs=1e-9)
+    np.testing.assert_allclose(
+        of_free.log_density, PRIOR.log_density_of_free(of_free.free), atol=1e-8
+    )
+    # A few points lie so close to a bound that the distance is known to few digits.
+    log_difference = of_free.log_proposal(of_free.free) + np.log(len(of_free.free))
+    log_difference = np.abs(log_difference + of_free.log_volume)
+    assert np.quantile(log_difference, 0.99) < 1e-6
+    assert log_difference.max() < 0.02
