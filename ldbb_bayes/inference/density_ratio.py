@@ -164,9 +164,7 @@ def _is_trusted(share: Array, residual: Array, log_residual: Array) -> bool:
     ``share`` are the weights of the m nodes, ``residual`` is ρ divided by its mean, minus one, and
     ``log_residual`` is ln ρ, each of shape (m,).
     """
-    with np.errstate(over="ignore"):
-        scatter = np.sqrt(share @ residual**2)
-    if scatter > _LARGEST_SCATTER:
+    if share @ residual**2 > _LARGEST_SCATTER**2:
         return False
     return residual.max() < _LARGEST_PLAIN_RESIDUAL or pareto_k(log_residual) <= LARGEST_PARETO_K
 
