@@ -26,6 +26,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import logsumexp
 
 from ldbb_bayes.inference.diagnostics import pareto_k
 from ldbb_bayes.inference.integrals import LARGEST_PARETO_K, Index, Integral
@@ -50,7 +51,8 @@ _DEPENDENT = 1e-10
 # The mean of the ratios ρ is not trusted if they scatter by more than this share of it. A few
 # hundred of them may then lack the largest ones.
 _LARGEST_SCATTER = 0.4
-# Nor is it trusted if the logarithm of one of them exceeds this, as its square might overflow.
+# Nor is it trusted if the logarithm of one of them exceeds that of their mean by more than this, as
+# its square might overflow.
 _LARGEST_LOG_RATIO = 50.0
 # The tail of the ratios ρ cannot be heavy if none exceeds their mean by more than this share of it.
 _LARGEST_PLAIN_RESIDUAL = 1.0
@@ -146,16 +148,15 @@ def _mean_ratio(sample: _Sample, log_ratio: Array, fitted: Array) -> _MeanRatio:
     share = sample.weight * np.exp(fitted - fitted.max())
     share = share / share.sum()
     log_residual = log_ratio - fitted
-    if log_residual.max() > _LARGEST_LOG_RATIO:
-        return _MeanRatio(0.0, np.inf, share)
-    ratio = np.exp(log_residual)
-    mean = float(share @ ratio)
-    residual = ratio / mean - 1.0
+    log_mean = float(logsumexp(log_residual, b=share))
+    if log_residual.max() - log_mean > _LARGEST_LOG_RATIO:
+        return _MeanRatio(log_mean, np.inf, share)
+    residual = np.expm1(log_residual - log_mean)
     error = np.inf
     if _is_trusted(share, residual, log_residual):
         of_new_values = residual / (1.0 - sample.leverage)
         error = _STANDARD_ERRORS * float(np.linalg.norm(share * of_new_values))
-    return _MeanRatio(float(np.log(mean)), error, share)
+    return _MeanRatio(log_mean, error, share)
 
 
 def _is_trusted(share: Array, residual: Array, log_residual: Array) -> bool:

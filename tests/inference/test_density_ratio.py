@@ -138,9 +138,10 @@ def test_a_heavy_tailed_ratio_is_not_trusted(nodes: Integral, seed: int) -> None
     assert RatioSampler(nodes, seed=seed).integrate(evaluate, tolerance=0.1) is None
 
 
-def test_a_huge_ratio_is_not_trusted(nodes: Integral) -> None:
-    """It exceeds the largest number of double precision where the fit is poor."""
-    evaluated = Evaluated(nodes, lambda x: 1000.0 * np.sin(3.0 * x[:, 2]))
+@pytest.mark.parametrize("level", [0.0, -2000.0])
+def test_a_huge_ratio_is_not_trusted(nodes: Integral, level: float) -> None:
+    """It exceeds the largest number of double precision, or the mean times this number."""
+    evaluated = Evaluated(nodes, lambda x: level + 1000.0 * np.sin(3.0 * x[:, 2]))
     assert RatioSampler(nodes).integrate(evaluated, tolerance=1.0) is None
 
 
