@@ -25,7 +25,7 @@ __all__ = [
     "Index",
     "Integral",
     "LogDensity",
-    "Proposal",
+    "ProposalDensity",
     "in_chunks",
 ]
 
@@ -68,7 +68,7 @@ _DECLINE = 0.35
 _TINY = 1e-300
 
 
-class Proposal(Protocol):
+class ProposalDensity(Protocol):
     """Density from which the nodes of a sample are drawn."""
 
     def log_density(self, points: Array) -> Array:
@@ -96,7 +96,7 @@ class Integral:
     edge: NDArray[np.bool_]
     #: density from which the nodes of a sample were drawn at random; None for the nodes of a
     #: lattice
-    proposal: Proposal | None
+    proposal: ProposalDensity | None
     #: largest share of the integral that may lie in nodes at which the density was not evaluated
     #: because their weight is small
     left_out: float = 0.0
@@ -241,7 +241,7 @@ class Integral:
         """
         return self._sample_proposal().log_density(free)
 
-    def _sample_proposal(self) -> Proposal:
+    def _sample_proposal(self) -> ProposalDensity:
         if self.proposal is None:
             raise TypeError("a lattice has no proposal to draw from. Use importance_sample.")
         return self.proposal

@@ -477,7 +477,7 @@ class HyperPosterior:
                 continue
             corner = newton(
                 self._smooth_of_scores,
-                self._derivatives_at_fixed(axis),
+                self._derivatives_at_fixed(int(axis)),
                 start,
                 least_curvature=_LEAST_CURVATURE,
                 gain=_CORNER_GAIN,

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_ndtr, ndtri_exp
 
-from ldbb_bayes.inference.integrals import Integral, Proposal
+from ldbb_bayes.inference.integrals import Integral, ProposalDensity
 from ldbb_bayes.inference.mixture_proposals import Random
 from ldbb_bayes.model.hyper_prior import HyperPrior
 from ldbb_bayes.results import Array
@@ -131,7 +131,7 @@ class NormalScores:
     def to_free(self, integral: Integral) -> Integral:
         """Return an integral over normal scores as an integral over unbounded coordinates."""
         log_jacobian = self.log_jacobian(integral.free)
-        proposal: Proposal | None = None
+        proposal: ProposalDensity | None = None
         if integral.proposal is not None:
             proposal = _FreeProposal(self, integral.proposal)
         return replace(
@@ -145,10 +145,10 @@ class NormalScores:
 
 @dataclass(frozen=True)
 class _FreeProposal:
-    """Proposal in normal scores, as a density of unbounded coordinates."""
+    """ProposalDensity in normal scores, as a density of unbounded coordinates."""
 
     coordinates: NormalScores
-    of_scores: Proposal
+    of_scores: ProposalDensity
 
     def log_density(self, points: Array) -> Array:
         """Return the log density, shape (n,), at unbounded coordinates of shape (n, h)."""

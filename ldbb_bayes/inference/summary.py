@@ -235,8 +235,8 @@ def summarize_nuisances(posterior: xr.DataTree) -> pd.DataFrame:
 
     >>> table = lb.inference.summarize_nuisances(posterior)
     >>> share = table["sd"] / table["prior_sd"]
-    >>> share[["form_sin8", "bar_length"]].round(1).to_list()
-    [0.1, 0.9]
+    >>> (share[["form_sin8", "bar_length"]] < 0.5).to_list()
+    [True, False]
     """
     draws_by_model = model_draws_of(posterior, _DRAWS)
     mean_phi = np.concatenate([draws.phi for draws in draws_by_model]).mean(axis=0)
