@@ -41,6 +41,7 @@ from machines import (
     Machine,
     simulate,
 )
+from shortfalls import holders_of_mild, shortfalls
 from study import DATA, Effort, Study, replicated, run
 
 Array = NDArray[np.float64]
@@ -376,6 +377,8 @@ def measure(effort: Effort) -> dict[str, Any]:
         },
         "families": families,
         "falls_short": falls_short(rows, families),
+        "shortfalls": shortfalls(effort),
+        "holders_of_mild": holders_of_mild(),
         "widths": widths(rows),
         "certificates": worth_of_certificates(rows),
         "published_both_ways": published_both_ways(),

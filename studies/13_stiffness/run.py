@@ -22,6 +22,7 @@ import ldbb_bayes as lb
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
 sys.path.insert(0, str(HERE.parent / "12_real_machines"))
+from drives import added_by_drives_mm
 from machines import (
     FAMILIES,
     FORCES_N,
@@ -43,6 +44,9 @@ CAMPAIGNS = 30
 CAMPAIGNS_OF_AVERAGE = 1
 FIRST_SEED = 1000
 AGAIN: dict[Effort, int] = {"quick": 1, "usual": 2}
+# The family whose drives add to the path what looks like geometric errors, and its campaigns.
+WITH_DRIVES = "drives, drift, well planned"
+CAMPAIGNS_WITH_DRIVES = 20
 # Families of which one averaged campaign is made again: an average takes five times as long.
 AVERAGED_AGAIN = ("mild", "contact")
 KINDS = FAMILIES | NEW | STATED
@@ -160,8 +164,23 @@ def judged_parameters(posterior: xr.DataTree, machine: Machine) -> Row:
     return row
 
 
-def judged_path(posterior: xr.DataTree, machine: Machine) -> Row:
-    """Circular and radial deviations at the reference force, and the circular one without load."""
+def job_with_drives(kind: str, seed: int) -> Row:
+    """Deviations of the path of one campaign, judged by the path of geometry and springs, and by
+    the path that also has what the drives add of the orders of geometric errors."""
+    campaign, machine = simulate(KINDS[kind], FIRST_SEED + seed)
+    posterior = lb.sample(LINEAR, campaign, sampler="independent", seed=seed)
+    added_mm = added_by_drives_mm(KINDS[kind], FIRST_SEED + seed, ANGLE)
+    row = judged_path(posterior, machine)
+    judged_with = judged_path(posterior, machine, added_mm)
+    row |= {f"with drives/{name}": value for name, value in judged_with.items()}
+    return {name: float(value) for name, value in row.items()}
+
+
+def judged_path(posterior: xr.DataTree, machine: Machine, added_mm: Array | float = 0.0) -> Row:
+    """Circular and radial deviations at the reference force, and the circular one without load.
+
+    ``added_mm``: what the true path has beside geometry and springs, shape (angles,).
+    """
     table = lb.analysis.predict_circularity(posterior, [0.0, MIDDLE_N])
     row: Row = {}
     for name in PATH:
@@ -169,15 +188,15 @@ def judged_path(posterior: xr.DataTree, machine: Machine) -> Row:
         quantity = name.partition(" ")[0]
         is_row = (table["quantity"] == quantity) & (table["force_N"] == force_N)
         entry = table[is_row].iloc[0]
-        truth = true_path(machine, force_N)[quantity]
+        truth = true_path(machine, force_N, added_mm)[quantity]
         covered = bool(entry["ci_low"] <= truth <= entry["ci_high"])
         row |= judged(name, entry["mean"] - truth, 2.0 * entry["sd"], covered=covered)
     return row
 
 
-def true_path(machine: Machine, force_N: float) -> dict[str, float]:
+def true_path(machine: Machine, force_N: float, added_mm: Array | float = 0.0) -> dict[str, float]:
     """Deviations of the exact path about its least-squares circle [µm]."""
-    trace = trace_mm(machine, force_N or NO_FORCE_N, ANGLE)
+    trace = trace_mm(machine, force_N or NO_FORCE_N, ANGLE) + added_mm
     circle = np.column_stack([np.ones_like(ANGLE), np.cos(ANGLE), np.sin(ANGLE)])
     rest_um = 1e3 * (trace - circle @ np.linalg.lstsq(circle, trace)[0])
     return {"G": np.ptp(rest_um), "F_max": rest_um.max(), "F_min": rest_um.min()}
@@ -226,6 +245,19 @@ def averaged_campaigns(effort: Effort) -> pd.DataFrame:
     return kept(path, pd.DataFrame(made), kinds, effort)
 
 
+def path_with_drives(effort: Effort) -> dict[str, Any]:
+    """Coverage and bias of the path's deviations, without and with what the drives add."""
+    kinds = {WITH_DRIVES: CAMPAIGNS_WITH_DRIVES}
+    rows = replicated(HERE / "with_drives.csv", job_with_drives, kinds, effort, again=AGAIN)
+    numbers = {}
+    for name in PATH:
+        numbers[name] = {
+            "without": of_number(rows, name),
+            "with": of_number(rows, f"with drives/{name}"),
+        }
+    return {"family": WITH_DRIVES, "campaigns": len(rows), "numbers": numbers}
+
+
 def falls_short(families: dict[str, Any]) -> list[dict[str, Any]]:
     """Numbers at the reference force whose intervals hold the truth too seldom, by family."""
     short = []
@@ -261,6 +293,7 @@ def measure(effort: Effort) -> dict[str, Any]:
         "averaged": {name: of_number(averaged, name) for name in numbers},
         "averaged_total": len(averaged),
         "falls_short": falls_short(families),
+        "with_drives": path_with_drives(effort),
         "families": families,
     }
 

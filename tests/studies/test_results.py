@@ -14,6 +14,7 @@ from typing import Any
 
 import explanation
 import numpy as np
+import pandas as pd
 import pytest
 import study
 from campaigns import cases, misses, printed
@@ -282,3 +283,42 @@ def test_the_lines_of_the_readme_and_the_table_of_priors() -> None:
     terms = {type(term).__name__: term for term in lb.HybridModel.first().nuisances}
     priors = study.page(STUDIES, "priors.md", {"prior": lb.Prior.first(), **terms})
     assert f"\n\n{priors}\n" in (STUDIES / "README.md").read_text(encoding="utf-8")
+
+
+def test_the_shortest_interval_of_an_exponential_begins_at_zero() -> None:
+    shortfalls = module_of("12_real_machines", "shortfalls")
+    draws = -np.log1p(-(np.arange(4000) + 0.5) / 4000)
+    least, most = shortfalls.shortest_interval(draws)
+    assert least == pytest.approx(0.0, abs=1e-3)
+    assert most == pytest.approx(-np.log(0.05), rel=1e-2)
+
+
+def test_intervals_of_equal_tails_miss_what_lies_in_a_tail() -> None:
+    shortfalls = module_of("12_real_machines", "shortfalls")
+    rows = pd.DataFrame(
+        {"x/error": [0.0, 2.5, -2.5], "x/below": [0.5, 0.01, 0.99], "x/shortest": [1.0, 1.0, 0.0]}
+    )
+    stated_of_x = shortfalls.coverage_of(rows, ("x",))
+    assert stated_of_x["equal_tails"] == pytest.approx(1.0 / 3.0)
+    assert (stated_of_x["above"], stated_of_x["below"]) == (1, 1)
+    assert stated_of_x["within_U"] == pytest.approx(1.0 / 3.0)
+    assert stated_of_x["from_zero"] == stated_of_x["shortest"] == pytest.approx(2.0 / 3.0)
+
+
+def test_perfect_drives_add_nothing_to_the_path() -> None:
+    sys.modules.pop("machines", None)
+    machines = module_of("12_real_machines", "machines")
+    drives = module_of("13_stiffness", "drives")
+    angle = np.linspace(0.0, 2.0 * np.pi, 90)
+    added_mm = drives.added_by_drives_mm(machines.FAMILIES["mild"], 5, angle)
+    assert np.abs(added_mm).max() == 0.0
+
+
+def test_spikes_of_drives_add_to_the_path_what_looks_like_geometric_errors() -> None:
+    sys.modules.pop("machines", None)
+    machines = module_of("12_real_machines", "machines")
+    drives = module_of("13_stiffness", "drives")
+    angle = np.linspace(0.0, 2.0 * np.pi, 90)
+    family = machines.STATED["drives, drift, well planned"]
+    added_mm = drives.added_by_drives_mm(family, 5, angle)
+    assert np.abs(added_mm).max() > 1e-5
