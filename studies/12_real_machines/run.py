@@ -30,6 +30,7 @@ from ldbb_bayes.model.hybrid import BoundModel
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
 sys.path.insert(0, str(HERE))
+from left_out_circles import left_out_circles
 from machines import (
     CERTIFIED,
     FAMILIES,
@@ -382,6 +383,7 @@ def measure(effort: Effort) -> dict[str, Any]:
         "widths": widths(rows),
         "certificates": worth_of_certificates(rows),
         "published_both_ways": published_both_ways(),
+        "left_out": left_out_circles(effort),
     }
 
 
