@@ -290,9 +290,15 @@ def trace_mm(machine: Machine, force_N: float, angle: Array) -> Array:
 
 
 def simulate(
-    family: Disturbances, seed: int, forces_N: tuple[float, ...] = FORCES_N
+    family: Disturbances,
+    seed: int,
+    forces_N: tuple[float, ...] = FORCES_N,
+    plan: lb.Campaign | None = None,
 ) -> tuple[lb.Campaign, Machine]:
-    """A campaign of one machine, with what its certificates state, and the machine."""
+    """A campaign of one machine, with what its certificates state, and the machine.
+
+    With a ``plan`` the same machine is measured once more, circle by circle as planned.
+    """
     rng = np.random.default_rng(seed)
     machine = draw_machine(family, rng)
     if family.seat[1]:
@@ -315,6 +321,10 @@ def simulate(
         rng.normal(0.0, per_kN * 1e-6, n)
         for per_kN, n in ((family.friction_um_per_kN, None), (family.lost_um_per_kN, 2))
     )
+    if plan is not None:
+        runs = [(test.force_N, test.direction) for test in plan.tests]
+        order = np.arange(len(runs))
+        rng = np.random.default_rng([seed, 3])
     tests = []
     for k, (nominal, way) in enumerate(runs):
         sign = 1.0 if way == "CW" else -1.0
@@ -344,15 +354,11 @@ def simulate(
             rng.normal(0.0, 0.12e-3, READINGS + 4), [0.5, 0.3, 0.2, 0.1, 0.05], "valid"
         )
         reading_um = np.round((reading + noise) * 1e3 / RESOLUTION_UM) * RESOLUTION_UM
-        both = family.both_ways
+        name = f"f{nominal:03.0f}{'_' + way if family.both_ways else ''}"
+        if plan is not None:
+            name = plan.tests[k].name
         tests.append(
-            lb.CircularTest(
-                nominal,
-                np.rad2deg(angle),
-                reading_um,
-                direction=way,
-                name=f"f{nominal:03.0f}{'_' + way if both else ''}",
-            )  # type: ignore[arg-type]
+            lb.CircularTest(nominal, np.rad2deg(angle), reading_um, direction=way, name=name)  # type: ignore[arg-type]
         )
     of_all = {
         "radius_mm": RADIUS_MM,
