@@ -35,10 +35,10 @@ from ldbb_bayes.results import Array
 __all__ = ["LogValues", "RatioIntegral", "RatioSampler"]
 
 # Largest number of nodes at which the density is evaluated.
-_LARGEST_SAMPLE = 576
+_LARGEST_SAMPLE = 4608
 # The density is first evaluated at every third of these nodes, then at all of them if the error is
 # too large.
-_STEPS = (3, 1)
+_STEPS = (24, 8, 1)
 # Nodes are sampled only if there are at least this many times as many of them.
 _NODES_PER_SAMPLE = 2
 # A polynomial is fitted only if it has at most this share as many coefficients as values are known.
@@ -61,10 +61,14 @@ _STANDARD_ERRORS = 3.5
 
 
 class LogValues(NamedTuple):
-    """Logarithm of a density at k nodes, and its numerical error there [nat], each shape (k,)."""
+    """Logarithm of a density at k nodes, and its numerical error there [nat], each shape (k,).
+
+    The density may be noisy: it may have a further error of mean zero that is independent between
+    nodes. This noise is part of the scatter of the ratios ρ, and so of the error of their mean.
+    """
 
     log_density: Array
-    error: Array
+    error: Array  #: error that need not cancel in a mean over nodes
 
 
 class RatioIntegral(NamedTuple):

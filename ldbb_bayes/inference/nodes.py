@@ -28,7 +28,7 @@ from ldbb_bayes.model.conditional import ParameterConditional
 from ldbb_bayes.model.hybrid import BoundModel
 from ldbb_bayes.model.mixtures import mixture_quantiles
 from ldbb_bayes.model.newton import central_differences, newton
-from ldbb_bayes.model.orthant import Orthant
+from ldbb_bayes.model.orthant import NoisyLogProbability, Orthant
 from ldbb_bayes.results import Array
 from ldbb_bayes.units import value_and_uncertainty
 
@@ -82,6 +82,10 @@ _LARGEST_LEFT_OUT = 5e-4
 # The log probability that no compliance is negative is computed to a quarter of the tolerance, but
 # never better than this [nat].
 _FINEST_TOLERANCE = 1e-3
+# Its quasi-random points differ between nodes (values of the hyper-parameters). The error that they
+# cause at one node may be this multiple of the tolerance, because it cancels in the mean over
+# hundreds of nodes.
+_NOISE_PER_TOLERANCE = 2.0
 # The computed probability that no compliance is negative adds an error of its own. If nodes
 # (weighted values of the hyper-parameters) miss the tolerance only for this reason, new nodes are
 # computed to this share of the tolerance.
@@ -295,15 +299,16 @@ class HyperPosterior:
             Whether ``integral`` already contains the upper bound of P(T | y, φ), which is then
             replaced by P(T | y, φ) itself.
         """
+        noise = np.zeros(len(integral.free))
 
         def evaluate(index: Index) -> LogValues:
             orthant = self.given(integral.free[index])[1].orthant
-            value, error = orthant.log_probability(
-                max(tolerance / 4.0, _FINEST_TOLERANCE), seed=self._seed
-            )
+            probability = _log_probability(orthant, tolerance, self._seed)
+            log_density = integral.log_density[index] + probability.log_value
             if bounded:
-                value = value - orthant.log_bound
-            return LogValues(integral.log_density[index] + value, error)
+                log_density = log_density - orthant.log_bound
+            noise[index] = probability.noise
+            return LogValues(log_density, probability.common_error)
 
         sampled = RatioSampler(integral).integrate(evaluate, tolerance)
         if sampled is not None:
@@ -320,9 +325,11 @@ class HyperPosterior:
 
         spare = min(tolerance / _PARTS_OF_TOLERANCE, _LARGEST_LEFT_OUT)
         truncated = integral.times(log_factor_in_chunks, spare)
-        # The errors of ln P(T | y, φ) at the nodes need not cancel, as all come from the same
-        # quasi-random points. Their weighted sum is therefore taken.
-        error = float(truncated.weight @ np.where(truncated.weight > 0.0, errors, 0.0))
+        # Errors of analytical bounds need not cancel between nodes. Noise is independent between
+        # them, so that its squares are summed.
+        counts = truncated.weight > 0.0
+        weight = truncated.weight[counts]
+        error = float(weight @ errors[counts] + np.linalg.norm(weight * noise[counts]))
         return Nodes(self, truncated, error)
 
     def probability_inside(self, integral: Integral, tolerance: float) -> ProbabilityInside:
@@ -357,11 +364,9 @@ class HyperPosterior:
         errors = []
         for start in range(0, len(free), CHUNK):
             orthant = self.given(free[start : start + CHUNK])[1].orthant
-            value, error = orthant.log_probability(
-                max(tolerance / 4.0, _FINEST_TOLERANCE), seed=self._seed
-            )
-            log_values.append(value)
-            errors.append(error)
+            probability = _log_probability(orthant, tolerance, self._seed)
+            log_values.append(probability.log_value)
+            errors.append(probability.common_error)
         log_value = np.concatenate(log_values)
         highest = max(float(log_value.max()), _LEAST_LOG_PROBABILITY)
         share = np.exp(log_value - highest)
@@ -515,6 +520,15 @@ class HyperPosterior:
         if not exact:
             coupled = ~np.outer(of_circle, of_circle)
         return central_differences(self._smooth_of_scores, point, _DIFFERENCE_STEP, coupled=coupled)
+
+
+def _log_probability(orthant: Orthant, tolerance: float, seed: int) -> NoisyLogProbability:
+    """Return ln P(T | y, φ) at some nodes φ, whose mean is to have this tolerance [nat]."""
+    return orthant.log_probability_with_noise(
+        max(tolerance / 4.0, _FINEST_TOLERANCE),
+        max(_NOISE_PER_TOLERANCE * tolerance, _FINEST_TOLERANCE),
+        seed=seed,
+    )
 
 
 def _is_separate(point: Array, points: list[Array]) -> bool:

@@ -13,6 +13,7 @@ The tightest constraint is the one most likely to fail: its mean, divided by its
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import NamedTuple
 
@@ -29,7 +30,7 @@ from ldbb_bayes.model.tilting import (
 from ldbb_bayes.model.triangular import solve_lower
 from ldbb_bayes.results import Array
 
-__all__ = ["Orthant", "OrthantMoments"]
+__all__ = ["NoisyLogProbability", "Orthant", "OrthantMoments"]
 
 # Constraints are rows of coefficients. A constraint counts as a linear combination of others if the
 # part of its row that is perpendicular to their rows is shorter than this share of the row.
@@ -115,6 +116,16 @@ class OrthantMoments(NamedTuple):
     axes: Array
 
 
+class NoisyLogProbability(NamedTuple):
+    """Logarithms of the probabilities of w problems, and two parts of their errors [nat]."""
+
+    log_value: Array  #: ln P, shape (w,)
+    #: error of analytical bounds and of constraints that were left out, shape (w,); infinite if no
+    #: quasi-random point satisfies all constraints
+    common_error: Array
+    noise: Array  #: error that comes from the quasi-random points, shape (w,)
+
+
 class _Solved(NamedTuple):
     """Problems with triangular matrices of constraints, and the densities from which to draw.
 
@@ -126,6 +137,28 @@ class _Solved(NamedTuple):
 
     tilted: Tilted
     axes: Array
+
+
+@dataclass(frozen=True)
+class _Points:
+    """Quasi-random points in eight scrambles: random shifts of one lattice."""
+
+    seed: int
+    shared: bool  #: whether all problems use the same points
+
+    def of(self, tilted: Tilted, size: int) -> Array:
+        """Return points in the unit cube for w problems, ``size`` in each scramble.
+
+        The shape is (dimensions, scrambles · size, w), or (dimensions, scrambles · size, 1) if the
+        points are shared. The points of a problem are otherwise shifted once more, by an amount
+        that is computed from its bounds alone. The importance weights do not depend on the last
+        coordinate of x, so that there are no numbers for it.
+        """
+        dimensions = max(len(tilted.bound) - 1, 1)
+        points = _scrambled_lattice(dimensions, size, self.seed).reshape(dimensions, -1, 1)
+        if not self.shared:
+            points = points + _shift_of_problem(tilted)[:dimensions]
+        return _fold(points % 1.0)
 
 
 class Orthant:
@@ -172,10 +205,42 @@ class Orthant:
         seed
             Seed of the random shifts of the quasi-random points.
         """
+        estimate = self._estimate(tolerance, tolerance, _Points(seed, shared=True))
+        return estimate.log_value, estimate.common_error + estimate.noise
+
+    def log_probability_with_noise(
+        self,
+        tolerance: float,
+        largest_noise: float,
+        *,
+        seed: int = 0,
+    ) -> NoisyLogProbability:
+        """Return ln P(u ≥ 0) for w problems, from quasi-random points that differ between problems.
+
+        The errors that come from the points, called noise, are independent. In a mean over many
+        problems they cancel to a large part, so that few points suffice for each. Otherwise this is
+        `log_probability`.
+
+        Parameters
+        ----------
+        tolerance
+            Largest error of analytical bounds that is accepted in place of points [nat].
+        largest_noise
+            Largest noise that is accepted [nat]. More points are used until the noise is small
+            enough or all 65 536 points are used.
+        seed
+            Seed of the quasi-random points.
+        """
+        return self._estimate(tolerance, largest_noise, _Points(seed, shared=False))
+
+    def _estimate(
+        self, tolerance: float, largest_noise: float, points: _Points
+    ) -> NoisyLogProbability:
         with np.errstate(divide="ignore", invalid="ignore"):
             distance = self._mean / np.linalg.norm(self._spread, axis=2)
         distance = np.where(np.isnan(distance), np.inf, distance)
         value, error = _bound_in_closed_form(distance, self._spread)
+        noise = np.zeros(len(value))
         open_members = np.flatnonzero(error > tolerance)
         for near in (_NEAR_SD, np.inf):
             # The first pass leaves out constraints whose mean is at least six sd above zero. Where
@@ -189,14 +254,14 @@ class Orthant:
                 mean = self._mean[index][:, pattern]
                 spread = self._spread[index][:, pattern]
                 reduced = Orthant(mean, spread)
-                value[index], error[index] = reduced._sum_points(tolerance, seed)
+                value[index], noise[index] = reduced._sum_points(largest_noise, points)
                 failure = ndtr(-distance[index][:, ~pattern]).sum(axis=1)
                 with np.errstate(divide="ignore", over="ignore"):
                     left_out = np.exp(np.log(failure) - value[index])
-                error[index] += left_out
+                error[index] = np.where(np.isinf(noise[index]), np.inf, left_out)
                 unfinished[same_pattern] = left_out > _LEFT_OUT_SHARE * tolerance
             open_members = open_members[unfinished]
-        return value, error
+        return NoisyLogProbability(value, error, noise)
 
     @property
     def log_bound(self) -> Array:
@@ -230,7 +295,7 @@ class Orthant:
             points = rule.points[..., None]
             log_rule_weight = rule.log_weight
         else:
-            shift = self._tilted.bound[:, None] * _DIGITS
+            shift = _shift_of_problem(self._tilted)
             points = _fold((_lattice(d, size, seed)[:, :, None] + shift) % 1.0)
             log_rule_weight = np.zeros(1)
         log_weight, x = self._tilted.propose(points)
@@ -363,31 +428,24 @@ class Orthant:
         normal_along_axes = np.einsum("wiq,wq->wi", self.axes, normal)
         return normal + np.einsum("wiq,wi->wq", self.axes, x - normal_along_axes)
 
-    def _sum_points(
-        self,
-        tolerance: float,
-        seed: int,
-    ) -> tuple[Array, Array]:
+    def _sum_points(self, tolerance: float, points: _Points) -> tuple[Array, Array]:
         """Return ln P(u ≥ 0) and its error [nat] from quasi-random points, each of shape (w,).
 
         u are the constraints of each of w problems. The number of points is multiplied by four
-        until the error is within ``tolerance`` [nat] or 65 536 points are used. ``seed`` is the
-        seed of the random shifts of the points.
+        until the error is within ``tolerance`` [nat] or 65 536 points are used.
         """
         tilted = self._tilted
         value = tilted.log_bound.copy()
         error = np.zeros(len(self._mean))
         if len(tilted.bound) + len(tilted.dependent) > 1:
             error[:] = np.inf
-        # The importance weights do not depend on the last coordinate of x, so no quasi-random
-        # numbers are drawn for it.
-        dimensions = max(len(tilted.bound) - 1, 1)
         for size in _SIZES:
-            points = _scrambled_points(dimensions, size, seed).reshape(-1, _SCRAMBLES * size, 1)
             open_members = np.flatnonzero(error > tolerance)
-            chunks = -(-open_members.size * points.shape[1] // _CHUNK) or 1
+            chunks = -(-open_members.size * _SCRAMBLES * size // _CHUNK) or 1
             for index in np.array_split(open_members, chunks):
-                proposal = tilted.select(index).propose(points, draw_last=False)
+                selected = tilted.select(index)
+                uniform = points.of(selected, size)
+                proposal = selected.propose(uniform, draw_last=False)
                 log_weight = proposal.log_weight.reshape(_SCRAMBLES, size, -1)
                 top = log_weight.max(axis=(0, 1))
                 finite_top = np.where(np.isfinite(top), top, 0.0)
@@ -580,20 +638,21 @@ def _pair_probability(
 
 
 @cache
-def _scrambled_points(
-    dimensions: int,
-    size: int,
-    seed: int,
-) -> Array:
-    """Return quasi-random points in the unit cube, shape (dimensions, scrambles, size).
+def _scrambled_lattice(dimensions: int, size: int, seed: int) -> Array:
+    """Return shifted lattices before they are taken modulo 1, shape (dimensions, scrambles, size).
 
     Each of the eight scrambles is a copy of the same lattice of ``size`` points, shifted by one
-    random vector (from ``seed``) and then folded by the baker's transformation (`_fold`).
+    random vector (from ``seed``).
     """
     rng = np.random.default_rng([seed, size])
     shifts = rng.random((_SCRAMBLES, max(dimensions, _SHIFT_DIMENSIONS)))
     shift = shifts[:, :dimensions].T
-    return _fold((_lattice(dimensions, size, seed)[:, None] + shift[:, :, None]) % 1.0)
+    return np.asarray(_lattice(dimensions, size, seed)[:, None] + shift[:, :, None])
+
+
+def _shift_of_problem(tilted: Tilted) -> Array:
+    """Return a shift of the points of w problems from their bounds alone, shape (d, 1, w)."""
+    return np.asarray(tilted.bound[:, None] * _DIGITS)
 
 
 def _fold(points: Array) -> Array:

@@ -186,3 +186,38 @@ def test_errors_of_moments_average_out_over_members() -> None:
     long_run = Orthant(mean, spread).moments(1 << 18).covariance
     exact = np.diagonal(long_run, axis1=1, axis2=2)[0]
     np.testing.assert_allclose(average / exact, 1.0, atol=0.005)
+
+
+def similar_problems(count: int) -> Orthant:
+    """Problems of five constraints whose means differ a little."""
+    rng = np.random.default_rng(8)
+    spread = np.tile(rng.normal(size=(5, 7)), (count, 1, 1))
+    mean = rng.normal(size=5) + 0.05 * rng.normal(size=(count, 5))
+    return Orthant(mean, spread)
+
+
+def test_the_noise_of_similar_problems_cancels_in_their_mean() -> None:
+    """It is as large as stated, and so is its mean: 400 problems have a twentieth of it."""
+    orthant = similar_problems(400)
+    exact, _ = orthant.log_probability(1e-5)
+    noisy = orthant.log_probability_with_noise(1e-3, 0.1)
+    ratio = np.expm1(noisy.log_value - exact)
+    assert noisy.noise.min() > 0.005
+    assert np.mean(np.abs(ratio) <= 3.0 * noisy.noise) >= 0.99
+    assert abs(ratio.mean()) <= 2.0 * np.linalg.norm(noisy.noise) / len(ratio)
+
+
+def test_the_noise_of_a_problem_does_not_depend_on_the_others() -> None:
+    together = similar_problems(6).log_probability_with_noise(1e-3, 0.1)
+    mean = similar_problems(6)._mean[4:5]
+    alone = Orthant(mean, similar_problems(1)._spread).log_probability_with_noise(1e-3, 0.1)
+    assert alone.log_value[0] == pytest.approx(together.log_value[4], rel=1e-12)
+
+
+def test_analytical_bounds_are_not_noise() -> None:
+    """One constraint has a closed form; two that hardly bind have close bounds."""
+    mean = np.array([[3.0, 9.0], [1.0, 60.0]])
+    spread = np.tile(np.eye(2), (2, 1, 1))
+    estimate = Orthant(mean, spread).log_probability_with_noise(1e-3, 0.5)
+    np.testing.assert_allclose(estimate.log_value, log_ndtr(mean[:, 0]), atol=1e-8)
+    assert estimate.noise.max() < 1e-3
