@@ -15,7 +15,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import log_ndtr, ndtri_exp
+from scipy.special import log_expit, log_ndtr, ndtri_exp
 
 from ldbb_bayes.inference.integrals import Integral, ProposalDensity
 from ldbb_bayes.inference.mixture_proposals import Random
@@ -27,6 +27,10 @@ __all__ = ["NormalScores"]
 # A hyper-parameter counts as at least this away from its bounds, so that the logarithm of the
 # distance is finite.
 _LEAST_DISTANCE = 1e-300
+# Where a hyper-parameter has a smaller log probability than this to be nearer to a bound, its
+# distance from the bound would be the difference of two nearly equal numbers. It is therefore
+# computed from the prior density at the bound, which hardly changes over so short a distance.
+_NEAR_BOUND = -20.0
 # The logarithm of a probability counts as at most this, so that its normal quantile is finite.
 _LARGEST_LOG_PROBABILITY = -1e-300
 
@@ -87,17 +91,33 @@ class NormalScores:
         log_tail = np.logaddexp(log_probability, self._log_above)
         return np.asarray(self._mean - self._sd * ndtri_exp(log_tail))
 
-    def _log_distances(self, values: Array) -> tuple[Array, Array]:
+    @cached_property
+    def _log_density_at_bounds(self) -> Array:
+        """Log density of the restricted priors at a and b, shape (2, k); −inf where b is ∞."""
+        white = (self._bounds - self._mean) / self._sd
+        log_normal = -0.5 * white**2 - 0.5 * np.log(2.0 * np.pi)
+        return np.asarray(log_normal - np.log(self._sd) - self._log_mass)
+
+    def _log_distances(self, scores: Array) -> tuple[Array, Array]:
         """Return ln(φ − a), and ln(b − φ) or zero where b is infinite, each of shape (..., k)."""
         lower, upper = self._bounds
+        values = self._values(scores)
+        restricted = scores[..., self._restricted]
+        log_density_at_lower, log_density_at_upper = self._log_density_at_bounds
         above = np.log(np.maximum(values - lower, _LEAST_DISTANCE))
-        below = np.maximum(upper - values, _LEAST_DISTANCE)
-        return above, np.where(np.isfinite(upper), np.log(below), 0.0)
+        log_below_score = log_ndtr(restricted)
+        near_lower = log_below_score < _NEAR_BOUND
+        above = np.where(near_lower, log_below_score - log_density_at_lower, above)
+        below = np.log(np.maximum(upper - values, _LEAST_DISTANCE))
+        log_above_score = log_ndtr(-restricted)
+        near_upper = log_above_score < _NEAR_BOUND
+        below = np.where(near_upper, log_above_score - log_density_at_upper, below)
+        return above, np.where(np.isfinite(upper), below, 0.0)
 
     def free(self, scores: Array) -> Array:
         """Return the unbounded coordinates at given normal scores."""
         free = np.array(scores, dtype=float)
-        above, below = self._log_distances(self._values(scores))
+        above, below = self._log_distances(scores)
         free[..., self._restricted] = above - below
         return free
 
@@ -107,8 +127,29 @@ class NormalScores:
         values = self.prior.phi(free)[..., self._restricted]
         log_probability = self._log_probability_above(values) - self._log_mass
         bounded = np.minimum(log_probability, _LARGEST_LOG_PROBABILITY)
-        scores[..., self._restricted] = -ndtri_exp(bounded)
+        of_restricted = -ndtri_exp(bounded)
+        nearer_to_lower, nearer_to_upper = self._log_probabilities_near_bounds(free)
+        near_lower = nearer_to_lower < _NEAR_BOUND
+        of_restricted[near_lower] = ndtri_exp(nearer_to_lower[near_lower])
+        near_upper = nearer_to_upper < _NEAR_BOUND
+        of_restricted[near_upper] = -ndtri_exp(nearer_to_upper[near_upper])
+        scores[..., self._restricted] = of_restricted
         return scores
+
+    def _log_probabilities_near_bounds(self, free: Array) -> tuple[Array, Array]:
+        """Return log probabilities to be nearer to a, and to b, as if the density were constant.
+
+        Each has the shape (..., k). The second is infinite where b is infinite.
+        """
+        lower, upper = self._bounds
+        restricted = free[..., self._restricted]
+        bounded = np.isfinite(upper)
+        log_width = np.log(np.where(bounded, upper - lower, 1.0))
+        log_density_at_lower, log_density_at_upper = self._log_density_at_bounds
+        above = np.where(bounded, log_width + log_expit(restricted), restricted)
+        below = log_width + log_expit(-restricted)
+        to_upper = np.where(bounded, log_density_at_upper, np.inf)
+        return log_density_at_lower + above, to_upper + below
 
     def log_jacobian(self, scores: Array) -> Array:
         """Return the log volume of unbounded coordinates per volume of scores, shape (...).
@@ -118,7 +159,7 @@ class NormalScores:
         or (φ − a) (b − φ) / (b − a) times it if b is finite.
         """
         values = self._values(scores)
-        above, below = self._log_distances(values)
+        above, below = self._log_distances(scores)
         width = np.diff(self._bounds, axis=0)[0]
         log_slope = above + below - np.log(np.where(np.isfinite(width), width, 1.0))
         # The factors 1 / √(2π) of both normal densities cancel.

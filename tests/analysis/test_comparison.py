@@ -117,7 +117,8 @@ def test_rejected_assumptions_are_weighed_roughly(recovered: lb.Campaign) -> Non
     cells = f"'{rough.log_bayes_factor:+.2f}', '{rough.log_bayes_factor_error:.1g}'"
     assert cells in str(parts_of(comparison)[1])
     assert comparison.largest_error < 1e-3
-    assert by_name[CENTRED].log_bayes_factor_error < 1e-3
+    # Each of the two evidences of a Bayes factor was asked to 1e-3.
+    assert by_name[CENTRED].log_bayes_factor_error < 2e-3
 
 
 def test_the_recovered_experiment_is_not_robust(compared: Comparison) -> None:
