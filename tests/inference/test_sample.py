@@ -344,7 +344,7 @@ def test_emcee_takes_over_where_weights_cannot_be_trusted(
 def test_independent_draws_are_twice_as_many_where_chance_leaves_the_rule_unmet(
     campaign: lb.Campaign,
 ) -> None:
-    """Of four hundred independent draws R-hat is above 1.01 for about every fifth seed; for 0 too."""
+    """Of 400 independent draws R-hat is above 1.01 for every fifth seed or so, and for 0."""
     rule = StoppingRule(ess=400.0)
     fits = []
     for seed in (0, 1):
