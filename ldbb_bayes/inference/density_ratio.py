@@ -98,8 +98,13 @@ class _Sample:
     nodes: Index  #: indices of the m nodes among all n nodes, shape (m,)
     #: weight under f divided by the probability with which the node is drawn, shape (m,)
     weight: Array
-    #: polynomials of the coordinates of all n nodes, shape (n, coefficients)
-    polynomials: Array
+    integral: Integral  #: integral of f with all n nodes
+    degree: int  #: degree of the polynomial that is fitted, 1 or 2
+
+    @cached_property
+    def polynomials(self) -> Array:
+        """Polynomials of the coordinates of all n nodes, shape (n, coefficients)."""
+        return _polynomials(self.integral, self.degree)
 
     @cached_property
     def _decomposition(self) -> _Decomposition:
@@ -198,10 +203,10 @@ class RatioSampler:
         samples = []
         for step in _STEPS:
             nodes, count = np.unique(drawn[::step], return_counts=True)
-            polynomials = _polynomials(self._integral, len(nodes))
-            if len(weight) >= _NODES_PER_SAMPLE * len(nodes) and polynomials is not None:
+            degree = _largest_degree(self._integral.free.shape[1], len(nodes))
+            if len(weight) >= _NODES_PER_SAMPLE * len(nodes) and degree > 0:
                 of_f = count * weight[nodes] / probability[nodes]
-                samples.append(_Sample(nodes, of_f, polynomials))
+                samples.append(_Sample(nodes, of_f, self._integral, degree))
         return samples
 
     def integrate(
@@ -266,22 +271,29 @@ def _systematic_sample(probability: Array, rng: np.random.Generator) -> Index:
     return order[np.minimum(reached, len(order) - 1)]
 
 
-def _polynomials(integral: Integral, size: int) -> Array | None:
-    """Return polynomials of the coordinates of the n nodes, shape (n, coefficients).
+def _largest_degree(dimensions: int, size: int) -> int:
+    """Return the largest degree of a polynomial that can be fitted to ``size`` values: 0, 1 or 2.
 
-    They are of degree two, of degree one if too many for ``size`` values, or None if these are too
-    many as well. Coordinates are first scaled to the mean zero and the standard deviation one.
+    ``dimensions`` is the number of coordinates of the polynomial.
     """
+    coefficients_by_degree = {
+        1: 1 + dimensions,
+        2: 1 + dimensions + dimensions * (dimensions + 1) // 2,
+    }
     largest = _LARGEST_SHARE_OF_COEFFICIENTS * size
+    return max((d for d, count in coefficients_by_degree.items() if count <= largest), default=0)
+
+
+def _polynomials(integral: Integral, degree: int) -> Array:
+    """Return polynomials of degree 1 or 2 of the n nodes' coordinates, shape (n, coefficients).
+
+    Coordinates are first scaled to the mean zero and the standard deviation one.
+    """
     deviation = integral.free - integral.weight @ integral.free
     scale = np.sqrt(integral.weight @ deviation**2)
     z = deviation / np.where(scale > 0.0, scale, 1.0)
-    n = len(z)
-    h = z.shape[1]
-    columns = [np.ones((n, 1)), z]
-    if 1 + h > largest:
-        return None
-    first, second = np.triu_indices(h)
-    if 1 + h + len(first) <= largest:
+    columns = [np.ones((len(z), 1)), z]
+    if degree > 1:
+        first, second = np.triu_indices(z.shape[1])
         columns.append(z[:, first] * z[:, second])
     return np.concatenate(columns, axis=1)

@@ -21,6 +21,7 @@ from ldbb_bayes.deprecation import renamed_keyword
 from ldbb_bayes.errors import require
 from ldbb_bayes.inference.evidence import check_comparable
 from ldbb_bayes.inference.nodes import Evidence, HyperPosterior, Nodes
+from ldbb_bayes.inference.nodes_without_test import NodesWithoutTest
 from ldbb_bayes.inference.related_models import RelatedModels
 from ldbb_bayes.model.hybrid import BoundModel, HybridModel
 from ldbb_bayes.model.specification import model_to_toml
@@ -32,6 +33,9 @@ __all__ = ["Evidences", "leave_one_out", "left_out_log_densities"]
 # Error allowed in a log evidence [nat] that only serves to decide whether a model is rejected. If
 # the tolerance of the other evidences is larger, it is used instead.
 _ROUGH_TOLERANCE = 0.1
+# If a campaign has at least this many tests, nodes without one test are computed from the nodes of
+# all tests. With fewer tests that would not be faster than computing them anew.
+_FEWEST_TESTS = 16
 
 
 def _silent() -> None:
@@ -174,7 +178,7 @@ class Evidences(Shown):
         rough._posteriors = self._posteriors
         return rough
 
-    def _posterior(self, model: HybridModel) -> HyperPosterior:
+    def posterior(self, model: HybridModel) -> HyperPosterior:
         """Return the posterior of a model's hyper-parameters, made once for equal models."""
         key = model_to_toml(model)
         if key not in self._posteriors:
@@ -187,7 +191,7 @@ class Evidences(Shown):
         return self._posteriors[key]
 
     def _compute_nodes(self, model: HybridModel) -> Nodes:
-        posterior = self._posterior(model)
+        posterior = self.posterior(model)
         names = posterior.bound.hyper_prior.names
         key = _family(model)
         if key not in self._related_models:
@@ -255,10 +259,20 @@ def leave_one_out(
         modes[nodes.bound.hyper_prior.names] = nodes.posterior.plain.mode
     bound = next(iter(weighed.values())).bound
     all_tests = Evidences(bound.campaign, tolerance=tolerance, progress=progress)
+    of_all_tests = {}
+    if len(bound.test_names) >= _FEWEST_TESTS:
+        of_all_tests = {name: NodesWithoutTest(nodes, tolerance) for name, nodes in weighed.items()}
     nodes_without: dict[str, dict[str, Nodes]] = {name: {} for name in weighed}
     for test in bound.test_names:
         evidences = all_tests.without_test(test, bound.test_names, modes)
-        for name, nodes in zip(models, evidences.of(*models.values()), strict=True):
+        missing = dict(models)
+        for name, of_all in of_all_tests.items():
+            nodes_from_all = of_all.nodes(evidences.posterior(models[name]), test)
+            if nodes_from_all is not None:
+                nodes_without[name][test] = nodes_from_all
+                del missing[name]
+                progress()
+        for name, nodes in zip(missing, evidences.of(*missing.values()), strict=True):
             nodes_without[name][test] = nodes
     return nodes_without
 

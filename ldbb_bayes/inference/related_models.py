@@ -19,7 +19,7 @@ from ldbb_bayes.inference.integrals import Index, in_chunks
 from ldbb_bayes.inference.nodes import HyperPosterior, Nodes
 from ldbb_bayes.results import Array
 
-__all__ = ["RelatedModels"]
+__all__ = ["RelatedModels", "log_values"]
 
 # The log probability that no compliance is negative is computed to this share of the tolerance of a
 # log evidence, but never better than ``_FINEST_TOLERANCE`` [nat].
@@ -64,7 +64,7 @@ class RelatedModels:
             return posterior.nodes(self._tolerance)
 
         def evaluate(index: Index) -> LogValues:
-            return _log_density(posterior, self._integral.free[index], self._tolerance)
+            return log_values(posterior, self._integral.free[index], self._tolerance)
 
         sampled = self._ratios.integrate(evaluate, self._tolerance)
         if sampled is not None:
@@ -85,7 +85,7 @@ class RelatedModels:
         return Nodes(posterior, plain)
 
 
-def _log_density(posterior: HyperPosterior, free: Array, tolerance: float) -> LogValues:
+def log_values(posterior: HyperPosterior, free: Array, tolerance: float) -> LogValues:
     """Return the log density of readings and hyper-parameters at w points, with its error.
 
     ``free``, shape (w, h), are the hyper-parameters in unbounded coordinates. ``tolerance`` is the

@@ -187,6 +187,14 @@ class HyperPrior:
         total: Array = density.sum(axis=-1)
         return total
 
+    def log_density_of_log_noise(self, log_noise: Array) -> Array:
+        """Return the log prior density of ln λ, shape (w,), at w values of ln λ.
+
+        λ is the noise factor of a circle, and ln λ its unbounded coordinate.
+        """
+        noise_factor = np.exp(log_noise)[:, None]
+        return self._log_density_of_noise_factors(noise_factor) + log_noise
+
     def free(self, phi: Array) -> Array:
         """Return unbounded coordinates of the h hyper-parameters φ, shape (..., h).
 

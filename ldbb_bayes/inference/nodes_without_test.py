@@ -1,0 +1,136 @@
+"""Nodes of a campaign without one test, computed from the nodes of the whole campaign.
+
+φ are the hyper-parameters, the scales of the noise and of other effects. Nodes are weighted points
+that represent p(φ | y), where y are the readings. If a campaign has many tests, its posterior of φ
+hardly changes when one test is left out. The nodes of the whole campaign, weighted by the density
+without the test, then represent the posterior without it, and the ratio of the two densities needs
+to be known at a few hundred of them only (`density_ratio`).
+
+The noise factor λ of the test left out is an exception. Without the test's readings, λ has its
+prior, which is much wider than its posterior. The density without the test is therefore multiplied
+by a Gaussian density of λ's coordinate given the other coordinates, in place of λ's prior. The
+Gaussian is fitted to the nodes of the whole campaign. Its integral over λ is one, as that of the
+prior is, so that the integral over φ does not change. The λ of the resulting nodes are then drawn
+anew from the prior.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ldbb_bayes.inference.density_ratio import LogValues, RatioSampler
+from ldbb_bayes.inference.integrals import Index, Integral
+from ldbb_bayes.inference.nodes import HyperPosterior, Nodes
+from ldbb_bayes.inference.related_models import log_values
+from ldbb_bayes.results import Array
+
+__all__ = ["NodesWithoutTest"]
+
+# Seed of the noise factors of tests left out, which are drawn from their prior.
+_SEED = 0
+# Least standard deviation of the coordinate of a noise factor, given the other coordinates.
+_LEAST_SD = 1e-6
+
+
+@dataclass(frozen=True)
+class GaussianFactor:
+    """Gaussian density of one coordinate given the others, fitted to weighted nodes.
+
+    The mean of the coordinate is linear in the other h − 1 coordinates.
+    """
+
+    axis: int  #: index of the coordinate among all h
+    slopes: Array  #: change of the mean per unit of each other coordinate, shape (h − 1,)
+    intercept: float  #: mean where all other coordinates are zero
+    sd: float  #: standard deviation about the mean
+
+    def log_density(self, free: Array) -> Array:
+        """Return the log density at points of shape (w, h), shape (w,)."""
+        mean = self.intercept + np.delete(free, self.axis, axis=1) @ self.slopes
+        z = (free[:, self.axis] - mean) / self.sd
+        return np.asarray(-0.5 * z**2 - np.log(self.sd * np.sqrt(2.0 * np.pi)))
+
+
+def fit_factor(integral: Integral, axis: int) -> GaussianFactor:
+    """Return the Gaussian density of one coordinate given the others, by weighted regression."""
+    others = np.delete(integral.free, axis, axis=1)
+    coordinate = integral.free[:, axis]
+    centre = integral.weight @ others
+    mean = integral.weight @ coordinate
+    root_weight = np.sqrt(integral.weight)
+    slopes = np.linalg.lstsq(
+        (others - centre) * root_weight[:, None], (coordinate - mean) * root_weight, rcond=None
+    )[0]
+    residual = coordinate - mean - (others - centre) @ slopes
+    sd = max(float(np.sqrt(integral.weight @ residual**2)), _LEAST_SD)
+    return GaussianFactor(axis, slopes, float(mean - centre @ slopes), sd)
+
+
+class NodesWithoutTest:
+    """Nodes of one model for its campaign without any one of the tests.
+
+    Parameters
+    ----------
+    nodes : Nodes
+        Nodes of the model from all tests.
+    tolerance : float
+        Error allowed in every log evidence [nat].
+    """
+
+    def __init__(self, nodes: Nodes, tolerance: float) -> None:
+        self._integral = nodes.integral
+        self._ratios = RatioSampler(nodes.integral)
+        self._prior = nodes.bound.hyper_prior
+        self._tolerance = tolerance
+
+    def nodes(self, posterior: HyperPosterior, test: str) -> Nodes | None:
+        """Return the nodes without the named test; None if they would miss the tolerance.
+
+        ``posterior`` is the posterior density of the hyper-parameters without the test.
+        """
+        noise_factor = f"lambda_{test}"
+        if noise_factor in self._prior.names:
+            return self._nodes_with_noise_factor(posterior, self._prior.names.index(noise_factor))
+
+        def evaluate(index: Index) -> LogValues:
+            return log_values(posterior, self._integral.free[index], self._tolerance)
+
+        sampled = self._ratios.integrate(evaluate, self._tolerance)
+        if sampled is None:
+            return None
+        return Nodes(posterior, sampled.integral, sampled.value_error)
+
+    def _nodes_with_noise_factor(self, posterior: HyperPosterior, axis: int) -> Nodes | None:
+        """Return the nodes without a test that has a noise factor, the coordinate ``axis``."""
+        factor = fit_factor(self._integral, axis)
+
+        def evaluate(index: Index) -> LogValues:
+            free = self._integral.free[index]
+            values = log_values(posterior, free, self._tolerance)
+            change = factor.log_density(free) - self._prior.log_density_of_log_noise(free[:, axis])
+            return LogValues(values.log_density + change, values.error)
+
+        sampled = self._ratios.integrate(evaluate, self._tolerance)
+        if sampled is None:
+            return None
+        integral = self._with_prior_of_noise_factor(sampled.integral, factor)
+        return Nodes(posterior, integral, sampled.value_error)
+
+    def _with_prior_of_noise_factor(self, integral: Integral, factor: GaussianFactor) -> Integral:
+        """Return the integral with a noise factor that is drawn from its prior at every node.
+
+        Weights of the nodes, and the integral, do not change.
+        """
+        rng = np.random.default_rng(_SEED)
+        log_noise = np.log(self._prior.draw_noise_factor(len(integral.free), rng))
+        change = self._prior.log_density_of_log_noise(log_noise) - factor.log_density(integral.free)
+        free = integral.free.copy()
+        free[:, factor.axis] = log_noise
+        return replace(
+            integral,
+            free=free,
+            log_density=integral.log_density + change,
+            log_volume=integral.log_volume - change,
+        )
