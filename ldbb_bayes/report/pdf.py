@@ -6,6 +6,7 @@ Lengths are in millimetres, sizes of letters in points, greys from 0 (black) to 
 from __future__ import annotations
 
 import io
+import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -47,7 +48,15 @@ _RULE = 150  # grey level of the lines of tables and fields, from 0 (black) to 2
 # Grey levels (0 black, 255 white) of a banner's background and of its letters, by kind of banner.
 _GROUND_AND_INK = {"usable": (255, 0), "reserved": (232, 0), "unusable": (0, 255)}
 _SMALLEST_TITLE_SCALE = 0.8
-_MOST_ATTEMPTS = 20  # largest number of times that letters are reduced to make a sheet fit its page
+_MOST_ATTEMPTS = 8  # largest number of times that letters are reduced to make a sheet fit its page
+# The height of a text grows with this power of the size of its letters: it has more lines, and
+# higher ones.
+_POWER_OF_TEXT = 2.0
+# The height of a figure grows with this power of the size of the letters.
+_POWER_OF_FIGURES = 1.0
+# Letters are reduced until this height is left at the bottom of the page [mm], so that one
+# reduction less is needed where lines break elsewhere than expected.
+_SPARE_HEIGHT = 1.0
 
 
 def pdf_of(sheets: Sequence[ReportSheet], title: str, language: str, created: datetime) -> bytes:
@@ -77,7 +86,7 @@ def pdf_of(sheets: Sequence[ReportSheet], title: str, language: str, created: da
 def fit_to_page(sheet: ReportSheet) -> ReportSheet:
     """Return a sheet with letters that are small enough for the sheet to fit its page.
 
-    The letters are reduced at most 20 times. A very long sheet may still exceed its page then.
+    The letters are reduced at most 8 times. A very long sheet may still exceed its page then.
 
     Parameters
     ----------
@@ -89,14 +98,27 @@ def fit_to_page(sheet: ReportSheet) -> ReportSheet:
     ReportSheet
     """
     with _document() as pdf:
+        height = _draw_sheet(pdf, sheet, pictures=False) - _TOP
+        power = _POWER_OF_TEXT
         for _ in range(_MOST_ATTEMPTS):
-            end = _draw_sheet(pdf, sheet, pictures=False)
-            if end <= _BOTTOM:
+            if height <= _BOTTOM - _TOP:
                 break
-            excess = (_BOTTOM - _TOP) / (end - _TOP)
-            shrink = min(0.985, max(0.8, excess) ** 0.5)
+            shrink = ((_BOTTOM - _TOP - _SPARE_HEIGHT) / height) ** (1.0 / power)
             sheet = replace(sheet, scale=sheet.scale * shrink)
+            former_height = height
+            height = _draw_sheet(pdf, sheet, pictures=False) - _TOP
+            power = _power_of_height(height / former_height, shrink)
     return sheet
+
+
+def _power_of_height(height_ratio: float, size_ratio: float) -> float:
+    """Return the power of the size of the letters with which the height of a sheet has changed.
+
+    The height of figures grows with the first power, that of texts with the second. A power outside
+    this range, which results where a line breaks elsewhere, counts as the nearer of the two.
+    """
+    power = math.log(height_ratio) / math.log(size_ratio)
+    return min(max(power, _POWER_OF_FIGURES), _POWER_OF_TEXT)
 
 
 @contextmanager
