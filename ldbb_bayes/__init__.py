@@ -4,6 +4,9 @@ import ldbb_bayes as lb
 campaign = lb.read_campaign("data/recovered_experiment")
 posterior = lb.sample(lb.HybridModel.default(degree=1), campaign, seed=1)
 print(lb.summarize(posterior))
+
+The model is that of "A Novel Elasto-Geometric Model Exploiting Loaded Circular Test on a Machine
+Tool". Docstrings call it the paper; equations and tables with a number are those of the paper.
 """
 
 from difflib import get_close_matches

@@ -1,7 +1,8 @@
 """Names and units for display, and results with their uncertainty as metrologists write them.
 
 Internal units are mm, N and rad; display units are, for example, µm and nm/N. Parameter names are
-displayed as the paper prints them.
+displayed as in the paper "A Novel Elasto-Geometric Model Exploiting Loaded Circular Test on a
+Machine Tool", which defines the parameters.
 """
 
 from __future__ import annotations

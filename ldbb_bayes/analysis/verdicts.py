@@ -438,16 +438,17 @@ def _prior_sd_of_changes(information: Information, changes: Mapping[str, CurveCh
 
 @one_blas_thread
 def judge_posterior(posterior: xr.DataTree) -> dict[str, ParameterIdentifiability]:
-    """Return the verdict on every parameter of a posterior.
+    """Return for every parameter of a posterior whether the readings determine it.
 
-    Each parameter is identified, prior-limited (the readings hardly narrow its prior) or confounded
-    (an effect that nobody measured holds most of its variance). Cures are not looked for; use
+    A parameter is identified, prior-limited (the readings hardly narrow its prior) or confounded
+    (an effect that nobody measured causes most of its variance). Remedies are not looked for; use
     `identify` for them.
 
-    In an average over models m with probabilities p_m, the variance of a parameter is
-    Σ p_m (var_m + (mean_m − mean)²). Each source has the share that it has in var_m, weighted with
-    p_m var_m, and the spread of the means is a source of its own, ``ModelChoice``. The verdict is
-    the one on these shares.
+    If the posterior is an average over models (`average`), the variance of a parameter is the sum
+    of two parts: its mean variance within the models, and the variance of its means between them.
+    The second part is a source of uncertainty of its own, ``ModelChoice``. The share of every other
+    source in the first part is averaged over the models, with the weight probability of the model
+    times variance within it.
 
     Parameters
     ----------

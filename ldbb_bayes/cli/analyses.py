@@ -170,14 +170,14 @@ def _read_designs(entries: list[str], flag: str) -> dict[str, lb.Campaign]:
 
 
 def _read_directions(entry: str, flag: str) -> tuple[str, ...]:
-    """Return the directions of travel that a text lists, both for the word ``both``."""
+    """Return the directions of travel that a text lists, such as ``CW``; ``both`` is CW and CCW."""
     if entry.strip().lower() == "both":
         return ("CW", "CCW")
     return names_in(entry)
 
 
 def _read_prices(entry: str, flag: str) -> dict[str, float]:
-    """Return prices by certificate from a text such as ``balls G10=300,bar=150``."""
+    """Return the prices in a text such as ``balls G10=300,bar=150``, by name of the certificate."""
     prices = {}
     for name, text in pairs_in(names_in(entry), flag, "NAME=PRICE").items():
         prices[name.strip()] = numbers_in(text, flag)[0]
@@ -194,7 +194,8 @@ _DESIGN_OPTIONS = group(
         prices=Kind(str, _read_prices),
     )
 )
-# Options of the command design that say what a campaign costs.
+# Options of the command design for machine time and its price, in minutes, hours, and units of
+# money; they need --goal.
 _COST_OPTIONS = (
     "minutes_per_circle",
     "minutes_per_setup",

@@ -10,11 +10,11 @@ campaigns. In units of the prior's sd:
 
 c ~ N(0, I), b ~ N(0, I), w_t ~ N(0, r² I), r ~ HalfNormal(repeatability), Δ ~ N(0, change_scale²)
 
-There is one step or none. If there is one, each parameter j and each campaign k from 2 to n is
-equally probable a priori. A hypothesis is one choice of r, k and j, or of r and no step. Under
-each hypothesis all distributions are Gaussian: w_t is integrated out in each campaign, and the
-result follows from sums over t ≥ k and one small linear system. The likelihood of a campaign has a
-precision matrix (inverse covariance) Λ of (c, b), which may be singular.
+There is one step or none. If there is one, all p (n − 1) pairs of a parameter j and a campaign k
+from 2 to n are equally probable a priori. A hypothesis is one choice of r, k and j, or of r and no
+step. Under each hypothesis all distributions are Gaussian: w_t is integrated out in each campaign,
+and the result follows from sums over t ≥ k and one small linear system. The likelihood of a
+campaign has a precision matrix (inverse covariance) Λ of (c, b), which may be singular.
 
 In the shapes of arrays, r has another meaning: it is the number of nodes (values) of the scatter.
 n is the number of campaigns, p that of parameters, s that of instrument errors, and q = p + s.
@@ -80,13 +80,13 @@ def hypotheses(carried: Gaussian, parameters: int, change_scale: float) -> Gauss
     """Return the Gaussian of levels, instrument errors and step (c, b, Δ) under every hypothesis.
 
     A hypothesis assumes one of r values of the machine's scatter from campaign to campaign. It also
-    assumes that one of the p parameters changed by a step just before one of the n campaigns, or
-    that none changed. c are the levels of the p parameters before the step Δ, b the errors of the
-    instrument; q is the number of all elements of c and b.
+    assumes that one of the p parameters changed by a step just before one of the campaigns 2 to n,
+    or that none changed. c are the levels of the p parameters before the step Δ, b the errors of
+    the instrument; q is the number of all elements of c and b.
 
-    The Gaussians have the shape (r, n, p, q + 1). Index k of the second array axis, from 0, means a
-    step just before campaign k + 2, counted from 1; the last index means no step. Values are in
-    units of the parameters' prior sd. The attribute ``log_integral`` is the log evidence of each
+    The Gaussians have the shape (r, n, p, q + 1). The indices 0 to n − 2 of the second array axis
+    mean a step just before the campaigns 2 to n; its last index, n − 1, means no step. Values are
+    in units of the parameters' prior sd. The attribute ``log_integral`` is the log evidence of each
     hypothesis, up to a constant that all hypotheses share.
 
     Parameters
@@ -129,10 +129,10 @@ def hypothesis_probabilities(
     """Return the posterior probability of every hypothesis of a step, shape (r, n, p).
 
     A hypothesis assumes one of r values of the machine's scatter from campaign to campaign. It also
-    assumes that one of the p parameters changed by a step just before one of the n campaigns, or
-    that none changed. Index k of the second array axis, from 0, means a step just before campaign
-    k + 2, counted from 1. The last index means no step; its probability is divided equally among
-    the p parameters. All probabilities together sum to one.
+    assumes that one of the p parameters changed by a step just before one of the campaigns 2 to n,
+    or that none changed. The indices 0 to n − 2 of the second array axis mean a step just before
+    the campaigns 2 to n. Its last index, n − 1, means no step; the probability of no step is
+    divided equally among the p parameters. All probabilities together sum to one.
 
     Parameters
     ----------
@@ -153,7 +153,7 @@ def instrument_moments(posteriors: Gaussian, probabilities: Array) -> tuple[Arra
 
     They are those of the mixture of all hypotheses, weighted by their probabilities. A hypothesis
     assumes one of r values of the machine's scatter from campaign to campaign. It also assumes that
-    one of the p parameters changed by a step just before one of the n campaigns, or that none
+    one of the p parameters changed by a step just before one of the campaigns 2 to n, or that none
     changed. Mean and covariance are in units of the errors' prior sd.
 
     Parameters
@@ -194,8 +194,8 @@ def current_levels(posteriors: Gaussian, probabilities: Array, *, prob: float = 
 
     The result is that of the mixture of all hypotheses, weighted by their probabilities. A
     hypothesis assumes one of r values of the machine's scatter from campaign to campaign. It also
-    assumes that one of the p parameters changed by a step just before one of the n campaigns, or
-    that none changed.
+    assumes that one of the p parameters changed by a step just before one of the campaigns 2 to n,
+    or that none changed.
 
     Parameters
     ----------

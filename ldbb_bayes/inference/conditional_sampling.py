@@ -23,15 +23,27 @@ _REPEATS = 20
 
 
 def conditional_draws(
-    bound: BoundModel, free: Array, rng: np.random.Generator
+    bound: BoundModel,
+    free: Array,
+    rng: np.random.Generator,
+    *,
+    truncated: bool | None = None,
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Return one random draw of the p parameters for each of w values of the hyper-parameters.
 
     The draws are from the exact density of the parameters (compliances, slopes, geometric errors)
-    given the readings and the hyper-parameters (scales of the noise and of other effects). If the
-    model requires it, no compliance is negative in them. ``free``, shape (w, h), holds the
-    hyper-parameters in unbounded coordinates, mostly ln(value − lower bound). ``bound`` is the
-    model, applied to its campaign.
+    given the readings and the hyper-parameters (scales of the noise and of other effects).
+
+    Parameters
+    ----------
+    bound : BoundModel
+        Model, applied to its campaign.
+    free : ndarray, shape (w, h)
+        Hyper-parameters in unbounded coordinates, mostly ln(value − lower bound).
+    rng : Generator
+        Generator of random numbers.
+    truncated : bool, optional
+        Whether no compliance may be negative in a draw. Default: as the model requires.
 
     Returns
     -------
@@ -41,6 +53,8 @@ def conditional_draws(
         False for a draw for which the rejection sampler gave up, or in which rounding made a
         compliance negative.
     """
+    if truncated is None:
+        truncated = bound.truncation.active
     beta = np.zeros((len(free), len(bound.names)))
     exact = np.ones(len(free), dtype=bool)
     nodes, node_of_row = np.unique(free, axis=0, return_inverse=True)
@@ -56,21 +70,25 @@ def conditional_draws(
             conditional = conditional_of_nodes.select(node_of_row[rows])
         else:
             conditional = bound.given(bound.hyper_prior.phi(free[rows]))[1]
-        if bound.truncation.active:
+        if truncated:
             beta[rows], exact[rows] = conditional.draw_truncated(rng)
         else:
             beta[rows] = conditional.draw(rng)
     return beta, exact
 
 
-def draw_parameters_given(bound: BoundModel, free: Array, rng: np.random.Generator) -> Array:
+def draw_parameters_given(
+    bound: BoundModel,
+    free: Array,
+    rng: np.random.Generator,
+    *,
+    truncated: bool | None = None,
+) -> Array:
     """Return one random draw of the p parameters per value of the hyper-parameters, shape (w, p).
 
     The parameters are compliances, slopes and geometric errors. They are drawn given the readings
-    and each of w values of the hyper-parameters (scales of the noise and of other effects). If the
-    model requires it, no compliance is negative in any draw. ``free``, shape (w, h), holds the
-    hyper-parameters in unbounded coordinates, mostly ln(value − lower bound). ``bound`` is the
-    model, applied to its campaign.
+    and each of w values of the hyper-parameters (scales of the noise and of other effects). The
+    arguments are those of `conditional_draws`.
 
     Raises
     ------
@@ -81,7 +99,7 @@ def draw_parameters_given(bound: BoundModel, free: Array, rng: np.random.Generat
     beta = np.zeros((len(free), len(bound.names)))
     missing = np.arange(len(free))
     for _ in range(1 + _REPEATS):
-        beta[missing], exact = conditional_draws(bound, free[missing], rng)
+        beta[missing], exact = conditional_draws(bound, free[missing], rng, truncated=truncated)
         missing = missing[~exact]
         if not missing.size:
             return beta

@@ -132,10 +132,14 @@ class _Sample:
 
 
 class _Decomposition(NamedTuple):
-    """Singular vectors of the polynomials at the m nodes, times the roots of their weights."""
+    """Singular value decomposition U Σ Vᵀ of the weighted polynomials at the m nodes of a sample.
 
-    left: Array  #: left singular vectors, shape (m, rank)
-    #: right singular vectors divided by the singular values, shape (coefficients, rank)
+    Row i of the decomposed matrix holds the values of all polynomials at node i, times the square
+    root of the weight of the node. Singular values Σ that are zero but for rounding are left out.
+    """
+
+    left: Array  #: left singular vectors U, shape (m, rank)
+    #: right singular vectors V, each divided by its singular value, shape (coefficients, rank)
     scaled_right: Array
 
 

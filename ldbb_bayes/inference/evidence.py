@@ -199,12 +199,19 @@ def log_bayes_factor(evidence: Evidence, other: Evidence) -> tuple[float, float]
 def log_prob_truncation(truncated: HyperPosterior, tolerance: float = 0.02) -> tuple[float, float]:
     """Return the log posterior probability that no compliance is negative, and its error [nat].
 
-    The probability is that under the posterior which allows negative compliances: the mean of the
-    probability given the hyper-parameters (scales of the noise and of other effects). If a few of
-    their values do not give it to the tolerance, as where the condition moves their posterior, it
-    is the integral of the density over compliances that are not negative, divided by the integral
-    over all values. ``truncated`` is the posterior with the condition; ``tolerance`` is the error
-    allowed in the log probability, or in each log integral [nat].
+    The probability is that under the posterior which allows negative compliances. It is the mean of
+    the probabilities given the hyper-parameters (scales of the noise and of other effects), first
+    over at least 256 of their values. If the error of this mean exceeds ``tolerance``, or if ln P
+    is below −2, so that a few values may decide it, the probability is a ratio of two integrals
+    over the hyper-parameters: of the posterior density with, and without, the condition that no
+    compliance is negative.
+
+    Parameters
+    ----------
+    truncated : HyperPosterior
+        Posterior density of the hyper-parameters with the condition.
+    tolerance : float
+        Error allowed in the log probability, or in each of the two log integrals [nat].
     """
     if truncated.plain.proposal.trusted:
         coarse = truncated.coarse_probability

@@ -56,9 +56,9 @@ _BEYOND_EDGE = 3.0
 # Its error is taken to be this share of the difference between the log integrals from the two
 # grids.
 _MEAN_OF_TWO = 0.25
-# Let d be the difference between the log integrals from a lattice's two grids [nat]. The error of
-# the log integral from the lattice is ``_MEAN_OF_TWO`` times d, where d counts as at most this
-# value; it is d² if d² is larger.
+# The error of the log integral from a lattice is derived from the difference d between the log
+# integrals from its two grids [nat]: it is ``_MEAN_OF_TWO`` times d up to d = ``_LARGEST_LINEAR``.
+# Above, it stays constant until d² exceeds it, and is d² from there on.
 _LARGEST_LINEAR = 0.02
 # After the step of a lattice (the distance between its points) is shortened, the difference between
 # the log integrals from its two grids counts as at least this share of what it was before.

@@ -231,14 +231,16 @@ class HyperPosterior:
         return np.asarray(log_density)
 
     def nodes(self, tolerance: float = 1e-3) -> Nodes:
-        """Return weighted nodes that integrate the density, to this tolerance [nat] if possible.
+        """Return weighted values of the hyper-parameters φ (nodes) that represent this density.
 
-        The nodes are values of the hyper-parameters (scales of the noise and of other effects); the
-        tolerance is the error allowed in the log integral. If this density is ``truncated``, the
-        nodes of the density that allows negative compliances are used first. Their weights are
-        multiplied by the probability that no compliance is negative. If the result misses the
-        tolerance, nodes of the truncated density itself are computed. Of the two sets of nodes, the
-        one with the smaller error is returned.
+        φ are the scales of the noise and of other effects. ``tolerance`` is the error allowed in
+        the logarithm of the integral of the density [nat], which is the log evidence; the nodes may
+        miss it, and state their error.
+
+        If this density is ``truncated``, the nodes are first those of the density that allows
+        negative compliances, with weights multiplied by the probability, given φ, that no
+        compliance is negative. If these miss the tolerance, further nodes are computed where the
+        truncated density is large. The nodes with the smaller error are returned.
         """
         if not self.truncated:
             return Nodes(self, self._integral(tolerance))
@@ -671,11 +673,12 @@ class Nodes:
         """Return posterior draws of parameters, shape (size, p), and hyper-parameters, (size, h).
 
         Hyper-parameters (scales of the noise and of other effects; lengths in mm) are picked from
-        the nodes by their weights. Parameters (compliances, slopes, geometric errors) are drawn at
-        random given these and the readings.
+        the nodes by their weights. Parameters (compliances, slopes, geometric errors; in mm, N and
+        rad) are drawn at random given these and the readings. No compliance is negative in any draw
+        if the posterior of the nodes is ``truncated``.
         """
         free = self.integral.resample(size, rng)
-        beta = draw_parameters_given(self.bound, free, rng)
+        beta = draw_parameters_given(self.bound, free, rng, truncated=self.posterior.truncated)
         return beta, self.bound.hyper_prior.phi(free)
 
     def moments(

@@ -405,10 +405,10 @@ class DesignRows:
         self._eliminations: dict[int, Elimination] = {}
 
     def elimination(self, last: int) -> Elimination:
-        """Return the elimination of all columns, with an order of few operations.
+        """Return the Cholesky elimination of all coefficients, in an order that needs little work.
 
-        ``last`` is the number of shared columns, counted from the end, that are eliminated last and
-        keep their order. The coefficients of shared columns are the same in all tests.
+        The coefficients of the last ``last`` shared columns (those whose coefficients are the same
+        in all tests) are eliminated after all others, in the order of the columns.
         """
         if last not in self._eliminations:
             last_columns = np.arange(self._shared - last, self._shared)
@@ -417,9 +417,9 @@ class DesignRows:
 
     @cached_property
     def private_elimination(self) -> Elimination:
-        """Elimination of the columns of single tests, if the coefficients of all others are known.
+        """Cholesky elimination of the coefficients of single tests, if all shared ones are known.
 
-        Columns are counted from the first one of the first test.
+        Column 0 is the first column that is not shared by all tests.
         """
         columns = self._columns[:, self._shared :]
         return self._eliminate(columns, self._signs[self._shared :], np.arange(0))

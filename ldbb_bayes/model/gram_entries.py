@@ -24,14 +24,14 @@ from ldbb_bayes.results import Array
 
 __all__ = ["EntryBlock", "GramEntries"]
 
-# Share of Gram entries that are not zero from which on those of a block are stored with their
-# zeros. Multiplying by such a matrix takes a third of the time for each entry (measured).
+# A block of Gram entries is stored as a dense matrix if at least this share of its entries is not
+# zero: a dense product takes a third of the time for each entry (measured).
 _DENSE_SHARE = 0.35
-# Number of Gram entries that are not zero for each call that multiplies a matrix with zeros, from
-# which on this is faster.
+# A block is stored as a dense matrix only if each matrix product has at least this number of
+# entries that are not zero. With fewer, the calls take longer than the sparse product.
 _FEWEST_DENSE = 500
-# Number of columns whose entries one product with such a matrix computes. A smaller number wastes
-# time in function calls; a larger one computes entries before the diagonal that are not needed.
+# Number of columns whose entries one dense product computes. A smaller number wastes time in
+# function calls; a larger one computes entries before the diagonal that are not needed.
 _COLUMNS_AT_ONCE = 4
 
 

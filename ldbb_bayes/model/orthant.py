@@ -54,18 +54,18 @@ _MOST_TRIES = 64
 # Number of points of the Gauss-Legendre quadrature rule in one dimension, by which moments of
 # Gaussian vectors u given u ≥ 0 are computed.
 _RULE_POINTS = 24
-# Numbers of quasi-random points in each scramble (random shift of the points), tried in turn until
-# the error of ln P(u ≥ 0) is small enough.
-_SIZES = (32, 128, 512, 2048, 8192)
-# Number of scrambles, which are independent random shifts of the quasi-random points. The scatter
-# between the probabilities P(u ≥ 0) that they give determines the stated error.
+# A probability P(u ≥ 0) is estimated independently from this many copies of one set of quasi-random
+# points, each with another random shift (here called a scramble). The scatter between the estimates
+# gives the stated error.
 _SCRAMBLES = 8
-# Factor (Student's t) on the standard error of a probability, because the error is estimated from
-# the scatter between only eight scrambles, which are random shifts of the quasi-random points.
+# Numbers of quasi-random points in each of these sets, tried in turn until the error of ln P(u ≥ 0)
+# is small enough.
+_SIZES = (32, 128, 512, 2048, 8192)
+# Factor (as Student's t) by which the standard error of a probability is enlarged, because it is
+# computed from the scatter of only eight estimates.
 _STUDENT = 1.5
 # The stated error of a probability is at least this share of the error that the same number of
-# plain random points would give, because the results of a few scrambles (random shifts of the
-# quasi-random points) may agree by chance.
+# plain random points would give, because eight estimates may agree by chance.
 _LEAST_ERROR_SHARE = 0.1
 # Largest number of importance weights that are computed at once, to limit the memory used. There is
 # one weight for every quasi-random point and every probability P(u ≥ 0) of a batch.
@@ -510,10 +510,13 @@ class Orthant:
 
 
 def _scramble_error(weight: Array) -> Array:
-    """Return the standard error of the mean importance weight of each of w problems, shape (w,).
+    """Return the error of the mean importance weight of each of w problems, shape (w,).
 
-    ``weight``, shape (scrambles, points, w), holds the weights of all quasi-random points;
-    scrambles are independent random shifts of the points.
+    It is the standard error of the mean of eight independent estimates, times a factor because they
+    are so few, but at least a tenth of the standard error that plain random points would have.
+    ``weight`` holds the weights of all quasi-random points, shape (scrambles, points, w). Each
+    scramble (the same points with another random shift) gives one estimate: the mean of its
+    weights.
     """
     scatter = weight.mean(axis=1).std(axis=0, ddof=1) / np.sqrt(_SCRAMBLES)
     points = weight.shape[0] * weight.shape[1]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.reading.column_units import is_unit_stated, unit_size
+from ldbb_bayes.reading.column_units import unit_size
 from ldbb_bayes.reading.open_question import OpenQuestionError
 from ldbb_bayes.reading.recording import Recording
 from ldbb_bayes.reading.words import UNITS
@@ -38,7 +38,7 @@ def times_of_log(recording: Recording) -> Array:
         For times that do not increase, and for gaps if the user does not say what the machine did.
     """
     raw = recording.numbers["time"]
-    times = raw * unit_size(recording, "time", *_usual_unit(recording, raw))
+    times = raw * unit_size(recording, "time", *_usual_unit(raw))
     steps = np.diff(times)
     if len(steps) == 0:
         return times
@@ -55,12 +55,14 @@ def times_of_log(recording: Recording) -> Array:
     return times[0] + np.concatenate([[0.0], np.cumsum(steps)])
 
 
-def _usual_unit(recording: Recording, raw: Array) -> tuple[str, str]:
-    """Return the unit that is assumed for times without one, and the reason for it."""
-    if not is_unit_stated(recording, "time"):
-        for unit in _STAMP_UNITS:
-            if _FIRST_STAMP_S <= raw[0] * UNITS["time"][unit] <= _LAST_STAMP_S:
-                return unit, "stamps since 1970"
+def _usual_unit(raw: Array) -> tuple[str, str]:
+    """Return the unit that times have if neither user nor file states one, and the reason for it.
+
+    ``raw`` are the numbers in the column of times, shape (n,).
+    """
+    for unit in _STAMP_UNITS:
+        if _FIRST_STAMP_S <= raw[0] * UNITS["time"][unit] <= _LAST_STAMP_S:
+            return unit, "stamps since 1970"
     return "s", "no unit in the header"
 
 

@@ -704,11 +704,12 @@ def sum_in_words(parameter: VisibleParameter) -> str:
 
 
 def joined_sizes(hyper_um: Mapping[str, float], equals: str) -> str:
-    """Return hyper-parameters with their values as one text, such as "sigma = 0.2 µm".
+    """Return hyper-parameters as one text, such as "sigma = 0.2 µm, decay = 0.5".
 
-    Hyper-parameters are scales of the noise and of other effects [µm]. Those named λ are left out;
-    each is the factor by which the random shift and the unexplained deviations of one circle are
-    larger than those of the other circles. ``equals`` is the text between name and value.
+    ``hyper_um`` holds their values by name: scales of the noise and of other effects [µm], and
+    decay, a pure number. Those named λ are left out; each is the factor by which the random shift
+    and the unexplained deviations of one circle are larger than those of the other circles.
+    ``equals`` is the text between name and value.
     """
     sizes = []
     for name, value in hyper_um.items():

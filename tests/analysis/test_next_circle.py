@@ -16,6 +16,7 @@ from ldbb_bayes.analysis.design.objective import Objective
 from ldbb_bayes.analysis.rival_explanations import compare_explanations
 from ldbb_bayes.campaign.campaign import Campaign
 from ldbb_bayes.errors import InputError
+from ldbb_bayes.inference.evidences import Evidences
 from ldbb_bayes.inference.posterior import draws_of
 
 MODEL = lb.HybridModel.default(degree=1)
@@ -241,6 +242,17 @@ def test_flat_priors_are_refused(recovered: Campaign) -> None:
 def test_a_confidence_out_of_range_is_refused(confidence: float, recovered: Campaign) -> None:
     with pytest.raises(InputError, match=r"confidence must lie between 0\.5 and 1"):
         next_circle(MODEL, recovered, confidence=confidence)
+
+
+def test_a_bad_goal_is_refused_before_evidences_are_computed(
+    recovered: Campaign, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def of(*_: object) -> None:
+        raise AssertionError("evidences are computed")
+
+    monkeypatch.setattr(Evidences, "of", of)
+    with pytest.raises(InputError, match="goal of C_XXX must be"):
+        next_circle(MODEL, recovered, goals={"C_XXX": "5 kg"})
 
 
 def test_an_unknown_goal_is_refused(recovered: Campaign) -> None:

@@ -69,6 +69,34 @@ def test_conditional_draws_have_the_conditional_moments(bound: BoundModel) -> No
     np.testing.assert_allclose(beta.std(axis=0) / sd, 1.0, atol=0.04)
 
 
+@pytest.fixture(scope="module")
+def soft() -> BoundModel:
+    """Four of five draws would have a negative compliance, because C_CCY is zero."""
+    model = lb.HybridModel.first(1)
+    return model.bind(model.simulate(plan(), parameters={**TRUTH, "C_CCY": 0.0}, seed=2).campaign)
+
+
+@pytest.mark.parametrize("required", [True, False])
+def test_draws_of_a_density_without_truncation_have_negative_compliances(
+    soft: BoundModel, required: bool
+) -> None:
+    """The model may require compliances that are not negative: its density without this counts."""
+    model = soft.model if required else soft.model.without("truncation")
+    posterior = HyperPosterior(model.bind(soft.campaign), truncated=False)
+    beta, _ = posterior.nodes(0.1).draw(400, np.random.default_rng(1))
+    assert 0.1 < soft.truncation.holds(beta).mean() < 0.9
+
+
+@pytest.mark.parametrize("required", [True, False])
+def test_draws_of_a_truncated_density_have_no_negative_compliance(
+    soft: BoundModel, required: bool
+) -> None:
+    model = soft.model if required else soft.model.without("truncation")
+    posterior = HyperPosterior(model.bind(soft.campaign), truncated=True)
+    beta, _ = posterior.nodes(0.1).draw(400, np.random.default_rng(1))
+    assert soft.truncation.holds(beta).all()
+
+
 def check_moments(draws: np.ndarray, mean: np.ndarray, sd: np.ndarray) -> None:
     standard_error = 1.0 / np.sqrt(len(draws))
     error = (draws.mean(axis=0) - mean) / sd

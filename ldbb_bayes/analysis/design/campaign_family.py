@@ -1,8 +1,9 @@
-"""Families of campaigns: all that can be made of the same clockings, radii and certificates.
+"""Families of campaigns: all campaigns with the same clockings, radii and certificates.
 
-Campaigns of one family differ in their number of circles and in what each of them is: its force,
-its direction of travel, and which of the clockings (pairs of angles of the balls) and radii it has.
-Every further circle costs the same. The information of every circle is worked out once a family.
+A clocking is a pair of angles by which the two balls are turned in their sockets. Campaigns of one
+family differ in the number of circles, and in the force, direction of travel, clocking and radius
+of each circle. Every further circle costs the same. The information that each possible circle gives
+is computed once for a family.
 """
 
 from __future__ import annotations
@@ -78,7 +79,11 @@ class CampaignFamily:
         return QuickForecast(objective, limits / scale)
 
     def lowest_price(self, costs: Costs, circles: int) -> float:
-        """Return the price of a campaign of this many circles that uses all the family offers."""
+        """Return the lowest price of a campaign of this many circles, in the unit of all prices.
+
+        The campaign has every clocking and radius of the family. The price is that of the machine
+        time, with as few set-ups and turns of the balls as possible, and of the certificates.
+        """
         space = self.space
         kinds = len({str(test.plane) for test in space.templates}) * len(space.radii_mm)
         turns = kinds * (len(space.clockings_deg) - 1)

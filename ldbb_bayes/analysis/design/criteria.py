@@ -112,17 +112,21 @@ class Variance:
 
 @dataclass(frozen=True)
 class LogBayesFactor:
-    """Expected log Bayes factor ln B in favour of the true model: Φ = ¼ size² Σ λ²/(1 + λ).
+    """Expected log Bayes factor in favour of the true one of two models: Φ = ¼ size² Σ λ²/(1 + λ).
 
-    B is the Bayes factor of the model with the parameters of interest over the model without them;
-    both models are equally probable beforehand. S is the precision of the parameters in units of
-    the prior precision, and its eigenvalues are 1 + λ. ``rows`` and ``prior`` of an ``Objective``
-    with this criterion must therefore be scaled so that S of the prior alone is the identity.
+    One model has the s parameters of interest; in the other they are zero. Both are equally
+    probable beforehand. B is the Bayes factor of the model with the parameters over the other.
 
-    If the parameters exist, with a root mean square of ``size`` prior standard deviations, E[ln B]
-    is ½ Σ [(1 + size² λ) λ/(1 + λ) − ln(1 + λ)]. If they are zero, E[ln B] is ½ Σ [λ/(1 + λ) − ln(1
-    + λ)]. Φ is half the difference, which never falls when information is added. For one parameter
-    it leads to the T-optimum design. Φ is not concave, so that an optimum found may be a local one.
+    S is the precision matrix of the parameters after the tests, in units of their prior precision.
+    Its eigenvalues are 1 + λ, where λ is what the readings add. ``rows`` and ``prior`` of an
+    `Objective` with this criterion must therefore be scaled so that S without tests is the
+    identity.
+
+    If the model with the parameters is true, and their root mean square is ``size`` prior standard
+    deviations, the mean of ln B is ½ Σ [(1 + size² λ) λ/(1 + λ) − ln(1 + λ)]. If the parameters are
+    zero, it is ½ Σ [λ/(1 + λ) − ln(1 + λ)]. Φ is half the difference of these two means. It never
+    decreases when tests are added. For one parameter, the design with the largest Φ is T-optimum.
+    As Φ is not concave, a search may end at a local maximum.
     """
 
     concave: ClassVar[bool] = False

@@ -207,13 +207,18 @@ def next_circle(
         augment=True,
         seed=seed,
     )
+    # Goals are read before evidences are computed, which takes long, so that a bad goal is refused
+    # at once.
+    read_goals = {}
+    if goals:
+        read_goals = goals_in(space.bound, goals)
     evidences = Evidences(space.pilot, tolerance=_TOLERANCE)
     known = known_from(evidences.of(model)[0], seed)
     objective = _objective(space, known)
     circles = CandidateCovariances(objective)
     if tolerances is None:
         tolerances = campaign.tolerances
-    of_goals = _states_of_goals(goals, known, circles.before, confidence)
+    of_goals = goal_states(read_goals, known, circles.before, confidence)
     of_tolerances = _states_of_tolerances(tolerances, space, known, circles.before, confidence)
     odds = _ModelOdds.of(model, known, evidences, confidence)
     model_is_aim = odds is not None and (decide_model or not (goals or tolerances))
@@ -256,16 +261,6 @@ def _aims_of(
     if odds is not None:
         aims.append(odds.aim)
     return aims
-
-
-def _states_of_goals(
-    goals: Mapping[str, str | Goal], known: Known, before: Array, confidence: float
-) -> dict[str, GoalState]:
-    """Return how goals stand with the covariances ``before`` the next circle, by parameter."""
-    read_goals = {}
-    if goals:
-        read_goals = goals_in(known.bound, goals)
-    return goal_states(read_goals, known, before, confidence)
 
 
 def _states_of_tolerances(

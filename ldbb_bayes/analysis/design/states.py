@@ -44,12 +44,14 @@ class States:
 
 
 def hyper_nodes(model: HybridModel, pilot: Campaign, size: int, seed: int) -> Array:
-    """Return equally likely values of the h hyper-parameters, shape (size, h) [mm].
+    """Return ``size`` equally likely values of the h hyper-parameters φ, shape (size, h).
 
-    The values represent the posterior given the readings of the pilot (the campaign that a design
-    starts from). If the pilot is a plan, they represent the prior, and ``size`` is rounded up to a
-    power of two. If the priors of the parameters are flat, only the root mean square of the values
-    is returned, shape (1, h), because all variances are then proportional to that of the noise.
+    φ are the scales of the noise and of other effects. Lengths are in mm; λ and decay are pure
+    numbers. The values are a random sample of the posterior given the readings of the pilot (the
+    campaign that a design starts from). If the pilot is a plan, they are spread evenly over the
+    prior, and their number is rounded up to a power of two. If the priors of the parameters are
+    flat, only the root mean square of the values is returned, shape (1, h), because all variances
+    are then proportional to that of the noise.
     """
     if pilot.is_plan:
         prior = model.bind(pilot).hyper_prior
