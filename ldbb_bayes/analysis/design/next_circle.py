@@ -209,9 +209,7 @@ def next_circle(
     )
     # Goals are read before evidences are computed, which takes long, so that a bad goal is refused
     # at once.
-    read_goals = {}
-    if goals:
-        read_goals = goals_in(space.bound, goals)
+    read_goals = _read_goals(goals, space)
     evidences = Evidences(space.pilot, tolerance=_TOLERANCE)
     known = known_from(evidences.of(model)[0], seed)
     objective = _objective(space, known)
@@ -261,6 +259,13 @@ def _aims_of(
     if odds is not None:
         aims.append(odds.aim)
     return aims
+
+
+def _read_goals(goals: Mapping[str, str | Goal], space: Space) -> dict[str, Goal]:
+    """Return the goals by name of the parameter, after checking them; there may be none."""
+    if not goals:
+        return {}
+    return goals_in(space.bound, goals)
 
 
 def _states_of_tolerances(
