@@ -46,8 +46,8 @@ from ldbb_bayes.model.reduction import reduce_readings
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent), str(HERE)]
 import peers
-from campaigns import TOLERANCE, cost_of_campaigns
 from study import DATA, page
+from timed_campaigns import TOLERANCE, cost_of_campaigns
 
 Array = NDArray[Any]
 PACKAGES = ("numpy", "scipy", "emcee", "jax", "numpyro", "dynesty")

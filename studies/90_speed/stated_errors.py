@@ -22,7 +22,7 @@ from ldbb_bayes.inference.evidences import Evidences
 from ldbb_bayes.inference.nodes import HyperPosterior
 
 sys.path[:0] = [str(Path(__file__).resolve().parent)]
-from campaigns import ALL_PLANES, FRAMES_MM
+from timed_campaigns import ALL_PLANES, FRAMES_MM
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
