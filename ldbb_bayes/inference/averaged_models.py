@@ -1,8 +1,8 @@
 """The single models of a posterior that is averaged over models, each with its own draws.
 
-A draw of an averaged posterior comes from one of the models, and the share of its draws is the
-model's posterior probability. A parameter that a model lacks is zero in all of its draws, and in no
-draw of a model that has it.
+Every draw of an averaged posterior comes from one of the models. The share of the draws that come
+from a model is its posterior probability. The draws of a model are zero for a parameter that the
+model lacks, and for no other.
 """
 
 from __future__ import annotations
@@ -26,16 +26,18 @@ __all__ = ["AveragedModel", "averaged_models"]
 class AveragedModel:
     """One of the models that a posterior is averaged over, with its share of the draws.
 
-    ``places`` are the places of the model's parameters among the p parameters of the average.
+    The average has p parameters: all those of its models.
     """
 
     #: share of the model's draws among all draws: its posterior probability, rounded
     probability: float
     bound: BoundModel  #: the model, applied to the campaign
-    places: NDArray[np.intp]
-    #: draws of all p parameters of the average, those that the model lacks zero, shape (n, p)
+    places: NDArray[np.intp]  #: indices of the model's parameters among those of the average
+    #: draws of all p parameters of the average, shape (n, p); those that the model lacks are zero
     beta: Array
-    phi: Array  #: draws of the h hyper-parameters [mm], shape (n, h)
+    #: draws of the h hyper-parameters (scales of the noise and of other effects), shape (n, h);
+    #: lengths are in mm
+    phi: Array
 
     @cached_property
     def mean(self) -> Array:
@@ -51,8 +53,9 @@ class AveragedModel:
 def averaged_models(posterior: xr.DataTree) -> list[AveragedModel]:
     """Return the models of a posterior that have draws in it; a single model if it is no average.
 
-    The mean of a parameter is Σ p_m mean_m, and its variance Σ p_m (var_m + (mean_m − mean)²), with
-    the share p_m of model m among the draws.
+    In the average, a parameter has the mean Σ p_m mean_m and the variance Σ p_m (var_m + (mean_m −
+    mean)²). p_m is the share of model m among the draws; mean_m and var_m are mean and variance of
+    the parameter in these.
     """
     bound = bound_of(posterior)
     beta, phi = draws_of(posterior, bound)
@@ -83,8 +86,9 @@ def _bound_of_model(
 ) -> BoundModel:
     """Return one model of an average, applied to the campaign.
 
-    ``largest`` is the model with all parameters. ``places`` are the places of the model's own
-    parameters among them, ``rivals`` its rival explanations.
+    ``largest`` is the model with all parameters, and ``places`` are the indices among them of the
+    parameters that this model has. ``rivals`` are its rival explanations: effects that look like a
+    change of compliance with force.
     """
     present = {largest.names[place] for place in places}
     absent = [name for name in largest.names if name not in present]

@@ -1,15 +1,16 @@
-"""How much a circle that is not measured scatters, learnt from the circles that are.
+"""Scatter of a new circle, learnt from the scatter of the measured circles.
 
-The factor λ multiplies the set-up shift and the discrepancy of one circle. Its prior, λ² ~
-InvGamma(a, a) with a = 3/2, has heavy tails, so that an odd circle among those measured does not
-move the compliances. Circles of one machine mostly scatter alike. A band for a new circle that
-takes its λ from the prior is then too wide. Here a is learnt: every posterior draw of the λ of R
-measured circles gives the probability
+The factor λ multiplies the set-up shift (of zero and centre) and the discrepancy (unexplained
+deviations) of one circle. Its prior, λ² ~ InvGamma(a, a) with a = 3/2, has heavy tails, so that an
+odd circle among those measured does not move the compliances. But circles of one machine mostly
+scatter alike, and a band for a new circle would be too wide if its λ came from that prior. The
+shape a is therefore learnt: each posterior draw of the λ of R measured circles gives a few possible
+values of a the probabilities
 
-    p(a | λ_1 … λ_R) ∝ p(a) Π InvGamma(λ_r²; a, a)
+    p(a | λ_1 … λ_R) ∝ p(a) Π InvGamma(λ_r²; a, a).
 
-of each of some shapes a, and λ of the new circle is drawn with a shape of that probability. The
-model and its posterior remain as they are.
+A value of a is drawn with these probabilities, and then λ of the new circle from InvGamma(a, a).
+The model and its posterior remain as they are.
 
 The draws of λ are those of a posterior that assumes a = 3/2. Few circles say little of each λ, so
 that these probabilities lean towards 3/2, and bands are wider than they need be: by about a tenth

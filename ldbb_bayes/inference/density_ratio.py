@@ -34,14 +34,15 @@ from ldbb_bayes.results import Array
 
 __all__ = ["LogValues", "RatioIntegral", "RatioSampler"]
 
-# Largest number of nodes at which the density is evaluated.
+# Number of nodes in the largest sample, at which the density is evaluated.
 _LARGEST_SAMPLE = 4608
-# The density is first evaluated at every third of these nodes, then at all of them if the error is
-# too large.
+# The density is first evaluated at every 24th node of the largest sample, then at every 8th and
+# last at all of them, until the error is small enough.
 _STEPS = (24, 8, 1)
-# Nodes are sampled only if there are at least this many times as many of them.
+# A sample is used only if the integral has at least this many times as many nodes as the sample.
 _NODES_PER_SAMPLE = 2
-# A polynomial is fitted only if it has at most this share as many coefficients as values are known.
+# A polynomial is fitted only if its number of coefficients is at most this share of the number of
+# nodes in the sample.
 _LARGEST_SHARE_OF_COEFFICIENTS = 0.5
 # Half of the nodes are drawn in proportion to their weights, half in proportion to this power of
 # the weights, so that the tails, where the ratio is largest, are sampled too.
@@ -258,7 +259,7 @@ class RatioSampler:
 
 
 def _probabilities(weight: Array) -> Array:
-    """Return the probability with which each node is drawn first, shape (n,)."""
+    """Return the probability of each of the n nodes in one random draw, shape (n,)."""
     tempered = weight**_TAIL_POWER
     return 0.5 * weight + 0.5 * tempered / tempered.sum()
 
@@ -266,8 +267,9 @@ def _probabilities(weight: Array) -> Array:
 def _systematic_sample(probability: Array, rng: np.random.Generator) -> Index:
     """Return the indices of the nodes of the largest sample; some may occur several times.
 
-    They are those at equally spaced levels of the cumulative probability of the nodes in random
-    order. Every third of them are themselves such a sample.
+    The nodes are put in random order and picked at equally spaced levels of their cumulative
+    ``probability``. Every 8th, or every 24th, of the picked nodes are a smaller sample of this
+    kind.
     """
     order = rng.permutation(len(probability))
     levels = (rng.random() + np.arange(_LARGEST_SAMPLE)) / _LARGEST_SAMPLE

@@ -103,13 +103,13 @@ class Evidences(Shown):
         return self
 
     def of(self, *models: HybridModel) -> list[Nodes]:
-        """Return the quadrature nodes of each model in the order given, only once for equal models.
+        """Return the quadrature nodes of each model, in the order of the models.
 
         The evidence of a model follows from its nodes, which are weighted values of its
-        hyper-parameters (scales of the noise and of other effects). Models share one calculation
-        if they differ only in slopes, in rival explanations of slopes (such as joints that yield to
-        their own load), and in whether compliances may be negative. Their nodes follow from those
-        of the largest model among them.
+        hyper-parameters (scales of the noise and of other effects). Nodes of equal models are
+        computed once. Models share one calculation if they differ only in slopes, in rival
+        explanations of slopes (such as joints that yield to their own load), and in whether
+        compliances may be negative. Their nodes follow from those of the largest model among them.
         """
         models_by_key = {model_to_toml(model): model for model in models}
         for key in sorted(models_by_key, key=lambda key: _largest_first(models_by_key[key])):
@@ -174,7 +174,8 @@ class Evidences(Shown):
     @cached_property
     def _rough(self) -> Evidences:
         rough = self.apart(max(self.tolerance, _ROUGH_TOLERANCE))
-        # Models that are bound, and modes that are found, are the same for every tolerance.
+        # Models applied to the campaign, and modes of their posteriors, do not depend on the
+        # tolerance.
         rough._posteriors = self._posteriors
         return rough
 

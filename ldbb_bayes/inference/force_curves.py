@@ -78,9 +78,10 @@ def force_curves(posterior: xr.DataTree) -> ForceCurves:
 def prior_changes(posterior: xr.DataTree) -> dict[str, Array]:
     """Return prior draws of the change C(F_max) − C(F_min) of every compliance that may change.
 
-    The keys are the names of the compliances, as in `force_curves`. In an average over models, some
-    of the draws have no slopes, and as many as models without it no part of `JointLoad`. The result
-    is empty for a flat prior, and if all tests have one force.
+    The keys are the names of the compliances, as in `force_curves`. For an average over models, the
+    prior draws come from all models, also from those without slopes. The part of `JointLoad` is
+    added to as large a share of the draws as models have this term. The result is empty for a flat
+    prior, and if all tests have one force.
     """
     bound = bound_of(posterior)
     tested_N = bound.setting.force_N

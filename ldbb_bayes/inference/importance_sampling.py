@@ -7,8 +7,7 @@ differ (Geweke, Econometrica 57, 1317-1339, 1989). In every round it is fitted t
 points of the rounds before.
 
 The weights of a round use the proposal from which its points were drawn. If they used a proposal
-fitted to these same points, ln ∫ f would be too small, by 0.1 nat in 45 dimensions. ESS is the
-effective sample size of the weights.
+fitted to these same points, ln ∫ f would be too small, by 0.1 nat in 45 dimensions.
 """
 
 from __future__ import annotations
@@ -78,9 +77,9 @@ def importance_sample(
     Points are drawn in rounds from a proposal, a density much like f, and weighted by f divided by
     the proposal. The proposal of the first round is fitted to f along directions through every
     mode. The proposal of a later round is fitted to the points of all rounds before. If the weights
-    of a round are even enough, the round is extended by as many points again. The earliest later
-    round that reaches the tolerance with weights that can be trusted is returned. If there is none,
-    the later round with the smallest error is returned; ``trusted`` of the result states whether
+    of a round are even enough, the round is extended by as many points again. Of the later rounds,
+    the earliest that reaches the tolerance with weights that can be trusted is returned. If there
+    is none, the one with the smallest error is returned; ``trusted`` of the result states whether
     its weights can be trusted. If they cannot, other seeds are tried, as a round may miss a tail of
     f by chance. If no seed gives weights that can be trusted, the result of the first seed is
     returned.
@@ -183,7 +182,8 @@ def _draw_round(
     ``tolerance`` the error allowed in ln ∫ f [nat]. Doubling stops early if the weights are uneven
     or cannot be trusted, or if the round would have more than ``max_points`` points. Unless the
     weights are very even, it also stops at ``refit_points`` points, as a proposal that is fitted
-    anew to these points is then likely to be better. So it does if the tolerance is out of reach.
+    anew to these points is then likely to be better. For the same reason it stops early if the
+    error is still more than twice the tolerance and the round is small.
     """
     h = len(proposal.components[0].centre)
     engines = [qmc.Sobol(h + 1, rng=rng) for _ in range(_SCRAMBLES)]

@@ -6,10 +6,11 @@ and a covariance V. The marginal density of a parameter is therefore a mixture o
 every draw of φ. Its quantiles scatter less from seed to seed than those of the draws of β
 themselves (Rao-Blackwell theorem).
 
-Truncation, if it is active, restricts β to A β ≥ 0: compliances that are not negative. Let β_j
-alone change, and the other parameters with it along V_j / V_jj, so that what is independent of β_j
-keeps its drawn value. Then β_j is Gaussian, N(m_j, V_jj), between the two values at which the first
-row of A β becomes negative.
+Truncation, if it is active, restricts β to A β ≥ 0: compliances that are not negative. Parameter j
+is then no longer Gaussian. But let each draw of β move along the column V_j of V, which changes β_j
+and leaves all combinations of parameters that are independent of β_j as drawn. Given these
+combinations, β_j has the density N(m_j, V_jj) between the two values beyond which an element of A β
+is negative. These truncated Gaussians are the components of the mixture.
 """
 
 from __future__ import annotations
@@ -141,7 +142,8 @@ def _given_hyper_parameters(model: AveragedModel, phi: Array, beta: Array) -> Ma
     high = np.full(sd.shape, np.inf)
     truncation = model.bound.truncation
     if truncation.active:
-        # Compliances that must not be negative, and their change per unit of every parameter.
+        # ``rate`` is the change of each compliance that must not be negative, per unit of each
+        # parameter.
         compliances = of_model @ truncation.rows.T
         covariance = conditional.spread(truncation.rows) @ np.swapaxes(spread, 1, 2)
         rate = covariance / sd[:, None] ** 2

@@ -64,7 +64,7 @@ _BELOW_MODE = 4.0
 # by at least ``_NEGLIGIBLE_CORNER`` [nat].
 _NEGLIGIBLE_START = 12.0
 _NEGLIGIBLE_CORNER = 8.0
-# The search ends when a step raises the log density by no more than this [nat].
+# The search for such a maximum ends when a step raises the log density by no more than this [nat].
 _CORNER_GAIN = 1e-2
 # Coarse nodes are weighted values of the hyper-parameters that serve where a rough integral
 # suffices. ``_COARSE_TOLERANCE`` is the error allowed in the log integral from them [nat].
@@ -82,13 +82,13 @@ _LARGEST_LEFT_OUT = 5e-4
 # The log probability that no compliance is negative is computed to a quarter of the tolerance, but
 # never better than this [nat].
 _FINEST_TOLERANCE = 1e-3
-# Its quasi-random points differ between nodes (values of the hyper-parameters). The error that they
-# cause at one node may be this multiple of the tolerance, because it cancels in the mean over
-# hundreds of nodes.
+# This probability is computed from quasi-random points that differ between nodes (values of the
+# hyper-parameters). The error that the points cause at one node may be this multiple of the
+# tolerance, because it cancels in the mean over hundreds of nodes.
 _NOISE_PER_TOLERANCE = 2.0
-# The computed probability that no compliance is negative adds an error of its own. If nodes
-# (weighted values of the hyper-parameters) miss the tolerance only for this reason, new nodes are
-# computed to this share of the tolerance.
+# If nodes (weighted values of the hyper-parameters) miss the tolerance only because of the error of
+# the probability that no compliance is negative, new nodes are computed to this share of the
+# tolerance.
 _NODES_SHARE = 0.7
 # The posterior probability that no compliance is negative is a mean over at first so many nodes
 # (values of the hyper-parameters), and over ``_PICKED_GROWTH`` times as many if its error is too

@@ -24,12 +24,13 @@ from ldbb_bayes.results import Array
 
 __all__ = ["NormalScores"]
 
-# A hyper-parameter counts as at least this away from its bounds, so that the logarithm of the
-# distance is finite.
+# Smallest distance of a hyper-parameter from its bounds that is reckoned with, so that the
+# logarithm of the distance is finite.
 _LEAST_DISTANCE = 1e-300
-# Where a hyper-parameter has a smaller log probability than this to be nearer to a bound, its
-# distance from the bound would be the difference of two nearly equal numbers. It is therefore
-# computed from the prior density at the bound, which hardly changes over so short a distance.
+# A value of a hyper-parameter counts as near to a bound if the logarithm of the prior probability
+# of values between it and the bound is below this. Its distance from the bound is then computed
+# from this probability and the prior density at the bound, because a difference of two nearly equal
+# numbers would be inaccurate.
 _NEAR_BOUND = -20.0
 # The logarithm of a probability counts as at most this, so that its normal quantile is finite.
 _LARGEST_LOG_PROBABILITY = -1e-300
@@ -137,9 +138,10 @@ class NormalScores:
         return scores
 
     def _log_probabilities_near_bounds(self, free: Array) -> tuple[Array, Array]:
-        """Return log probabilities to be nearer to a, and to b, as if the density were constant.
+        """Return log prior probabilities of values nearer to a, and to b, than given values.
 
-        Each has the shape (..., k). The second is infinite where b is infinite.
+        They are computed as if the prior density were the same as at the bound, which holds near to
+        it. Each has the shape (..., k). The second is infinite where b is infinite.
         """
         lower, upper = self._bounds
         restricted = free[..., self._restricted]

@@ -56,8 +56,8 @@ def predict(
     Bar, balls, mount and force device are those of the posterior. The effects of the machine and of
     shared nuisances (effects that are modelled but not of interest, such as ball form) are drawn
     from the posterior. Set-up shift (of zero and centre), discrepancy (unexplained deviations of a
-    circle), random force error and white noise are drawn anew, with shift and discrepancy as unlike
-    from circle to circle as those of the measured circles are. Effects that the campaign does not
+    circle), random force error and white noise are drawn anew. Shift and discrepancy scatter as
+    much from circle to circle as those of the measured circles. Effects that the campaign does not
     show, such as the length of the bar at another radius, are drawn from their prior. Where times
     are not stated, the new circles count as run after the measured ones; state ``time_s`` of all
     tests to predict a circle that was run among them.
@@ -134,8 +134,8 @@ def new_circles(
     rng
         Generator of random numbers.
     learn_spread
-        Whether new circles are as unlike each other as the measured ones are. If not, they are as
-        the model itself says: their noise factors λ are drawn from the prior.
+        Whether the scatter of new circles is learnt from that of the measured ones
+        (`circle_spread`). If not, their noise factors λ are drawn from the model's prior.
     """
     measured, planned = _bind_with_plan(draws.bound, plan)
     names = planned.hyper_prior.names

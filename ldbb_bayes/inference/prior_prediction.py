@@ -23,9 +23,9 @@ def prior_circles(bound: BoundModel, size: int, rng: np.random.Generator) -> Ite
     """Yield circles of each test that the prior predicts [mm], shape (size, n) for n readings.
 
     Each draw from the prior of parameters, hyper-parameters and nuisances gives one circle, with
-    white noise. If the model requires it, no compliance is negative in any draw. The priors that
-    are sized by the estimate Ĉ of the compliances use the readings for this alone. ``bound`` is the
-    model, applied to its campaign; its prior must not be flat.
+    white noise. If the model requires it, no compliance is negative in any draw. The readings are
+    used for one thing only: some prior standard deviations are proportional to an estimate Ĉ of the
+    compliances. ``bound`` is the model, applied to its campaign; its prior must not be flat.
     """
     beta, phi = prior_draws_of(bound, size, rng)
     value = dict(zip(bound.hyper_prior.names, phi.T, strict=True))

@@ -31,16 +31,14 @@ class RelatedModels:
     """Nodes of models whose hyper-parameters are those of a given model.
 
     Nodes are weighted values of the hyper-parameters φ (scales of the noise and of other effects)
-    that represent their posterior. All models share the values of φ. Each model weighs them by its
-    own density p(y | φ) p(φ) of the readings y and of φ, as the estimate Ĉ of the compliances,
-    about which effects are linearised, is each model's own.
+    that represent their posterior. All models use the same values of φ, each with weights of its
+    own: in proportion to p(y | φ) p(φ) under that model, with the readings y.
 
     Parameters
     ----------
     plain : Nodes
-        Nodes of the given model, which allows negative compliances. It is the largest of the
-        models: the posteriors of φ in the others are at most as wide where these have fewer
-        effects.
+        Nodes of the given model, which allows negative compliances. It should be the largest of the
+        models, because its posterior of φ is then wide enough for all of them.
     tolerance : float
         Error allowed in every log evidence [nat].
     """

@@ -40,11 +40,12 @@ class SharedDraws(NamedTuple):
 def draw_with_shared(
     bound: BoundModel, free: Array, repeats: int, rng: np.random.Generator
 ) -> SharedDraws:
-    """Return ``repeats`` random draws of u and β for each of w values of the hyper-parameters φ.
+    """Return ``repeats`` random draws of nuisances and parameters for each of w values of φ.
 
-    ``free``, shape (w, h), holds φ in unbounded coordinates. ``bound`` is the model, applied to its
-    campaign. Draws of one value of φ follow each other. Raise an `InputError` if no draw without
-    negative compliances is found where the model requires it.
+    φ are the hyper-parameters; ``free``, shape (w, h), holds them in unbounded coordinates.
+    ``bound`` is the model, applied to its campaign. There are w × ``repeats`` draws, and those for
+    one value of φ follow each other. Raise an `InputError` if the model allows no negative
+    compliances and no draw without them is found.
     """
     p = len(bound.names)
     phi = bound.hyper_prior.phi(free)

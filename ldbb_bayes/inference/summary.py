@@ -60,8 +60,8 @@ def summarize(posterior: xr.DataTree, *, prob: float = 0.95) -> pd.DataFrame:
         ess_bulk, ess_tail (effective sample sizes) and rhat. The prior columns are filled for
         proper priors only; for parameters they state the prior before truncation. ``attrs["fit"]``
         says how well the model fits, with warnings and whether the numbers can be used (``state``).
-        In print, units are those for reading, such as nm/N, and the change of each compliance C(F)
-        over the tested forces stands in the place of the slopes, such as C_XXX_1. The method
+        When the table is printed, units are easy to read, such as nm/N, and slopes such as C_XXX_1
+        are replaced by the change of each compliance C(F) over the tested forces. The method
         ``details`` of the table prints the slopes.
 
     Raises
