@@ -57,28 +57,31 @@ BLAS_MULTIPLE = 8
 # Largest number of orders of elimination that are kept for design matrices with zeros in the same
 # places. A comparison has a hundred models of fewer patterns.
 _KEPT_PLANS = 64
-# Number of terms of the products of border columns from which on the products of one column at a
-# time are computed, which takes more function calls but reads less from the processor's cache.
+# Each element of a product of border entries is a sum of terms, one for every column that is
+# eliminated. With at least this number of terms, one call computes the products of one row of the
+# border instead of several: that takes more calls, but less memory is moved.
 _MANY_TERMS = 12
 
 
 class Update(NamedTuple):
     """Products of border entries of some groups of a front, subtracted from later columns.
 
-    The groups are b for each of a different borders. One call computes the products of rows
-    ``first`` to ``stop`` of the borders with all following rows.
+    A border is the set of later columns that a group changes. There are a different borders, and b
+    groups with each of them. One call computes the products of the border's rows ``first`` to
+    ``stop`` with these and all following rows.
     """
 
-    #: Groups of the front that have these borders: those of the first border come first.
+    #: The a · b groups of the front, sorted by their border.
     groups: slice
     #: Number a of borders. No two of them have a column in common.
     borders: int
-    #: First of the rows of the border whose products are computed.
+    #: First of the border's rows whose products are computed.
     first: int
     #: Row of the border after the last of these rows.
     stop: int
     #: Rows of the workspace from which the products are subtracted, shape (a, stop − first,
-    #: m + 1 − first). Products that are computed twice have the last row, which nothing uses.
+    #: m + 1 − first). A product that occurs twice is used once; its second copy goes to the last
+    #: row of the workspace, which is never read.
     targets: NDArray[np.intp]
 
 
@@ -90,7 +93,7 @@ class Front(NamedTuple):
 
     #: Rows of the workspace that hold the s (s + m + 1) entries of every group.
     entries: slice
-    #: Number of groups, s, and s + m + 1.
+    #: Number of groups, number s of their columns, and number s + m + 1 of entries of a column.
     shape: tuple[int, int, int]
     #: Signs ±1 of the Cholesky pivots of the s columns of each group, shape (groups, s); None if
     #: all are positive. A pivot is negative where a prior variance is negative
@@ -140,7 +143,7 @@ class Front(NamedTuple):
 
 
 class _Family(NamedTuple):
-    """Groups of columns with the same border: columns eliminated later that they change."""
+    """Groups of columns with the same border, that is, with the same later columns they change."""
 
     border: tuple[int, ...]
     groups: list[ColumnGroup]
@@ -163,16 +166,16 @@ class EliminationPlan:
     def __init__(self, groups: list[ColumnGroup], signs: Array) -> None:
         size = len(signs)
         families_of_fronts = _families_of_fronts(groups)
-        #: Row of the workspace that holds the entry of column i for column j, and, as its last
-        #: column, the right-hand side of column i; −1 if there is no such row.
+        #: Row of the workspace that holds the entry of columns i and j, shape (columns, columns +
+        #: 1); its last column is for the right-hand side of column i. −1 if there is no such row.
         self.place = np.full((size, size + 1), -1, dtype=np.intp)
         start = 0
         for families in families_of_fronts:
             for family in families:
                 for group in family.groups:
                     start = self._place_group(group, start)
-        #: Number of matrix entries that are computed for one value of the hyper-parameters, with
-        #: one that takes what is not needed.
+        #: Number of rows of the workspace: matrix entries for one value of the hyper-parameters,
+        #: and a last row for products that are not needed.
         self.entries = start + 1
         self.fronts = [self._front(families, signs) for families in families_of_fronts]
         self.pivots = self.place[np.arange(size), np.arange(size)]
@@ -269,7 +272,7 @@ class Elimination:
 
     @property
     def entries(self) -> int:
-        """Number of matrix entries that are computed for one value of the hyper-parameters."""
+        """Number of rows of the workspace: matrix entries, and one row for unneeded products."""
         return self._plan.entries
 
     @property
@@ -463,7 +466,7 @@ def _families_of_fronts(groups: list[ColumnGroup]) -> list[list[_Family]]:
 
 
 def _disjoint_families(families: list[_Family]) -> list[list[_Family]]:
-    """Return families in lists, in which no two families have a column of the border in common.
+    """Return the families divided into lists; in a list no two borders have a column in common.
 
     The families of a list have equal numbers of groups and follow each other in ``families``.
     """

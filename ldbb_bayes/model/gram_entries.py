@@ -42,14 +42,17 @@ class EntryBlock(NamedTuple):
     entries before the diagonal are not needed.
     """
 
-    #: Places of the groups · s · n entries among all entries.
+    #: Indices, among all entries, of the entries of the block; their number is groups · s · n.
     entries: slice
     #: Number of groups, number s of columns in a group, and number n of entries in a column.
     shape: tuple[int, int, int]
 
 
 class _DenseGram(NamedTuple):
-    """Gram entries of some columns of every group of a block, with those that are zero."""
+    """Gram entries of some columns of every group of a block, as a dense array.
+
+    The array also has the entries that are zero.
+    """
 
     block: EntryBlock
     #: First of the columns of every group; entries before its diagonal are left out.
@@ -75,8 +78,9 @@ class GramEntries:
     blocks
         Blocks of entries. One more entry, the last one, belongs to no block and remains zero.
     place
-        Place of the product of columns i and j among the entries, shape (columns, columns + 1); the
-        last column is for the readings. It must be known where i precedes j in the order of places.
+        Index, among all entries, of the product of columns i and j, shape (columns, columns + 1);
+        the last column is for products with the readings. It is used only if column i is eliminated
+        before column j, or i = j.
     columns
         Design matrix A, shape (rows, columns).
     values

@@ -50,8 +50,9 @@ _SHAPE = 1.5
 _RATE = 1.5
 
 
-# Hyper-parameters that take over from others: the pattern of the machine from the form of the
-# balls. The same harmonics are the form's until the balls are stated or turned.
+# Hyper-parameters that a model may lack, and those that then describe the same effect. Without
+# turned or certified balls, a model has no size ω of the machine's pattern: the pattern is part of
+# the balls' form, whose size is τ.
 _PREDECESSORS: Mapping[Hyper, Hyper] = {"omega": "tau"}
 
 
@@ -103,12 +104,12 @@ class HyperPrior:
         return dict(zip(self.names, (phi * self.shown).tolist(), strict=True))
 
     def carried(self, other: HyperPrior, phi: Array) -> Array:
-        """Return values of these h hyper-parameters, carried over by name, shape (..., h).
+        """Return values of these h hyper-parameters, taken by name from another model's, (..., h).
 
-        Those that ``other`` has too keep their values in ``phi``, whose last axis is that of
-        ``other``. Where ``other`` lacks the size ω of the machine's pattern, this is the size τ of
-        the balls' form, which held the same harmonics before the balls were stated or turned. The
-        rest of those that ``other`` lacks have their prior median. Lengths are in mm.
+        ``phi`` are the values of the hyper-parameters of ``other``, which its last axis counts. If
+        ``other`` lacks the size ω of the machine's pattern, ω gets the size τ of the balls' form,
+        because the pattern is then part of the form. All other hyper-parameters that ``other``
+        lacks get their prior median. Lengths are in mm.
         """
         median = self.quantile(np.full(len(self.names), 0.5))
         values = np.broadcast_to(median, (*phi.shape[:-1], len(self.names))).copy()

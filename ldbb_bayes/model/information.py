@@ -27,8 +27,9 @@ __all__ = ["Information"]
 # Singular values below this share of the largest count as zero when the effects of the parameters
 # of interest are removed from the readings.
 _RANK_TOLERANCE = 1e-9
-# A precision from the readings alone that is below this, in units of the prior precision, is a
-# rounding error: the readings do not see the coefficient.
+# If the readings alone give a coefficient a precision (1 / variance) below this, in units of its
+# prior precision, the precision is a rounding error, and the readings do not depend on the
+# coefficient.
 _ROUNDING = 1e-9
 
 
@@ -354,8 +355,9 @@ class Information:
 
         The prior of the coefficient itself is flat, and so are those of the parameters of interest;
         all other nuisance coefficients keep theirs. The sds are divided by the coefficients' prior
-        sds, and infinite for a coefficient that no reading sees or that a change of the parameters
-        imitates. For parameters of interest they are not a number.
+        sds. They are infinite for a coefficient that changes no reading, or that changes the
+        readings as the parameters of interest can. For parameters of interest they are not a number
+        (NaN).
 
         Given the prior precision 1 of coefficient k, its variance v_k with flat parameters has the
         precision 1 / v_k = 1 + r_k, where r_k is the precision from the readings alone: the sd is

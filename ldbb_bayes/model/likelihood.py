@@ -77,7 +77,7 @@ class _Batch(NamedTuple):
 
     @property
     def numbers(self) -> slice:
-        """Slice of the hyper-parameters' values that the batch holds, without repeated ones."""
+        """Slice of the caller's values of the hyper-parameters that are in this batch."""
         return slice(self.phi_index[0], self.phi_index[-1] + 1)
 
     @property

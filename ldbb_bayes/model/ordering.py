@@ -30,17 +30,18 @@ __all__ = ["PRODUCT_COLUMNS", "ColumnGroup", "elimination_groups", "heights"]
 
 # Number of columns of a border whose products with the border one call computes.
 PRODUCT_COLUMNS = 8
-# All costs are times divided by the time of one multiplication for all hyper-parameters that are
-# processed together (measured; results depend little on them).
-# Function calls that a group needs once.
+# The following costs are measured times, in units of the time of one multiplication for all values
+# of the hyper-parameters that are processed together. Results depend little on them.
+# Time of the function calls that a group needs once.
 _GROUP_COST = 100.0
-# Function calls that eliminate one column of a group.
+# Time of the function calls that eliminate one column of a group.
 _COLUMN_COST = 200.0
-# Function calls for the products of `PRODUCT_COLUMNS` columns of a border.
+# Time of the function calls for the products of `PRODUCT_COLUMNS` columns of a border.
 _PRODUCT_CALL_COST = 250.0
-# Subtraction of one product of two columns of a border from the entries of later columns.
+# Time to subtract one product of two columns of a border from the entries of later columns.
 _UPDATE_COST = 1.0
-# Largest number of times of elimination that are kept, because equal shapes are common.
+# Largest number of computed times that are kept in memory, because the same numbers of columns
+# occur again and again.
 _KEPT_COSTS = 4096
 
 
@@ -72,7 +73,7 @@ class _Node(NamedTuple):
         return self.columns.bit_count(), self.border.bit_count()
 
     def into(self, parent: _Node) -> _Node:
-        """Return the node that this one and its parent are when they are eliminated together."""
+        """Return this node and its parent as one node, whose columns are eliminated together."""
         border = (self.border | parent.border) & ~parent.columns
         return _Node(self.columns | parent.columns, border)
 
@@ -169,8 +170,9 @@ def _single_nodes(neighbours: NDArray[np.bool_]) -> list[_Node]:
     """Return one node for each column, with its border.
 
     ``neighbours`` (columns, columns) states which columns have a row in common; rows and columns of
-    this matrix are in the order of elimination. All neighbours of a column become neighbours of the
-    first of them. As this one passes them on when it is eliminated, no other need be told.
+    this matrix are in the order of elimination. When a column is eliminated, all its neighbours
+    become neighbours of each other. It is enough to add them to the border of the first of them,
+    because that column adds them to the border of the next one in turn.
     """
     linked = _bit_sets(np.triu(neighbours, k=1))
     nodes = []

@@ -141,7 +141,7 @@ class _Solved(NamedTuple):
 
 @dataclass(frozen=True)
 class _Points:
-    """Quasi-random points in eight scrambles: random shifts of one lattice."""
+    """Quasi-random points: eight copies of one lattice, each with a random shift (scramble)."""
 
     seed: int
     shared: bool  #: whether all problems use the same points

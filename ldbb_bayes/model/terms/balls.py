@@ -42,11 +42,11 @@ _LAST_SPHERICITY_ORDER = 3
 
 
 class _TurnedBall(NamedTuple):
-    """Ball that contributes to a form error, and the angle of the ball's zero in this form error.
+    """Ball that contributes to a form error, and the angle by which it is turned in it [rad].
 
-    The form error, of one ball or the sum of both, is a Fourier series in an angle. ``turned_rad``
-    is the value of this angle [rad] where the angle on the ball itself is zero. It is zero if the
-    form error is that of a single ball.
+    A form error is a Fourier series in the angle on one ball. In the sum of the forms of both
+    balls, this is the angle on the work ball; ``turned_rad`` is then its value where the angle on
+    this ball is zero. For the form of a single ball it is zero.
     """
 
     ball: Ball
@@ -66,8 +66,9 @@ class _CoefficientPrior(NamedTuple):
 class _Form(NamedTuple):
     """Form error of one ball, or the sum of the form errors of work ball and tool ball.
 
-    The names of its coefficients begin with ``stem``. ``turned_rad`` (tests,) is the angle by which
-    the form is turned in every test [rad], and ``balls`` are the balls that have a part in it.
+    The names of its coefficients begin with ``stem``. ``turned_rad`` (tests,) is the angle on the
+    circle at which the form's own angle is zero, in every test [rad]. ``balls`` are the ball, or
+    both balls, whose form it is.
     """
 
     stem: str
@@ -201,10 +202,11 @@ class BallForm(Term):
         return _CoefficientPrior(share_of_tau, np.sqrt(variance), mean)
 
     def _sphericity_sd_um(self, ball: Ball, orders: Array) -> Array:
-        """Return the prior sd at n orders that follows from a ball's sphericity [µm], shape (n,).
+        """Return the prior sds of form coefficients from a ball's sphericity [µm], shape (n,).
 
-        The ball's certificate or grade states its deviation from sphericity. Without certificate
-        and grade, the deviation is ``sphericity_um`` and counts at the orders 2 and 3 only.
+        ``orders``, shape (n,), are the orders of the coefficients, at least 2. If certificate or
+        grade of the ball state its deviation from sphericity S, the sd is S/√24 · min(1, 3/order).
+        Otherwise it is ``sphericity_um``/√24 at the orders 2 and 3, and zero at higher ones.
         """
         sphericity = ball.stated_sphericity_um
         relative = np.minimum(1.0, _LAST_SPHERICITY_ORDER / orders)
