@@ -1,4 +1,4 @@
-"""Assumptions that decide numbers: sources of uncertainty that nobody measured or stated."""
+"""Assumed sizes of effects on which results depend, because nobody measured or stated them."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from ldbb_bayes.units import ranked
 
 __all__ = ["AssumedSize", "DecidingAssumption", "deciding_assumptions"]
 
-# An assumed effect that holds at least this share of the variance of a parameter decides it in
-# part. Verdicts name effects from the same share on.
+# A parameter counts as dependent on an assumed effect if the effect has at least this share of the
+# parameter's variance. Verdicts name effects from the same share on.
 _DECIDING_SHARE = 0.05
-# Sizes that differ by less than this ratio count as one.
+# Two sizes count as equal if the larger divided by the smaller is below this.
 _SAME_SIZE = 1.0 + 1e-9
 
 
@@ -27,21 +27,22 @@ class AssumedSize:
     source: str  #: name of the coefficient, or of the noise, that has this size
     sd: float  #: its prior standard deviation
     unit: str  #: internal unit of ``sd``
-    differs: bool  #: whether other coefficients of the effect in this unit are smaller
+    #: whether the effect has other coefficients with this unit and a smaller standard deviation
+    differs: bool
 
 
 @dataclass(frozen=True)
 class DecidingAssumption(Result):
-    """An effect whose size nobody measured or stated, and that decides a number in part."""
+    """An effect whose size is assumed, and the parameter that depends on it most."""
 
     term: str  #: class name of the model term
     parameter: str  #: parameter in whose variance the effect has its largest share
-    share: float  #: this share
+    share: float  #: share of the effect in the variance of ``parameter``
     sizes: tuple[AssumedSize, ...]  #: size of the effect in each of its units
 
 
 def deciding_assumptions(budgets: Mapping[str, Budget]) -> tuple[DecidingAssumption, ...]:
-    """Return the assumed effects that hold 5 % or more of the variance of any parameter.
+    """Return the assumed effects that have 5 % or more of the variance of any parameter.
 
     The sizes are those that the budgets state as the standard uncertainties of the sources. The
     priors of the parameters themselves are no effects, and are left out.
@@ -74,7 +75,10 @@ def deciding_assumptions(budgets: Mapping[str, Budget]) -> tuple[DecidingAssumpt
 
 
 def _sizes(lines: list[Contribution]) -> tuple[AssumedSize, ...]:
-    """Return the largest size in every unit; lines of several coefficients together have none."""
+    """Return the largest size in every unit, from the lines of an effect in the budgets.
+
+    Lines that stand for several coefficients state no size, and are left out.
+    """
     by_unit: dict[str, dict[str, float]] = {}
     for line in lines:
         if line.u is not None:

@@ -419,7 +419,8 @@ def _contribution(
 def _noise_source(bound: BoundModel, term: str, phi: Mapping[Any, float]) -> _NoiseSource:
     """Return type, standard uncertainty and unit of a noise, or of the parameters' own priors.
 
-    ``term`` is the name of the source in the budget; ``phi`` are the hyper-parameters by name [mm].
+    ``term`` is the name of the source in the budget; ``phi`` are the hyper-parameters by name, with
+    lengths in mm.
     """
     if term == NOISE:
         return _NoiseSource("A", phi["sigma"], "mm")

@@ -78,7 +78,7 @@ def joint_difference(
     bounds : sequence of BoundModel
         Models bound to the first and to the second campaign.
     phi : sequence of ndarray
-        Hyper-parameters of each campaign, shape (h,) [mm].
+        Hyper-parameters of each campaign, shape (h,); lengths in mm.
     rows : sequence of ndarray
         Matrix of each campaign, shape (n, p), that maps its parameters β, shape (p,), to the n
         compared parameters, shape (n,).
@@ -160,7 +160,7 @@ def _information_and_means(bound: BoundModel, phi: Array) -> _Campaign:
     """Return the posterior of one campaign's coefficients, given its hyper-parameters.
 
     Coefficients are the parameters and the nuisance coefficients that tests share. ``phi`` are the
-    hyper-parameters, shape (h,) [mm].
+    hyper-parameters, shape (h,), with lengths in mm.
     """
     information = information_of(bound, phi)
     # The error of the bar's length is common to both campaigns only if their radii are the same.
@@ -265,8 +265,8 @@ def worst_conflict(
 def _posterior_mean(bound: BoundModel, phi: Array) -> Array:
     """Return the posterior mean of parameters and shared nuisance coefficients, given ``phi``.
 
-    ``phi`` are the hyper-parameters, shape (h,) [mm]. Shared nuisance coefficients act in several
-    tests. The means have the order of `information_of`: parameters first.
+    ``phi`` are the hyper-parameters, shape (h,), with lengths in mm. Shared nuisance coefficients
+    act in several tests. The means have the order of `information_of`: parameters first.
     """
     _, parameters = bound.given(phi[None])
     beta = parameters.mean[0]

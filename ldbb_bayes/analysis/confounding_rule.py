@@ -1,4 +1,4 @@
-"""The rule by which assumed effects confound a parameter: they hold most of its variance."""
+"""The rule for confounding: assumed effects that have most of a parameter's variance."""
 
 from __future__ import annotations
 
@@ -13,19 +13,25 @@ __all__ = ["NEAR_TIE", "SAME_COMBINATION", "confounding_sources"]
 # Two effects act on the same combination of parameters if the squared cosine of the angle between
 # the errors that they cause is at least this.
 SAME_COMBINATION = 0.95
-# An effect that holds less than this share of a parameter's variance is not named with the verdict
-# on the parameter.
+# An effect with less than this share of a parameter's variance is not named with the verdict on the
+# parameter.
 _NAMED_SHARE = 0.05
 # Shares and contractions that differ from their limit by less than this count as equal to it, so
-# that no verdict depends on rounding errors: a share equal to the limit is no majority, and a
-# contraction equal to it is none that limits.
+# that no verdict depends on rounding errors. With a share of one half, a parameter is not
+# confounded; with a contraction equal to its limit, it is not prior-limited.
 NEAR_TIE = 1e-6
 
 
 def confounding_sources(
     sources: Sequence[VarianceSource], likeness: Mapping[tuple[str, str], float] | None
 ) -> tuple[VarianceSource, ...]:
-    """Return the assumed sources that hold most of a parameter's variance; empty if none do."""
+    """Return the assumed sources with which a parameter is confounded; empty if there are none.
+
+    They have more than half of the parameter's variance, and act on the same combination of
+    parameters. ``sources`` are those of the parameter's variance, the largest share first.
+    ``likeness`` is the squared cosine of the angle between the errors that two sources cause, by
+    their names; if None, all act on the same combination.
+    """
     candidates = []
     for source in sources:
         is_effect = source.origin == Origin.ASSUMED and source.name != OWN

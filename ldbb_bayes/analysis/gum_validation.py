@@ -7,8 +7,8 @@ posterior, with φ unknown and, if the model says so, no compliance negative.
 
 The two agree within n significant digits of u if both ends of their intervals differ by at most the
 numerical tolerance δ = 10^l / 2. The standard uncertainty, rounded to n digits, is a whole number
-times 10^l (JCGM 101, 7.9.2 and 8.1). Where they do not agree, JCGM 101 has the interval of the
-distribution stated.
+times 10^l (JCGM 101, 7.9.2 and 8.1). Where they do not agree, JCGM 101 requires the interval of the
+distribution to be stated.
 """
 
 from __future__ import annotations
@@ -37,10 +37,11 @@ __all__ = [
     "validate_gum",
 ]
 
-# Largest number of significant digits of a standard uncertainty that are looked at.
+# Largest number of significant digits of a standard uncertainty within which intervals are
+# compared.
 _MOST_DIGITS = 2
-# JCGM 101, 8.2, has the ends of the distribution's interval computed to this share of the numerical
-# tolerance.
+# JCGM 101, 8.2, requires the ends of the distribution's interval to be computed with an error of at
+# most this share of the numerical tolerance.
 _SHARE_OF_TOLERANCE = 0.2
 # The numerical error of an end of the distribution's interval is this multiple of its standard
 # error, as in JCGM 101, 7.9.4.
@@ -90,8 +91,9 @@ class GumComparison(Result):
     def decided(self) -> bool:
         """Whether the numerical error leaves no doubt about ``validated``.
 
-        This is so if the error is at most a fifth of the tolerance, as JCGM 101, 8.2, requires, or
-        if it is smaller than what the larger distance is away from the tolerance.
+        This is so if the error is at most a fifth of the tolerance, as JCGM 101, 8.2, requires. It
+        is also so if the error is smaller than the difference between the tolerance and the larger
+        of ``d_low`` and ``d_high``.
         """
         distance = abs(max(self.d_low, self.d_high) - self.tolerance)
         return self.error <= max(_SHARE_OF_TOLERANCE * self.tolerance, distance)

@@ -53,11 +53,12 @@ def pooled_p_value(p_values: Array) -> Array:
 def uniformity_p_value(p_values: Array) -> Array:
     """Return the p-value of the hypothesis that n values, which may be dependent, are uniform.
 
-    The i-th smallest of n independent uniform values has the distribution Beta(i, n + 1 − i). Each
-    value so has a p-value, against both sides, and these are pooled by `pooled_p_value`: the test
-    POT of Tesso and Vehtari (LOO-PIT predictive model checking, arXiv:2603.02928, 2026), without
-    truncation, which is too liberal for few values. Values that are all near one, because what is
-    expected is wider than what happens, are found as well as small ones.
+    The i-th smallest of n independent uniform values has the distribution Beta(i, n + 1 − i). This
+    gives a two-sided p-value for each value; `pooled_p_value` makes one p-value of them. It is the
+    test POT of Tesso and Vehtari (LOO-PIT predictive model checking, arXiv:2603.02928, 2026)
+    without its truncation, with which it rejects too often if there are few values. The test
+    detects values that are too small, and also values that are all too near one, as from
+    predictions that are too wide.
 
     Parameters
     ----------

@@ -2,8 +2,9 @@
 
 Every source in the budget of a parameter has one of three origins. A source is *stated* if a
 certificate, or a prior that the user gave, states its size. It is *measured here* if the readings
-of this campaign tell its size: they narrow it, its own prior flattened, to less than half of its
-prior standard deviation. Otherwise nobody measured it, and its size is *assumed*.
+of this campaign alone, with a flat prior of the source, determine it with a standard uncertainty of
+less than half of its prior standard deviation. Otherwise nobody measured it, and its size is
+*assumed*.
 
 The question is asked coefficient by coefficient, at the very Fourier order of the coefficient: a
 form error of the balls that the readings show at the orders 5 to 12, and that a prior carries on to
@@ -33,18 +34,18 @@ from ldbb_bayes.model.terms.columns import NOISE, OWN
 
 __all__ = ["MAJORITY", "Origin", "edition_terms", "is_prior_stated", "is_size_stated", "origins"]
 
-# Sources hold a parameter if their share of its posterior variance is above this. Knowing them
-# would then reduce its standard uncertainty by 30 % or more.
+# Sources have most of a parameter's variance if their share of it is above this. Knowing them would
+# then reduce the standard uncertainty of the parameter by 30 % or more.
 MAJORITY = 0.5
-# An effect counts as measured here if the readings alone, its own prior flattened, narrow it to
-# less than this share of its prior standard deviation.
+# An effect counts as measured here if the readings alone, with a flat prior of the effect, give it
+# a standard uncertainty below this share of its prior standard deviation.
 MEASURED_SD_RATIO = 0.5
 
 
 class Origin(StrEnum):
     """Where the size of a source of uncertainty comes from."""
 
-    MEASURED = "measured here"  #: the readings of this campaign tell its size
+    MEASURED = "measured here"  #: the readings of this campaign determine it
     STATED = "stated"  #: a certificate, or a prior that the user gave, states its size
     ASSUMED = "assumed"  #: nobody measured it; the default prior gives its size
 

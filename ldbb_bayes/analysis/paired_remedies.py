@@ -37,8 +37,9 @@ def paired_remedies(
 ) -> dict[str, PairedRemedy]:
     """Return the best second cure where the best single one leaves a parameter confounded.
 
-    The search is greedy: the first cure is the cheapest by itself, the second the one that leaves
-    least beside it. A pair counts only if it leaves less than 90 % of what the first cure leaves.
+    The first cure is the cheapest one by itself. The second is the one with which the standard
+    uncertainty becomes smallest if the first cure is taken too. A pair counts only if this standard
+    uncertainty is less than 90 % of that with the first cure alone.
 
     Parameters
     ----------
@@ -74,7 +75,8 @@ def _best_pair(tried: TriedCures, name: str, first: CureStep, sd: float) -> Pair
     before = tried.sd_with()[name]
     ratio_of: dict[CureStep, float] = {}
     for step in tried.steps:
-        # What does nothing by itself may do much beside the first cure: all are tried.
+        # All cures are tried: one that has no effect by itself may have one together with the
+        # first.
         if step == first:
             continue
         after = tried.sd_with(first, step)

@@ -1,4 +1,4 @@
-"""The cheapest cure of every parameter: what would narrow it, and its uncertainty with it.
+"""The cheapest cure for the uncertainty of every parameter, and the uncertainty with the cure.
 
 A cure is a change of the plan (another order, the other direction of travel, turned balls, more
 circles, a second radius) or a certificate of the instrument. Each one is tried: the longer plan, or
@@ -7,11 +7,11 @@ uncertainty of every parameter. Hyper-parameters φ (the scales of the noise and
 are carried over by name (`HyperPrior.carried`). The estimate of the machine that some effects need
 stays that of the readings.
 
-Changes of a plan whose circles are added double the number of circles, whatever their kind. What
-the mere number does, all readings taken twice at the same times, does not count as a cure by
-another order, direction, clocking or radius. More circles are advised only where what is measured
-here (scatter between readings and circles above all) holds most of the variance: an assumed effect
-is the same in every circle, and no number of them averages it out.
+Changes of a plan that add circles double the number of circles. A part of their benefit comes from
+this number alone: it is that of taking all readings twice at the same times. Another order,
+direction, clocking or radius counts as a cure only if it helps more than that. More circles are
+advised only if sources that are measured here, such as scatter between readings and circles, have
+most of the variance. An assumed effect is the same in every circle, and does not average out.
 """
 
 from __future__ import annotations
@@ -29,13 +29,14 @@ from ldbb_bayes.units import ranked
 
 __all__ = ["CURED_RATIO", "NARROWER", "Remedy", "remedies"]
 
-# A cure is enough if it leaves at most this share of the standard uncertainty: half of the
-# variance, as if an effect that held half of it were known.
+# A cure is enough if the standard uncertainty with it is at most this share of that without it:
+# half of the variance is then removed.
 CURED_RATIO = 0.5**0.5
-# A cure is worth its name if it leaves less than this share of the standard uncertainty.
+# A change counts as a cure only if the standard uncertainty with it is less than this share of that
+# without it.
 NARROWER = 0.9
-# A change of the plan counts as a cure of its own only if it leaves less than this share of the
-# uncertainty that twice the readings without the change would leave.
+# A change of the plan that adds circles counts as a cure only if the standard uncertainty with it
+# is less than this share of that from taking all readings twice.
 _BETTER_THAN_REPETITION = 0.9
 
 

@@ -170,9 +170,8 @@ def tolerances_in(
 
     A single number such as ``60 nm/N`` is the upper limit of a direct compliance, of G, of F_max or
     of a ratio, the lower limit of a stiffness or of F_min, and both limits (±) of any other
-    quantity. A sign
-    before the number takes precedence: ``≤`` gives an upper limit, ``≥`` a lower limit and ``±``
-    both. A text such as ``−20..40 µrad`` or ``−20…40 µrad`` also gives both limits.
+    quantity. A sign before the number takes precedence: ``≤`` gives an upper limit, ``≥`` a lower
+    limit and ``±`` both. A text such as ``−20..40 µrad`` or ``−20…40 µrad`` also gives both limits.
     """
     require(
         isinstance(given, Mapping),

@@ -67,7 +67,7 @@ class TriedCures:
     bound
         Model bound to a campaign or plan.
     phi
-        Values of the h hyper-parameters, shape (h,) [mm].
+        Values of the h hyper-parameters, shape (h,); lengths in mm.
     """
 
     def __init__(self, bound: BoundModel, phi: Array) -> None:

@@ -59,7 +59,7 @@ def uncertainty_with(bound: BoundModel, instrument: Instrument, weight: Array, p
     weight
         Weights of w values of the hyper-parameters, shape (w,).
     phi
-        Values of the h hyper-parameters, shape (w, h) [mm], from `hyper_parameter_nodes`.
+        Values of the h hyper-parameters, shape (w, h), from `hyper_parameter_nodes`; lengths in mm.
 
     Returns
     -------
@@ -96,7 +96,7 @@ def averaged_moments(bound: BoundModel, combinations: Array, weight: Array, phi:
         internal units, have the order of `Information.names`: the parameters, then the nuisance
         coefficients that all tests share.
     weight, phi
-        Weights, shape (w,), and values, shape (w, h) [mm], of the hyper-parameters.
+        Weights, shape (w,), and values, shape (w, h), of the hyper-parameters; lengths in mm.
     """
     sample = _few_values(weight, phi)
     number = len(bound.names)
@@ -139,7 +139,7 @@ def worth_of_certificates(
     weight
         Weights of w values of the hyper-parameters, shape (w,).
     phi
-        Values of the h hyper-parameters, shape (w, h) [mm], from `hyper_parameter_nodes`.
+        Values of the h hyper-parameters, shape (w, h), from `hyper_parameter_nodes`; lengths in mm.
 
     Returns
     -------

@@ -59,9 +59,10 @@ class VarianceSource(Result):
 class SourcesOfVariance(NamedTuple):
     """Sources of the variance of one parameter.
 
-    ``sources`` are all sources, the largest share first. ``likeness`` is how alike the errors of
-    all parameters are that two assumed sources cause with an error of this parameter: the square of
-    the cosine of the angle between them, by names of the sources.
+    ``sources`` are all sources, the largest share first. An assumed source that causes an error of
+    this parameter causes errors of the other parameters too, which form a vector. ``likeness`` is
+    the squared cosine of the angle between the vectors of two assumed sources, by their names: it
+    is 1 if both act on the same combination of parameters.
     """
 
     sources: tuple[VarianceSource, ...]
@@ -129,9 +130,10 @@ class ModelVariance:
     def variance_without_assumed(self, partners: Sequence[str]) -> Array:
         """Return the variances (q,) if what is assumed of some effects were known exactly.
 
-        What is measured or stated of an effect stays uncertain: a deflection of the mount that a
-        certificate states does where its curvature, which nobody measured, becomes known.
-        ``partners`` are model terms, or parameters whose priors are meant.
+        Coefficients of an effect that are measured or stated stay uncertain. For example, if a
+        certificate states the mount's deflection, only the curvature of this deflection, which is
+        assumed, becomes known. ``partners`` are names of model terms, or of parameters whose priors
+        are meant.
         """
         information = self.information
         known = [name for name in partners if name in information.names]
@@ -243,8 +245,9 @@ class AveragedVariance:
     def sources(self, i: int, own: Sequence[str]) -> SourcesOfVariance:
         """Return the sources of the variance of one quantity, the largest share first.
 
-        ``i`` is the place of the quantity. ``own`` are the names of the parameters whose priors are
-        its own prior.
+        ``i`` is the index of the quantity. ``own`` are names of parameters whose priors count as
+        the prior of the quantity itself: the name of a parameter, or of the slopes from which a
+        change with force follows.
         """
         sd = np.sqrt(self._divisor)
         shares: dict[tuple[str, Origin], float] = {}
@@ -306,8 +309,8 @@ def _without_noise(information: Information, known: Sequence[str]) -> Informatio
 def _likeness(patterns: Mapping[str, Array]) -> dict[tuple[str, str], float]:
     """Return the squared cosine of the angle between every two patterns of errors, by names.
 
-    A pattern, shape (p,), are the errors of all parameters that come with an error of one parameter
-    from one source. The likeness of a pattern that is zero is zero.
+    A pattern, shape (p,), holds the errors of all parameters that one source causes together with
+    an error of a given parameter. For a pattern of zeros the result is zero.
     """
     if not patterns:
         return {}

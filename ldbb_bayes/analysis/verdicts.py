@@ -1,19 +1,19 @@
 """Verdicts whether each parameter is identified, prior-limited or confounded.
 
-Verdicts are numbers: they follow from what holds the variance of a parameter. In this module, β
-are the parameters (compliances, their slopes and geometric errors) and y the readings. Nuisances
-are effects that are modelled but not of interest. Every source of uncertainty has a share in the
-variance of a parameter (`Information.shares`; they sum to one), and an origin: it is measured here,
-stated or assumed (`origins`). A parameter whose variance is held by an effect that nobody measured
-or stated is confounded with it.
+A verdict follows from the sources of a parameter's uncertainty. Each source has a share in the
+variance of the parameter (`Information.shares`; they sum to one), and an origin: it is measured
+here, stated or assumed (`origins`). A parameter is confounded with an effect that nobody measured
+or stated if this effect has more than half of the variance. In this module, β are the parameters
+(compliances, their slopes and geometric errors) and y the readings. Nuisances are effects that are
+modelled but not of interest.
 
 Shares, origins and degeneracies are computed for the linear Gaussian model, in which compliances
 may be negative, at one value of the hyper-parameters φ (the scales of the noise and of other
 effects). For a campaign with readings, this value is the posterior mean of φ; for a plan, which can
-thus be judged before it is run, it is the mean given its pilot, or the prior median. Every standard
-uncertainty that is stated is averaged over p(φ | y), and so is the benefit of certificates: its
-square is the mean variance given φ plus the variance of the mean given φ. That of a posterior is
-the one of its draws, and that of a plan's parameter the one of its forecast.
+thus be judged before it is run, it is the mean given its pilot, or the prior median. Standard
+uncertainties, also those with further certificates, are averaged over p(φ | y) instead: the
+variance is the mean of the variances given φ plus the variance of the means given φ. For a
+posterior they are those of its draws, for a plan those of its forecast.
 
 In an average over models, shares and uncertainties are averaged with the probabilities of the
 models (`variance_sources`), and the same rules give the verdicts.
@@ -248,17 +248,18 @@ class Identifiability(Result):
     #: these; empty for a flat prior
     certificates: dict[str, dict[str, float]]
     #: hyper-parameters (scales of the noise and of other effects) at which the verdicts are
-    #: computed [µm]
+    #: computed; lengths in µm, λ and decay are pure numbers
     hyper_um: dict[str, float]
     #: whether the hyper-parameters and the means come from readings, not from priors
     measured: bool
 
 
 def _scales_before(bound: BoundModel, plan: Campaign) -> tuple[Array, Array]:
-    """Return weights, shape (w,), and values, shape (w, h), of the scales before a plan is run.
+    """Return weights, shape (w,), and values, shape (w, h), of the hyper-parameters of a plan.
 
-    The scales are the hyper-parameters φ. They are those that the plan's pilot leaves likely, or
-    their prior median if the plan has no pilot with readings.
+    Hyper-parameters are the scales of the noise and of other effects. The values represent their
+    posterior given the readings of the plan's pilot. If there are none, the only value is the prior
+    median.
     """
     pilot = plan.pilot
     if pilot is None or pilot.is_plan:
@@ -282,10 +283,11 @@ def _expected_sd(bound: BoundModel, plan: Campaign) -> SampledSd | None:
 def _relative_to(
     expected: SampledSd, bound: BoundModel, certificates: Mapping[str, Mapping[str, float]]
 ) -> dict[str, dict[str, float]]:
-    """Return uncertainties with certificates, scaled so that those without are the expected ones.
+    """Return standard uncertainties with further certificates, in proportion to a plan's forecast.
 
     ``certificates`` are standard uncertainties by certificate, then by parameter; those under the
-    first key are without any.
+    first key are without any certificate. All those of a parameter are multiplied by the factor
+    that makes the first one equal to ``expected``.
     """
     without = next(iter(certificates.values()))
     scaled = {}

@@ -19,8 +19,9 @@ from ldbb_bayes.results import Array
 
 __all__ = ["Aim", "SlopesAim", "UncertaintyAim", "total_distance"]
 
-# Share with which an aim that is reached already counts in the choice of a circle, so that of two
-# circles that are equally good for the others the one that also helps here is chosen.
+# Weight of an aim that is reached already, in the choice of a circle. It is not zero, so that of
+# two circles that are equally good for the other aims the one that is better for this one is
+# chosen.
 _REACHED = 1e-3
 # The expected log Bayes factor counts as at least this [nat], to avoid the logarithm of zero.
 _LEAST_EVIDENCE = 1e-9
@@ -41,15 +42,16 @@ class Aim(Protocol):
 class UncertaintyAim:
     """Aim that the standard uncertainty of a combination w·β of the parameters becomes small.
 
-    A covariance holds for given hyper-parameters (scales of the noise and of other effects).
-    ``inflation`` is the ratio of the uncertainty that is stated now, for unknown ones, to the root
-    mean square of those for given ones.
+    Covariances are those at given hyper-parameters (scales of the noise and of other effects).
+    Uncertainties with unknown hyper-parameters are larger.
     """
 
     weights: Array  #: w, per prior standard deviation of each of the p parameters, shape (p,)
     target: float  #: standard uncertainty asked for
+    #: present standard uncertainty, with unknown hyper-parameters, divided by the root mean square
+    #: of those at given ones; uncertainties from covariances are multiplied by it
     inflation: float
-    is_reached: bool
+    is_reached: bool  #: whether the aim is reached already
 
     def sd(self, covariance: Array) -> Array:
         """Return expected uncertainties, shape (K, ...), for covariances, shape (K, ..., p, p)."""
@@ -67,7 +69,7 @@ class SlopesAim:
 
     columns: Sequence[int]  #: indices of the slopes among the p parameters
     threshold: float  #: log Bayes factor asked for [nat]
-    is_reached: bool
+    is_reached: bool  #: whether the aim is reached already
 
     def distance(self, covariance: Array) -> Array:
         """Return ln (t / Φ), shape (...), for covariances, shape (K, ..., p, p)."""

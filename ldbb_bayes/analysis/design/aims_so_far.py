@@ -41,8 +41,9 @@ _NODES = 16
 # Number of values of the hyper-parameters over which means and standard deviations of the
 # parameters are averaged, and number of posterior draws of the parameters.
 _DRAWS = 1024
-# Least distance of an estimate from a tolerance limit that the choice of a circle aims at, in
-# present standard uncertainties: at the very limit no campaign is long enough to decide.
+# Distance of an estimate from a tolerance limit that the choice of a circle reckons with at least,
+# in present standard uncertainties. With an estimate exactly at the limit, no campaign would be
+# long enough for a decision.
 _LEAST_DISTANCE = 0.2
 # Least standard uncertainty asked for, relative to the present one. A goal relative to a parameter
 # that may be zero would ask for none at all.
@@ -84,17 +85,23 @@ class ToleranceSoFar(Result):
 
 
 class Known(NamedTuple):
-    """What the readings so far tell about the p parameters."""
+    """Posterior of the p parameters given the circles run, in internal units (mm, N, rad)."""
 
-    bound: BoundModel
+    bound: BoundModel  # the model, applied to the circles run
     mean: Array  # posterior means, shape (p,)
     sd: Array  # posterior standard deviations, shape (p,)
     draws: Array  # posterior draws, shape (n, p)
-    phi: Array  # equally likely values of the hyper-parameters, shape (K, h)
+    # equally likely values of the hyper-parameters (scales of the noise and of other effects),
+    # shape (K, h); lengths in mm
+    phi: Array
 
 
 def known_from(nodes: Nodes, seed: int) -> Known:
-    """Return what the nodes of a posterior tell about the parameters."""
+    """Return means, standard deviations and draws of the parameters, and hyper-parameters.
+
+    ``nodes`` are weighted values of the hyper-parameters that represent a posterior. ``seed`` is
+    that of the random draws.
+    """
     rng = np.random.default_rng(seed)
     mean, sd = nodes.moments(components=_DRAWS)
     draws, _ = nodes.draw(_DRAWS, rng)
@@ -103,36 +110,44 @@ def known_from(nodes: Nodes, seed: int) -> Known:
 
 
 def _inflation(sd: float, weights: Array, covariance: Array) -> float:
-    """Return the ratio of the stated uncertainty to that for given hyper-parameters.
+    """Return a standard uncertainty divided by the one at given hyper-parameters.
 
-    ``weights``, shape (p,), define the combination of parameters, and ``covariance``, shape (K, p,
-    p), holds for K values of the hyper-parameters.
+    ``sd`` is the standard uncertainty of a combination of the parameters if the hyper-parameters
+    are unknown. ``weights``, shape (p,), define the combination, and ``covariance``, shape (K, p,
+    p), are the covariances of the parameters at K values of the hyper-parameters.
     """
     return sd / float(np.sqrt((covariance @ weights @ weights).mean()))
 
 
 @dataclass(frozen=True, eq=False)
 class GoalState:
-    """A goal, what is known of its parameter, and the aim that follows."""
+    """A goal, the present knowledge of its parameter, and the aim that follows from both."""
 
     goal: Goal
-    unit: str
-    mean: float
-    sd: float
+    unit: str  # internal unit of the parameter (made of mm, N, rad)
+    mean: float  # posterior mean of the parameter
+    sd: float  # posterior standard deviation of the parameter
     draws: Array  # posterior draws of the parameter, shape (n,)
     aim: UncertaintyAim
 
     def is_met(self) -> Array:
-        """Return for every posterior draw whether the present uncertainty reaches the goal."""
+        """Return whether the goal is met, if the parameter has the value of each posterior draw."""
         return self.goal.is_met(self.draws, self.sd)
 
     def probability(self, sd: Array) -> float:
-        """Return the probability that uncertainties, shape (K,), reach the goal."""
+        """Return the probability that the goal is met with some standard uncertainties.
+
+        It is a mean over the uncertainties ``sd``, shape (K,), and over the posterior draws of the
+        parameter, because a relative goal depends on its value.
+        """
         limits = self.goal.limit_U(self.draws)
         return float((COVERAGE_FACTOR * sd[:, None] <= limits).mean())
 
     def so_far(self, after: Array, floor: Array) -> GoalSoFar:
-        """Return the goal now, and for covariances after the best circle and after very many."""
+        """Return how far the goal is reached now, after the best next circle and after very many.
+
+        ``after`` and ``floor``, shape (K, p, p), are the covariances of the parameters then.
+        """
         sd_next = self.aim.sd(after)
         expected_sd = min(float(np.sqrt((sd_next**2).mean())), self.sd)
         probability = self.probability(np.array([self.sd]))
@@ -152,7 +167,12 @@ class GoalState:
 def goal_states(
     goals: Mapping[str, Goal], known: Known, covariance: Array, confidence: float
 ) -> dict[str, GoalState]:
-    """Return the state of every goal, given the covariances before the next circle."""
+    """Return the state of every goal before the next circle, by name of the parameter.
+
+    ``known`` is the posterior given the circles run, and ``covariance``, shape (K, p, p), are the
+    covariances of the parameters at K values of the hyper-parameters. ``confidence`` is the
+    probability with which a goal must be met to count as reached.
+    """
     states = {}
     for name, goal in goals.items():
         column = known.bound.names.index(name)
@@ -181,7 +201,10 @@ class ToleranceState:
     aim: UncertaintyAim
 
     def so_far(self, after: Array) -> ToleranceSoFar:
-        """Return the decision now, and its probability for covariances after the best circle."""
+        """Return the decision now, and the probability of one after the best next circle.
+
+        ``after``, shape (K, p, p), are the covariances of the parameters after that circle.
+        """
         sd = self.now.sd
         sd_next = min(float(np.sqrt((self.aim.sd(after) ** 2).mean())), sd)
         shift_sd = max(float(np.sqrt(sd**2 - sd_next**2)), _LEAST_TARGET * sd)
@@ -202,7 +225,8 @@ def tolerance_states(
 ) -> dict[str, ToleranceState]:
     """Return the decision on every tolerance, and the aim to decide it.
 
-    A quantity is replaced by its regression on the parameters, over the posterior draws.
+    A quantity, such as a stiffness, is approximated by a linear function of the parameters, fitted
+    to the posterior draws. The other arguments are those of `goal_states`.
     """
     decisions = assess_conformity(posterior, tolerances, confidence=confidence)
     draws = quantity_draws(posterior, decisions)

@@ -72,7 +72,7 @@ def objective_of(
     run
         Number of tests already run.
     phi
-        K values of the pilot's hyper-parameters φ, shape (K, h) [mm].
+        K values of the pilot's hyper-parameters φ, shape (K, h); lengths in mm.
     chosen
         Names of the parameters of interest.
     criterion

@@ -20,7 +20,7 @@ from ldbb_bayes.results import Result
 __all__ = ["Costs", "minutes_of", "price_of"]
 
 _MINUTES_PER_HOUR = 60.0
-# Angles of the balls that differ by less than this count as one clocking [°].
+# Angles of the balls [°] that agree to this number of decimals count as one clocking.
 _CLOCKING_DIGITS = 6
 
 
@@ -37,7 +37,8 @@ class Costs(Result):
     """
 
     minutes_per_circle: float = 3.0  #: minutes for one circle, with setting its force
-    minutes_per_setup: float = 15.0  #: minutes for every set-up: one for each plane and radius
+    #: minutes for every set-up: one for each plane and radius, and for each stated set-up
+    minutes_per_setup: float = 15.0
     minutes_per_clocking: float = 5.0  #: minutes for every turn of the balls within a set-up
     #: price of an hour of machine time, in the unit of money of the certificates' prices
     price_per_hour: float = 60.0

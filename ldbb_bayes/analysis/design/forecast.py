@@ -495,7 +495,8 @@ def posteriors(bound: BoundModel, phi: Array, run: int) -> tuple[Gaussian | None
     bound
         Model bound to the tests.
     phi
-        Hyper-parameters of the campaign that the design starts from, shape (K, h) [mm].
+        Hyper-parameters of the campaign that the design starts from, shape (K, h); lengths in
+        mm.
     run
         Number of circles of ``bound`` that were run already, which come first.
 

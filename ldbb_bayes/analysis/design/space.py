@@ -233,7 +233,10 @@ class Space:
         return objective_of(bound, self._tests_run, phi, self.chosen, criterion)
 
     def _criterion(self, bound: BoundModel) -> Criterion:
-        """Return the criterion as a function of the covariance of the parameters of interest."""
+        """Return the criterion by which sets of tests are compared.
+
+        It is a function of the precision (inverse covariance) of the parameters of interest.
+        """
         size = len(self.chosen)
         if self.criterion == "discriminate":
             return LogBayesFactor(self.slope_size)
