@@ -96,14 +96,18 @@ class CampaignFamily:
 
     @property
     def fewest_circles(self) -> int:
-        """Least number of circles of a campaign that uses all that the family offers."""
+        """Least number of circles of a campaign with every clocking and radius of the family."""
         space = self.space
         kinds = len({str(test.plane) for test in space.templates}) * len(space.radii_mm)
         return max(self._least_levels, kinds * len(space.clockings_deg))
 
     @property
     def _least_levels(self) -> int:
-        """Least number of different forces, so that compliances may depend on force."""
+        """Least number of different forces of a campaign.
+
+        It is two if compliances may depend on force and the campaign does not add to tests that are
+        run already, else one.
+        """
         if self.space.augment or self.space.model.degree == 0:
             return 1
         return 2
@@ -143,7 +147,7 @@ class CampaignFamily:
         return tuple(self.space.tests[k] for k in positions)
 
     def uses_all(self, tests: Sequence[CircularTest]) -> bool:
-        """Return whether tests have every clocking and every radius that the family offers."""
+        """Return whether tests have every clocking and every radius of the family."""
         clockings = {(test.work_ball_deg, test.tool_ball_deg) for test in tests}
         radii = {test.radius_mm for test in tests}
         return len(clockings) >= len(self.space.clockings_deg) and len(radii) >= len(
@@ -172,9 +176,9 @@ def families_of(
     goals: Mapping[str, Goal],
     states: States,
 ) -> Iterator[CampaignFamily]:
-    """Yield all families of campaigns that can be made of a space's settings and certificates.
+    """Yield a family for every subset of clockings and radii, and every set of certificates.
 
-    The balls as they are, the first clocking, are in every family.
+    All families have the first clocking of ``space``.
     """
     first = space.clockings_deg[0]
     others = space.clockings_deg[1:]

@@ -1,9 +1,11 @@
 """Search for the cheapest campaigns that reach their goals.
 
-Campaigns are tried in the order of their price. Of every family (the same clockings, radii and
-certificates) and number of circles, the one nearest to the goals by the quick forecast is taken.
-If it seems near enough, the full forecast decides. The quick forecast is too good by a factor that
-hardly differs between campaigns of one family. This factor is estimated from the full forecasts.
+Campaigns are tried in the order of their price. For every family (the same clockings, radii and
+certificates) and number of circles, the campaign nearest to the goals by the quick forecast
+(`quick_forecast`) is taken. If it seems near enough, the full forecast (`forecast`) decides.
+Uncertainties of the quick forecast are too small by a factor that hardly differs between campaigns
+of one family. This factor is estimated from the full forecasts made so far. u/u* is a standard
+uncertainty divided by the largest one that its goal permits.
 """
 
 from __future__ import annotations
@@ -31,19 +33,20 @@ __all__ = [
 
 # Largest number of circles of a campaign.
 _MOST_CIRCLES = 40
-# Number of circles whose shares tell how many circles a family needs about.
+# How many circles a family needs is first estimated from the best campaign of this many circles,
+# multiplied by a factor so that it reaches the goals.
 _CIRCLES_OF_SHARES = 8
-# The search in a family begins at this share of the number of circles that it needs about, at
-# shares of the circles that need not be whole numbers.
+# The search in a family begins at this share of the estimated number of circles.
 _BEGIN_SHARE = 0.85
-# Number of halvings of the interval in which the number of circles of a family is sought.
+# Number of halvings of the interval in which the factor of that estimate is sought.
 _HALVINGS = 10
-# A campaign whose expected uncertainties exceed the goals by up to this factor, as a logarithm, by
-# the quick forecast, is judged by the full one.
+# A full forecast of a campaign is made if its quick forecast, corrected by the factor between the
+# two, exceeds the goals by at most this, as ln(u/u*).
 _NEAR = 0.03
 # Largest number of full forecasts in one family.
 _MOST_FORECASTS = 8
-# Number of possible machines that tell whether one circle less is worth a full forecast.
+# Before a full forecast of a campaign with one circle less, a forecast with only this many possible
+# machines shows whether it may reach the goals.
 _FEW_MACHINES = 16
 # The effort of a full forecast grows with the square of the number of circles. The next best
 # campaigns are sought while the sum of these squares is below this.
@@ -52,12 +55,12 @@ _MOST_EFFORT = 700
 
 @dataclass(frozen=True, eq=False)
 class FoundCampaign:
-    """A campaign that was found, and what its full forecast says."""
+    """A campaign that was found, and its full forecast."""
 
     family: CampaignFamily
     tests: tuple[CircularTest, ...]
-    plan: Campaign
-    stated: StatedByMachines
+    plan: Campaign  #: the tests in the order in which to run them, with the certificates
+    stated: StatedByMachines  #: uncertainties to expect on every possible machine
 
     def price(self, costs: Costs) -> float:
         """Return the price of the campaign with its certificates."""
@@ -66,20 +69,20 @@ class FoundCampaign:
 
 @dataclass(frozen=True, eq=False)
 class CheapestCampaigns:
-    """What the search found."""
+    """Result of the search: campaigns that reach all goals, or the one that comes nearest."""
 
     campaigns: tuple[FoundCampaign, ...]  #: the campaigns that reach all goals, the cheapest first
-    #: where no campaign of the largest number of circles reaches all goals, the one that reaches
-    #: them on most machines; None if some do, or if no full forecast was needed to tell
+    #: if no campaign of the largest number of circles reaches all goals, the one that reaches them
+    #: on most machines; None if some campaign reaches them, or if no full forecast was made
     nearest: FoundCampaign | None
 
 
 def judge_plan(
     family: CampaignFamily, tests: Sequence[CircularTest], machines: int | None = None
 ) -> FoundCampaign:
-    """Return tests of a family with the full forecast of their plan.
+    """Return tests of a family as a campaign, with its full forecast.
 
-    ``machines`` is the number of possible machines; None for the default of every forecast.
+    ``machines`` is the number of possible machines in the forecast; None for the default of 64.
     """
     plan = family.plan_of(tests)
     stated = stated_by_machines(family.space.model, plan, machines=machines)
@@ -87,7 +90,10 @@ def judge_plan(
 
 
 def _excess(stated: StatedByMachines, goals: Mapping[str, Goal]) -> Array:
-    """Return ln(u/u*) of every goal on every possible machine, shape (machines, goals)."""
+    """Return ln(u/u*) of every goal on every possible machine, shape (machines, goals).
+
+    u is the standard uncertainty of the goal's parameter, and u* the largest one permitted.
+    """
     columns = []
     for name, goal in goals.items():
         k = stated.names.index(name)
@@ -96,9 +102,9 @@ def _excess(stated: StatedByMachines, goals: Mapping[str, Goal]) -> Array:
 
 
 def shares_of_machines(stated: StatedByMachines, goals: Mapping[str, Goal]) -> dict[str, float]:
-    """Return the share of possible machines on which each goal is met, and on which all are.
+    """Return the share of the possible machines on which a goal is met, by name of the parameter.
 
-    The key of the latter is empty.
+    The share of the machines on which all goals are met has an empty text as key.
     """
     is_met = _excess(stated, goals) <= 0.0
     shares = {name: float(is_met[:, k].mean()) for k, name in enumerate(goals)}
@@ -111,17 +117,18 @@ class _Progress:
     """State of the search in one family of campaigns."""
 
     family: CampaignFamily
-    circles: int
-    #: best campaign of the last number of circles: number of circles of every candidate
+    circles: int  #: number of circles that is tried next
+    #: best campaign of the number of circles tried last: number of circles of every candidate
     counts: Array
-    #: ln of the ratio of full to quick forecast for the largest number of circles
+    #: ln of the uncertainty by the full forecast over that by the quick one, for the largest number
+    #: of circles
     lasting_inflation: float = 0.0
-    #: what is added to it for fewer circles, times their number; None before the first full
-    #: forecast
+    #: coefficient a of the same logarithm for n circles, lasting_inflation + a/n; None before the
+    #: first full forecast
     inflation: float | None = None
-    forecasts: int = 0
+    forecasts: int = 0  #: number of full forecasts made
     last_failed: int = 0  #: largest number of circles that a full forecast found too small
-    started: bool = False
+    started: bool = False  #: whether the number of circles that the family needs was estimated
 
 
 @dataclass(order=True)
@@ -142,8 +149,8 @@ def find_cheapest(
 ) -> CheapestCampaigns:
     """Return the cheapest campaigns that reach all goals, one of each family.
 
-    Where fewer families than asked for reach them, campaigns of the cheapest with more circles
-    follow.
+    If fewer than ``number`` families reach them, the list is completed by campaigns of the cheapest
+    family with more circles.
 
     Parameters
     ----------
@@ -211,22 +218,25 @@ def _with_more_circles(campaign: FoundCampaign, number: int, costs: Costs) -> li
 
 
 class _Search:
-    """Search for campaigns: what the full forecasts of one family tell about the others."""
+    """Search in all families, which uses the full forecasts of one family for the others."""
 
     def __init__(self, goals: Mapping[str, Goal], costs: Costs, probability: float) -> None:
         self._goals = goals
         self._costs = costs
         self._probability = probability
-        #: least of what fewer circles add to ln of the ratio of full to quick forecast, times
-        #: their number
+        #: smallest coefficient `_Progress.inflation` of all families so far
         self._inflation = np.inf
         self.is_reachable = False  #: whether the largest campaign of a family reaches all goals
-        #: of the largest campaigns that do not, the one that reaches them on most machines
+        #: if a family's largest campaign does not reach all goals: the one of these that reaches
+        #: them on most machines
         self.nearest: FoundCampaign | None = None
         self.effort = 0  #: sum of the squared numbers of circles of all full forecasts
 
     def start(self, progress: _Progress) -> bool:
-        """Set the number of circles that a family needs at least; return whether any suffices."""
+        """Set the number of circles at which the search in a family begins.
+
+        Return whether the largest number of circles reaches the goals; else the search is over.
+        """
         family = progress.family
         progress.started = True
         if family.quick.floor().max() > 0.0:
@@ -245,7 +255,11 @@ class _Search:
         return True
 
     def _inflation_of(self, campaign: FoundCampaign, counts: Array) -> float:
-        """Return ln of the ratio of full to quick forecast of a campaign."""
+        """Return ln(u/u*) by the full forecast of a campaign minus that by the quick one.
+
+        By the full forecast, ln(u/u*) is the largest of all goals. Of its values on the possible
+        machines, the quantile at the required probability is taken.
+        """
         excess = _excess(campaign.stated, self._goals).max(axis=1)
         distance = campaign.family.quick.distance(counts)
         return float(np.quantile(excess, self._probability)) - distance
@@ -263,9 +277,11 @@ class _Search:
         return self._share_met(campaign) >= self._probability
 
     def attempt(self, progress: _Progress) -> FoundCampaign | None:
-        """Return the best campaign of a family's present number of circles if it meets the goals.
+        """Return a campaign of a family that meets the goals, or None.
 
-        It is None if it does not, or takes too long, or does without a setting of the family.
+        The number of circles is ``circles`` of ``progress``, or a smaller one if that suffices. The
+        result is None if the best campaign of that number does not meet the goals, takes too long,
+        or lacks a clocking or radius of the family.
         """
         family = progress.family
         circles = progress.circles
@@ -289,7 +305,7 @@ class _Search:
         return self._with_fewer_circles(progress, campaign)
 
     def _judge(self, progress: _Progress, counts: Array) -> FoundCampaign:
-        """Return a campaign with its full forecast, and learn from it."""
+        """Return a campaign with its full forecast, and update the factor between forecasts."""
         progress.forecasts += 1
         campaign = judge_plan(progress.family, progress.family.tests_of(counts))
         self.effort += len(campaign.tests) ** 2
@@ -297,7 +313,7 @@ class _Search:
         return campaign
 
     def _with_fewer_circles(self, progress: _Progress, campaign: FoundCampaign) -> FoundCampaign:
-        """Return the shortest campaign of a family that meets the goals, given one that does."""
+        """Return the campaign with the fewest circles that meets the goals, given one that does."""
         family = progress.family
         best = campaign
         for circles in range(len(campaign.tests) - 1, progress.last_failed, -1):
@@ -314,16 +330,17 @@ class _Search:
         return best
 
     def _learn(self, progress: _Progress, campaign: FoundCampaign, counts: Array) -> None:
-        """Learn from a full forecast by how much the quick one is too good."""
+        """Update the factor between full and quick forecast, from the full one of a campaign."""
         added = self._inflation_of(campaign, counts) - progress.lasting_inflation
         progress.inflation = max(added, 0.0) * len(campaign.tests)
         self._inflation = min(self._inflation, progress.inflation)
 
     def _expected_inflation(self, progress: _Progress) -> float:
-        """Return ln of the ratio of full to quick forecast to expect of a family.
+        """Return ln of the factor to expect between full and quick forecast of a family.
 
-        With more circles the analysis knows the scales of noise and effects better: what fewer
-        circles add falls as one over their number.
+        The quick forecast takes the scales of noise and effects as known. With more circles the
+        analysis knows them better: the logarithm is a constant plus a part in proportion to one
+        over the number of circles.
         """
         inflation = progress.inflation
         if inflation is None:
@@ -332,10 +349,10 @@ class _Search:
 
 
 def _least_multiple(family: CampaignFamily, counts: Array, distance: float) -> float:
-    """Return by how much circles must be multiplied to come as near to the goals as asked.
+    """Return the factor on the number of circles with which a campaign reaches a given distance.
 
-    ``counts`` are numbers of circles; multiplied ones need not be whole. ``distance`` is that from
-    the goals by the quick forecast.
+    ``counts`` are the numbers of circles of all candidates; multiplied ones need not be whole.
+    ``distance`` is the distance from the goals by the quick forecast, see `quick_forecast`.
     """
     low = -np.log(_CIRCLES_OF_SHARES)
     high = np.log(_MOST_CIRCLES / _CIRCLES_OF_SHARES)

@@ -74,7 +74,7 @@ class StatedGoal(Result):
 
 @dataclass(frozen=True)
 class GoalForecast(Result):
-    """What a campaign will state about the parameter of one goal."""
+    """Expanded uncertainties of the parameter of one goal to expect from a campaign."""
 
     unit: str
     U: float  #: expanded uncertainty (k = 2) that half of all possible machines state at most
@@ -122,10 +122,10 @@ class GoalPlan(Result):
 
 @dataclass(frozen=True, eq=False)
 class CustomaryPlan(Result):
-    """A campaign as people run it today, beside as many circles of the plan's kind."""
+    """A campaign as people run it today, and the best one with the same number of circles."""
 
-    name: str  #: what it is, such as "equal steps"
-    customary: GoalPlan
+    name: str  #: kind of the customary campaign, such as "equal steps"
+    customary: GoalPlan  #: campaign as people run it today
     ours: GoalPlan  #: the same number of circles, chosen for the goals
 
 
@@ -349,7 +349,7 @@ def _reachable(
 def _near_misses(
     nearest: FoundCampaign, goals: Mapping[str, Goal], costs: Costs, probability: float
 ) -> dict[str, NearMiss]:
-    """Return the goals that the largest campaign meets on too few machines, and what holds them.
+    """Return the goals that the largest campaign meets on too few machines, and the causes.
 
     If it meets each of them on enough machines, but not all together, all are returned.
     """
@@ -399,9 +399,10 @@ def _plan_of(campaign: FoundCampaign, goals: Mapping[str, Goal], costs: Costs) -
 def _customary_plans(
     best: FoundCampaign, goals: Mapping[str, Goal], costs: Costs
 ) -> tuple[CustomaryPlan, ...]:
-    """Return campaigns as people run them today, beside as many circles of the best kind.
+    """Return campaigns as people run them today, each with the best one of as many circles.
 
-    They are run with the certificates at hand, at the radius of the best campaign.
+    Customary campaigns have the certificates that the instrument has already, and the radius of the
+    best campaign.
     """
     family = best.family
     uncertified = CampaignFamily(family.space, (), goals, family.states)

@@ -25,7 +25,8 @@ __all__ = ["COVERAGE_FACTOR", "Goal", "goals_in"]
 COVERAGE_FACTOR = 2.0
 # A number followed by a percent sign, such as 5 %: a goal relative to the value itself.
 _PERCENTAGE = re.compile(r"\s*([+−-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)\s*%\s*", re.IGNORECASE)
-# A goal may be introduced by a sign that says what a goal is anyway: U is a limit, and symmetric.
+# Signs that may stand before a goal. They change nothing: a goal is an upper limit of U, and U is
+# symmetric.
 _SIGN = re.compile(r"^\s*(±|≤|<=)\s*")
 
 
@@ -76,7 +77,7 @@ class Goal(Result):
         return np.asarray(self.limit_U(value) / COVERAGE_FACTOR)
 
     def is_met(self, value: ArrayLike, u: ArrayLike) -> Array:
-        """Return whether a standard uncertainty u meets the goal where the value is as given.
+        """Return whether standard uncertainties u meet the goal, for values of the parameter.
 
         Parameters
         ----------
@@ -169,7 +170,10 @@ def _goal_from_text(subject: str, name: str, unit: str, text: str) -> Goal:
 
 
 def _check_size(subject: str, group: str, goal: Goal, entry: object) -> None:
-    """Refuse a goal that no uncertainty can be held against."""
+    """Refuse a goal that is not above zero, or that is a percentage without a meaning.
+
+    A percentage must be below 100 %, and of a compliance; other parameters may be zero.
+    """
     size = goal.share if goal.absolute is None else goal.absolute
     require(
         size is not None and np.isfinite(size) and size > 0.0,

@@ -1,14 +1,15 @@
 """The next circle of a campaign that is under way, and whether to stop.
 
-A campaign need not be planned as a whole. After each circle the posterior states what is known, and
-the next circle is the one that brings the aims closest. There are three kinds of aims: the expanded
-uncertainty U (k = 2) of a parameter is small enough; constant or linear compliance is decided; a
-tolerance is kept or not. The campaign may stop as soon as every aim is reached with the confidence
-asked for. Evidence and posterior do not depend on the reason why a campaign was stopped.
+A campaign need not be planned as a whole: after each circle, the next one can be chosen. There are
+three kinds of aims. The expanded uncertainty U (k = 2) of a parameter is to be small enough; it is
+to be decided whether compliance is constant or linear in force, or whether a tolerance is kept. The
+campaign may stop as soon as every aim is reached with the confidence asked for. Evidence and
+posterior do not depend on the reason why a campaign was stopped.
 
-The best next circle makes the sum of the expected distances from all aims smallest (`aims`). It is
-looked for at a few values of the hyper-parameters φ (scales of the noise and of other effects) that
-the readings leave likely, from the information of every possible circle, without a fit.
+The best next circle is the one with the smallest sum of expected distances from all aims (`aims`).
+No fit is made for this: the distances follow from the information that every possible circle gives,
+at a few values of the hyper-parameters φ (scales of the noise and of other effects) that are likely
+given the readings.
 """
 
 from __future__ import annotations
@@ -57,12 +58,12 @@ __all__ = ["ModelSoFar", "NextCircle", "next_circle"]
 
 # Error allowed in a log evidence [nat]: a decision at 95 % needs a log Bayes factor of 3 nat.
 _TOLERANCE = 0.2
-# Number of possible circles, the best ones, with which a campaign is continued in thought, and the
-# largest number of further circles.
+# How many circles a campaign still needs is found by adding circles one by one until all aims are
+# reached, but no more than ``_MOST_CIRCLES``. They are chosen among the ``_CONTINUED`` best ones.
 _CONTINUED = 12
 _MOST_CIRCLES = 20
-# An uncertainty cannot fall below the one that would remain if each of the best possible circles
-# were run this many times.
+# Uncertainties that no number of circles reduces are computed as if each of the best possible
+# circles were run this many times.
 _VERY_MANY = 1e6
 # Number of best possible circles that the result lists.
 _LISTED = 5
@@ -78,9 +79,9 @@ class ModelSoFar(Result):
     log_bayes_factor: float
     log_bayes_factor_error: float  #: its numerical error [nat]
     probability_linear: float  #: posterior probability of linear compliance
-    #: whether one of the two has the confidence asked for
+    #: whether constant or linear compliance has at least the probability asked for
     decided: bool
-    decided_next: float  #: probability that it is decided after the best next circle
+    decided_next: float  #: probability that this is so after the best next circle
 
     @property
     def probability(self) -> float:
@@ -97,7 +98,7 @@ class _Chosen(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class NextCircle(Result):
-    """The best next circle of a campaign, and what is reached already.
+    """The best next circle of a campaign, and how far its aims are reached already.
 
     Examples
     --------
@@ -275,9 +276,10 @@ def _states_of_tolerances(
     before: Array,
     confidence: float,
 ) -> dict[str, ToleranceState]:
-    """Return decisions on tolerances with the covariances ``before`` the next circle.
+    """Return the present decisions on tolerances, by name of the quantity.
 
-    They need posterior draws, which are taken only if there are tolerances.
+    ``before`` are the covariances of the parameters before the next circle. The decisions need
+    posterior draws, which are taken only if there are tolerances.
     """
     if not tolerances:
         return {}
@@ -288,9 +290,10 @@ def _states_of_tolerances(
 def _goals_so_far(
     goals: Mapping[str, GoalState], after: Array, floor: Array
 ) -> dict[str, GoalSoFar]:
-    """Return all goals as they stand, by parameter.
+    """Return how far each goal is reached, by parameter.
 
-    ``after`` are covariances after the best next circle, ``floor`` those after very many circles.
+    ``after`` are the covariances of the parameters after the best next circle, ``floor`` those
+    after very many circles.
     """
     return {name: state.so_far(after, floor) for name, state in goals.items()}
 
@@ -298,9 +301,9 @@ def _goals_so_far(
 def _tolerances_so_far(
     tolerances: Mapping[str, ToleranceState], after: Array
 ) -> dict[str, ToleranceSoFar]:
-    """Return decisions on tolerances as they stand, by quantity.
+    """Return the decisions on tolerances now and after the best next circle, by quantity.
 
-    ``after`` are covariances after the best next circle.
+    ``after`` are the covariances of the parameters after that circle.
     """
     return {name: state.so_far(after) for name, state in tolerances.items()}
 
@@ -380,7 +383,7 @@ def _circles_to_go(aims: Sequence[Aim], objective: Objective) -> int | None:
 def _best_circles(
     space: Space, order: Array, distance_now: float, distances: Array
 ) -> pd.DataFrame:
-    """Return a table of the best next circles, with the share of the way that each one covers.
+    """Return a table of the best next circles, and by which share each reduces the distance.
 
     ``order`` are the indices of the circles among the possible ones, the best first.
     ``distances`` from all aims are those expected after each possible circle.
@@ -408,8 +411,8 @@ class _ModelOdds:
 
     known: Known
     columns: list[int]  # indices of the slopes among the parameters
-    log_bayes_factor: float
-    error: float
+    log_bayes_factor: float  # log Bayes factor of linear over constant compliance [nat]
+    error: float  # its numerical error [nat]
     threshold: float  # log Bayes factor of a decision [nat]
 
     @classmethod
@@ -434,7 +437,7 @@ class _ModelOdds:
 
     @property
     def is_decided(self) -> bool:
-        """Whether the evidence decides."""
+        """Whether the log Bayes factor is large enough for a decision, for or against slopes."""
         return abs(self.log_bayes_factor) >= self.threshold
 
     @property
@@ -443,7 +446,10 @@ class _ModelOdds:
         return SlopesAim(self.columns, self.threshold, self.is_decided)
 
     def so_far(self, after: Array) -> ModelSoFar:
-        """Return the decision now, and its probability for covariances after the best circle."""
+        """Return the decision now, and the probability of one after the best next circle.
+
+        ``after``, shape (K, p, p), are the covariances of the parameters after that circle.
+        """
         scale = self.known.bound.scale[self.columns]
         given = self.known.bound.given(self.known.phi)[1]
         now = Gaussian.factored(given.mean, given.root, given.scale).marginal(self.columns)

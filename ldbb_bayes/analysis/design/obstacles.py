@@ -1,7 +1,7 @@
-"""Goals that no number of circles reaches: what holds each, and which certificate would help.
+"""Goals that no number of circles reaches: the cause, and the certificate that would help most.
 
-Very many of all circles that could be run leave what they cannot measure. An uncertainty that
-remains above its goal then is held by an effect that all circles share.
+If an uncertainty remains above its goal even after very many of all circles that could be run, its
+cause is an effect that is the same in all circles and that they cannot measure.
 """
 
 from __future__ import annotations
@@ -23,9 +23,10 @@ from ldbb_bayes.results import Array, Result
 
 __all__ = ["NearMiss", "Obstacle", "near_miss_of", "obstacles_of"]
 
-# A certificate is named if it leaves less than this share of the uncertainty that circles leave.
+# A certificate is named if the uncertainty after very many circles is less than this share of that
+# without it.
 _WORTH_SHARE = 0.9
-# Number of circles of every kind that stands for very many.
+# Number of circles of every kind that counts as very many.
 _VERY_MANY = 1e6
 _ALL_CERTIFICATES = "all certificates together"
 
@@ -36,8 +37,8 @@ class Obstacle(Result):
 
     #: expanded uncertainty (k = 2) that very many circles would leave, in the parameter's unit
     U_floor: float
-    held_by: str  #: model term or parameter that holds most of it, such as ``Mount``
-    share: float  #: share of ``held_by`` in the variance that very many circles leave
+    held_by: str  #: model term or parameter with the largest share of it, such as ``Mount``
+    share: float  #: share of ``held_by`` in the variance after very many circles
     #: certificate that would help most, such as "mount ± 2 %"; empty if none would
     certificate: str
     #: expanded uncertainty that very many circles would leave with the certificate
@@ -50,7 +51,8 @@ class NearMiss(Result):
     """A goal that very many circles would reach, but no campaign that can be run.
 
     With few circles the analysis knows the scales of noise and effects less well than with very
-    many. So a goal can lie just above what circles leave, and still be out of their reach.
+    many. Therefore a goal just above the uncertainty after very many circles may not be reached by
+    any campaign that can be run.
     """
 
     circles: int  #: number of circles of the largest campaign
@@ -58,8 +60,9 @@ class NearMiss(Result):
     #: the largest campaign, in the parameter's unit
     likely_U: float
     probability: float  #: share of the possible machines on which the largest campaign meets it
-    held_by: str  #: model term or parameter that holds most of what very many circles leave
-    share: float  #: share of ``held_by`` in the variance that very many circles leave
+    #: model term or parameter with the largest share of the variance after very many circles
+    held_by: str
+    share: float  #: share of ``held_by`` in the variance after very many circles
     #: certificate that would help most, such as "mount ± 2 %"; empty if none would
     certificate: str
 
@@ -67,7 +70,7 @@ class NearMiss(Result):
 def near_miss_of(
     family: CampaignFamily, name: str, *, circles: int, likely_U: float, probability: float
 ) -> NearMiss:
-    """Return what keeps a goal out of reach of a family's campaign, whose forecast is stated.
+    """Return why the largest campaign of a family does not reach a goal.
 
     Parameters
     ----------
@@ -92,10 +95,10 @@ def near_miss_of(
 
 
 def obstacles_of(family: CampaignFamily) -> dict[str, Obstacle]:
-    """Return what keeps goals from being reached by any number of circles, by name of the goal.
+    """Return why goals are not reached by any number of circles, by name of the parameter.
 
-    ``family`` has all clockings and radii that may be used, and no certificate that is not at hand.
-    Goals that circles can reach are left out.
+    ``family`` has all clockings and radii that may be used, and only the certificates that the
+    instrument has already. Goals that circles can reach are left out.
     """
     floor = dict(zip(family.goals, family.quick.floor().tolist(), strict=True))
     stuck = [name for name, distance in floor.items() if distance > 0.0]
@@ -128,7 +131,11 @@ def obstacles_of(family: CampaignFamily) -> dict[str, Obstacle]:
 def _floors_with(
     family: CampaignFamily, name: str, statements: Mapping[str, object]
 ) -> dict[str, float]:
-    """Return ln(u/u*) of every goal that very many circles leave with a certificate."""
+    """Return ln(u/u*) of every goal after very many circles, with one more certificate.
+
+    u is the standard uncertainty of the goal's parameter, u* the largest one permitted. ``name`` is
+    that of the certificate, and ``statements`` are the fields of the instrument that it states.
+    """
     offer = CertificateOffer(name, 0.0, statements)
     offers = (*family.offers, offer)
     certified = CampaignFamily(family.space, offers, family.goals, family.states)
@@ -138,10 +145,12 @@ def _floors_with(
 def _most_helpful(
     name: str, floor: float, floors_with: Mapping[str, Mapping[str, float]]
 ) -> tuple[str, float]:
-    """Return the certificate that helps a goal, and ln(u/u*) that very many circles leave with it.
+    """Return the certificate that helps a goal most, and ln(u/u*) after very many circles with it.
 
-    The first certificate that is enough is taken, else the one that helps most. All together are
-    taken only if no single one is enough and they are.
+    The first certificate with which the goal is reached is taken. If no single one is enough, but
+    all together are, these are taken; otherwise the one that helps most, or none (an empty text) if
+    it helps by less than a tenth. ``floor`` is ln(u/u*) without certificates, and ``floors_with``
+    that with each certificate, by certificate, then by goal.
     """
     singles = [key for key in floors_with if key != _ALL_CERTIFICATES]
     for key in floors_with:
@@ -157,7 +166,10 @@ def _most_helpful(
 
 
 def _typical_limits(family: CampaignFamily) -> dict[str, float]:
-    """Return the expanded uncertainty that every goal allows, as a mean over possible machines."""
+    """Return the expanded uncertainty that every goal permits, as a mean over possible machines.
+
+    The mean is the geometric one; the limit of a relative goal differs between machines.
+    """
     limits = {}
     for name, goal in family.goals.items():
         beta = family.states.beta[:, family.bound.names.index(name)]
@@ -167,14 +179,14 @@ def _typical_limits(family: CampaignFamily) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class _Holder:
-    """The source of most of the variance of a parameter that circles do not reduce."""
+    """The source with the largest share of the variance of a parameter after very many circles."""
 
     name: str
     share: float
 
 
 def _held_by(family: CampaignFamily) -> dict[str, _Holder]:
-    """Return what holds the parameters of the goals after very many circles of every kind."""
+    """Return the largest source of every goal's variance after very many circles of every kind."""
     bound = family.bound
     run = len(family.space.pilot.tests) if family.space.augment else 0
     phi = np.sqrt((extend_hyper_parameters(bound, family.states.phi, run) ** 2).mean(axis=0))
@@ -187,7 +199,10 @@ def _held_by(family: CampaignFamily) -> dict[str, _Holder]:
 
 
 def _repeated(information: Information) -> Information:
-    """Return the information of very many circles of every kind: their scatter averages out."""
+    """Return the information of very many circles of every kind.
+
+    The scatter of single circles then averages out; effects that all circles share remain.
+    """
     # Tests with the same noise share one dictionary of its sources, and do so in the result.
     averaged: dict[int, dict[str, Array]] = {}
     for noises in information.noise:

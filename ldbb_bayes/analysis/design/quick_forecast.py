@@ -1,14 +1,16 @@
-"""Quick forecast of how far campaigns are from their goals, by their information alone.
+"""Quick forecast of how far campaigns are from their goals.
 
 β are the parameters and φ the hyper-parameters (the scales of the noise and of other effects).
-Every candidate test adds its information GᵀG to the precision of all coefficients at K values of φ
-that a pilot leaves likely. A search compares thousands of campaigns by it, in milliseconds each,
-because G is worked out once. `forecast_plan` confirms the best of them: the analysis does not know
-φ, circles scatter differently, and compliances are not negative, none of which counts here.
+Every candidate test adds its information GᵀG to the precision matrix of all coefficients, at K
+values of φ that are likely given the pilot. As G is computed once, a search can compare thousands
+of campaigns, in milliseconds each. The forecast takes φ as known, lets all circles scatter alike,
+and allows negative compliances. `forecast_plan`, which does without these simplifications, is used
+for the best campaigns.
 
-Let r_g = u_g/u*_g be the expected uncertainty of the parameter of goal g in units of that allowed.
-The distance of a campaign from its goals is the mean over φ of ln max_g r_g, with a soft maximum
-that tells also whether the lesser goals come nearer. It is zero at the goal.
+Let r_g = u_g/u*_g be the expected standard uncertainty of the parameter of goal g, divided by the
+largest one that the goal permits. The distance of a campaign from its goals is the mean over φ of
+ln max_g r_g. It is zero where the goals are just met. The maximum is replaced by a smooth function
+of all r_g (log-sum-exp), so that the distance also decreases if only the other goals come nearer.
 """
 
 from __future__ import annotations
@@ -25,18 +27,26 @@ from ldbb_bayes.results import Array
 
 __all__ = ["QuickForecast", "limits_of_goals"]
 
-# Sharpness of the soft maximum over goals. At 16, two equal goals raise it by 4 %.
+# Sharpness s of the smooth maximum (Σ r^s)^(1/s) over goals. At 16, it is 4 % above the maximum if
+# two goals are equal.
 _SHARPNESS = 16.0
-# Largest number of passes over a campaign in which each of its circles is exchanged.
+# Largest number of passes in which an exchange of each circle of a campaign is tried.
 _MOST_PASSES = 4
-# An exchange of circles must bring the goals nearer by this, so that rounding errors do not count.
+# An exchange of circles must reduce the distance from the goals by this, which is more than
+# rounding errors do.
 _LEAST_GAIN = 1e-9
-# Number of circles that stands for very many: what they leave is what no number of them reduces.
+# Number of circles of every candidate at which uncertainties count as those that no number of
+# circles reduces.
 _VERY_MANY = 1e6
 
 
 def limits_of_goals(goals: Mapping[str, Goal], states: States, names: Sequence[str]) -> Array:
-    """Return the largest standard uncertainty of every goal in K states, shape (K, goals)."""
+    """Return the largest standard uncertainty that every goal permits, shape (K, goals).
+
+    It depends on the parameters of the machine, of which ``states`` has K possible values.
+    ``names`` are the names of the parameters in ``states``. Limits are in internal units (mm, N,
+    rad).
+    """
     columns = []
     for name, goal in goals.items():
         columns.append(goal.limit_u(states.beta[:, list(names).index(name)]))
@@ -44,7 +54,7 @@ def limits_of_goals(goals: Mapping[str, Goal], states: States, names: Sequence[s
 
 
 class QuickForecast:
-    """Distance from the goals of campaigns that are made of candidate tests.
+    """Distances from the goals, for campaigns that consist of candidate tests.
 
     Parameters
     ----------
@@ -73,21 +83,22 @@ class QuickForecast:
         return np.asarray(self._log_ratio(covariance).mean(axis=0))
 
     def floor(self) -> Array:
-        """Return ln(u/u*) of every goal that very many of all circles would leave, (goals,)."""
+        """Return ln(u/u*) of every goal after very many circles of all candidates, (goals,)."""
         return self.distances(np.full(self.candidates, _VERY_MANY))
 
     def best_counts(self, circles: int, start: Array) -> Array:
-        """Return a campaign of this many circles that is as near to the goals as was found.
+        """Return the campaign of this many circles that a search finds nearest to the goals.
 
-        Circles are added one by one, the best first. Then each circle in turn is exchanged for the
-        best one in its place, until nothing changes.
+        Circles are added one by one, each time the best one. Then each circle in turn is exchanged
+        for the best one in its place, until nothing changes, but in four passes at most.
 
         Parameters
         ----------
         circles
             Number of circles.
         start
-            Campaign to add to, numbers of circles of the candidates; it has at most ``circles``.
+            Number of circles of every candidate in the campaign to which circles are added; at most
+            ``circles`` in all.
 
         Returns
         -------
