@@ -203,8 +203,8 @@ class Campaign(CampaignFields):
     #: tests that may be run later, without readings. The model of the campaign already includes the
     #: effects that only these tests can show.
     foreseen: Tests = field(default=(), kw_only=True)
-    #: campaign or plan that a plan was designed from: what it found about the machine, its scatter
-    #: and its instrument is what is known before the plan is run. No analysis of readings uses it.
+    #: campaign or plan that a plan was designed from. Forecasts of the plan use its results on the
+    #: machine, on scatter and on the instrument. Analyses of readings do not use it.
     pilot: SkipValidation[Campaign | None] = field(default=None, kw_only=True)
     #: whether the pilot's circles count as run, so that the plan adds to them
     adds_to_pilot: StrictBool = field(default=False, kw_only=True)

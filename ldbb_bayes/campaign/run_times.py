@@ -13,7 +13,7 @@ SECONDS_PER_TEST = 360.0
 
 
 class TimeSource(StrEnum):
-    """What tells when the tests of a campaign were run, and how far a drift had got by then."""
+    """Source of the times at which tests were run, from which the drift in each test follows."""
 
     TIMES = "times"  #: the start time (``time_s``) that every test states
     LISTED = "listed order"  #: the order in which the tests are listed, one every six minutes

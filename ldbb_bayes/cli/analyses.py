@@ -43,7 +43,7 @@ def identify(
     output: arguments.OutputOptions,
     settings: Annotated[dict[str, Any], group(**options_of("identify"))],
 ) -> None:
-    """Say what holds the uncertainty of each parameter, which are confounded, and what would help.
+    """Say which effects make each parameter uncertain, which are confounded, and what would help.
 
     The campaign may be a plan (without readings), so that this can be found before the experiment.
     Tables of readings are read as ``report`` reads them.
@@ -219,8 +219,8 @@ def design(
     their analysis. Exit code 1: the tests are not proven to be the best.
 
     With --goal, find the cheapest campaign and certificates that reach every goal for an expanded
-    uncertainty, the next best two, and what stands in the way of goals that no number of circles
-    reaches. Exit code 1: a goal is not reached.
+    uncertainty, the next best two, and, for goals that no number of circles reaches, the effect
+    that prevents it. Exit code 1: a goal is not reached.
     """
     if "goals" in settings:
         _design_for_goals(source, model, output, settings)

@@ -30,7 +30,8 @@ _AXIS = re.compile(r"(?<![\w/])[+\-−]?[XYZ][+\-−]?(?![\w/])")
 _NO_AXIS = re.compile(_WORDS["no_axis"], re.IGNORECASE)
 # Pattern of a header of angles with a minus in front.
 _MINUS = re.compile(_WORDS["minus"], re.IGNORECASE)
-# Pattern of words for the angle itself, and of words which show that an axis beside it is no zero.
+# Pattern of words for the angle, and of words that show that the axis named with them is not the
+# one from which angles are counted.
 _ANGLE = re.compile(_WORDS["angle"], re.IGNORECASE)
 _OTHER_AXIS = re.compile(_WORDS["other_axis"], re.IGNORECASE)
 # Pattern of a word that announces where angles begin, with what follows.

@@ -48,9 +48,9 @@ def number_in_cell(cell: str) -> _NumberAndUnit | None:
 def split_units(rows: Sequence[Row]) -> UnitsOfCells:
     """Return the rows of a sheet with the units in cells of numbers taken out.
 
-    Only rows that hold nothing but numbers, two or more of them, and at least one with a unit, are
-    changed; one of the neighbouring rows must be of this kind too, or hold nothing but numbers if
-    three rows or more have units. A row such as ``Force;36 N`` stays as it is.
+    A row is changed only if it consists of two or more numbers, at least one with a unit. One of
+    the rows next to it must be of this kind too; if three rows or more have units, it is enough
+    that it consists of numbers. A row such as ``Force;36 N`` is not changed.
     """
     numbers = [_numbers_of(row.cells) for row in rows]
     is_neighbour = _may_be_neighbours(rows, numbers)

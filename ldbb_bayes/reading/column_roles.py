@@ -44,7 +44,7 @@ __all__ = [
 _NUMBERING = {"name", "no", "nr", "number", "id", "label", "index"}
 # Pattern of the name of a column for one of several runs, such as "Run 1" or "Reading run 1".
 _RUN = re.compile(rf"(?P<name>(?:.*\W)?(?:{WORDS['names']['run']}))\W*(?P<number>\d{{1,3}})")
-# Roles that the unit of a column tells where its name does not.
+# Roles that follow from the unit of a column if its name shows no role.
 _ROLES_BY_UNIT = ("angle", "reading", "force")
 # A role word of at most this many letters, such as "t" or "dir", must be a whole word of a header;
 # a longer one may also be the beginning of a word.

@@ -449,7 +449,7 @@ def directions_stated(lines: Lines, names: Sequence[str] = ()) -> set[str]:
 
 
 def _is_about_travel(text: str) -> bool:
-    """Return whether a line without a word for direction says which way the machine went."""
+    """Return whether a line states the direction of travel without a word such as "direction"."""
     if _ANGLES.search(text):
         return False
     return is_direction(text.strip(" .;,|\t")) or _TRAVEL.search(text) is not None

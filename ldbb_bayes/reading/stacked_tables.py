@@ -26,12 +26,13 @@ _PAGE = re.compile(
 
 
 def split_tables(sheet: Sheet) -> list[Sheet]:
-    """Return the tables that stand below each other in a sheet, each as a sheet of its own.
+    """Return the tables below each other in a sheet, each as a separate sheet.
 
-    A header that is repeated with nothing or a number of a page above it continues its table; it is
-    left out. If other lines stand above it, such as ``Direction: CCW``, or if the first cell below
-    it is that of the first table, such as 0°, a further table begins. The lines above the first
-    table also hold for the further ones, as far as these do not state the same.
+    A further table begins at a repeated header if there are other lines above it, such as
+    ``Direction: CCW``, or if the first cell below it is the same as in the first table, such as 0°.
+    Any other repeated header, with nothing or a page number above it, is left out, and its table
+    continues. The lines above the first table also count for the further tables, unless these state
+    the same fields themselves.
     """
     header = first_header(sheet.rows)
     if header is None:

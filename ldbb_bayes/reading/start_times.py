@@ -32,8 +32,8 @@ _DAY_S = 86_400.0
 _LONG_CAMPAIGN_S = 12 * 3_600.0
 # Longest campaign that may have run over midnight, if no dates are stated [s].
 _NIGHT_S = 6 * 3_600.0
-# Shortest time from one circle to the next [s]. Stamps that are closer together tell when files
-# were written.
+# Shortest time from one circle to the next [s]. Stamps that are closer together are taken as those
+# at which files were written.
 _SHORTEST_CIRCLE_S = 5.0
 # Longest list of tests or sources in a note [characters].
 _LIST_SHOWN = 200
@@ -53,10 +53,10 @@ class _Start(NamedTuple):
 
 
 class _Times(NamedTuple):
-    """Start times of all tests, or the reason why they cannot be told."""
+    """Start times of all tests, or the reason why they are not known."""
 
     seconds: Array | None  # start of each test after the earliest [s], shape (tests,)
-    reason: str  # why the times cannot be told; or how an ambiguous date was read, or empty
+    reason: str  # why the times are not known; or how an ambiguous date was read, or empty
 
 
 def take_start_times(

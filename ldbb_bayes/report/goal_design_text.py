@@ -17,7 +17,7 @@ _COUNT = "count"
 
 @parts_of.register
 def _passages_of_goal_design(result: GoalDesign) -> tuple[Passage, ...]:
-    """Return the goals, the cheapest campaigns, what stands in the way and what people do today."""
+    """Return tables of goals, cheapest and customary campaigns, and sentences on obstacles."""
     passages: list[Passage] = [_goals_table(result)]
     if result.plans:
         passages += [_tests_table(result.best), _plans_table(result)]
@@ -33,7 +33,7 @@ def _record_of_goal_design(result: GoalDesign) -> dict[str, Any]:
 
 
 def _goals_table(result: GoalDesign) -> Table:
-    """Return a table of the goals: what is asked, what the pilot says, and what the plan will."""
+    """Return a table of the goals: U wanted, U of the pilot, and U expected of the plan (k = 2)."""
     rows = []
     for name, stated in result.goals.items():
         factor, unit = display_unit(stated.goal.unit)

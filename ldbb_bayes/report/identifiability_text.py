@@ -1,4 +1,4 @@
-"""Identifiability as tables and sentences: what holds the uncertainty of each parameter."""
+"""Identifiability as tables and sentences: which effects make each parameter uncertain."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ _MOST_NARROWED = 4
 def judged_quantities(
     result: Identifiability,
 ) -> dict[str, ParameterIdentifiability | ChangeIdentifiability]:
-    """Return the verdicts on parameters and on changes with force, by names as people read them.
+    """Return the verdicts on parameters and on changes with force, by displayed name.
 
-    The change of each compliance, such as ΔC_XXX, stands in the place of its slopes.
+    Slopes are replaced by the change of each compliance over the tested forces, such as ΔC_XXX.
     """
     compliances: dict[str, ParameterIdentifiability | ChangeIdentifiability] = {}
     others: dict[str, ParameterIdentifiability | ChangeIdentifiability] = {}
@@ -40,10 +40,11 @@ def judged_quantities(
 
 
 def verdicts_table(result: Identifiability) -> Table:
-    """Return the table of all parameters: U, verdict, what holds U, and the cheapest cure.
+    """Return the table of all parameters: U, verdict, largest source, and the cheapest cure.
 
-    U is the expanded uncertainty (k = 2). The last column is U with the cheapest cure. The change
-    of each compliance over the tested forces stands in the place of its slopes.
+    U is the expanded uncertainty (k = 2). The largest source is the effect with the largest share
+    of the parameter's variance. The last column is U with the cheapest cure. Slopes are replaced by
+    the change of each compliance over the tested forces.
     """
     rows = []
     for label, entry in judged_quantities(result).items():

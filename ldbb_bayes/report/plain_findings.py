@@ -197,8 +197,8 @@ def _changes(numbers: SheetNumbers) -> Iterator[Finding]:
 def _reversals(numbers: SheetNumbers) -> Iterator[Finding]:
     """Yield for every plane run in both directions how far circles of the two directions differ.
 
-    The difference is that of the second order, sin 2θ, as servo mismatch and unequal backlash of
-    the two axes make it.
+    The difference is the amplitude of sin 2θ, which servo mismatch and unequal backlash of the two
+    axes cause.
     """
     words = numbers.words
     for plane, coefficient in numbers.reversals.items():
@@ -240,7 +240,9 @@ def _findings_in_words(numbers: SheetNumbers) -> Iterator[str]:
 
 
 def best_step(numbers: SheetNumbers) -> str:
-    """Return the effect that holds most of what is not determined, by its class name.
+    """Return the effect that most often keeps parameters from being determined, by its class name.
+
+    It has the largest sum of shares of variance over all parameters that are not determined.
 
     Parameters
     ----------

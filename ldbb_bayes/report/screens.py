@@ -35,9 +35,9 @@ _MOST_DESIGNS = 2
 def _(result: Identifiability) -> tuple[Passage, ...]:
     """Return a short version of the verdicts on all parameters.
 
-    One table states the uncertainty U of each parameter, what holds it, the verdict on it, and the
-    cheapest cure with U then; another one what certificates would narrow. Combinations that no
-    reading resolves are in ``details``.
+    One table states the expanded uncertainty U of each parameter, its largest source, the verdict,
+    and the cheapest cure with U then. Another one states which parameters certificates would make
+    less uncertain. Combinations that no reading resolves are in ``details``.
     """
     first, *others = wording.identifiability_screen(result)
     passages: list[Passage] = [first, verdicts_table(result)]

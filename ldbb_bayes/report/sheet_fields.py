@@ -25,9 +25,9 @@ __all__ = ["assumption_fields", "campaign_fields", "identity_fields", "shorten"]
 _LONGEST_ENTRY = 70  # largest number of characters of a text in a form field
 _CAMPAIGN_ENTRIES = ("machine_type", "serial_number", "date", "operator", "place")
 _DEVICE_ENTRIES = ("ball_bar", "ball_bar_calibrated", "force_device")
-# Entries that tell which machine was measured and when; they stand on both sheets.
+# Entries of the campaign that identify the machine and the date; both sheets show them.
 _IDENTITY_ENTRIES = ("machine_type", "serial_number", "date")
-# Entry of the sheet that says in which order the tests were run, by what tells it.
+# Text of the sheet on the order in which the tests were run, by the source of this order.
 _ORDER_ENTRIES = {
     TimeSource.TIMES: "entries.by_times",
     TimeSource.LISTED: "entries.as_listed",
@@ -83,7 +83,7 @@ def campaign_fields(findings: Findings, words: Words) -> Iterator[tuple[str, str
 
 
 def identity_fields(findings: Findings, words: Words) -> tuple[tuple[str, str], ...]:
-    """Return the form fields that tell which machine was measured and when.
+    """Return the form fields that identify the machine and the date of measurement.
 
     Parameters
     ----------

@@ -745,10 +745,10 @@ def held_by_words(entry: ParameterIdentifiability) -> str:
 
 
 def short_verdict_words(entry: ParameterIdentifiability | ChangeIdentifiability) -> str:
-    """Return the verdict on a parameter and what holds it, as in "confounded: mount 39 %, …".
+    """Return a verdict with the largest source of variance, as in "confounded: mount 39 %, …".
 
-    Only the largest source is named; the ellipsis stands for further effects that a parameter is
-    confounded with.
+    Only the source with the largest share is named; the ellipsis stands for further effects that
+    the parameter is confounded with.
     """
     sources = _sources_with_shares(entry)
     ending = ", …" if len(sources) > 1 else ""
@@ -1057,7 +1057,7 @@ def _varied_settings(design: Design) -> list[str]:
 
 
 def goal_design_sentences(result: GoalDesign) -> tuple[str, ...]:
-    """Return sentences on the cheapest campaign for goals, and on what stands in their way."""
+    """Return sentences on the cheapest campaign for goals, and on why goals are not reached."""
     met = [name for name, stated in result.goals.items() if stated.met_by_pilot]
     obstacles = []
     for name, obstacle in result.obstacles.items():

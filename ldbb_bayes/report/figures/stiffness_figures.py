@@ -33,7 +33,7 @@ __all__ = ["stiffness_rose"]
 _FARTHEST = 1.6
 # Place of the rings' labels [°]: between the axes, where lines are seldom crowded.
 _LABEL_ANGLE_DEG = 67.5
-# Ground of a ring's label: it hides the curves that the label would be lost in.
+# Background of a ring's label: it hides curves that would make the label hard to read.
 _LABEL_GROUND = {"facecolor": "white", "alpha": 0.85, "edgecolor": "none", "pad": 0.6}
 # Heights of a figure with one rose, and of a row of roses by their number [inch].
 _HEIGHT = 3.0

@@ -26,7 +26,7 @@ _PROB = 0.95
 
 @styled
 def workflow_checks(workflow: Workflow) -> Figure:
-    """Draw what the checks of a workflow compare: circles with prior and others, prior, models.
+    """Draw the results of a workflow's checks: circles, dependence on the prior, and models.
 
     The panels are: the range of every circle and the interval that the prior expects of it; the
     p-values of the circles left out, sorted, with the 95 % interval of each if all are uniform; the
