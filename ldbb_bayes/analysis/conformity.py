@@ -47,8 +47,9 @@ __all__ = [
 ]
 
 # The probability that a quantity lies beyond a tolerance limit is the share of posterior draws
-# beyond it, if at least this many draws lie on each side of the limit. Otherwise it is the tail of
-# a normal distribution, or the share of draws if that is larger.
+# beyond it, if at least this many draws lie on each side of the limit. Otherwise the probability of
+# the side with fewer draws is the tail of a normal distribution, but at least the share of draws on
+# this side, and at most this number divided by the number of all draws.
 _FEWEST_DRAWS = 10
 # Number of posterior draws for which the machine's circular path is computed.
 _PATH_DRAWS = 2000

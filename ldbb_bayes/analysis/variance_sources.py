@@ -299,7 +299,8 @@ def _without_noise(information: Information, known: Sequence[str]) -> Informatio
     """Return the information of readings without the noise of some terms, by their class names."""
     if not known:
         return information
-    # Tests with the same noise share one dictionary of its sources, and do so in the result.
+    # Tests with the same noise share one dictionary of its sources, and share one in the result
+    # too.
     remaining: dict[int, dict[str, Array]] = {}
     for sources in information.noise:
         remaining[id(sources)] = {name: sources[name] for name in sources if name not in known}

@@ -36,7 +36,7 @@ __all__ = [
     "tolerance_states",
 ]
 
-# Number of values of the hyper-parameters at which possible circles are weighed.
+# Number of values of the hyper-parameters at which possible circles are compared.
 _NODES = 16
 # Number of values of the hyper-parameters over which means and standard deviations of the
 # parameters are averaged, and number of posterior draws of the parameters.

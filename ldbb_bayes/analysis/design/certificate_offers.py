@@ -18,8 +18,8 @@ from ldbb_bayes.results import Result
 
 __all__ = ["CertificateOffer", "certified_with", "offers_in", "sets_of_offers"]
 
-# Certificates that can be offered, by the words of the user, and the names of what they state in
-# ``CERTIFICATES``. Balls are offered with their grade, as in "balls G10".
+# Key in ``CERTIFICATES`` of each certificate that can be bought, by the word with which a user
+# names it. Balls are named with their grade instead, as in "balls G10".
 _STATED_BY_WORD = {
     "bar": "bar ± 1 µm",
     "mount": "mount ± 2 %",
@@ -104,10 +104,10 @@ def _offer_of(word: str, price: float) -> CertificateOffer:
 def sets_of_offers(
     offers: Sequence[CertificateOffer], instrument: Instrument
 ) -> tuple[tuple[CertificateOffer, ...], ...]:
-    """Return all sets of certificates that add to what the instrument states already.
+    """Return all sets of certificates that could be bought for an instrument.
 
-    Certificates of what is stated already, and sets that state one thing twice, are left out. The
-    first set is empty.
+    Certificates that state what the instrument's certificates state already are left out, and so
+    are sets in which two certificates state the same. The first set is empty.
     """
     uncertified = Instrument()
     useful = []

@@ -135,7 +135,7 @@ def forecast_plan(
     model : HybridModel
         Model for the analysis of the plan's tests.
     plan : Campaign
-        Plan. What is known before it is run is what its pilot found, or else the prior.
+        Plan. The machine is assumed to be known as from the plan's pilot, or else from the prior.
     slopes : Slopes, optional
         Slopes that evidence is to be forecast for. Default: all of the model, of the size of their
         prior standard deviations.
@@ -182,7 +182,7 @@ def stated_by_machines(
     model
         Model for the analysis of the plan's tests.
     plan
-        Plan. What is known before it is run is what its pilot found, or else the prior.
+        Plan. The machine is assumed to be known as from the plan's pilot, or else from the prior.
     machines
         Number of possible machines. Default: 64.
     """

@@ -173,7 +173,7 @@ class GoalDesign(Result):
 
     @property
     def too_long(self) -> bool:
-        """Whether goals that can be reached were not, and machine time was limited."""
+        """Whether limited machine time may be the reason why goals are not reached."""
         is_reachable = len(self.unreachable) < len(self.goals)
         is_limited = self.costs.hours is not None
         return not self.plans and is_reachable and is_limited and not self.near_misses

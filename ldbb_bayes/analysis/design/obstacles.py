@@ -203,7 +203,8 @@ def _repeated(information: Information) -> Information:
 
     The scatter of single circles then averages out; effects that all circles share remain.
     """
-    # Tests with the same noise share one dictionary of its sources, and do so in the result.
+    # Tests with the same noise share one dictionary of its sources, and share one in the result
+    # too.
     averaged: dict[int, dict[str, Array]] = {}
     for noises in information.noise:
         averaged[id(noises)] = {name: cov / _VERY_MANY for name, cov in noises.items()}
