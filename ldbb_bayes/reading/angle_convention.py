@@ -9,9 +9,11 @@ import re
 from typing import NamedTuple
 
 from ldbb_bayes.errors import InputError
-from ldbb_bayes.reading.lines_above import senses_in
+from ldbb_bayes.reading.lines_above import senses_in, statements_in
+from ldbb_bayes.reading.names import name_as_words
 from ldbb_bayes.reading.open_question import OpenQuestionError
 from ldbb_bayes.reading.recording import Recording
+from ldbb_bayes.reading.unit_lines import unit_mentioned
 from ldbb_bayes.reading.words import LONGEST_TEXT, WORDS
 
 __all__ = ["AngleConvention", "angle_convention"]
@@ -24,6 +26,17 @@ _ZERO = re.compile(
     r"(?![^\W_])",
     re.IGNORECASE,
 )
+# Pattern of an axis before the zero, as in "+Y = 0°".
+_ZERO_BEHIND = re.compile(_WORDS["zero_behind"], re.IGNORECASE)
+# Pattern of words that turn the sense of angles, and of one for the sense of mathematics.
+_REVERSED = re.compile(_WORDS["reversed"], re.IGNORECASE)
+_MATHEMATICAL = re.compile(_WORDS["math"], re.IGNORECASE)
+# Pattern of words of lines about angles that say nothing on where they begin and how they run.
+_HARMLESS = re.compile(_WORDS["harmless"], re.IGNORECASE)
+# Pattern of words for angles from north, clockwise.
+_COMPASS = re.compile(_WORDS["compass"], re.IGNORECASE)
+# Pattern of words for the start of a circle.
+_START = re.compile(_WORDS["start"], re.IGNORECASE)
 # Pattern of an axis, alone among other words.
 _AXIS = re.compile(r"(?<![\w/])[+\-−]?[XYZ][+\-−]?(?![\w/])")
 # Pattern of words for a direction that is no axis, such as north.
@@ -34,6 +47,10 @@ _MINUS = re.compile(_WORDS["minus"], re.IGNORECASE)
 # one from which angles are counted.
 _ANGLE = re.compile(_WORDS["angle"], re.IGNORECASE)
 _OTHER_AXIS = re.compile(_WORDS["other_axis"], re.IGNORECASE)
+# Pattern of an angle of zero, which may be followed by where it is.
+_ZERO_DEGREES = re.compile(
+    r"(?<![\d.,])0 ?(?:°|deg\w*) ?(?:=|is|at|on|along|bei|:)|\bzero at\b", re.I
+)
 # Pattern of a word that announces where angles begin, with what follows.
 _ANNOUNCED = re.compile(rf"(?:{_WORDS['announced']})(?P<zero>[^;|\t]*)", re.IGNORECASE)
 # Pattern of a line that is about angles, and of one that is about something else.
@@ -90,9 +107,40 @@ def angle_convention(recording: Recording, plane: str) -> AngleConvention:
         return convention
     zero = layout.angle_zero or _single(recording, "zero", [entry.zero for entry in words])
     sense = layout.angle_sense or _single(recording, "sense", [entry.sense for entry in words])
+    _note_unread(recording, plane, zero, sense)
     if not zero and not sense:
         return AngleConvention(1, 0.0)
     return _convention_in_words(recording, plane, words, zero, sense)
+
+
+def _note_unread(recording: Recording, plane: str, zero: str, sense: str) -> None:
+    """Note lines about angles, or about where a circle starts, that say nothing understood.
+
+    ``zero`` and ``sense`` are the axis at which angles begin, and how they run, or empty. Nothing
+    is noted if the user states one of them.
+    """
+    if recording.layout.angle_zero or recording.layout.angle_sense:
+        return
+    convention = f"from {zero or f'+{plane[0]}'}, {sense or 'CCW'}"
+    for line, content in (*recording.lines_of_all_tests, *recording.heading.lines_above):
+        text = content[:LONGEST_TEXT]
+        if _is_unread(recording, line, text):
+            reason = f"line {line} says {text.strip()[:_TEXT_SHOWN]!r}, not understood"
+            recording.note("angle", convention, reason, "--angle-zero, --angle-sense")
+
+
+def _is_unread(recording: Recording, line: int | str, text: str) -> bool:
+    """Return whether a line may say where angles begin and how they run, but is not understood."""
+    if statements_in([(line, text)]):
+        return False
+    if _START.search(text) and _AXIS.search(text):
+        return True
+    if not _ANGLE.search(text) or _OTHER_SUBJECT.search(text) or _OTHER_AXIS.search(text):
+        return False
+    if unit_mentioned(text):
+        return False
+    words = _words_in(recording, f"line {line}", text, is_header=False)
+    return not (words.zero or words.sense or _HARMLESS.search(text))
 
 
 def _convention_in_words(
@@ -162,18 +210,18 @@ def _words_of(recording: Recording) -> list[_Words]:
         text = content[:LONGEST_TEXT]
         if _SUBJECT.search(text) and not _OTHER_SUBJECT.search(text):
             words.append(_words_in(recording, f"line {line}", text, is_header=False))
+    for name in recording.names_of_files():
+        text = name_as_words(name)
+        if _ANGLE.search(text) or _ZERO.search(text) or _COMPASS.search(text):
+            words.append(_words_in(recording, "its name", text, is_header=False))
     return [entry for entry in words if entry.zero or entry.sense]
 
 
 def _words_in(recording: Recording, source: str, text: str, is_header: bool) -> _Words:
     """Return where angles begin and how they run according to the header of angles, or a line."""
-    zero = ""
-    match = _ZERO.search(text)
-    if match is not None:
-        signs = (match["sign"], match["behind"] or "")
-        sign = "+" if all(part in ("", "+") for part in signs) else "-"
-        zero = f"{sign}{match['axis'].upper()}"
-    elif recording.layout.angle_zero is None and recording.layout.angle_offset_deg is None:
+    zero = _zero_in(text)
+    layout = recording.layout
+    if not zero and layout.angle_zero is None and layout.angle_offset_deg is None:
         _check_announced(recording, source, text)
         _check_no_axis(recording, source, text)
     sense = ""
@@ -183,7 +231,35 @@ def _words_in(recording: Recording, source: str, text: str, is_header: bool) -> 
         senses = senses_in(text)
         if len(senses) == 1:
             sense = senses.pop()
+        _check_reversed(recording, source, text, is_header)
     return _Words(zero, sense, source)
+
+
+def _zero_in(text: str) -> str:
+    """Return the axis, such as +Y, at which angles begin according to a text; empty if none."""
+    match = _ZERO.search(text) or _ZERO_BEHIND.search(text)
+    if match is None:
+        return ""
+    signs = {match["sign"], match["behind"] or ""}
+    if signs <= {"", "+"}:
+        return f"+{match['axis'].upper()}"
+    return f"-{match['axis'].upper()}"
+
+
+def _check_reversed(recording: Recording, source: str, text: str, is_header: bool) -> None:
+    """Raise an error if a text turns the sense of angles and does not say which it then is."""
+    layout = recording.layout
+    if layout.angle_sense is not None or layout.angle_sign is not None:
+        return
+    is_about_angles = is_header or _ANGLE.search(text) is not None
+    if not is_about_angles or _MATHEMATICAL.search(text) or _REVERSED.search(text) is None:
+        return
+    raise OpenQuestionError(
+        f"{recording.place}: angles must run clockwise or counter-clockwise, got"
+        f" {text.strip()[:_TEXT_SHOWN]!r} in {source}. Say which: --angle-sense CW or CCW.",
+        "angle_sense",
+        ("CW", "CCW"),
+    )
 
 
 def _check_announced(recording: Recording, source: str, text: str) -> None:
@@ -201,7 +277,7 @@ def _check_no_axis(recording: Recording, source: str, text: str) -> None:
 
     The same holds for one axis alone, without a word such as "from" in front of it.
     """
-    if not _ANGLE.search(text):
+    if not any(words.search(text) for words in (_ANGLE, _ZERO_DEGREES, _COMPASS)):
         return
     axes = _AXIS.findall(text)
     is_one_axis = len(axes) == 1 and not _OTHER_AXIS.search(text)

@@ -3,10 +3,19 @@
 from __future__ import annotations
 
 from ldbb_bayes.errors import require
-from ldbb_bayes.reading.measured_length import measured_length
+from ldbb_bayes.reading.measured_length import (
+    doubles_readings,
+    leaves_length_open,
+    measured_length,
+    names_diameter,
+)
+from ldbb_bayes.reading.open_question import OpenQuestionError
 from ldbb_bayes.reading.recording import Recording
 
 __all__ = ["halve_diameters"]
+
+# An error message shows at most this number of characters of a text from a file.
+_TEXT_SHOWN = 60
 
 
 def halve_diameters(recording: Recording) -> None:
@@ -17,7 +26,8 @@ def halve_diameters(recording: Recording) -> None:
     Raises
     ------
     InputError
-        If header and lines contradict each other and the user does not decide.
+        If header and lines contradict each other, or a line leaves open what readings are of, and
+        the user does not decide.
     """
     readings = recording.numbers.get("reading")
     if readings is None:
@@ -36,6 +46,8 @@ def halve_diameters(recording: Recording) -> None:
         f"{recording.place}: readings must be of radius or diameter, got {listed}. Say which:"
         " --measured.",
     )
+    if stated is None:
+        _check_open_lines(recording, bool(sources))
     if stated is None and sources:
         stated = next(iter(sources))
     if stated != "diameter":
@@ -43,3 +55,26 @@ def halve_diameters(recording: Recording) -> None:
     recording.numbers["reading"] = 0.5 * readings
     source = sources.get("diameter", "as given")
     recording.note("reading", "half of each, as it is of the diameter", source, "--measured")
+
+
+def _check_open_lines(recording: Recording, is_stated: bool) -> None:
+    """Raise an error if a line leaves open whether readings are of the diameter.
+
+    ``is_stated`` is whether the header or a line states what readings are of.
+    """
+    for line, text in (*recording.lines_of_all_tests, *recording.heading.lines_above):
+        if doubles_readings(text) or (leaves_length_open(text) and not is_stated):
+            raise OpenQuestionError(
+                f"{recording.place}: readings must be of radius or diameter, got"
+                f" {text.strip()[:_TEXT_SHOWN]!r} in line {line}. Say which: --measured.",
+                "measured",
+                ("radius", "diameter"),
+            )
+    for name in recording.names_of_files():
+        if names_diameter(name) and not is_stated:
+            raise OpenQuestionError(
+                f"{recording.place}: readings must be of radius or diameter, got the name"
+                f" {name[:_TEXT_SHOWN]!r}. Say which: --measured.",
+                "measured",
+                ("radius", "diameter"),
+            )

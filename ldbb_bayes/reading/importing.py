@@ -34,6 +34,7 @@ from ldbb_bayes.reading.lines_above import (
     unknown_length,
 )
 from ldbb_bayes.reading.loads_above import with_loads_in_header
+from ldbb_bayes.reading.names import unknown_length_in_name
 from ldbb_bayes.reading.paired_columns import split_pairs
 from ldbb_bayes.reading.recording import LOAD_LISTS, LOAD_ROLES, Recording, option_for
 from ldbb_bayes.reading.sheet_selection import SheetSelection, select_sheets
@@ -162,7 +163,9 @@ def import_campaign(
     unclear = not_understood(lines_of_all_tests)
     for recording in recordings:
         lines_above = recording.heading.lines_above
-        length = unknown_length(lines_above)
+        length = ""
+        if recording.fields.get("radius_mm") is None:
+            length = unknown_length(lines_above) or unknown_length_in_name(recording.names())
         if length:
             unclear.setdefault("radius_mm", length)
         direction = unknown_direction([*lines_of_all_tests, *lines_above])

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any, NamedTuple
 
+from ldbb_bayes.reading.bar_extensions import length_of_sum, names_extension
 from ldbb_bayes.reading.column_roles import names_any_role
 from ldbb_bayes.reading.dates import iso_date
 from ldbb_bayes.reading.measured_length import measured_length_stated
@@ -21,6 +22,7 @@ from ldbb_bayes.reading.numerals import (
     may_be_thousands,
     number_in_text,
 )
+from ldbb_bayes.reading.programmed_circles import programmed_arcs, programs_arc
 from ldbb_bayes.reading.unit_lines import units_stated
 from ldbb_bayes.reading.words import (
     LONGEST_TEXT,
@@ -58,6 +60,8 @@ class LineStatement:
     #: number of the line in its file; if the line is on another sheet than the test, a text with
     #: the number and the sheet
     line: int | str
+    #: what leaves the number open, if it is NaN for another reason than a mark between thousands
+    doubt: str = ""
 
 
 class _Quantity(NamedTuple):
@@ -68,6 +72,7 @@ class _Quantity(NamedTuple):
     usual_unit: str  #: unit that is assumed if the line states none; empty if a unit is necessary
     #: permitted units, each with its size in the unit at the end of the field's name
     units: Mapping[str, float]
+    is_of_bar: bool  #: whether the quantity is the length of the bar, which an extension changes
 
 
 def _expand_parts() -> dict[str, str]:
@@ -91,7 +96,9 @@ def _quantities() -> dict[str, _Quantity]:
         scale = entry.get("one", 1.0)
         scaled = {unit: scale * size for unit, size in units.items()}
         field = entry.get("field", key)
-        quantities[key] = _Quantity(field, entry["words"], entry["unit"], scaled)
+        quantities[key] = _Quantity(
+            field, entry["words"], entry["unit"], scaled, entry.get("is_of_bar", False)
+        )
     return quantities
 
 
@@ -102,11 +109,13 @@ _QUANTITIES = _quantities()
 _WHOLE_NUMBER = rf"(?P<number>{NUMBER_IN_TEXT})(?![\d:/]|[.,]\d|[\-−]\d|\s\d{{3}}(?!\d))(?!')"
 # Pattern of a unit that a line states before the number: "in" and a word, or a text in brackets.
 _UNIT_BEFORE = (
-    r"(?:in\s+(?P<inside>[^\s:=;,|]+)|[\[(](?P<brackets>[^\])]*)[\])]"
-    r"|(?P<cell_before>mm|cm|inch|in|N|kN|daN|bar|MPa|mm/min)(?=[;,|\t]))"
+    r"(?:in\s+(?P<inside>[^\s:=;,|]+)|[\[(](?:in\s+)?(?P<brackets>[^\])]*)[\])]"
+    r"|(?P<cell_before>mm|cm|inch|in|N|kN|daN|bar|MPa|mm/min)(?=[;,|\t]|\s?[:=]))"
 )
+# Pattern of a decimal mark without decimals and of a tolerance, which may follow a number.
+_TOLERANCE = rf"\.?(?:\s?(?:±|\+/?[-−])\s?{NUMBER_IN_TEXT})?"
 # Pattern of the word that follows a number, in the same cell or in the next one.
-_FOLLOWING = r"\s*(?P<cell>[;|,\t]?)\s*(?P<following>[^\s;,|()\[\]]*)"
+_FOLLOWING = _TOLERANCE + r"\s*(?P<cell>[;|,\t]?)\s*(?P<following>[^\s;,|()\[\]]*)"
 # Patterns, by field, of the words that precede a name in a line above a table, such as "Operator".
 # ``_NAME_AFTER`` is the pattern of such words together with the name.
 _NAME_WORDS = {key: words % _PARTS for key, words in WORDS["names"].items()}
@@ -136,7 +145,20 @@ _LENGTH = re.compile(
     rf"[^;,|\t]*?(?P<number>(?<![\d.,:/-]){NUMBER_IN_TEXT})[\s;|\t]?(?P<unit>[^\W\d_]+|\")(?![/\w])"
 )
 # Pattern of a letter for radius or diameter with a number directly behind it, such as D200.
-_LETTER_AND_NUMBER = re.compile(r"(?<![\w.])[RrDØø]\s?[:=]?\s?(?:[5-9]\d|[1-9]\d\d)(?![\w.,])")
+_LETTER_AND_NUMBER = re.compile(
+    r"(?<![\w.])(?:CR|[RrDØø])\s?[:=]?\s?(?:[5-9]\d|[1-9]\d\d)(?![\w.,])"
+)
+# Pattern of a word for the circle, and of one for the bar with a number as large as a radius.
+_CIRCLE = re.compile(rf"(?<![^\W_])(?:{WORDS['circle']['named']})", re.IGNORECASE)
+_BAR_AND_NUMBER = re.compile(
+    rf"(?<!\w)(?:{WORDS['circle']['bar']})\b.*?(?<![\w.,])(?:[5-9]\d|[1-9]\d\d)(?![\d.,])"
+    r"(?!\s?\w{3})",
+    re.IGNORECASE,
+)
+# Pattern of words for the ball bar, whose balls are no other quantity.
+_BALL_BAR = re.compile(WORDS["circle"]["ball_bar"], re.IGNORECASE)
+# What leaves the length of a bar open.
+_WITH_EXTENSION = "a bar and an extension"
 # Smallest and largest radius or diameter of a circle [µm].
 _RADII_UM = (2e4, 2e6)
 # Largest number of characters of a line that a note shows.
@@ -184,11 +206,14 @@ def statements_in(lines: Lines) -> dict[str, list[LineStatement]]:
     Numbers with an unknown unit, and quantities of another kind (maximum, ambient, …), are ignored.
     """
     statements: dict[str, list[LineStatement]] = {}
+    is_extended = any(names_extension(text[:LONGEST_TEXT]) for _, text in lines)
     for line, content in lines:
         text = content[:LONGEST_TEXT]
         for quantity in _QUANTITIES.values():
             for match in _pattern(quantity.words).finditer(text):
-                statement = _stated_number(quantity, match, line)
+                statement = _length_with_extension(quantity, match, line, is_extended)
+                if statement is None:
+                    statement = _stated_number(quantity, match, line)
                 if statement is not None:
                     statements.setdefault(quantity.field, []).append(statement)
         if "radius_mm" not in statements:
@@ -198,6 +223,10 @@ def statements_in(lines: Lines) -> dict[str, list[LineStatement]]:
         in_words = {**units_stated(text), **measured_length_stated(text)}
         for key, words in (*_stated_in_words(text), *in_words.items()):
             statements.setdefault(key, []).append(LineStatement(words, "", line))
+    for arc in programmed_arcs(lines):
+        if arc.radius_mm is not None:
+            statement = LineStatement(arc.radius_mm, "mm", arc.line)
+            statements.setdefault("programmed_radius_mm", []).append(statement)
     return statements
 
 
@@ -276,6 +305,36 @@ def _stated_number(
     if value is None:
         return None
     return LineStatement(value * quantity.units[unit], named, line)
+
+
+def _length_with_extension(
+    quantity: _Quantity, match: re.Match[str], line: int | str, is_extended: bool
+) -> LineStatement | None:
+    """Return the length of a bar with its extension; NaN if a line leaves open whether it is added.
+
+    Return None for other quantities, and for a bar without an extension.
+
+    Parameters
+    ----------
+    quantity
+        The quantity whose number was matched.
+    match
+        Match of the pattern of the quantity, its number and its unit.
+    line
+        Number of the line in its file, or number and sheet as text.
+    is_extended
+        Whether a line names an extension of the bar with its length.
+    """
+    if quantity.field != "radius_mm" or OTHER_QUANTITY.search(_words_before_number(match)):
+        return None
+    total = length_of_sum(match.string[match.start("number") :])
+    if total is None and quantity.is_of_bar and is_extended:
+        total = math.nan
+    if total is None:
+        return None
+    if math.isnan(total):
+        return LineStatement(total, "mm", line, _WITH_EXTENSION)
+    return LineStatement(total, "mm", line)
 
 
 def _is_in_title(match: re.Match[str]) -> bool:
@@ -379,20 +438,33 @@ def unknown_length(lines: Lines) -> str:
     Such a length has a unit of length and is as large as the radius of a circle, or stands behind a
     letter for one, and no line above states the radius. An example is ``Reach: 100 mm``.
     """
-    if "radius_mm" in statements_in(lines):
+    statements = statements_in(lines)
+    if "radius_mm" in statements or "programmed_radius_mm" in statements:
         return ""
     for line, content in lines:
-        text = content[:LONGEST_TEXT]
-        if OTHER_QUANTITY.search(text):
-            continue
-        for match in _LENGTH.finditer(text):
-            size_um = UNITS["reading"].get(unit_named(match["unit"]), 0.0)
-            length = number_in_text(match["number"])
-            if length is not None and _RADII_UM[0] <= abs(length) * size_um <= _RADII_UM[1]:
-                return f"line {line} says {match[0].strip()[:_LENGTH_SHOWN]}, not taken"
-        letter = _LETTER_AND_NUMBER.search(text)
-        if letter is not None:
-            return f"line {line} says {letter[0]}, not taken"
+        length = _possible_radius(content[:LONGEST_TEXT])
+        if length:
+            return f"line {line} says {length[:_LENGTH_SHOWN]}, not taken"
+    return ""
+
+
+def _possible_radius(text: str) -> str:
+    """Return the words of a line that may state the radius of a circle; empty if none do."""
+    if OTHER_QUANTITY.search(_BALL_BAR.sub("bar", text)):
+        return ""
+    for match in _LENGTH.finditer(text):
+        size_um = UNITS["reading"].get(unit_named(match["unit"]), 0.0)
+        length = number_in_text(match["number"])
+        if length is not None and _RADII_UM[0] <= abs(length) * size_um <= _RADII_UM[1]:
+            return match[0].strip()
+    letter = _LETTER_AND_NUMBER.search(text)
+    if letter is not None:
+        return letter[0]
+    if measured_length_stated(text):
+        return ""
+    names_circle = re.search(r"\d|mm", text) is not None and _CIRCLE.search(text) is not None
+    if names_circle or _BAR_AND_NUMBER.search(text) or programs_arc(text):
+        return text.strip()
     return ""
 
 

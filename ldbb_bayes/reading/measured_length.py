@@ -4,9 +4,15 @@ from __future__ import annotations
 
 import re
 
-from ldbb_bayes.reading.words import LONGEST_TEXT, WORDS, comparable
+from ldbb_bayes.reading.words import LONGEST_TEXT, OTHER_QUANTITY, WORDS, comparable
 
-__all__ = ["measured_length", "measured_length_stated"]
+__all__ = [
+    "doubles_readings",
+    "leaves_length_open",
+    "measured_length",
+    "measured_length_stated",
+    "names_diameter",
+]
 
 _WORDS = WORDS["diameters"]
 # Pattern of a header or text that names a diameter.
@@ -16,6 +22,12 @@ _LONG_WORD = re.compile("durchmesser|diamet")
 _RADIAL = re.compile(_WORDS["radial"])
 # Pattern of a line that is about the readings.
 _READINGS = re.compile(_WORDS["line"])
+# Pattern of words which show that a diameter is not that of readings.
+_OTHER = re.compile(_WORDS["other"])
+# Pattern of words for readings that are doubled.
+_DOUBLED = re.compile(_WORDS["doubled"])
+# Pattern of the number of a column, as in "Column 2: diameter deviation".
+_NUMBER_OF_COLUMN = re.compile(r"\b(?:col(?:umn)?|spalte|channel|kanal|ch)\.? ?\d+")
 
 
 def measured_length(text: str) -> str:
@@ -34,9 +46,37 @@ def measured_length_stated(text: str) -> dict[str, str]:
     The result has the key ``measured``, with the value radius or diameter; it is empty for a line
     that is not about readings, or that states a number.
     """
-    if _READINGS.search(comparable(text)) is None or re.search(r"\d", text):
+    text = _NUMBER_OF_COLUMN.sub("", comparable(text))
+    if _READINGS.search(text) is None or re.search(r"\d", text):
         return {}
     length = measured_length(text)
     if not length:
         return {}
     return {"measured": length}
+
+
+def doubles_readings(text: str) -> bool:
+    """Return whether a line says that readings are doubled: ``Values: 2 x radial deviation``."""
+    words = comparable(text[:LONGEST_TEXT])
+    is_about_readings = _READINGS.search(words) or _RADIAL.search(words)
+    return is_about_readings is not None and _DOUBLED.search(words) is not None
+
+
+def leaves_length_open(text: str) -> bool:
+    """Return whether a line may say that readings are of the diameter, without naming readings.
+
+    An example is ``Mode: diameter``.
+    """
+    words = _NUMBER_OF_COLUMN.sub("", comparable(text[:LONGEST_TEXT]))
+    if re.search(r"\d", words) or _OTHER.search(words) or OTHER_QUANTITY.search(words):
+        return False
+    return measured_length(words) == "diameter"
+
+
+def names_diameter(name: str) -> bool:
+    """Return whether the name of a file or test has a word for diameter without its number."""
+    words = re.split(r"[\W_]+", name[:LONGEST_TEXT])
+    for word, next_word in zip(words, [*words[1:], ""], strict=True):
+        if measured_length(word) == "diameter" and not re.search(r"\d", word + next_word):
+            return True
+    return False

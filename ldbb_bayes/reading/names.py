@@ -17,8 +17,10 @@ __all__ = [
     "NamedLoad",
     "load_in_name",
     "load_is_ambiguous",
+    "name_as_words",
     "plane_in_name",
     "radius_in_name",
+    "unknown_length_in_name",
 ]
 
 # Pattern of a number with a unit of force or pressure in a name, such as 238N or 2.5 bar.
@@ -43,9 +45,19 @@ _FORCE_AFTER_F = re.compile(r"(?<![a-zA-Z0-9])[fF](\d{2,3})(?![\d.,])")
 # Pattern of a radius of at least 50 mm in a name, such as R100. A smaller number after R is the
 # number of a run.
 _RADIUS_AFTER_R = re.compile(
-    r"(?<![a-zA-Z0-9])R(?:adius)?[ _=]?([5-9]\d|[1-9]\d{2,3})(?:[ _]?mm)?(?![a-zA-Z\d.,])"
-    r"(?![ _](?:N|kN|daN|lbf|kgf|bar|psi)\b)"
+    r"(?<![a-zA-Z0-9])(?:R|[Rr]adius)[ _=\-]?([5-9]\d(?:\.\d+)?|[1-9]\d{2,3}(?:\.\d+)?)"
+    r"(?:[ _]?mm)?(?![a-zA-Z\d.,])(?![ _](?:N|kN|daN|lbf|kgf|bar|psi)\b)"
 )
+# Pattern of a length in a name that may be the radius or the diameter of the circle: one in mm, or
+# behind a letter or word for it.
+_LENGTH_IN_NAME = re.compile(
+    r"(?<![\d.,])(?:[5-9]\d|[1-9]\d\d)(?:[.,]\d+)?[ _\-]?mm(?![/\w])"
+    r"|(?<![^\W_])(?:[RrDdLØø]|[Bb]ar|[Dd]ia(?:meter)?|[Dd]urchmesser|[Rr]ad(?:ius)?)[ _=\-]?"
+    r"(?:0\.\d+[ _]?m(?![^\W_])"
+    r"|(?:[5-9]\d|[1-9]\d\d)(?![.\d])(?![ _]?(?:k?N|daN|lbf|kgf|bar|psi)\b))"
+)
+# Pattern of the place in a name at which a word begins with a capital, as in "anglesCW".
+_CAPITAL_WITHIN = re.compile(r"(?<=[a-z])(?=[A-Z])")
 _PLANE = re.compile(r"(?<![a-zA-Z])(XY|YX|YZ|ZY|ZX|XZ)(?![a-zA-Z])")
 # Usual name of each plane whose letters are written in the other order.
 _PLANE_NAMES = {"YX": "XY", "ZY": "YZ", "XZ": "ZX"}
@@ -130,6 +142,23 @@ def radius_in_name(names: Sequence[str]) -> float | None:
         if len(radii) == 1:
             return float(radii.pop())
     return None
+
+
+def unknown_length_in_name(names: Sequence[str]) -> str:
+    """Return a note on the first name with a length that may be the circle's; empty if none.
+
+    An example is ``300N_100mm``.
+    """
+    for name in names:
+        match = _LENGTH_IN_NAME.search(name[:LONGEST_TEXT])
+        if match is not None:
+            return f"its name says {match[0]}, not taken"
+    return ""
+
+
+def name_as_words(name: str) -> str:
+    """Return a name with blanks between its words: ``300N angles CW`` for ``300N_anglesCW``."""
+    return _CAPITAL_WITHIN.sub(" ", name[:LONGEST_TEXT]).replace("_", " ")
 
 
 def plane_in_name(names: Sequence[str]) -> str | None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 
 from ldbb_bayes.errors import InputError
+from ldbb_bayes.reading.bar_extensions import names_extension
 from ldbb_bayes.reading.open_question import OpenQuestionError
 from ldbb_bayes.reading.recording import Recording
 from ldbb_bayes.reading.words import LONGEST_TEXT, WORDS, comparable
@@ -22,6 +23,15 @@ _WORD = re.compile(
     re.IGNORECASE,
 )
 _OTHER_SUBJECT = re.compile(_WORDS["other"], re.IGNORECASE)
+# Patterns of a line about readings or their sign, and of words that turn the sign.
+_SUBJECT = re.compile(_WORDS["subject"], re.IGNORECASE)
+_TURNED = re.compile(_WORDS["turned"], re.IGNORECASE)
+# Pattern of a number other than −1, which shows that a line states a value and no sign.
+_OTHER_NUMBER = re.compile(r"(?<![^\W_])\d(?<![-−]1)(?<![-−] 1)|(?<![^\W_])\d{2}")
+# Pattern of a word in the name of a file for readings whose sign is turned.
+_TURNED_NAME = re.compile(r"(?<![^\W\d_])(?:invert\w*|negated?|reversed|flipped)", re.IGNORECASE)
+# Pattern of a line that says what a sign of readings means.
+_MEANING = re.compile(_WORDS["meaning"], re.IGNORECASE)
 # Pattern of a text that writes the reading as nominal less actual radius, and of a header that
 # writes it with a minus.
 _NOMINAL_LESS_ACTUAL = re.compile(_WORDS["nominal_less_actual"])
@@ -82,15 +92,24 @@ def _stated_signs(recording: Recording) -> dict[int, str]:
     for line, text in (*recording.lines_of_all_tests, *recording.heading.lines_above):
         texts[f"line {line}"] = text
     sources: dict[int, str] = {}
+    for name in recording.names_of_files():
+        turned = _TURNED_NAME.search(name)
+        if turned is not None and recording.layout.sign is None:
+            reason = f"its name says {turned[0]!r}, not understood"
+            recording.note("sign of the reading", "1: a longer bar is positive", reason, "--sign")
     if _MINUS.search(comparable(header)):
         sources[-1] = f"the header {header!r}"
     for source, text in texts.items():
         if _NOMINAL_LESS_ACTUAL.search(comparable(text[:LONGEST_TEXT])):
             sources.setdefault(-1, source)
-        words = _words_in(text)
-        if not words:
             continue
-        sign = _sign_of(words)
+        words = _words_in(text)
+        sign = None
+        if words:
+            sign = _sign_of(words)
+        elif not _turns_sign(text):
+            _note_unread(recording, source, text)
+            continue
         if sign is not None:
             sources.setdefault(sign, source)
         elif recording.layout.sign is None:
@@ -104,13 +123,34 @@ def _stated_signs(recording: Recording) -> dict[int, str]:
     return sources
 
 
+def _note_unread(recording: Recording, source: str, text: str) -> None:
+    """Note a line that may say what the sign of readings means, but is not understood."""
+    text = text[:LONGEST_TEXT]
+    if _OTHER_SUBJECT.search(text) or _OTHER_NUMBER.search(text) or not _MEANING.search(text):
+        return
+    if recording.layout.sign is None and source.startswith("line"):
+        reason = f"{source} says {text.strip()[:_TEXT_SHOWN]!r}, not understood"
+        recording.note("sign of the reading", "1: a longer bar is positive", reason, "--sign")
+
+
+def _turns_sign(text: str) -> bool:
+    """Return whether a text turns the sign of readings, as ``Readings inverted``.
+
+    Such a text is not about angles or loads, and holds no number but −1.
+    """
+    text = text[:LONGEST_TEXT]
+    if _OTHER_SUBJECT.search(text) or _OTHER_NUMBER.search(text):
+        return False
+    return _SUBJECT.search(text) is not None and _TURNED.search(text) is not None
+
+
 def _words_in(text: str) -> list[str]:
     """Return the kinds of words for signs and lengths in a text about the sign of readings.
 
     The list is empty for a text that is not about it.
     """
     text = text[:LONGEST_TEXT]
-    if _OTHER_SUBJECT.search(text):
+    if _OTHER_SUBJECT.search(text) or names_extension(text):
         return []
     words = [str(match.lastgroup) for match in _WORD.finditer(text)]
     has_sign = "positive" in words or "negative" in words

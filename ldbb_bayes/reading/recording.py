@@ -132,6 +132,11 @@ class Recording:
         names = (self.label, column_name, self.sheet.name, self.sheet.path.stem)
         return [name for name in names if name]
 
+    def names_of_files(self) -> list[str]:
+        """Return the names of test, sheet and file that may describe the test."""
+        names = (self.label, self.sheet.name, self.sheet.path.stem)
+        return [name for name in names if name]
+
     def note(self, subject: str, value: str, reason: str, option: str) -> None:
         """Add an assumption about this test to the log.
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +18,7 @@ from ldbb_bayes.errors import InputError, require
 from ldbb_bayes.reading.column_units import unit_size
 from ldbb_bayes.reading.lines_above import directions_stated
 from ldbb_bayes.reading.names import load_in_name, load_is_ambiguous, radius_in_name
+from ldbb_bayes.reading.programmed_circles import programmed_arcs
 from ldbb_bayes.reading.recording import (
     LOAD_ROLES,
     UNITS_SHOWN,
@@ -45,6 +47,7 @@ class _Evidence(NamedTuple):
     value: float  # stated value; NaN if the number can be read in two ways
     source: str  # source of the value in words, such as "line 3"
     tolerance: float  # relative difference from another value that rounding may explain
+    doubt: str = ""  # what leaves a number open that is NaN; empty for a mark between thousands
 
 
 def quantity_of(recording: Recording, key: str, column_value: float | None = None) -> float | None:
@@ -78,10 +81,10 @@ def quantity_of(recording: Recording, key: str, column_value: float | None = Non
     evidence, *further_evidence = certain + uncertain
     value = evidence.value
     if math.isnan(value):
-        raise InputError(
-            f"{recording.place}: {key} must be one number, got a mark in {evidence.source} that may"
-            f" stand between thousands. Give {option}."
-        )
+        got = f"a mark in {evidence.source} that may stand between thousands"
+        if evidence.doubt:
+            got = f"{evidence.doubt} in {evidence.source}"
+        raise InputError(f"{recording.place}: {key} must be one number, got {got}. Give {option}.")
     for other in further_evidence:
         if _agrees(other, value):
             continue
@@ -147,7 +150,8 @@ def _uncertain_evidence(recording: Recording, key: str) -> list[_Evidence]:
     evidence = []
     for statement in recording.statements.get(key, ()):
         source = f"line {statement.line}"
-        evidence.append(_Evidence(statement.value, source, _ROUNDED_IN_LINE))
+        evidence.append(_Evidence(statement.value, source, _ROUNDED_IN_LINE, statement.doubt))
+    evidence.sort(key=lambda stated: bool(stated.doubt))
     if key in LOAD_ROLES:
         load = load_in_name(recording.names(), key)
         if load is not None:
@@ -156,7 +160,24 @@ def _uncertain_evidence(recording: Recording, key: str) -> list[_Evidence]:
         radius = radius_in_name(recording.names())
         if radius is not None:
             evidence.append(_Evidence(radius, "its name", _ROUNDED_IN_NAME))
+        evidence += _programmed_evidence(recording, evidence)
     return evidence
+
+
+def _programmed_evidence(recording: Recording, evidence: Sequence[_Evidence]) -> list[_Evidence]:
+    """Return the radii of arcs in G-code above the table.
+
+    If one of them is a radius of the ``evidence``, the others are ways to the circle and from it,
+    and the list is empty.
+    """
+    programmed = []
+    for statement in recording.statements.get("programmed_radius_mm", ()):
+        source = f"line {statement.line}"
+        programmed.append(_Evidence(statement.value, source, _ROUNDED_IN_LINE))
+    for arc in programmed:
+        if any(_agrees(stated, arc.value) for stated in evidence):
+            return []
+    return programmed
 
 
 def loads_of(recording: Recording) -> dict[str, float]:
@@ -232,13 +253,41 @@ def _sense_of(word: str) -> str:
     return _SENSES_BY_WORD.get(letters, word.upper())
 
 
+class _StatedSenses(NamedTuple):
+    """Directions of travel that a source outside the table states, CW and CCW."""
+
+    senses: set[str]
+    source: str
+
+
+def _directions_above(recording: Recording) -> _StatedSenses:
+    """Return the directions that lines above the table and names state, or else G-code, or sheets.
+
+    Two directions of G-code, or of sheets without a table, would belong to different circles, and
+    do not count.
+    """
+    lines_above = recording.heading.lines_above
+    senses = directions_stated(lines_above, recording.names())
+    if senses:
+        return _StatedSenses(senses, "a line above the table, or the name")
+    arcs = programmed_arcs(lines_above)
+    senses = {arc.direction for arc in arcs}
+    if len(senses) == 1:
+        return _StatedSenses(senses, f"line {arcs[0].line}")
+    senses = directions_stated(recording.lines_of_all_tests)
+    if len(senses) != 1:
+        senses = set()
+    return _StatedSenses(senses, "a sheet without a table")
+
+
 def direction_of(recording: Recording) -> str | None:
     """Return the direction of travel of a test, CW or CCW; None if nothing states it.
 
     The first source that states a direction counts, in this order: the user, the column of
-    directions, lines above the table and names, sheets without a table. Raise an `InputError` if
-    this source states both directions, or if a word in the column means neither. Sheets without a
-    table that state both directions do not count. ``recording`` is the test as its file holds it.
+    directions, lines above the table and names, G-code there, sheets without a table. Raise an
+    `InputError` if this source states both directions, or if a word in the column means neither.
+    G-code, and sheets without a table, that state both directions do not count. ``recording`` is
+    the test as its file holds it.
     """
     column_senses: dict[str, int] = {}
     for word, line in recording.direction_words.items():
@@ -247,13 +296,9 @@ def direction_of(recording: Recording) -> str | None:
     senses = set(column_senses)
     source = "the column of directions"
     if not senses:
-        senses = directions_stated(recording.heading.lines_above, recording.names())
-        source = "a line above the table, or the name"
-    if not senses:
-        directions_of_sheets = directions_stated(recording.lines_of_all_tests)
-        if len(directions_of_sheets) == 1:  # two directions would belong to different tests
-            senses = directions_of_sheets
-            source = "a sheet without a table"
+        above = _directions_above(recording)
+        senses = above.senses
+        source = above.source
     stated: str | None = recording.stated_value("direction")
     if stated is not None:
         if senses - {stated}:

@@ -9,6 +9,11 @@ from numpy.typing import NDArray
 
 from ldbb_bayes.errors import InputError, placed, require
 from ldbb_bayes.reading.angle_convention import angle_convention
+from ldbb_bayes.reading.cartesian_columns import (
+    cure_of_positions,
+    lie_on_circle,
+    position_headers,
+)
 from ldbb_bayes.reading.column_units import unit_size
 from ldbb_bayes.reading.laps import (
     TURN_DEG,
@@ -101,6 +106,15 @@ def trace_of(recording: Recording, direction: str | None) -> Trace:
 
 def _missing_column(recording: Recording, role: str, content: str) -> InputError:
     headers = ", ".join(repr(header) for header in recording.heading.headers)
+    positions = position_headers(recording.heading.headers)
+    if positions:
+        column = recording.heading.roles.get("reading")
+        has_reading = column is not None and recording.heading.headers[column] not in positions
+        return InputError(
+            f"{recording.place}: a column must hold the {content}, got {headers[:_LIST_SHOWN]} in"
+            f" line {recording.heading.line}. {cure_of_positions(has_reading)}"
+            f" If one column is the {role}: --{role}-column."
+        )
     return InputError(
         f"{recording.place}: a column must hold the {content}, got {headers[:_LIST_SHOWN]} in line"
         f" {recording.heading.line}. Say which: --{role}-column."
@@ -117,6 +131,12 @@ def _angles_of_column(recording: Recording) -> Array:
     raw = recording.numbers.get("angle")
     if raw is None:
         raise _missing_column(recording, "angle", "angle, or the time")
+    reading = recording.numbers.get("reading")
+    if recording.heading.line == 0 and reading is not None and lie_on_circle(raw, reading):
+        raise InputError(
+            f"{recording.place}: a table without a header must hold angles and readings, got two"
+            f" columns of positions on a circle. {cure_of_positions(has_reading=False)}"
+        )
     assumed = recording.assumed_units.get("angle", _DEGREES)
     size = unit_size(recording, "angle", assumed.unit, assumed.reason)
     plane = recording.fields.get("plane") or recording.campaign.get("plane") or "XY"

@@ -6,6 +6,7 @@ stiff or as soft as they would then be.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -13,9 +14,11 @@ import numpy as np
 
 from ldbb_bayes.campaign.campaign import ForceLaw
 from ldbb_bayes.reading.column_units import is_unit_stated
+from ldbb_bayes.reading.lines_above import Lines, statements_in
+from ldbb_bayes.reading.measured_length import doubles_readings
 from ldbb_bayes.reading.open_question import OpenQuestionError
 from ldbb_bayes.reading.recording import AssumedUnit, Recording
-from ldbb_bayes.reading.unit_lines import mentions_scale
+from ldbb_bayes.reading.unit_lines import mentions_scale, multiplies_readings, unit_mentioned
 from ldbb_bayes.reading.words import UNITS
 
 __all__ = ["assume_units"]
@@ -40,6 +43,10 @@ _USUAL_UNITS = ("um", "mm")
 # Angles without a unit are taken as degrees if their range is larger than this number; otherwise
 # they are taken as radians.
 _LARGEST_SPAN_RAD = 7.0
+# Pattern of a word for counts, or of a unit with a factor, in the name of a file.
+_COUNTS = re.compile(
+    r"(?<![^\W\d_])counts?(?![^\W_])|(?<!\d)(?:0[.,]\d+|10)[ _]?[uµμn]m", re.IGNORECASE
+)
 # Turn in each unit of angle that is tried besides degrees and radians.
 _OTHER_TURNS = {"gon": 400.0, "mrad": 2e3 * np.pi, "arcmin": 21_600.0}
 _TURN_DEG = 360.0
@@ -68,8 +75,10 @@ def assume_units(recordings: Sequence[Recording], campaign: Mapping[str, Any]) -
     Raises
     ------
     OpenQuestionError
-        If several units fit, or none.
+        If several units fit, or none, and for lines that multiply readings.
     """
+    for recording in recordings:
+        _check_factors(recording)
     unstated = [entry for entry in recordings if _lacks_unit(entry, "reading")]
     distances = [recording for recording in unstated if _is_distance(recording)]
     for recording in distances:
@@ -149,7 +158,62 @@ def _assume_reading_unit(recordings: Sequence[Recording], campaign: Mapping[str,
         )
     reason = f"numbers up to {size.largest:.4g} fit no other unit"
     for recording in recordings:
+        _check_mentions(recording, fitting[0])
         recording.assumed_units["reading"] = AssumedUnit(fitting[0], reason)
+
+
+def _lines_of(recording: Recording) -> Lines:
+    return [*recording.lines_of_all_tests, *recording.heading.lines_above]
+
+
+def _check_factors(recording: Recording) -> None:
+    """Raise an error for a line that multiplies readings; note one of another scale or factor.
+
+    Nothing is raised or noted if the user states the unit of the readings.
+    """
+    if "reading" not in recording.numbers or recording.layout.reading_unit is not None:
+        return
+    for line, content in _lines_of(recording):
+        text = content.strip()[:_TEXT_SHOWN]
+        if multiplies_readings(content) and not doubles_readings(content):
+            raise OpenQuestionError(
+                f"{recording.place}: the unit of readings must be known, got {text!r} in line"
+                f" {line}. Say which unit the numbers in the file have: --unit (a tenth of a"
+                " micrometre: --unit '0.1 um').",
+                "reading_unit",
+                list(UNITS["reading"]),
+            )
+        unit = recording.heading.units[recording.heading.roles["reading"]]
+        if unit and (mentions_scale(content) or _mentions_other(line, content, unit)):
+            reason = f"line {line} says {text!r}, not used"
+            recording.note("unit of the reading", unit, reason, "--unit")
+
+
+def _mentions_other(line: int | str, text: str, unit: str) -> bool:
+    """Return whether a line that states nothing mentions another unit of readings than ``unit``."""
+    if statements_in([(line, text)]):
+        return False
+    return unit_mentioned(text) not in ("", unit)
+
+
+def _check_mentions(recording: Recording, unit: str) -> None:
+    """Raise an error if a line or name mentions another unit of readings than the fitting one."""
+    mentions = []
+    for line, text in _lines_of(recording):
+        if not statements_in([(line, text)]):
+            mentions.append((f"line {line}", text))
+    mentions += [("a name", name) for name in recording.names_of_files()]
+    for source, text in mentions:
+        mentioned = unit_mentioned(text)
+        if source == "a name" and _COUNTS.search(text):
+            mentioned = text
+        if mentioned not in ("", unit):
+            raise OpenQuestionError(
+                f"{recording.place}: readings must have a unit, got none, numbers that fit {unit},"
+                f" and {text.strip()[:_TEXT_SHOWN]!r} in {source}. Say which: --unit.",
+                "reading_unit",
+                list(UNITS["reading"]),
+            )
 
 
 def _um_per_N(size: _ReadingSize, unit: str) -> float:

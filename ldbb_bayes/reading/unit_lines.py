@@ -15,7 +15,16 @@ from ldbb_bayes.reading.words import (
     unit_named,
 )
 
-__all__ = ["COUNT", "UNIT_COLUMN", "UNIT_KEYS", "has_factor", "mentions_scale", "units_stated"]
+__all__ = [
+    "COUNT",
+    "UNIT_COLUMN",
+    "UNIT_KEYS",
+    "has_factor",
+    "mentions_scale",
+    "multiplies_readings",
+    "unit_mentioned",
+    "units_stated",
+]
 
 _WORDS = WORDS["unit_lines"]
 # Keys of the statements of a line about units: one for each role, and one for the size of a count.
@@ -42,6 +51,17 @@ _SHARE = re.compile(rf"(?<!\w)(?:{_WORDS['share']})(?!\w)", re.IGNORECASE)
 # Pattern of a line that is nothing but a label and a unit, such as "Units - mm".
 _BARE_LINE = re.compile(
     rf"\W*(?:{_WORDS['label']})\s*[-–]?\s*(?P<unit>[^\s;|()\[\]]+)[\s;,|\t]*", re.IGNORECASE
+)
+# Pattern of a line that is a unit, alone or in brackets behind a word for readings.
+_UNIT_ALONE = re.compile(
+    rf"\W*(?:{_WORDS['bracketed']})\s*[\[(](?P<bracketed>[^\])]+)[\])]\W*|\W*(?P<unit>[^\W\d]+)\W*",
+    re.IGNORECASE,
+)
+# Pattern of a line that multiplies or divides readings by a number.
+_MULTIPLIED = re.compile(_WORDS["multiplied"], re.IGNORECASE)
+# Pattern of a word that may be a unit, with a number or another unit before or behind it.
+_MENTIONED = re.compile(
+    r"(?<![\w.,/])(?P<number>\d[\d.,]*\s?)?(?P<unit>[^\W\d_]+)(?![\w/])", re.IGNORECASE
 )
 # Pattern of a factor in front of a unit.
 _FACTOR = re.compile(r"[x×*]\s*\d|\d")
@@ -80,6 +100,9 @@ def units_stated(text: str) -> dict[str, str]:
     if scale:
         stated["reading_scale"] = scale
     stated |= _units_stated_in(text)
+    unit_alone = _unit_alone(text)
+    if unit_alone:
+        return stated | {"reading_unit": unit_alone}
     bare = _BARE_LINE.fullmatch(text)
     if bare is not None and unit_named(bare["unit"]):
         return stated | _units_of_roles(bare["unit"], "")
@@ -95,6 +118,20 @@ def units_stated(text: str) -> dict[str, str]:
     if scaled_unit(text) and not unit_named(text):  # a unit with a factor, such as 10 nm
         return stated | _scaled_units(scaled_unit(text), role)
     return stated | _units_of_roles(text, role)
+
+
+def _unit_alone(text: str) -> str:
+    """Return the unit of readings that a line consists of: ``mm``, ``[mm]`` or ``Readings [mm]``.
+
+    The result is empty for any other line.
+    """
+    match = _UNIT_ALONE.fullmatch(text)
+    if match is None or comparable(text) in _ALSO_WORDS:
+        return ""
+    unit = scaled_unit(match["bracketed"] or match["unit"])
+    if unit.split(" ")[-1] not in UNITS["reading"]:
+        return ""
+    return unit
 
 
 def _has_unread_factor(text: str) -> bool:
@@ -194,3 +231,24 @@ def mentions_scale(text: str) -> bool:
     """Return whether a line mentions a scale or factor, without the size of a count."""
     text = text[:LONGEST_TEXT]
     return _SCALE.search(text) is not None and not _size_of_count(text)
+
+
+def multiplies_readings(text: str) -> bool:
+    """Return whether a line multiplies or divides readings by a number, as ``Values x 10``."""
+    return _MULTIPLIED.search(text[:LONGEST_TEXT]) is not None
+
+
+def unit_mentioned(text: str) -> str:
+    """Return the first unit of readings that a text mentions, not behind a number; empty if none.
+
+    Examples are ``Columns: deg, mm`` and the name ``300N_mm``.
+    """
+    words = re.sub(r"[_\-]", " ", text[:LONGEST_TEXT])
+    if _OTHER.search(words):
+        return ""
+    for match in _MENTIONED.finditer(words):
+        unit = unit_named(match["unit"])
+        is_word = comparable(match["unit"]) in _ALSO_WORDS or len(match["unit"]) < 2
+        if unit in UNITS["reading"] and match["number"] is None and not is_word:
+            return unit
+    return ""

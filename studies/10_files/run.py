@@ -28,6 +28,7 @@ sys.path[:0] = [str(HERE.parent), str(HERE)]
 import awkward
 import field_files
 import field_programs
+import field_words
 import malformed
 from study import Study, run
 
@@ -129,7 +130,8 @@ def measure() -> dict[str, Any]:
         with tempfile.TemporaryDirectory() as folder:
             bad[name] = refused(Path(folder), wrong)
     field = {}
-    for name, case_of_field in (field_files.CASES | field_programs.program_cases()).items():
+    cases_of_field = field_files.CASES | field_programs.program_cases() | field_words.word_cases()
+    for name, case_of_field in cases_of_field.items():
         with tempfile.TemporaryDirectory() as folder:
             field[name] = from_the_field(Path(folder), case_of_field)
     return {

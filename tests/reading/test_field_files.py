@@ -8,12 +8,17 @@ from pathlib import Path
 
 import field_files
 import field_programs
+import field_words
 import pytest
 from campaigns import Invoke
 
 import ldbb_bayes as lb
 
-CASES = {**field_files.CASES, **field_programs.program_cases()}
+CASES = {
+    **field_files.CASES,
+    **field_programs.program_cases(),
+    **field_words.word_cases(),
+}
 REFUSED = {name: case for name, case in CASES.items() if case.refusal}
 READ = {name: case for name, case in CASES.items() if not case.refusal}
 

@@ -1,0 +1,57 @@
+"""Length of a bar with its extension, as a line states it: ``Bar: 100 mm + extension 50 mm``."""
+
+from __future__ import annotations
+
+import math
+import re
+
+from ldbb_bayes.reading.numerals import number_in_text
+from ldbb_bayes.reading.words import OTHER_QUANTITY, UNITS, WORDS, unit_named
+
+__all__ = ["length_of_sum", "names_extension"]
+
+_PLUS = re.compile(r"\+|\bplus\b", re.IGNORECASE)
+# Pattern of signs before a tolerance, such as +/- 0.01.
+_TOLERANCE = re.compile(r"\+\s?[/\-−]|±")
+_LENGTH = re.compile(r"(?<![\w.,])(?P<number>\d+(?:[.,]\d+)?)\s?(?P<unit>[^\W\d_]+|\")?")
+_EXTENSION_WORDS = WORDS["bar_extension"]["words"]
+_EXTENSION = re.compile(
+    rf"(?<!\w)(?:{_EXTENSION_WORDS})(?!\w)[\s:=;,|\t]*(?:of\s|von\s|de\s)?"
+    r"\d+(?:[.,]\d+)?\s?(?:mm|cm|in|\")"
+    rf"|\d\s?(?:mm|cm|in|inch|\")[\s-](?:{_EXTENSION_WORDS})(?!\w)",
+    re.IGNORECASE,
+)
+# Smallest summand [mm]; a smaller one is a tolerance.
+_SMALLEST_MM = 10.0
+_MM_PER_UM = 1e-3
+
+
+def names_extension(text: str) -> bool:
+    """Return whether a text names an extension of the bar with its length."""
+    return _EXTENSION.search(text) is not None
+
+
+def length_of_sum(text: str) -> float | None:
+    """Return the sum [mm] of lengths in a text, such as 150 for ``100 mm + extension 50 mm``.
+
+    Return NaN if the text is a sum, but not of one length each, and None if it is no sum.
+    """
+    terms = _PLUS.split(text)
+    if len(terms) < 2 or _TOLERANCE.search(text):
+        return None
+    total = 0.0
+    size_um = None
+    for term in reversed(terms):
+        matches = list(_LENGTH.finditer(term))
+        if len(matches) != 1 or OTHER_QUANTITY.search(term):
+            return math.nan
+        # A number without a unit, as in 100 + 50 mm, has that of the number behind it.
+        size_um = UNITS["reading"].get(unit_named(matches[0]["unit"] or ""), size_um)
+        value = number_in_text(matches[0]["number"])
+        if size_um is None or value is None:
+            return None
+        length_mm = value * size_um * _MM_PER_UM
+        if length_mm < _SMALLEST_MM:
+            return None
+        total += length_mm
+    return total

@@ -1,0 +1,55 @@
+"""Columns of positions along two axes, which stand in some tables instead of angle and reading."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+import numpy as np
+
+from ldbb_bayes.reading.column_roles import unit_of
+from ldbb_bayes.results import Array
+
+__all__ = ["cure_of_positions", "lie_on_circle", "position_headers"]
+
+# Pattern of the name of a column of positions along an axis, such as "X" or "Y actual".
+_POSITION = re.compile(
+    r"(?:pos(?:ition)?|act(?:ual)?|nom(?:inal)?|cmd|coord(?:inate)?|axis|achse)?[ _.\-]{0,2}[XYZ]"
+    r"(?:[ _.\-]{0,2}(?:pos\w*|act\w*|ist\w*|soll\w*|nom\w*|cmd|coord\w*|koord\w*|axis|achse))?",
+    re.IGNORECASE,
+)
+# Positions lie on a circle about zero if their distance from it varies by less than this share.
+_LARGEST_SCATTER = 0.02
+# Smallest radius of a circle [mm].
+_SMALLEST_RADIUS_MM = 20.0
+
+
+def position_headers(headers: Sequence[str]) -> list[str]:
+    """Return the headers of positions along axes, such as ``X [mm]``, if there are two or more."""
+    found_headers = [header for header in headers if _POSITION.fullmatch(unit_of(header).name)]
+    if len(found_headers) < 2:
+        return []
+    return found_headers
+
+
+def lie_on_circle(x: Array, y: Array) -> bool:
+    """Return whether positions, shape (n,) each, lie on a circle about zero in all quadrants."""
+    radius = np.hypot(x, y)
+    middle = float(np.median(radius))
+    quadrants = np.unique(2 * (x > 0.0) + (y > 0.0))
+    is_round = float(np.ptp(radius)) < _LARGEST_SCATTER * middle
+    return middle > _SMALLEST_RADIUS_MM and is_round and len(quadrants) == 4
+
+
+def cure_of_positions(has_reading: bool) -> str:
+    """Return the sentences of a refusal that tell what to do with a table of positions.
+
+    ``has_reading`` is whether the table has a column of readings beside the positions.
+    """
+    cure = (
+        "Positions are not read: add a column 'angle [deg]', arctan2(Y, X) about the centre of the"
+        " circle"
+    )
+    if not has_reading:
+        cure += ", and a column 'reading [mm]', √(X² + Y²) less the radius"
+    return f"{cure}."

@@ -1,0 +1,438 @@
+"""Field files that turn, scale or size their numbers in words: senses of angles, signs, diameters,
+G-code, extensions of bars, factors, units, names of files, and tables of positions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import field_files as field
+import numpy as np
+from field_files import TRUTH, Circle, FieldCase
+
+__all__ = ["word_cases"]
+
+HEADER = "Angle [deg],Reading [um]"
+NO_UNIT = "Angle [deg],Reading"
+WHICH_SENSE = "Say which: --angle-sense CW or CCW"
+WHICH_ZERO = "Say at which: --angle-zero +X, +Y, -X or -Y"
+WHICH_SIGN = "Say which: --sign 1 (positive is longer) or -1"
+WHICH_LENGTH = "Say which: --measured"
+
+
+def word_cases() -> dict[str, FieldCase]:
+    """Return the cases of words that turn, scale or size numbers."""
+    return {
+        **sense_cases(),
+        **zero_cases(),
+        **turned_sign_cases(),
+        **open_diameter_cases(),
+        **programmed_cases(),
+        **extension_cases(),
+        **written_radius_cases(),
+        **factor_cases(),
+        **unit_of_line_cases(),
+        **name_cases(),
+        **position_cases(),
+    }
+
+
+def of_radius(radius_mm: float, direction: str | None = None) -> tuple[Circle, ...]:
+    circles = []
+    for circle in TRUTH:
+        circles.append(
+            Circle(circle.force_N, circle.angle_deg, circle.reading_um, radius_mm, direction)
+        )
+    return tuple(circles)
+
+
+def negated(circle: Circle, k: int) -> list[object]:
+    return [f"{circle.angle_deg[k]:g}", f"{-circle.reading_um[k]:.3f}"]
+
+
+def sense_cases() -> dict[str, FieldCase]:
+    kind = "angles turned in words"
+    lines = (
+        "Angles: negative",
+        "Angles negative",
+        "Winkel: negativ",
+        "Angle sign: -1",
+        "Angles reversed",
+        "Angles: left-handed",
+        "Angles decreasing",
+        "Angle = 360 - theta",
+        "Winkel rechtsdrehend",
+        "Negative angles: counter-clockwise",
+    )
+    cases = {}
+    for number, line in enumerate(lines):
+        cases[f"sense_{number}"] = FieldCase(
+            kind,
+            f"a line '{line}'",
+            field.texts(HEADER, field.turned(0.0, -1), above=line),
+            refusal=WHICH_SENSE,
+            step=("--angle-sense", "CW"),
+        )
+    for number, header in enumerate(("Angle (negative) [deg]", "Winkel negativ [°]")):
+        cases[f"sense_of_header_{number}"] = FieldCase(
+            kind,
+            f"a header '{header}'",
+            field.texts(f"{header},Reading [um]", field.turned(0.0, -1)),
+            refusal=WHICH_SENSE,
+            step=("--angle-sense", "CW"),
+        )
+    for number, line in enumerate(("Angle: math negative", "phi: CW", "Angular direction: CW")):
+        cases[f"sense_read_{number}"] = FieldCase(
+            kind,
+            f"a line '{line}'",
+            field.texts(HEADER, field.turned(0.0, -1), above=line),
+            told="angle: from +X, CW",
+        )
+    cases["sense_unread"] = FieldCase(
+        kind,
+        "a line 'Angles as on the drawing'",
+        field.texts(HEADER, above="Angles as on the drawing"),
+        told="line 1 says 'Angles as on the drawing', not understood",
+    )
+    return cases
+
+
+def zero_cases() -> dict[str, FieldCase]:
+    kind = "zero of angles in words"
+    cases = {}
+    lines = ("0 deg: +Y", "Y+ = 0 deg", "Polar axis: +Y")
+    for number, line in enumerate(lines):
+        cases[f"zero_axis_{number}"] = FieldCase(
+            kind,
+            f"a line '{line}'",
+            field.texts(HEADER, field.turned(90.0, -1), above=line),
+            refusal=WHICH_SENSE,
+            step=("--angle-sense", "CW"),
+        )
+    cases["zero_clock"] = FieldCase(
+        kind,
+        "a line '0° = 12 o'clock'",
+        field.texts(HEADER, field.turned(90.0, -1), above="0° = 12 o'clock"),
+        refusal=WHICH_ZERO,
+        step=("--angle-zero", "+Y", "--angle-sense", "CW"),
+    )
+    cases["zero_start"] = FieldCase(
+        kind,
+        "a line 'Start point: +Y'",
+        field.texts(HEADER, above="Start point: +Y"),
+        told="line 1 says 'Start point: +Y', not understood",
+    )
+    return cases
+
+
+def turned_sign_cases() -> dict[str, FieldCase]:
+    kind = "signs turned in words"
+    asked = ("Readings inverted", "Vorzeichen: umgekehrt", "Sign: -1", "Polarity: reversed")
+    read = ("Positive = inside", "Compression positive", "Negative: away from centre")
+    cases = {}
+    for number, line in enumerate(asked):
+        cases[f"sign_turned_{number}"] = FieldCase(
+            kind,
+            f"a line '{line}'",
+            field.texts(HEADER, negated, above=line),
+            refusal=WHICH_SIGN,
+            step=("--sign", "-1"),
+        )
+    for number, line in enumerate(read):
+        cases[f"sign_side_{number}"] = FieldCase(
+            kind,
+            f"a line '{line}'",
+            field.texts(HEADER, negated, above=line),
+            told="sign of the reading: −1: a longer bar is negative",
+        )
+    cases["sign_unread"] = FieldCase(
+        kind,
+        "a line 'Plus: material'",
+        field.texts(HEADER, above="Plus: material"),
+        told="line 1 says 'Plus: material', not understood",
+    )
+    return cases
+
+
+def open_diameter_cases() -> dict[str, FieldCase]:
+    lines = ("Mode: diameter", "Messgröße: Durchmesser", "Readings doubled", "Values: 2 x dR")
+    cases = {}
+    for number, line in enumerate(lines):
+        cases[f"diameter_open_{number}"] = FieldCase(
+            "diameters for radii",
+            f"a line '{line}'",
+            field.texts(HEADER, field.doubled, above=line),
+            refusal=WHICH_LENGTH,
+            step=("--measured", "diameter"),
+        )
+    cases["diameter_of_column"] = FieldCase(
+        "diameters for radii",
+        "a line 'Column 2: diameter deviation'",
+        field.texts(HEADER, field.doubled, above="Column 2: diameter deviation"),
+        told="half of each, as it is of the diameter",
+    )
+    return cases
+
+
+def programmed_cases() -> dict[str, FieldCase]:
+    kind = "radii in G-code"
+    blocks = {
+        "centre": ("G2 X100 Y0 I-100 J0 F2000", "CW"),
+        "centre_alone": ("N20 G3 I-100.", "CCW"),
+        "slanted": ("G03 X60 Y80 I-60 J-80", "CCW"),
+        "radius": ("G2 X0 Y0 R100", "CW"),
+        "siemens": ("G3 X0 Y0 CR=100", "CCW"),
+        "inches": ("G20\nG2 I-3.937007874", "CW"),
+    }
+    cases = {}
+    for name, (block, direction) in blocks.items():
+        what = block.replace("\n", ", ")
+        cases[f"program_{name}"] = FieldCase(
+            kind,
+            f"a line '{what}'",
+            field.texts(HEADER, above=block),
+            told=f"direction: {direction}",
+            circles=of_radius(100.0, direction),
+        )
+    cases["program_with_ways"] = FieldCase(
+        kind,
+        "arcs to the circle and from it, the radius in a line",
+        field.texts(HEADER, above="Radius: 100 mm\nG3 X2 I1 J0\nG3 I-100 J0\nG3 X4 I2 J0"),
+        circles=of_radius(100.0, "CCW"),
+    )
+    cases["program_with_ways_alone"] = FieldCase(
+        kind,
+        "arcs to the circle and from it",
+        field.texts(HEADER, above="G3 X2 I1 J0\nG3 I-100 J0"),
+        refusal="got 1 mm in line 1 and 100 mm in line 2. Give --radius-mm",
+        step=("--radius-mm", "100"),
+        circles=of_radius(100.0, "CCW"),
+    )
+    for name, block in (("pole", "C X+100 Y+0 DR+"), ("absolute", "G90.1 G2 X100 Y0 I0 J0")):
+        cases[f"program_{name}"] = FieldCase(
+            kind,
+            f"a line '{block}'",
+            field.texts(HEADER, above=block),
+            told=f"line 1 says {block}, not taken",
+        )
+    return cases
+
+
+def extension_cases() -> dict[str, FieldCase]:
+    kind = "bars with extensions"
+    sums = ("Bar: 100 mm + extension 50 mm", "Bar: 100 + 50 mm", "Stange: 100 mm plus 50 mm")
+    unclear = (
+        "Bar: 100 mm with 50 mm extension",
+        "Ballbar 100 mm, extension 50 mm",
+        "Bar: 100 mm\nExtension: 50 mm",
+        "Kugelstab: 100 mm (Verlängerung 50 mm)",
+        "Extension bar: 50 mm",
+    )
+    cases = {}
+    for number, line in enumerate(sums):
+        cases[f"extension_sum_{number}"] = FieldCase(
+            kind,
+            f"a line '{line}'",
+            field.texts(HEADER, above=line),
+            told="radius_mm: 150 mm (line 1",
+        )
+    for number, line in enumerate(unclear):
+        what = line.replace("\n", ", ")
+        cases[f"extension_unclear_{number}"] = FieldCase(
+            kind,
+            f"a line '{what}'",
+            field.texts(HEADER, above=line),
+            refusal="must be one number, got a bar and an extension in line 1. Give --radius-mm",
+            step=("--radius-mm", "150"),
+        )
+    cases["extension_beside_radius"] = FieldCase(
+        kind,
+        "bar and extension beside a radius",
+        field.texts(HEADER, above="Bar: 100 mm\nExtension: 50 mm\nRadius: 150 mm"),
+    )
+    return cases
+
+
+def written_radius_cases() -> dict[str, FieldCase]:
+    kind = "the radius in other words"
+    lines = (
+        "Radius: 100 ± 0.01 mm",
+        "Radius = 100.",
+        "Radius, mm: 100",
+        "Radius (in mm): 100",
+        "radius_mm=100",
+        "Half diameter: 100 mm",
+    )
+    cases = {}
+    for number, line in enumerate(lines):
+        cases[f"radius_written_{number}"] = FieldCase(
+            kind,
+            f"a line '{line}'",
+            field.texts(HEADER, above=line),
+            circles=of_radius(100.0),
+        )
+    unread = ("Ballbar 150", "Radius: 150 000 µm", "Radius: one hundred mm", '{"radius_mm": 150}')
+    for number, line in enumerate(unread):
+        cases[f"radius_unread_{number}"] = FieldCase(
+            kind,
+            f"a line '{line}'",
+            field.texts(HEADER, above=line),
+            told=f"line 1 says {line}, not taken",
+        )
+    return cases
+
+
+def factor_cases() -> dict[str, FieldCase]:
+    kind = "factors"
+    cases = {}
+    for number, line in enumerate(("Values x 10", "Readings multiplied by 10")):
+        cases[f"factor_{number}"] = FieldCase(
+            kind,
+            f"a line '{line}' under a header in µm",
+            field.texts(HEADER, field.scaled(0.1), above=line),
+            refusal="Say which unit the numbers in the file have: --unit",
+            step=("--unit", "0.1 um"),
+        )
+    for number, line in enumerate(("Gain: 10", "Sensitivity: 0.5 um/V")):
+        cases[f"gain_{number}"] = FieldCase(
+            kind,
+            f"a line '{line}' under a header in µm",
+            field.texts(HEADER, above=line),
+            told=f"line 1 says '{line}', not used",
+        )
+    return cases
+
+
+def unit_of_line_cases() -> dict[str, FieldCase]:
+    kind = "a unit beside or above"
+    cases = {}
+    for number, line in enumerate(("mm", "[mm]", "Readings [mm]", "Abweichung (mm)")):
+        cases[f"unit_alone_{number}"] = FieldCase(
+            kind,
+            f"a line '{line}'",
+            field.texts(NO_UNIT, field.scaled(1e3), above=line),
+            told="unit of the reading: mm (line 1",
+        )
+    cases["unit_alone_against_header"] = FieldCase(
+        kind,
+        "a line 'Readings [mm]' above a header in µm",
+        field.texts(HEADER, above="Readings [mm]"),
+        refusal="said once, got um in line 2 and mm in line 1",
+        step=("--unit", "um"),
+    )
+    cases["unit_mentioned"] = FieldCase(
+        kind,
+        "a line 'Columns: deg; mm', numbers that fit µm",
+        field.texts(NO_UNIT, above="Columns: deg; mm"),
+        refusal="numbers that fit um, and 'Columns: deg; mm' in line 1. Say which: --unit",
+        step=("--unit", "um"),
+    )
+    cases["unit_mentioned_beside_header"] = FieldCase(
+        kind,
+        "a line 'Deviations expressed in mm' above a header in µm",
+        field.texts(HEADER, above="Y axis: mm"),
+        told="line 1 says 'Y axis: mm', not used",
+    )
+    return cases
+
+
+def renamed(files: Mapping[str, bytes], pattern: str) -> dict[str, bytes]:
+    """Return files whose names are ``pattern`` with their force, as 100N, for ``{F}``."""
+    return {
+        pattern.replace("{F}", name.partition(".")[0]) + ".csv": content
+        for name, content in files.items()
+    }
+
+
+def name_cases() -> dict[str, FieldCase]:
+    kind = "names of files"
+    cases = {}
+
+    def add(
+        pattern: str,
+        row: Callable[[Circle, int], Sequence[object]] = field.plain,
+        header: str = HEADER,
+        **fields: object,
+    ) -> None:
+        files = renamed(field.texts(header, row), pattern)
+        what = f"names as '{pattern.replace('{F}', '100N')}'"
+        cases[f"name_{len(cases)}"] = FieldCase(kind, what, files, **fields)
+
+    add("{F}_radius_100mm", circles=of_radius(100.0))
+    add("{F}_R100.5", circles=of_radius(100.5))
+    add("{F}_150mm", told="its name says 150mm, not taken")
+    add("{F}_D300", told="its name says D300, not taken")
+    add("{F}_bar150", told="its name says bar150, not taken")
+    add("{F}_angle_cw", field.turned(0.0, -1), told="angle: from +X, CW")
+    add("{F}_fromY_cw", field.turned(90.0, -1), told="angle: from +Y, CW")
+    add(
+        "{F}_compass",
+        field.turned(90.0, -1),
+        refusal=WHICH_ZERO,
+        step=("--angle-zero", "+Y", "--angle-sense", "CW"),
+    )
+    add(
+        "{F}_diameter",
+        field.doubled,
+        refusal=WHICH_LENGTH,
+        step=("--measured", "diameter"),
+    )
+    add("{F}_inverted", told="its name says 'inverted', not understood")
+    add("{F}_mm", header=NO_UNIT, refusal="Say which: --unit", step=("--unit", "um"))
+    add(
+        "{F}_0.1um",
+        field.scaled(0.1),
+        header=NO_UNIT,
+        refusal="Say which: --unit",
+        step=("--unit", "0.1 um"),
+    )
+    return cases
+
+
+def position(circle: Circle, k: int) -> list[str]:
+    """Return the positions along X and Y at a reading [mm]."""
+    angle = np.deg2rad(circle.angle_deg[k])
+    radius = circle.radius_mm + 1e-3 * circle.reading_um[k]
+    return [f"{radius * np.cos(angle):.7f}", f"{radius * np.sin(angle):.7f}"]
+
+
+def converted(circle: Circle, k: int) -> list[str]:
+    """Return angle [deg] and reading [mm] as the refusal of positions says."""
+    x, y = (float(cell) for cell in position(circle, k))
+    angle = np.mod(np.rad2deg(np.arctan2(y, x)), 360.0)
+    return [f"{angle:.6f}", f"{np.hypot(x, y) - circle.radius_mm:.6f}"]
+
+
+def position_cases() -> dict[str, FieldCase]:
+    kind = "positions"
+    mended = field.texts("angle [deg],reading [mm]", converted)
+    cure = "add a column 'angle [deg]', arctan2(Y, X) about the centre of the circle"
+    return {
+        "positions": FieldCase(
+            kind,
+            "columns X and Y alone",
+            field.texts("X [mm],Y [mm]", position),
+            refusal=f"{cure}, and a column 'reading [mm]', √(X² + Y²) less the radius",
+            mended=mended,
+        ),
+        "positions_without_header": FieldCase(
+            kind,
+            "X and Y without a header",
+            field.texts("", position),
+            refusal="got two columns of positions on a circle",
+            mended=mended,
+        ),
+        "positions_and_readings": FieldCase(
+            kind,
+            "columns X, Y and readings",
+            field.texts(
+                "X [mm],Y [mm],Reading [um]",
+                lambda c, k: [*position(c, k), f"{c.reading_um[k]:.3f}"],
+            ),
+            refusal=f"{cure}. If one column",
+            mended=field.texts(
+                "X [mm],Y [mm],Reading [um],Angle [deg]",
+                lambda c, k: [*position(c, k), f"{c.reading_um[k]:.3f}", converted(c, k)[0]],
+            ),
+        ),
+    }
