@@ -338,7 +338,7 @@ def write_report(
     Examples
     --------
     >>> lb.write_report(posterior, "report").state  # doctest: +SKIP
-    'CAN BE USED WITH THIS RESERVATION. Not determined by the readings: E_XX1, E_YX2, …'
+    'THE RESULTS CAN BE USED WITH THIS RESERVATION. Not determined by the readings: E_XX1, E_YX2, …'
     """
     folder = Path(folder)
     check_report_target(folder)

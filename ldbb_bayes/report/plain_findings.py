@@ -8,7 +8,7 @@ servo mismatch), and squareness.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING
@@ -82,7 +82,6 @@ def _under_load(numbers: SheetNumbers) -> Iterator[str]:
         suffix = f"_{plane}" if has_several_planes else ""
         least = numbers.directions[f"k_min{suffix}"]
         greatest = numbers.directions[f"k_max{suffix}"]
-        deflection_um = _LOAD_N / (least.estimate * _N_PER_UM_OF_N_PER_MM)
         yield words(
             "plain.stiffness",
             plane=plane,
@@ -92,7 +91,7 @@ def _under_load(numbers: SheetNumbers) -> Iterator[str]:
             greatest=_with_U(greatest, words),
             there=greatest.note,
             load=words.number(f"{_LOAD_N:g}"),
-            deflection=words.number(f"{deflection_um:.2g}"),
+            deflection=_deflection_with_U(least, words),
         )
         circle = numbers.path[f"G{suffix}"]
         unloaded = numbers.unloaded_path[f"G_no_load{suffix}"]
@@ -102,7 +101,31 @@ def _under_load(numbers: SheetNumbers) -> Iterator[str]:
             force=force,
             loaded=_with_U(circle, words),
             unloaded=_with_U(unloaded, words),
+            apart=_inseparable(circle, words),
         )
+
+
+def _deflection_with_U(stiffness: StatedQuantity, words: Words) -> str:
+    """Return the deflection under a load of 100 N [µm] with its expanded uncertainty.
+
+    ``stiffness`` is in N/mm. If only its lower limit is known, the upper limit of the deflection is
+    returned.
+    """
+    if stiffness.limit:
+        largest_um = _LOAD_N / (stiffness.interval[0] * _N_PER_UM_OF_N_PER_MM)
+        return words("plain.at_most", value=words.number(f"{largest_um:.2g}"))
+    deflection_um = _LOAD_N / (stiffness.estimate * _N_PER_UM_OF_N_PER_MM)
+    relative_U = 2.0 * stiffness.sd / stiffness.estimate
+    value, expanded = value_and_uncertainty(deflection_um, relative_U * deflection_um)
+    return words.number(f"{value} ± {expanded}")
+
+
+def _inseparable(circle: StatedQuantity, words: Words) -> str:
+    """Return a sentence on the effects that a circular deviation is confounded with, if any."""
+    if not circle.hangs_on:
+        return ""
+    partners = words.joined([words.term(name) for name in circle.hangs_on])
+    return words("plain.apart", partners=partners)
 
 
 def _with_U(quantity: StatedQuantity, words: Words) -> str:
@@ -231,7 +254,12 @@ def _findings_in_words(numbers: SheetNumbers) -> Iterator[str]:
     change = next(_changes(numbers), None)
     if change is not None and change.probability < _LIKELY:
         probability = words.percent(change.probability)
-        yield words("plain.no_change", symbol=change.values["symbol"], probability=probability)
+        yield words(
+            "plain.no_change",
+            symbol=change.values["symbol"],
+            direction=change.values["direction"],
+            probability=probability,
+        )
     if not numbers.reversals:
         yield words("plain.one_way")
 
@@ -274,19 +302,40 @@ def _not_determined(numbers: SheetNumbers) -> str:
     if not step:
         return words("plain.all_determined")
     undetermined = []
-    helped = []
+    helped_by_step: dict[str, list[str]] = {step: []}
     for quantity in numbers.parameters.values():
         if quantity.entry is None or not quantity.is_undetermined:
             continue
         undetermined.append(quantity.symbol)
-        if step in (quantity.entry.held_by.name, *quantity.entry.partners):
-            helped.append(quantity.symbol)
-    steps = words.table["steps"]
+        name = quantity.entry.held_by.name
+        if step in quantity.entry.partners:
+            name = step
+        helped_by_step.setdefault(name, []).append(quantity.symbol)
+    best_helped = helped_by_step.pop(step)
     return words(
         "plain.not_determined",
         count=str(len(undetermined)),
         all=str(len(numbers.parameters)),
         names=words.joined(undetermined),
-        step=steps.get(step, steps[OWN]),
-        helped=words.joined(helped),
+        step=_step_in_words(step, words),
+        helped=words.joined(best_helped),
+        others="".join(_other_steps(helped_by_step, words)),
     )
+
+
+def _other_steps(helped_by_step: Mapping[str, Sequence[str]], words: Words) -> Iterator[str]:
+    """Yield sentences on the steps for parameters that the best step does not help.
+
+    ``helped_by_step`` has the symbols of the parameters that a step helps, by the class name of the
+    model term that the step is about.
+    """
+    for name, symbols in helped_by_step.items():
+        yield words(
+            "plain.other_step", helped=words.joined(symbols), step=_step_in_words(name, words)
+        )
+
+
+def _step_in_words(name: str, words: Words) -> str:
+    """Return the step that makes the effect of a model term smaller, by the term's class name."""
+    steps = words.table["steps"]
+    return str(steps.get(name, steps[OWN]))

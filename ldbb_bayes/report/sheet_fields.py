@@ -141,7 +141,7 @@ def _path(campaign: Campaign, words: Words) -> str:
         path.append(words("entries.feed", feed=f"{campaign.feed_mm_per_min:g}"))
     directions = dict.fromkeys(str(test.direction) for test in campaign.tests if test.direction)
     if directions:
-        path.append("/".join(directions))
+        path.append("/".join(words(f"entries.{direction}") for direction in directions))
     if len(campaign.tests) > 1:
         path.append(words(_ORDER_ENTRIES[time_source(campaign)]))
     return ", ".join(path)

@@ -408,11 +408,16 @@ def remark(quantity: StatedQuantity, words: Words) -> str:
 
 
 def _change_remark(quantity: StatedQuantity, words: Words) -> str:
-    """Return a remark on a change with force: its direction, and the verdict on it."""
+    """Return a remark on a change with force: its direction, and the verdict on it.
+
+    If no change is shown, there is no verdict beside it: "identified" would seem to contradict it.
+    """
     direction = words(f"remarks.{quantity.direction}")
-    if quantity.direction == "no_change" and quantity.no_change > 0.0:
-        probability = words.percent(quantity.no_change)
-        direction = words("remarks.exactly_none", probability=probability)
+    if quantity.direction == "no_change":
+        if quantity.no_change > 0.0:
+            probability = words.percent(quantity.no_change)
+            return words("remarks.exactly_none", probability=probability)
+        return direction
     if quantity.change_entry is None:
         return direction
     return f"{direction}; {_verdict_remark(quantity.change_entry, words)}"

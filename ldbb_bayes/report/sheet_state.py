@@ -108,9 +108,6 @@ def undetermined_texts(numbers: SheetNumbers) -> list[str]:
     """
     words = numbers.words
     items = []
-    if 0.05 < numbers.findings.varying < 0.95:
-        probability = words.percent(numbers.findings.varying)
-        items.append(words("notes.varying", probability=probability))
     for quantity in numbers.parameters.values():
         if quantity.is_undetermined:
             items.append(f"{quantity.words} ({quantity.symbol}): {remark(quantity, words)}")
@@ -126,7 +123,9 @@ def undetermined_texts(numbers: SheetNumbers) -> list[str]:
         symbols = words.joined([quantity.symbol for quantity in confounded])
         without_note = replace(confounded[0], note="")
         items.append(f"{symbols}: {remark(without_note, words)}")
-
+    if 0.05 < numbers.findings.varying < 0.95:
+        probability = words.percent(numbers.findings.varying)
+        items.append(words("notes.varying", probability=probability))
     if not items:
         return [words("sheet.all_determined")]
     excess = len(items) - _MOST_UNDETERMINED

@@ -208,7 +208,8 @@ def _sums(findings: Findings, words: Words) -> Iterator[str]:
     sums = []
     for parameter in machine.compliances:
         if parameter.members:
-            sums.append(f"{display_name(parameter.name)}: {sum_in_words(parameter)}")
+            symbol = display_name(parameter.name)
+            sums.append(words("notes.sum", symbol=symbol, sum=sum_in_words(parameter)))
     if sums:
         yield words("notes.sums", sums="; ".join(sums))
 

@@ -99,7 +99,7 @@ def _of_only_plane(plane: PlaneStiffness, words: Words) -> dict[str, StatedQuant
     shift = 0.0
     if axis.is_determined:
         limit = ""
-        note = ""
+        note = _principal_axis_note(plane, words)
         shift = _turned(axis.angle_deg) - axis.angle_deg
     principal_axis = StatedQuantity(
         words=words("quantities.principal_axis", axis=plane.plane[0]),
@@ -121,6 +121,14 @@ def _of_only_plane(plane: PlaneStiffness, words: Words) -> dict[str, StatedQuant
         note=words("remarks.mount_cancels"),
     )
     return {"principal_axis": principal_axis, "difference": difference}
+
+
+def _principal_axis_note(plane: PlaneStiffness, words: Words) -> str:
+    """Return which compliances the principal axis is of: the directions above it are of all."""
+    symbols = [f"C_{axis}{axis}{axis}" for axis in plane.plane]
+    if plane.cross_name:
+        symbols.insert(1, plane.cross_name)
+    return words("remarks.without_tilts", symbols=words.joined(symbols))
 
 
 def _of_stiffness(
@@ -156,5 +164,8 @@ def _direction_words(direction: AxialDirection, axis: str, words: Words) -> str:
 
 
 def _turned(angle_deg: float) -> float:
-    """Return an axial direction from −90° to 90° instead of from 0° to 180°."""
-    return angle_deg - 180.0 if angle_deg > 90.0 else angle_deg
+    """Return an axial direction from −45° to 135° instead of from 0° to 180°.
+
+    A direction near either axis of the plane is then an angle near 0° or near 90°.
+    """
+    return angle_deg - 180.0 if angle_deg > 135.0 else angle_deg

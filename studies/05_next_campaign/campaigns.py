@@ -186,8 +186,8 @@ def physical_slopes(
 
 
 def widths(rows: pd.DataFrame, kind: str, predicted: dict[str, float]) -> dict[str, Any]:
-    """Of every parameter: predicted sd, median sd and rms error over it, coverage of 95 % intervals;
-    and over all of them. (What is predicted is the median over all machines that are possible.)"""
+    """Of every parameter: predicted sd (the median over all machines that are possible), median sd
+    and rms error over it, coverage of 95 % intervals; and over all of them."""
     own = rows[rows["kind"] == kind]
     table = {}
     for name, sd in predicted.items():

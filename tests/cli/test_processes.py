@@ -127,8 +127,8 @@ def test_demo(tmp_path: Path) -> None:
         r"ln B\(linear/constant\) = −?\d+\.\d+ \(error 0\.\d+\) averaged over joint load", words
     )
     assert (
-        "CAN BE USED WITH THIS RESERVATION. Not determined by the readings (5 of 11 quantities):"
-        " E_XX1, E_YX2, E_XY2, E_YY1 and E_C(0Y)X." in words
+        "THE RESULTS CAN BE USED WITH THIS RESERVATION. Not determined by the readings (5 of 11"
+        " quantities): E_XX1, E_YX2, E_XY2, E_YY1 and E_C(0Y)X." in words
     )
     out = tmp_path / "ldbb_demo"
     assert [path.name for path in tmp_path.iterdir()] == ["ldbb_demo"]

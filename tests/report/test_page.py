@@ -137,6 +137,7 @@ STATED = {
     "u": "u",
     "u (1 sd)": "u",
     "U (k = 2)": "U",
+    "U (k = 2), +a/−b": "U",
     "95 % interval": "interval",
 }
 NAMED = (
@@ -356,7 +357,9 @@ def test_numbers_of_an_average() -> None:
         assert ("Stated at 1000 N, outside the tested forces" in banner.sentence) == (
             force == 1000.0
         )
-        assert re.search(r"constant compliance .*\s%, linear compliance .*\s%", sentence)
+        assert re.search(
+            r"compliance constant .*\s%, compliance changing linearly with force .*\s%", sentence
+        )
 
 
 @pytest.mark.slow

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 from campaigns import plan, refuses, simulated
 from reports import NOT_COMPARED, fitted, undrawn
@@ -14,7 +15,7 @@ import ldbb_bayes as lb
 from ldbb_bayes.analysis.directional_stiffness import AxialDirection
 from ldbb_bayes.analysis.origins import Origin
 from ldbb_bayes.analysis.variance_sources import VarianceSource
-from ldbb_bayes.report import stiffness_numbers, wording
+from ldbb_bayes.report import plain_findings, stiffness_numbers, wording
 from ldbb_bayes.report.blocks import Banner, Fields, Items, Pair, PictureRow, ReportSheet
 from ldbb_bayes.report.findings import Findings, find
 from ldbb_bayes.report.plain_findings import best_step
@@ -271,7 +272,7 @@ def test_beside_g_stands_what_the_circle_showed(findings: Findings, english: She
     first, _ = english
     measured, _ = lb.analysis.measure_circularity(findings.posterior)
     shown = measured.set_index("force_N").loc[300.0, "G"]
-    assert f"circle at 300\u00a0N as measured: {shown:.1f}" in row_of(first, "G")[-1]
+    assert f"measured at 300\u00a0N, with the balls' form: {shown:.1f}" in row_of(first, "G")[-1]
 
 
 def test_g_without_load_stands_on_the_certificate(english: Sheets) -> None:
@@ -331,8 +332,12 @@ def judged(verdict: str, *partners: str) -> Any:
             judged("confounded", "Mount", "Drift"),
             "vermengt mit Aufnahme (30 %) und Drift (30 %)",
         ),
-        ("en", judged("prior-limited"), "prior-limited"),
-        ("de", judged("prior-limited"), "durch Vorwissen begrenzt"),
+        ("en", judged("prior-limited"), "prior-limited: mostly what was assumed before"),
+        (
+            "de",
+            judged("prior-limited"),
+            "durch Vorwissen begrenzt: meist das vorher Angenommene",
+        ),
     ],
 )
 def test_verdicts_on_sheets(language: str, entry: Any, text: str) -> None:
@@ -344,23 +349,24 @@ def test_verdicts_on_sheets(language: str, entry: Any, text: str) -> None:
     ("language", "direction", "no_change", "text"),
     [
         ("en", "increases", 0.0, "increases with force; confounded with joint load (30 %)"),
-        ("en", "no_change", 0.0, "no change shown; confounded with joint load (30 %)"),
+        ("en", "no_change", 0.0, "no change shown"),
         (
             "en",
             "no_change",
             0.9,
-            "no change shown (exactly none: 90 %); confounded with joint load (30 %)",
+            "no change shown (exactly none: 90 %)",
         ),
         (
             "de",
             "no_change",
             0.9,
-            "keine Änderung nachgewiesen (genau keine: 90 %); vermengt mit Achslast (30 %)",
+            "keine Änderung nachgewiesen (genau keine: 90 %)",
         ),
     ],
 )
 def test_changes_on_sheets(language: str, direction: Any, no_change: float, text: str) -> None:
-    """The sheet states the direction of a change, and the verdict on its uncertainty beside it."""
+    """The sheet states the direction of a change, and beside it the verdict on its uncertainty;
+    beside "no change shown" a verdict such as "identified" would seem to contradict it."""
     quantity = StatedQuantity(
         "Change",
         "ΔC_XXX",
@@ -440,13 +446,13 @@ def test_a_value_that_is_not_the_default_is_stated() -> None:
 def test_what_a_compliance_contains_is_said(english: Sheets) -> None:
     _, second = english
     notes = [block for block in second.blocks if isinstance(block, str)]
-    assert any("C_XXX: C_XXX + C_XXY" in note for note in notes)
+    assert any("C_XXX for C_XXX + C_XXY" in note for note in notes)
 
 
 def test_sheet_2_states_U_and_not_u(english: Sheets) -> None:
     _, second = english
     heads = tables_of(second)[0].heads
-    assert "U (k = 2)" in heads
+    assert "U (k = 2), +a/−b" in heads
     assert "u" not in heads
 
 
@@ -466,7 +472,7 @@ def test_plain_words_say_where_the_machine_yields_most(english: Sheets) -> None:
     first, _ = english
     stiffness = row_of(first, "k_min")
     sentence = plain_of(first).items[0]
-    assert f"stiffness {stiffness[2]} ± {stiffness[3]} N/µm" in sentence
+    assert f"stiffness of {stiffness[2]} ± {stiffness[3]} N/µm" in sentence
 
 
 def test_plain_words_name_the_softer_axis_with_its_probability(findings: Findings) -> None:
@@ -500,6 +506,26 @@ def test_the_one_step_is_about_what_holds_most_of_what_is_not_determined() -> No
     quantities = {"P0": undetermined("Mount", "Drift"), "P1": undetermined("Drift")}
     numbers: Any = SimpleNamespace(parameters=quantities)
     assert best_step(numbers) == "Drift"
+
+
+def test_what_the_best_step_does_not_help_has_a_step_of_its_own() -> None:
+    words = words_of("en")
+    text = "".join(plain_findings._other_steps({"BarLength": ["E_XX1", "E_YY1"]}, words))
+    assert text == " For E_XX1 and E_YY1: have the length of the bar calibrated, to ± 1 µm."
+
+
+def test_the_deflection_has_the_relative_uncertainty_of_the_stiffness() -> None:
+    stiffness = StatedQuantity("k", "k_min", 20e3, 1e3, (18e3, 22e3), "N/mm")
+    text = plain_findings._deflection_with_U(stiffness, words_of("en"))
+    assert text == "5.00 ± 0.50"  # 100 N / 20 N/µm, and 2 · 5 % of it
+
+
+def test_of_a_stiffness_with_a_lower_limit_the_deflection_has_an_upper_limit() -> None:
+    stiffness = StatedQuantity(
+        "k", "k_min", 80e3, np.nan, (24e3, 9e5), "N/mm", limit="at least 24.0"
+    )
+    text = plain_findings._deflection_with_U(stiffness, words_of("en"))
+    assert text == "at most 4.2"
 
 
 def test_no_step_is_needed_where_all_is_determined() -> None:

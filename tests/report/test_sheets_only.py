@@ -100,7 +100,10 @@ def test_sheet_1_differs_by_one_note(
     complete: tuple[ReportSheet, ...], alone: tuple[ReportSheet, ...]
 ) -> None:
     assert len(alone[0].blocks) == len(complete[0].blocks) + 1
-    note = "The annex was left out: what other assumptions would change was not tried."
+    note = (
+        "These two sheets were made without the annex, which tries what other assumptions would"
+        " change."
+    )
     assert set(texts(alone[0])) - set(texts(complete[0])) == {note}
 
 
@@ -113,7 +116,9 @@ def test_sheet_2_is_the_same(
 
 def test_the_note_has_a_german_text(without_annex: Findings) -> None:
     first, _ = sheets(without_annex, language="de")
-    assert any(text.startswith("Der Anhang wurde weggelassen") for text in texts(first))
+    assert any(
+        text.startswith("Diese zwei Blätter entstanden ohne den Anhang") for text in texts(first)
+    )
 
 
 def test_a_comparison_that_is_known_counts(

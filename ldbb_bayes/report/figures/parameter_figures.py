@@ -38,6 +38,8 @@ _MOST_IN_CORNER = 8
 # Largest number of parameters in a corner plot if no parameter matches ``_CORNER_PARAMETERS``.
 _MOST_WITHOUT_PATTERN = 6
 _CURVE_DRAWS = 1500
+# Room between a band and the frame of its panel, as a share of the panel's height.
+_ROOM_ABOVE = 0.1
 
 
 # ---- figure of credible intervals
@@ -204,6 +206,7 @@ def compliance_against_force(posterior: xr.DataTree, words: Mapping[str, str] = 
             transform=axes.get_xaxis_transform(),
         )
         axes.axhline(0.0, color=GREY, linewidth=0.8)
+        axes.margins(y=_ROOM_ABOVE)
         if is_roomy:
             axes.set_ylabel(label, fontsize=9)
             axes.tick_params(labelsize=8)
