@@ -292,7 +292,9 @@ def _draw_hysteresis(
 def _draw_hysteresis_of_model(draws: ModelDraws) -> dict[str, _Hysteresis]:
     """Return draws of the hysteresis of each plane whose circles run in both directions, by plane.
 
-    The model is one of those that an average consists of. Planes in which the hysteresis is zero in
+    The model is one of those that an average consists of. Hysteresis changes its sign with the
+    direction of travel, which is +1 or −1 in `Setting`: what is returned is that of travel +1, one
+    part independent of the force and one part per newton. Planes in which the hysteresis is zero in
     all draws are left out.
     """
     bound = draws.bound

@@ -55,10 +55,10 @@ def uniformity_p_value(p_values: Array) -> Array:
 
     The i-th smallest of n independent uniform values has the distribution Beta(i, n + 1 − i). This
     gives a two-sided p-value for each value; `pooled_p_value` makes one p-value of them. It is the
-    test POT of Tesso and Vehtari (LOO-PIT predictive model checking, arXiv:2603.02928, 2026)
-    without its truncation, with which it rejects too often if there are few values. The test
-    detects values that are too small, and also values that are all too near one, as from
-    predictions that are too wide.
+    test POT of Tesso and Vehtari (LOO-PIT predictive model checking, arXiv:2603.02928, 2026), but
+    large p-values are not left out before they are pooled: without them the test rejects too often
+    if there are few values. The test detects values that are too small, and also values that are
+    all too near one, as from predictions that are too wide.
 
     Parameters
     ----------

@@ -112,10 +112,11 @@ def remedies(tried: TriedCures, sd: Array, measured_share: Array) -> dict[str, R
 def _helps(trial: _Trial, i: int, repetition: float, measured_share: float) -> bool:
     """Return whether a cure narrows the parameter with index i by itself.
 
-    ``repetition`` is the ratio of standard uncertainties if all readings are taken twice, with
-    nothing else changed. A cure that adds circles must narrow the parameter more than that. More
-    circles of the same kind help only if most of the variance is measured here; this share of the
-    variance is ``measured_share``.
+    Ratios are of the parameter's standard uncertainty with a change over that without it.
+    ``repetition`` is the ratio if all readings are taken twice, with nothing else changed. A cure
+    that adds circles under other conditions must narrow the parameter more than that. More circles
+    of the same kind help only if most of the variance comes from effects whose size these readings
+    tell; ``measured_share`` is the share of the variance that does.
     """
     ratio = float(trial.ratio[i])
     if not ratio < NARROWER:

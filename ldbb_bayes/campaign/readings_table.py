@@ -50,7 +50,8 @@ def read_readings(path: Path) -> dict[str, Array]:
 def is_tidy_table(path: Path) -> bool:
     """Return whether a file is a tidy CSV: every column has a name that `tests_of_table` knows.
 
-    Other tables need an import, which finds out what their columns mean.
+    A column "test" must be among them, and the names must stand in the first line. Other tables
+    need an import, which finds out what their columns mean.
     """
     if path.suffix.lower() != ".csv":
         return False

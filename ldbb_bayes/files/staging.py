@@ -130,9 +130,10 @@ def staged_folder(target: Path, *, force: bool, ours: Collection[str] = ()) -> I
 def _replace_folder(target: Path, staging: Path, *, force: bool) -> None:
     """Rename the folder ``staging`` to ``target``, and delete an old folder of this name.
 
-    The old folder is renamed first, and gets its name back if the renaming of the new one fails. If
-    another run of the program writes the same target meanwhile, the renaming is tried again if
-    ``force`` is true; otherwise an `InputError` is raised.
+    If ``target`` is an existing folder, an `InputError` is raised, unless ``force`` is true: then
+    this old folder gets another name first. This is tried again as often as another run of the
+    program writes the same target meanwhile. If the renaming of ``staging`` fails for another
+    reason, the old folder gets its name back.
     """
     retired = staging.with_name(f"{staging.name}-old")
     while True:

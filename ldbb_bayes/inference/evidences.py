@@ -230,7 +230,7 @@ def _family(model: HybridModel) -> str:
 
 
 def leave_one_out(
-    weighed: Mapping[str, Nodes],
+    nodes_by_model: Mapping[str, Nodes],
     *,
     tolerance: float = 1e-2,
     progress: Callable[[], object] = _silent,
@@ -242,7 +242,7 @@ def leave_one_out(
 
     Parameters
     ----------
-    weighed : mapping of str to Nodes
+    nodes_by_model : mapping of str to Nodes
         Nodes of each model from all tests, by the name of the model.
     tolerance : float
         Error allowed in every log evidence [nat].
@@ -254,16 +254,20 @@ def leave_one_out(
     dict of str to dict of str to Nodes
         Nodes by the name of the model, then by the name of the test left out.
     """
-    models = {name: nodes.bound.model for name, nodes in weighed.items()}
+    models = {name: nodes.bound.model for name, nodes in nodes_by_model.items()}
+    # The search for the modes without a test begins at the modes of all tests.
     modes = {}
-    for nodes in weighed.values():
+    for nodes in nodes_by_model.values():
         modes[nodes.bound.hyper_prior.names] = nodes.posterior.plain.mode
-    bound = next(iter(weighed.values())).bound
+    bound = next(iter(nodes_by_model.values())).bound
     all_tests = Evidences(bound.campaign, tolerance=tolerance, progress=progress)
+    # Of many tests, one more or less hardly changes the weights of the nodes: these are used again.
     of_all_tests = {}
     if len(bound.test_names) >= _FEWEST_TESTS:
-        of_all_tests = {name: NodesWithoutTest(nodes, tolerance) for name, nodes in weighed.items()}
-    nodes_without: dict[str, dict[str, Nodes]] = {name: {} for name in weighed}
+        of_all_tests = {
+            name: NodesWithoutTest(nodes, tolerance) for name, nodes in nodes_by_model.items()
+        }
+    nodes_without: dict[str, dict[str, Nodes]] = {name: {} for name in nodes_by_model}
     for test in bound.test_names:
         evidences = all_tests.without_test(test, bound.test_names, modes)
         missing = dict(models)

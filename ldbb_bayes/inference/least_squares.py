@@ -110,7 +110,14 @@ def fit_least_squares(
             "least squares must have readings, got a plan. Run the tests, or simulate it."
         )
     flat_prior = HybridModel.paper().prior
-    model = HybridModel(degree, (), flat_prior, reference_force_N, "paper", fixed)
+    model = HybridModel(
+        degree=degree,
+        nuisances=(),
+        prior=flat_prior,
+        reference_force_N=reference_force_N,
+        preset="paper",
+        fixed=fixed,
+    )
     bound = model.bind(campaign)
     # Under a flat prior, ``bound.centre`` is the least-squares estimate of the parameters.
     estimate = bound.centre

@@ -525,7 +525,14 @@ class HyperPosterior:
 
 
 def _log_probability(orthant: Orthant, tolerance: float, seed: int) -> NoisyLogProbability:
-    """Return ln P(T | y, φ) at some nodes φ, whose mean is to have this tolerance [nat]."""
+    """Return ln P(T | y, φ) at some nodes φ, with errors.
+
+    P(T | y, φ) is the probability, given the readings y and the hyper-parameters φ of a node, that
+    no compliance is negative; ``orthant`` holds the Gaussian densities that it is an integral of.
+    ``tolerance`` is the error allowed in the logarithm of its mean over many nodes [nat]. An error
+    that all nodes have in common may be a quarter of it; noise that differs between nodes may be
+    larger, because it cancels in the mean.
+    """
     return orthant.log_probability_with_noise(
         max(tolerance / 4.0, _FINEST_TOLERANCE),
         max(_NOISE_PER_TOLERANCE * tolerance, _FINEST_TOLERANCE),

@@ -81,7 +81,10 @@ def _columns_of(sheet: Sheet, header: int, columns: range, title: str) -> Sheet:
 
 
 def _has_stated_columns(layout: Layout, headers: Sequence[str]) -> bool:
-    """Return whether a table has all columns that the layout states, by their names."""
+    """Return whether a table has all columns that the layout states by name.
+
+    It has not if the layout states a column by its number. Capitals and spaces do not count.
+    """
     names = {comparable(header) for header in headers}
     for reference in layout.columns.values():
         if not isinstance(reference, str) or comparable(reference) not in names:

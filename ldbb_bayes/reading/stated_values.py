@@ -143,9 +143,11 @@ def _evidence_if_stated(value: float | None, source: str) -> list[_Evidence]:
 def _uncertain_evidence(recording: Recording, key: str) -> list[_Evidence]:
     """Return the values that lines above the table and names state for a quantity of a test.
 
-    ``key`` is the field of the quantity, such as force_N. Values in lines are first in the list,
-    then values in the names of test, column, sheet and file. ``recording`` is the test as its file
-    holds it.
+    Such values only support or contradict those of the table. ``key`` is the field of the quantity,
+    such as force_N. Values in lines are first in the list, those that may be of something else
+    (with a doubt) after the others. Then follow values in the names of test, column, sheet and
+    file, and, for the radius, those of arcs in G-code. ``recording`` is the test as its file holds
+    it.
     """
     evidence = []
     for statement in recording.statements.get(key, ()):

@@ -106,7 +106,7 @@ def _under_load(numbers: SheetNumbers) -> Iterator[str]:
 
 
 def _deflection_with_U(stiffness: StatedQuantity, words: Words) -> str:
-    """Return the deflection under a load of 100 N [µm] with its expanded uncertainty.
+    """Return, as text, the deflection under 100 N [µm] with its expanded uncertainty (k = 2).
 
     ``stiffness`` is in N/mm. If only its lower limit is known, the upper limit of the deflection is
     returned.

@@ -379,8 +379,11 @@ def _states_form(instrument: Instrument) -> bool:
 def _patterns(setting: Setting, suffix: str, tests: NDArray[np.bool_]) -> list[Columns]:
     """Return the columns of the machine's pattern in one plane at one radius.
 
-    A column is the reading per unit of one coefficient. Each direction of travel in which the tests
-    run has its own columns.
+    The pattern is an error of the machine that repeats with every turn: cosine and sine of several
+    orders of the angle. A column is the reading per unit of one coefficient, zero in all other
+    tests. Each direction of travel in which the tests run has its own columns. The coefficients
+    have the common scale ω (``omega``), which falls with the order as the hyper-parameter ``decay``
+    says.
 
     Parameters
     ----------
