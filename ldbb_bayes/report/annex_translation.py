@@ -1,10 +1,11 @@
 """Translation of the annex, sentence by sentence, from a catalogue whose keys are English texts.
 
-The annex shows the same results as the terminal, in the same words. Its texts are made in English,
-and replaced as a whole when the page is made, as message catalogues such as gettext's do it. A key
-of the catalogue may have places in braces, ``{a}``; what stands there is translated in its turn. A
-place whose name begins with ``n`` takes numbers alone. Results are never read from sentences:
-nothing but the shown text depends on a translation.
+The annex consists of the sections of the report that follow the sheets. Its texts are first made in
+English, in the same words that the terminal shows. When the HTML page is made, each English text is
+looked up in the catalogue and replaced by its translation, as the program gettext does. A key of
+the catalogue may have placeholders in braces, such as ``{a}``. A placeholder stands for any text,
+which is translated, too; a placeholder whose name begins with ``n`` stands only for numbers. The
+program never reads results from sentences, so a translation changes only the text that is shown.
 """
 
 from __future__ import annotations
@@ -30,10 +31,10 @@ __all__ = ["AnnexTranslation", "annex_translation", "has_english"]
 _TEMPLATES = files("ldbb_bayes.report") / "templates"
 _PLACE = re.compile(r"\\\{(\w+)\\\}")
 _NUMBER = r"[-+−±]?[\d.,eE−+<>≥≤ /\[\]…%°-]*\d[\d.,]*"
-# A number with decimals that is not a part of a version or a date, such as 0.3.0.
+# A number with decimals. Parts of a version number or of a date, such as 0.3.0, do not match.
 _DECIMALS = re.compile(r"(?<![\d.])(\d+)\.(\d+)(?![\d.])")
 _SENTENCE_ENDS = re.compile(r"(?<=[.?!]) (?=[A-Z('{]|u[: ]|ln |\d+ %)")
-# What joins the items of a list, the strongest first.
+# Texts that separate the items of a list; those that separate the longest items come first.
 _JOINTS = ("; ", ": ", ", ", " and ", " or ")
 _WORD = re.compile(r"(?<![\w./\\-])(?:[A-Za-z][a-z]{2,}|of|by|to|or|at|is|it|as)(?![\w/\\(=])")
 # Words that are the same in every language: symbols, units, names of programs and quantities.
@@ -63,19 +64,23 @@ _SAME = frozenset(
         "tau",
     )
 )
-# An interval, whose ends a language with a decimal comma separates by a semicolon.
+# An interval such as [1.5, 2.5]. Languages with a decimal comma put a semicolon between its ends.
 _INTERVAL = re.compile(r"\[([^\[\],;]+), ([^\[\],;]+)\]")
 
 
 class _Joint(NamedTuple):
-    """Pieces of a text, and what joins them in the language."""
+    """Pieces of an English text, and the word or sign that joins their translations."""
 
     pieces: list[str]
     word: str
 
 
 class _Phrase(NamedTuple):
-    """A pattern of the catalogue, and the translation with the same places."""
+    """A key of the catalogue that has placeholders, and its translation with the same placeholders.
+
+    ``pattern`` is the key as a regular expression, and ``size`` the number of characters of the
+    expression without its placeholders.
+    """
 
     pattern: re.Pattern[str]
     translation: str
@@ -84,18 +89,19 @@ class _Phrase(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class AnnexTranslation:
-    """Texts of the annex in one language.
+    """Translation of the texts of the annex into one language.
 
     Parameters
     ----------
     words
         Texts of the sheets in the same language.
     catalogue
-        Translations by English text.
+        The translations; the keys are English texts.
     kept
-        Texts that stay as they are: names of campaigns and tests.
+        Texts that are not translated: names of campaigns and tests.
     missing
-        English texts without a translation, as they are met.
+        English texts for which no translation was found. Each is added when its translation is
+        first needed.
     """
 
     words: Words
@@ -105,11 +111,14 @@ class AnnexTranslation:
     _known: dict[str, str | None] = field(default_factory=dict)
 
     def text(self, text: str) -> str:
-        """Return a text in the language, with its decimal mark."""
+        """Return the translation of an English text, with the decimal mark of the language.
+
+        A text without a translation stays in English and is added to ``missing``.
+        """
         return self._numbers(self._translated(text))
 
     def section(self, section: Section) -> Section:
-        """Return a section of the annex with all its texts in the language."""
+        """Return a section of the annex with all its texts translated."""
         content = tuple(self._part(part) for part in section.content)
         return Section(section.key, self.text(section.title), content)
 
@@ -136,7 +145,10 @@ class AnnexTranslation:
         return self.text(cell) if isinstance(cell, str) else cell
 
     def _picture(self, picture: Picture) -> Picture:
-        """Return a figure whose labels are in the language; the figure itself is changed."""
+        """Return a figure with its labels and caption translated.
+
+        The labels are changed in the given figure; no copy of the figure is made.
+        """
         for label in picture.figure.findobj(Text):
             lines = [self.text(line) for line in label.get_text().split("\n")]
             label.set_text("\n".join(lines))
@@ -157,7 +169,7 @@ class AnnexTranslation:
         return translation
 
     def _of(self, text: str) -> str | None:
-        """Return the translation of a text; None if the catalogue has none for a part of it."""
+        """Return the translation of a text, or None if the catalogue lacks a part of the text."""
         if text not in self._known:
             self._known[text] = self._found(text)
         return self._known[text]
@@ -175,7 +187,10 @@ class AnnexTranslation:
         return None
 
     def _looked_up(self, text: str) -> str | None:
-        """Return the translation of a text that has a key or a pattern of its own, else None."""
+        """Return the translation of a text that matches a key of the catalogue as a whole.
+
+        The key may have placeholders. Return None if no key matches.
+        """
         if text in self.catalogue:
             return self.catalogue[text]
         lower = self.catalogue.get(text[:1].lower() + text[1:])
@@ -191,7 +206,10 @@ class AnnexTranslation:
         return None
 
     def _joints(self, text: str) -> Iterator[_Joint]:
-        """Yield the ways to split a text: into sentences, then at the joints of a list."""
+        """Yield every way to split a text into pieces that can be translated separately.
+
+        The first way splits the text into sentences, the others split it into items of a list.
+        """
         sentences = _SENTENCE_ENDS.split(text)
         if len(sentences) > 1:
             yield _Joint(sentences, " ")
@@ -218,7 +236,11 @@ def _catalogue(language: str) -> Mapping[str, str]:
 
 @cache
 def _phrases(language: str) -> tuple[_Phrase, ...]:
-    """Return the patterns of a catalogue, those with the longest fixed text first."""
+    """Return the keys of a catalogue that have placeholders, with their translations.
+
+    ``language`` is the code of the catalogue's language. The keys with the most characters outside
+    their placeholders come first.
+    """
     phrases = []
     for key, translation in _catalogue(language).items():
         if "{" not in key:
@@ -231,7 +253,10 @@ def _phrases(language: str) -> tuple[_Phrase, ...]:
 
 
 def _group(match: re.Match[str]) -> str:
-    """Return the group of a pattern for a place such as {a}, or {n1} for a number."""
+    """Return the group of a regular expression that matches what a placeholder stands for.
+
+    ``match`` is a placeholder in a key of the catalogue, such as {a}, or {n1} for numbers.
+    """
     inside = ".+?"
     if match[1].startswith("n"):
         inside = _NUMBER
@@ -239,23 +264,25 @@ def _group(match: re.Match[str]) -> str:
 
 
 def has_english(text: str) -> bool:
-    """Return whether a text has a word that is not the same in every language."""
+    """Return whether a text has an English word that must be translated."""
     return any(word not in _SAME for word in _WORD.findall(text))
 
 
 def annex_translation(words: Words, kept: frozenset[str]) -> AnnexTranslation | None:
-    """Return the translation of the annex; None for English, in which the annex is made.
+    """Return the translation of the annex into the language of the sheets.
 
     Parameters
     ----------
     words
-        Texts of the sheets in the language.
+        Texts of the sheets in their language.
     kept
-        Texts that stay as they are, such as names of tests.
+        Texts that are not translated, such as names of tests.
 
     Returns
     -------
     AnnexTranslation or None
+        None if the language has no catalogue for the annex. English has none, because the texts of
+        the annex are made in English.
     """
     if not (_TEMPLATES / f"annex_{words.language}.toml").is_file():
         return None

@@ -1,6 +1,7 @@
 """Export of a fit for programs that read digital calibration certificates (DCC).
 
-Values are written in D-SI notation (Digital SI); the versions are DCC schema 3.3.0 and D-SI 2.2.1.
+The file follows version 3.3.0 of the DCC schema. Values are written in the notation of D-SI
+(Digital SI), version 2.2.1.
 """
 
 from __future__ import annotations
@@ -51,17 +52,17 @@ _DIGEST_LENGTH = 32
 
 
 def dsi_unit(*units: str) -> str:
-    r"""Return a product of internal units (mm, N, rad) in D-SI notation.
+    r"""Return the product of several internal units (mm, N, rad) in D-SI notation.
 
     Parameters
     ----------
     *units
-        Units of the factors, for example ``mm/N``.
+        Units that are multiplied, for example ``mm/N``.
 
     Returns
     -------
     str
-        Unit in D-SI notation, for example ``\milli\metre\newton\tothe{-1}``.
+        Product in D-SI notation, for example ``\milli\metre\newton\tothe{-1}``.
     """
     powers: Counter[str] = Counter()
     for unit in units:
@@ -80,13 +81,14 @@ def dsi_unit(*units: str) -> str:
 
 @renamed_keyword("ci_prob", "prob")
 def write_dcc(posterior: xr.DataTree, path: str | os.PathLike[str], *, prob: float = 0.95) -> Path:
-    """Write the results of a fit as XML in the format of a digital calibration certificate.
+    """Write the results of a fit to an XML file in the format of a digital calibration certificate.
 
-    The file holds mean, U (k = 2), interval and covariance of every parameter of the machine in
-    internal units (mm, N, rad). The change of each compliance over the tested forces stands among
-    the results; slopes, which are coefficients of this change, stand with the covariance. The
-    stiffness by direction at the reference force follows, without what the readings do not
-    determine. The file states that it is unsigned and is not a calibration certificate.
+    The file holds the mean, U (k = 2), the credible interval and the covariance of every parameter
+    of the machine, in internal units (mm, N, rad). Among the results is also the change of each
+    compliance over the tested forces. Slopes, which are coefficients of this change, are only in
+    the part of the file that holds the covariance. The results also include the stiffness by
+    direction at the reference force, as far as the readings determine it. The file states that it
+    is unsigned and is not a calibration certificate.
 
     Parameters
     ----------
@@ -100,7 +102,7 @@ def write_dcc(posterior: xr.DataTree, path: str | os.PathLike[str], *, prob: flo
     Returns
     -------
     Path
-        The file written.
+        Path of the file that was written.
 
     Raises
     ------
@@ -150,10 +152,10 @@ def write_dcc(posterior: xr.DataTree, path: str | os.PathLike[str], *, prob: flo
 
 
 def _covariance_columns(covariance: Array, units: list[str]) -> list[list[tuple[float, str]]]:
-    """Return the columns of a covariance matrix as lists of elements.
+    """Return the columns of a covariance matrix, each as a list of its elements.
 
-    Each element is a value and its unit in D-SI notation. ``units`` are the internal units of the
-    parameters.
+    Each element is a tuple of the value and of the unit in D-SI notation. ``units`` are the
+    internal units of the parameters.
     """
     columns = []
     for j, column_unit in enumerate(units):
@@ -165,11 +167,11 @@ def _covariance_columns(covariance: Array, units: list[str]) -> list[list[tuple[
 
 
 def _coverage_factor(draws: Array, covariance: Array, probability: float) -> float:
-    """Return the coverage factor of the ellipsoid that holds a share ``probability`` of the draws.
+    """Return the coverage factor k of the ellipsoid that contains a share of the posterior draws.
 
-    ``draws``, shape (p, draws), are random draws of p parameters from the posterior.
-    ``covariance``, shape (p, p), is their covariance. Parameters that have the same value in all
-    draws do not contribute.
+    ``probability`` is the share. ``draws``, shape (p, draws), are random draws of p parameters from
+    the posterior. ``covariance``, shape (p, p), is the covariance matrix of the parameters.
+    Parameters that have the same value in all draws do not contribute.
     """
     sd = np.sqrt(np.diag(covariance))
     scale = np.where(sd > 0.0, sd, 1.0)
@@ -182,12 +184,12 @@ def _coverage_factor(draws: Array, covariance: Array, probability: float) -> flo
 def _parameter_entries(
     posterior: xr.DataTree, entries: Mapping[str, Mapping[str, Any]], draws: Array, interval: str
 ) -> list[dict[str, Any]]:
-    """Return what the certificate file states of every parameter, as a list of dictionaries.
+    """Return one dictionary for each parameter, with what the certificate file states about it.
 
-    ``entries`` are the results of the fit by parameter; ``interval`` is the key of the credible
-    interval in them, such as ``ci95``. ``draws``, shape (parameters, draws), are random draws from
-    the posterior. In the result, ``within`` is the share of these draws within mean ± U, where U is
-    twice the standard deviation.
+    ``entries`` are the results of the fit; the keys are names of parameters. ``interval`` is the
+    key of the credible interval in each entry, such as ``ci95``. ``draws``, shape (parameters,
+    draws), are random draws from the posterior. In each dictionary, ``within`` is the share of the
+    draws that lie within mean ± U, where U is twice the standard deviation.
     """
     verdict_by_name = judge_posterior(posterior)
     parameters = []
@@ -215,10 +217,10 @@ def _parameter_entries(
 
 
 def _change_entries(posterior: xr.DataTree) -> list[dict[str, Any]]:
-    """Return what the certificate file states of the changes of compliances with force.
+    """Return one dictionary for the change of each compliance with force, for the certificate file.
 
-    Each change is that of C(F) from the smallest force tested to the largest. The entries are like
-    those of parameters.
+    The change of a compliance C(F) is C at the largest force tested minus C at the smallest force
+    tested. The dictionaries have the same keys as those of parameters, without the interval.
     """
     curves = force_curves(posterior)
     difference = f"C({curves.largest_force_N:.4g} N) − C({curves.smallest_force_N:.4g} N)"
@@ -242,11 +244,12 @@ def _change_entries(posterior: xr.DataTree) -> list[dict[str, Any]]:
 
 
 def _stiffness_entries(posterior: xr.DataTree, prob: float) -> list[dict[str, Any]]:
-    """Return what the certificate file states of the stiffness by direction.
+    """Return the dictionaries for the stiffness by direction, for the certificate file.
 
-    The stiffness is that at the model's reference force. Stiffnesses that have only a lower limit,
-    and directions that the readings do not determine, are left out: no value ± U describes them.
-    The entries are like those of parameters.
+    The stiffness is that at the model's reference force. Stiffnesses of which only a lower limit is
+    known are left out, because no value ± U describes them. Directions that the readings do not
+    determine are left out for the same reason. The dictionaries have the same keys as those of
+    parameters, without the interval.
     """
     reference_N = bound_of(posterior).setting.reference_force_N
     if not reference_N > 0.0:
@@ -266,7 +269,10 @@ def _stiffness_entries(posterior: xr.DataTree, prob: float) -> list[dict[str, An
 
 
 def _entries_of_plane(plane: PlaneStiffness) -> list[dict[str, Any]]:
-    """Return the entries of one plane, without the plane in their names."""
+    """Return the dictionaries for the stiffness in one plane; their names do not state the plane.
+
+    Quantities that no value ± U describes are left out.
+    """
     axis = plane.plane[0]
     difference_name = plane.difference_name.replace(" ", "")
     entries = [
@@ -282,7 +288,10 @@ def _entries_of_plane(plane: PlaneStiffness) -> list[dict[str, Any]]:
 
 
 def _value_entry(name: str, shown: str, kind: str, value: StatedValue) -> dict[str, Any]:
-    """Return the entry of a stiffness, ratio or difference; empty if it has only a lower limit."""
+    """Return the dictionary for a stiffness, or for a ratio or difference of two quantities.
+
+    The dictionary is empty if only a lower limit of the value is known.
+    """
     if value.only_lower_limit:
         return {}
     return {
@@ -298,7 +307,10 @@ def _value_entry(name: str, shown: str, kind: str, value: StatedValue) -> dict[s
 
 
 def _direction_entry(name: str, shown: str, axis: str, direction: AxialDirection) -> dict[str, Any]:
-    """Return the entry of a direction; empty if the readings do not determine it."""
+    """Return the dictionary for a direction in a plane, as an angle from the axis ``axis`` [°].
+
+    The dictionary is empty if the readings do not determine the direction.
+    """
     if not direction.is_determined:
         return {}
     return {
@@ -314,7 +326,11 @@ def _direction_entry(name: str, shown: str, axis: str, direction: AxialDirection
 
 
 def _principal_entries(principal: PrincipalStiffness) -> list[dict[str, Any]]:
-    """Return the entries of the principal stiffnesses in space, with their axes as description."""
+    """Return the dictionaries for the principal stiffnesses in space.
+
+    The entry ``verdict`` of each dictionary describes the principal axis in words. Stiffnesses of
+    which only a lower limit is known are left out.
+    """
     entries = []
     for k, axis in enumerate(principal.axes, start=1):
         entry = _value_entry(f"k_{k}", f"k_{k}", "principal", axis.stiffness)

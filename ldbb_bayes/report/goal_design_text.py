@@ -1,4 +1,4 @@
-"""The cheapest campaign for goals as tables and sentences."""
+"""Tables and sentences on the cheapest campaign that reaches all goals for uncertainties."""
 
 from __future__ import annotations
 
@@ -11,13 +11,17 @@ from ldbb_bayes.units import display_name, display_unit, two_digits
 
 __all__ = ["parts_of"]
 
-# Column of the tests of a plan that counts how often each test is run; it is the last one.
+# Name of the column that states how often each test of a plan is run. It is the last column.
 _COUNT = "count"
 
 
 @parts_of.register
 def _passages_of_goal_design(result: GoalDesign) -> tuple[Passage, ...]:
-    """Return tables of goals, cheapest and customary campaigns, and sentences on obstacles."""
+    """Return the tables and sentences on a design for goals.
+
+    The tables are about the goals, the cheapest campaigns, and campaigns as they are customary
+    today. The sentences state why goals cannot be reached.
+    """
     passages: list[Passage] = [_goals_table(result)]
     if result.plans:
         passages += [_tests_table(result.best), _plans_table(result)]
@@ -33,7 +37,11 @@ def _record_of_goal_design(result: GoalDesign) -> dict[str, Any]:
 
 
 def _goals_table(result: GoalDesign) -> Table:
-    """Return a table of the goals: U wanted, U of the pilot, and U expected of the plan (k = 2)."""
+    """Return a table of the goals for the expanded uncertainty U (k = 2) of parameters.
+
+    For each goal the table states the U that is wanted, the present U, and a U that nine in ten
+    possible machines do not exceed after the cheapest campaign.
+    """
     rows = []
     for name, stated in result.goals.items():
         factor, unit = display_unit(stated.goal.unit)
@@ -54,7 +62,7 @@ def _goals_table(result: GoalDesign) -> Table:
 
 
 def _tests_table(plan: GoalPlan) -> Table:
-    """Return a table of the circles of a plan."""
+    """Return a table of the circles of a plan, with the number of times that each is run."""
     columns = [str(column) for column in plan.tests.columns if column != _COUNT]
     heads = [wording.PAGE["tests"].get(name, name) for name in columns]
     rows = []
@@ -65,7 +73,7 @@ def _tests_table(plan: GoalPlan) -> Table:
 
 
 def _plans_table(result: GoalDesign) -> Table:
-    """Return a table of the cheapest campaign and the next best."""
+    """Return a table of the cheapest campaigns, one per row. The cheapest campaign comes first."""
     rows = []
     for plan in result.plans:
         settings = [
@@ -95,7 +103,11 @@ def _plans_table(result: GoalDesign) -> Table:
 
 
 def _customary_table(result: GoalDesign) -> Table:
-    """Return a table of U of every goal in campaigns as people run them, and in as many of ours."""
+    """Return a table that compares customary campaigns with planned ones of the same size.
+
+    For each parameter with a goal, the table states U (k = 2) after a campaign as people run it
+    today, and U after the best campaign with the same number of circles.
+    """
     rows = []
     for compared in result.customary:
         for name, usual in compared.customary.goals.items():

@@ -1,4 +1,4 @@
-"""Templates of the HTML page and of the digital calibration certificate (DCC)."""
+"""Jinja templates of the HTML page and of the digital calibration certificate (DCC)."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ def template_of(name: str) -> jinja2.Template:
     Parameters
     ----------
     name
-        Name of the file in the folder ``templates``, such as ``report.html.j2``.
+        Name of the template's file in the folder ``templates``, such as ``report.html.j2``.
 
     Returns
     -------
     Template
-        The template. Rendering it raises an error if a variable is missing.
+        The template. Its method ``render`` raises an error if a variable is missing.
     """
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("ldbb_bayes.report"),

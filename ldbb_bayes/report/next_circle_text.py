@@ -1,4 +1,4 @@
-"""The next circle of a campaign under way as tables and sentences."""
+"""Tables and sentences on the next circle to run in a campaign that is not finished."""
 
 from __future__ import annotations
 
@@ -12,7 +12,10 @@ __all__ = ["aims_passages", "parts_of"]
 
 @parts_of.register
 def _passages_of_next_circle(step: NextCircle) -> tuple[Passage, ...]:
-    """Return the best next circle, the state of all aims, and a table of the best next circles."""
+    """Return sentences on the best next circle, the state of all aims, and a table of circles.
+
+    The table lists the best next circles. It is left out if the campaign may stop.
+    """
     passages: list[Passage] = [*wording.next_circle_head(step), *aims_passages(step)]
     if not step.finished:
         passages.append(_circles_table(step))
@@ -20,12 +23,13 @@ def _passages_of_next_circle(step: NextCircle) -> tuple[Passage, ...]:
 
 
 def aims_passages(step: NextCircle) -> list[Passage]:
-    """Return tables and sentences on the aims: now, and after the next circle.
+    """Return tables and sentences on how far the aims are reached now and after the next circle.
 
     Parameters
     ----------
     step
-        The next circle, and the aims.
+        The best next circle of a campaign, with the campaign's aims (goals for uncertainties,
+        decisions on tolerances, and the choice of a model).
 
     Returns
     -------
@@ -41,7 +45,11 @@ def aims_passages(step: NextCircle) -> list[Passage]:
 
 
 def _goals_table(step: NextCircle) -> Table:
-    """Return a table of the goals: U now, after the next circle, and at least."""
+    """Return a table of the goals for the expanded uncertainty U (k = 2) of parameters.
+
+    For each goal the table states U now, U expected after the next circle, and U that would remain
+    after very many further circles.
+    """
     rows = []
     for name, goal in step.goals.items():
         factor, unit = display_unit(goal.unit)
@@ -55,7 +63,7 @@ def _goals_table(step: NextCircle) -> Table:
 
 
 def _tolerances_table(step: NextCircle) -> Table:
-    """Return a table of the decisions on tolerances."""
+    """Return a table with one row for each tolerance: the value, U (k = 2), and the decision."""
     rows = []
     for name, state in step.tolerances.items():
         now = state.now
@@ -78,7 +86,7 @@ def _tolerances_table(step: NextCircle) -> Table:
 
 
 def _circles_table(step: NextCircle) -> Table:
-    """Return a table of the best next circles, the best first."""
+    """Return a table of the best next circles. The best circle comes first."""
     columns = [str(column) for column in step.table.columns[:-1]]
     heads = [wording.PAGE["tests"].get(name, name) for name in columns]
     rows = []

@@ -1,4 +1,8 @@
-"""The report: sheets and sections on one HTML page, and files with its numbers beside the page."""
+"""The report of a fit: an HTML page, and further files with the numbers of the report.
+
+The page has the two sheets of the certificate and the annex. The annex consists of the sections
+that follow the sheets.
+"""
 
 from __future__ import annotations
 
@@ -48,22 +52,23 @@ REPORT_FILES = ("report.html", "report.pdf", "report.json", "dcc.xml", "tables")
 
 @dataclass(frozen=True)
 class Document(Shown):
-    """A complete report on the fit of a campaign: the certificate's sheets and further sections.
+    """A complete report on the fit of a campaign: the sheets of the certificate, and the annex.
 
     Parameters
     ----------
     title
         Title of the page.
     lines
-        Lines under the title: machine, tests and fit that the report is about.
+        Lines of text below the title, which name the machine, the tests and the fit.
     alerts
         Warnings that a reader must see before any number.
     sections
-        Sections of the annex in the order of the page; none if the annex is left out.
+        Sections of the annex in the order of the page. The tuple is empty if the report has no
+        annex.
     sheets
-        Sheets of the certificate, to be signed.
+        The two sheets of the certificate, which people sign.
     annex
-        Whether the sections are printed in addition to the sheets when the page is printed.
+        Whether a printout of the page contains the annex. The sheets are always printed.
     language
         Language of the sheets and of the annex.
     """
@@ -83,7 +88,7 @@ class Document(Shown):
 
     @property
     def state(self) -> str:
-        """Sentence of the certificate that states whether its numbers can be used."""
+        """Sentence of the certificate that states whether the numbers can be used."""
         banners = [block for block in self._blocks() if isinstance(block, Banner)]
         return banners[0].sentence
 
@@ -120,9 +125,9 @@ def compose(
     findings
         All results of the fit that the report shows.
     others
-        Other campaigns to compare with the first one.
+        Other campaigns that the report compares with the campaign of the fit.
     same_instrument, language, annex, force_N, progress
-        The same arguments as those of `write_report`, where they are explained.
+        See the arguments of `write_report` with the same names.
 
     Returns
     -------
@@ -164,9 +169,9 @@ def compose(
 
 
 def _in_language(document: Document, names: frozenset[str]) -> Document:
-    """Return a document whose annex is in the language of the sheets.
+    """Return a document with the texts of its annex translated into the language of the sheets.
 
-    ``names`` are those of campaigns and tests, which are not translated.
+    ``names`` are the names of campaigns and tests, which are not translated.
     """
     translation = annex_translation(words_of(document.language), names)
     if translation is None:
@@ -181,17 +186,17 @@ def _in_language(document: Document, names: frozenset[str]) -> Document:
 
 
 def _ignore(done: int, total: int) -> None:
-    """Do nothing; used in place of a function that shows progress.
+    """Do nothing. The report calls this function if the user gives no function for progress.
 
-    ``done`` and ``total`` are the numbers of finished and of all steps.
+    ``done`` is the number of finished steps, and ``total`` the number of all steps.
     """
 
 
 def _lines(findings: Findings) -> tuple[str, str, str]:
     """Return the three lines of text below the report's title.
 
-    They state the machine and its tests, the day of the fit and the version of this package, and
-    the model that gave the numbers in the annex (the sections that follow the sheets).
+    The first line states the machine and its tests. The second states the day of the fit and the
+    version of this package. The third names the model whose numbers the annex shows.
     """
     result = findings.result
     seen = findings.seen
@@ -209,7 +214,8 @@ def _lines(findings: Findings) -> tuple[str, str, str]:
 def _alerts(findings: Findings, others: Sequence[Beside]) -> Iterator[str]:
     """Yield the warnings that a reader of the report must see before any number.
 
-    The warnings are about the fit of the campaign, and about its differences from ``others``.
+    The warnings are about the fit of the campaign, and about the differences between this campaign
+    and ``others``.
     """
     yield from wording.alert_sentences(fit_of(findings.posterior), findings.result)
     name = str(findings.result["campaign"]["name"])
@@ -222,8 +228,8 @@ def _alerts(findings: Findings, others: Sequence[Beside]) -> Iterator[str]:
 def html_page(document: Document) -> str:
     """Return the report as an HTML page.
 
-    The page has no scripts and loads no other files; a security policy in the page enforces this.
-    Figures are inline SVG. All text is escaped.
+    The page contains no scripts and loads no other files; its content security policy tells the
+    browser to refuse both. Figures are inline SVG. All text is escaped.
 
     Parameters
     ----------
@@ -240,7 +246,9 @@ def html_page(document: Document) -> str:
 
 
 def check_report_target(folder: Path) -> None:
-    """Refuse a folder that a report cannot be written to, before any work is done.
+    """Raise an error if a report cannot be written into a folder.
+
+    `write_report` calls this function before it computes anything.
 
     Parameters
     ----------
@@ -279,16 +287,17 @@ def write_report(
     """Write the report of a fit into a folder.
 
     The report consists of report.html, report.pdf (the two sheets of the certificate), dcc.xml (the
-    numbers of the sheets), report.json, and the folder ``tables`` of CSV files.
+    numbers of the sheets), report.json, and the folder ``tables``, which holds CSV files.
 
     Parameters
     ----------
     posterior : DataTree
         Posterior from `sample` or `load`.
     folder : path
-        Folder for the report; it is made if missing, and other files in it are kept.
+        Folder for the report. The folder is made if it does not exist. Files in the folder that are
+        no part of a report are kept.
     beside_it : mapping of name to DataTree, optional
-        Posteriors of other campaigns to compare with this one.
+        Posteriors of other campaigns that the report compares with this campaign.
     same_instrument : bool
         Whether the other campaigns used the same bar, balls, mount and force device.
     prob : float
@@ -296,43 +305,45 @@ def write_report(
     tests : int, optional
         Number of circles to recommend. Default: as many as the campaign has.
     comparison : Comparison, optional
-        Result of `compare` for the same readings. Default: the evidences of constant and linear
-        compliance are computed.
-    recommended : Design, or callable that returns one, optional
-        Result of `design` or `read_design` for the same readings. Default: a design with as many
-        circles as ``tests``, at the forces tested.
+        Result of `compare` for the same readings. Default: the function computes the evidences of
+        models with constant and with linear compliance.
+    recommended : Design, or callable that returns a Design, optional
+        Result of `design` or `read_design` for the same readings. Default: the function computes a
+        design with ``tests`` circles at the forces tested.
     averaged : DataTree, optional
-        Result of `average`, whose numbers the sheets state. Default: the sheets state the numbers
-        of ``posterior`` and say so.
+        Result of `average`. If it is given, the sheets state its numbers. Default: the sheets state
+        the numbers of ``posterior``, and say that these are from one model.
     tolerances : mapping of quantity to Tolerance, optional
-        Tolerances for which the sheets state conformity. Default: those of the campaign.
+        Tolerances for which the sheets state conformity. Default: the tolerances of the campaign.
     language : str
         Language of the sheets and of the annex: en or de.
     annex : bool
-        Whether the annex, the sections that follow the sheets, is printed too when the page is
-        printed.
+        Whether a printout of report.html contains the annex, that is, the sections that follow the
+        sheets.
     sheets_only : bool
-        Whether the annex is left out. Nothing is computed then that only the annex shows: by
-        default models are not compared and no tests are recommended, and of the tables only those
-        of the parameters and of the sheets are written.
+        Whether the report has no annex. If true, the function does not compute what only the annex
+        shows: it compares no models and recommends no tests, and it writes only the tables with the
+        parameters and the numbers of the sheets.
     force_N : float, optional
-        Force at which the sheets state stiffness and circular deviation [N], from a tenth of the
-        smallest force tested to 1.5 times the largest. Default: the model's reference force.
+        Force at which the sheets state stiffness and circular deviation [N]. It may lie between a
+        tenth of the smallest force tested and 1.5 times the largest force tested. Default: the
+        model's reference force.
     progress : callable, optional
-        Function called with the numbers of finished and of all steps. One step is a section, or
-        both sheets.
+        Function that is called at the start and after each step with two numbers: the number of
+        finished steps and the number of all steps. Each section is one step, and both sheets
+        together are one step.
 
     Returns
     -------
     Document
-        The report as written; its pictures hold the figures.
+        The report that was written. Its attribute ``pictures`` holds the figures.
 
     Raises
     ------
     InputError
-        The comparison or design was made from other readings, the campaigns are of different
-        machines, ``language`` is unknown, ``force_N`` is outside its range, the folder cannot be
-        written, its subfolder ``tables`` holds files that no report has written, or
+        The comparison or the design was made from other readings; the campaigns are of different
+        machines; ``language`` is unknown; ``force_N`` is outside its range; the folder cannot be
+        written; the subfolder ``tables`` holds files that no report has written; or
         ``sheets_only`` is given together with ``annex`` or ``beside_it``.
 
     Examples
@@ -397,7 +408,7 @@ def write_report(
 
 
 def _check_no_annex_wanted(beside_it: Mapping[str, Any] | None, *, annex: bool) -> None:
-    """Refuse arguments that only change the annex, for a report without it."""
+    """Raise an error if ``annex`` or ``beside_it`` is given for a report that has no annex."""
     require(
         not annex,
         "annex (--annex) must not go with sheets_only (--sheets-only), got both. The annex is"
@@ -413,11 +424,11 @@ def _check_no_annex_wanted(beside_it: Mapping[str, Any] | None, *, annex: bool) 
 def _record(
     findings: Findings, document: Document, frames: Mapping[str, pd.DataFrame]
 ) -> dict[str, Any]:
-    """Return the content of report.json, except the state and the decisions on conformity.
+    """Return the content of report.json, except the entries ``state`` and ``conformity``.
 
-    It holds the campaign, the model, the alerts, the provenance, all tables, the comparison and the
-    design. ``frames`` are the tables by name. A comparison or design that is missing is replaced by
-    the reason.
+    The content is a dictionary with the campaign, the model, the alerts, the provenance, all
+    tables, the comparison of models and the design. ``frames`` are the tables; the keys are their
+    names. If there is no comparison or no design, the dictionary states the reason.
     """
     records = {
         name: frame.reset_index().to_dict(orient="records") for name, frame in frames.items()
@@ -435,9 +446,9 @@ def _record(
 
 
 def _analysis_record(result: Any) -> dict[str, Any]:
-    """Return the JSON record of an analysis, or a record of the reason why it is missing.
+    """Return the JSON record of an analysis, or a record of the reason why there is no analysis.
 
-    ``result`` is the result of the analysis, or a text with the reason.
+    ``result`` is the result of the analysis, or a text that states the reason.
     """
     if isinstance(result, str):
         return {"missing": result}

@@ -1,4 +1,4 @@
-"""Figures of the HTML page, each with the name of its file and its caption."""
+"""Figures of the HTML page. Each figure has a caption and a name, which is also its file name."""
 
 from __future__ import annotations
 
@@ -26,7 +26,11 @@ _LONG_NUMBER = re.compile(r"-?\d+\.\d{3,}")
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """A figure, the name of its file, and its caption, which screen readers read to the blind."""
+    """A figure of the HTML page, with its name and its caption.
+
+    ``key`` is the name of the figure and of its file, without ending. Screen readers read the
+    caption to blind people.
+    """
 
     key: str
     caption: str
@@ -36,8 +40,9 @@ class Picture:
     def svg(self) -> str:
         """The figure as SVG text, ready to be inserted into an HTML page.
 
-        The figure adapts to the width of the screen, and screen readers can name it. The ids of its
-        elements begin with the figure's name, so that they differ from those of other figures.
+        The figure adapts to the width of the screen. Its SVG title is the caption, so that screen
+        readers can read it. The ids of the SVG elements begin with the figure's name, so that no
+        two figures of a page share an id.
         """
         text = _PROLOGUE.sub("", _draw_svg(self.figure))
         text = _REFERENCE.sub(rf"\g<1>{self.key}-", text)
@@ -49,7 +54,7 @@ class Picture:
 
 
 def _draw_svg(figure: Figure) -> str:
-    """Return a figure as the text of an SVG file, without background colours."""
+    """Return the text of an SVG file that shows a figure without background colours."""
     grounds: list[Any] = [figure.patch, *(axes.patch for axes in figure.axes)]
     visible_grounds = [ground for ground in grounds if ground.get_visible()]
     buffer = io.StringIO()
@@ -80,8 +85,8 @@ class DrawnPicture(NamedTuple):
     caption: str
 
 
-# Name of the function that draws a figure, by the name of the figure. Only figures whose name
-# differs from the name of their function are listed.
+# Names of figures that differ from the name of the function that draws the figure. The values are
+# the names of the functions.
 _FUNCTIONS = {"budget": "budget_bars"}
 PICTURES: Mapping[str, DrawnPicture] = {
     key: DrawnPicture(getattr(figures, _FUNCTIONS.get(key, key)), caption)
@@ -95,13 +100,14 @@ def picture(key: str, subject: Any, caption: str = "", **options: Any) -> Pictur
     Parameters
     ----------
     key
-        Name of the figure and, without ending, of its file: a key of `PICTURES`.
+        Name of the figure, which must be a key of `PICTURES`. The file of the figure has the same
+        name, followed by the ending of its format.
     subject
-        Posterior or result of an analysis that the figure shows.
+        Posterior, or result of an analysis, that the figure shows.
     caption
         Caption of the figure. Default: the caption in `PICTURES`.
     **options
-        Further arguments of the function that draws the figure.
+        Further arguments, which are passed to the function that draws the figure.
 
     Returns
     -------

@@ -1,4 +1,8 @@
-"""Sections of the HTML page: paragraphs, lists, tables and figures, made from results of a fit."""
+"""Functions that yield the sections of the annex from the results of a fit.
+
+The annex is the part of the report that follows the sheets. Each section consists of paragraphs,
+lists, tables and figures.
+"""
 
 from __future__ import annotations
 
@@ -46,7 +50,7 @@ _WORDS_OF_QUANTITIES = {"scale_mismatch": "scale mismatch", "G_b": "G(b)"}
 
 @dataclass(frozen=True)
 class Details:
-    """Content of the HTML page that is shown on a screen only on demand but is always printed.
+    """Content of the HTML page that the screen shows only on demand. It is always printed.
 
     Parameters
     ----------
@@ -77,7 +81,7 @@ class Section:
 
 
 def campaign(findings: Findings) -> Iterator[Part]:
-    """Yield the section on the campaign: its tests, remarks on them, and what a fit assumes."""
+    """Yield the section on the campaign: its tests, remarks, and the assumptions of a fit."""
     yield from parts_of(findings.seen)
 
 
@@ -103,8 +107,8 @@ def limits(findings: Findings) -> Iterator[Part]:
     """Yield the section on degeneracies, with measures that would remove them.
 
     A degeneracy is a combination of parameters and other effects that no reading can resolve. The
-    section also names effects that the user switched off. The verdicts on single parameters are in
-    the section on results.
+    section also names the effects that the user has switched off in the model. The verdicts on
+    single parameters are in the section on results.
     """
     bound = bound_of(findings.posterior)
     alike = degeneracies(bound)
@@ -122,16 +126,16 @@ def limits(findings: Findings) -> Iterator[Part]:
 def degree(findings: Findings) -> Iterator[Part]:
     """Yield the section on whether compliance changes with force.
 
-    The section states the evidence for each model and how the evidence depends on assumptions. The
-    probability of each slope (change of a compliance with force) and the predictions of tests that
-    were left out follow, if the comparison of models includes them.
+    The section states the evidence for each model, and how the evidence depends on assumptions. If
+    the comparison of models has further results, they follow: the probability of each slope (change
+    of a compliance with force), and predictions of each test from the other tests.
     """
     comparison = findings.comparison
     if not isinstance(comparison, Comparison):
         yield f"The models were not compared: {comparison}"
         return
-    # Leave out the RMSE of the models. The section on the quality of the fit states it from other
-    # random draws, so that the two numbers would differ slightly.
+    # Leave out the RMSE (root-mean-square residual) of the models. The section on the quality of
+    # the fit states an RMSE from other random draws, so that the two numbers would differ slightly.
     yield from text.comparison_parts(comparison, rmse=False)
     yield picture("evidence", comparison)
     if not comparison.local_fits.empty:
@@ -141,7 +145,7 @@ def degree(findings: Findings) -> Iterator[Part]:
 def uncertainty(findings: Findings) -> Iterator[Part]:
     """Yield the section on uncertainty budgets, with what would reduce each uncertainty most.
 
-    Those of slopes are shown only on demand.
+    The page shows the budgets of slopes (changes of compliances with force) only on demand.
     """
     budgets = ByName[Budget]()
     of_slopes = ByName[Budget]()
@@ -162,7 +166,7 @@ def uncertainty(findings: Findings) -> Iterator[Part]:
 
 
 def path(findings: Findings) -> Iterator[Part]:
-    """Yield the section on the tool path: circular-test quantities as functions of force."""
+    """Yield the section on the tool path, with circular-test quantities as functions of force."""
     bound = bound_of(findings.posterior)
     planes = list(dict.fromkeys(findings.path["plane"]))
     squarenesses = [display_name(squareness_name(bound, plane)) for plane in planes]
@@ -186,9 +190,11 @@ def path(findings: Findings) -> Iterator[Part]:
 
 
 def _quantities_table(table: pd.DataFrame, quantities: Mapping[str, str], caption: str) -> Table:
-    """Return a table of circular-test quantities with intervals, one row for each force shown.
+    """Return a table of circular-test quantities with credible intervals, one row for each force.
 
-    ``quantities`` has their units by name.
+    ``table`` holds the quantities at all forces. ``quantities`` holds the units of the quantities
+    that are shown; the keys are the names of the quantities. If there are more than 12 forces, only
+    12 of them have a row.
     """
     row_by_force = {(row["force_N"], row["quantity"]): row for _, row in table.iterrows()}
     rows = []
@@ -203,9 +209,10 @@ def _quantities_table(table: pd.DataFrame, quantities: Mapping[str, str], captio
 
 
 def _shown_forces(forces: Sequence[float]) -> list[float]:
-    """Return the forces for the rows of a table: all if they are few, otherwise an even selection.
+    """Return the forces [N] that have a row in a table: at most 12 of the given ``forces``.
 
-    The first and the last force are always included.
+    If there are more than 12 forces, the rows are spread evenly over them, and the first and the
+    last force are included.
     """
     if len(forces) <= _MOST_FORCES:
         return list(forces)
@@ -222,7 +229,7 @@ def _interval_cell(row: pd.Series[Any]) -> str:
 
 
 def plan(findings: Findings) -> Iterator[Part]:
-    """Yield the section on the circular tests to run next, with the uncertainties to expect."""
+    """Yield the section on the circular tests to run next, with the uncertainties expected then."""
     design = findings.design
     if not isinstance(design, Design):
         yield f"No tests are recommended: {design}"
@@ -235,8 +242,8 @@ def plan(findings: Findings) -> Iterator[Part]:
 def fit(findings: Findings) -> Iterator[Part]:
     """Yield the section on the quality of the fit.
 
-    The section states the RMSE (root-mean-square residual), and for each test the fitness (Eq. 35
-    of the paper) and the p-values of posterior predictive checks.
+    The section states the RMSE (root-mean-square residual) of the fit. For each test, it states the
+    fitness (Eq. 35 of the paper) and the p-values of posterior predictive checks.
     """
     quality = findings.result["fit"]
     rows = []
@@ -285,8 +292,8 @@ def _p_value_cell(value: float | None) -> str | None:
 def assumptions(findings: Findings) -> Iterator[Part]:
     """Yield the section on assumptions.
 
-    The section has the prior of every parameter beside its posterior, and the model as text in TOML
-    format.
+    The section has a table with the prior and the posterior of every parameter, and the model as
+    text in TOML format.
     """
     yield fit_tables.parameter_table(findings.result, coefficients=True)
     toml = record_of(findings.posterior)["model"]["toml"]
@@ -324,8 +331,8 @@ def diagnostics(findings: Findings) -> Iterator[Part]:
 def method(findings: Findings) -> Iterator[Part]:
     """Yield the section that summarises the method and states the provenance of the fit.
 
-    The provenance consists of SHA-256 digests of readings and model, versions of programs, and the
-    seed.
+    The provenance consists of the SHA-256 digests of the readings and of the model, the versions of
+    the programs, and the seed of the random numbers.
     """
     result = findings.result
     provenance = result["provenance"]
@@ -352,19 +359,20 @@ def glossary(findings: Findings) -> Iterator[Part]:
 def beside(
     first: Mapping[str, Any], others: Sequence[Beside], *, same_instrument: bool, prob: float
 ) -> Iterator[Part]:
-    """Yield the section on the differences of other campaigns from the first campaign.
+    """Yield the section on the differences between the first campaign and other campaigns.
 
-    The difference of every parameter is stated with its credible interval and the probability that
-    the other campaign's value is larger. Those of slopes are shown only on demand.
+    For every parameter the section states the difference, its credible interval, and the
+    probability that the parameter is larger in the other campaign. The page shows the differences
+    of slopes only on demand.
 
     Parameters
     ----------
     first
-        Results of the fit of the first campaign, as ``fit --json`` states them.
+        Results of the fit of the first campaign, as the command ``fit --json`` prints them.
     others
         The other campaigns.
     same_instrument
-        Whether the other campaigns used the same bar, balls, mount and force device.
+        Whether all campaigns used the same bar, balls, mount and force device.
     prob
         Probability of the credible intervals.
 
@@ -387,9 +395,11 @@ def beside(
 
 
 def _differences_table(first: str, other: Beside, differences: pd.DataFrame, percent: str) -> Table:
-    """Return a table of the parameters of two campaigns, their differences and probabilities.
+    """Return a table that compares the parameters of two campaigns, one row for each parameter.
 
-    ``percent`` is the probability of the intervals as text.
+    Each row states the parameter in both campaigns, the difference with its credible interval, and
+    the probability that the parameter is larger in the second campaign. ``first`` is the name of
+    the first campaign, and ``percent`` the probability of the intervals as text, such as "95 %".
     """
     rows = []
     for parameter, row in differences.iterrows():
@@ -439,8 +449,8 @@ _SECTION_WRITERS = (
     method,
     glossary,
 )
-#: Title of every section of the HTML page and the function that yields its content, by the key of
-#: the section, in the order of the page.
+#: Title of every section of the annex, and the function that yields its content. The keys are the
+#: anchors (ids) of the sections, in the order of the page.
 SECTIONS: Mapping[str, tuple[str, Callable[[Findings], Iterator[Part]]]] = {
     write.__name__: (wording.PAGE["sections"][write.__name__], write) for write in _SECTION_WRITERS
 }

@@ -16,8 +16,8 @@ from ldbb_bayes.units import display_unit, two_digits
 __all__ = ["InstrumentPiece", "instrument_pieces"]
 
 _LONGEST_CERTIFICATE = 32  # largest number of characters of the name of a calibration certificate
-# Names of the errors of the instrument whose uncertainties the sheets of the certificate state, by
-# part of the instrument.
+# Parts of the instrument, each with the name of the error whose uncertainty the sheets of the
+# certificate state for this part.
 _UNCERTAINTY_OF_PIECE = {
     "bar": "bar_length",
     "work": "work_form_2",
@@ -32,9 +32,10 @@ _UNCERTAINTY_OF_PIECE = {
 class InstrumentPiece:
     """A part of the instrument with its certified or assumed uncertainty.
 
-    ``key`` names the part, such as ``bar``. ``size`` is the part's certified value or grade as
-    text, or its uncertainty U (k = 2). ``certificate`` is the name of its certificate in brackets;
-    empty if it has none. ``is_stated`` is whether a certificate states its uncertainty.
+    ``key`` names the part, such as ``bar``. ``size`` is a text with the part's certified value, its
+    grade, or its uncertainty U (k = 2). ``certificate`` is the name of the part's certificate in
+    brackets, or an empty string if the part has no certificate. ``is_stated`` says whether a
+    certificate states the part's uncertainty.
     """
 
     key: str
@@ -44,7 +45,7 @@ class InstrumentPiece:
 
 
 def instrument_pieces(findings: Findings, words: Words) -> list[InstrumentPiece]:
-    """Return the parts of the instrument (bar, balls, …) whose errors the model includes.
+    """Return the parts of the instrument (bar, balls, …) whose errors are in the model.
 
     Parameters
     ----------
@@ -73,11 +74,11 @@ def instrument_pieces(findings: Findings, words: Words) -> list[InstrumentPiece]
 
 
 def _ball_size(findings: Findings, key: str, words: Words) -> str:
-    """Return the grade of a ball as text, such as G10, or else its sphericity, such as 0.2 µm.
+    """Return a text with the grade of a ball, such as G10, or with its sphericity, such as 0.2 µm.
 
-    ``key`` names a part of the instrument. The text is empty if the part is not a ball, or if
-    harmonics of its form are stated instead. Of a ball of which nothing is stated, the sphericity
-    is the one that the model assumes.
+    ``key`` names a part of the instrument. The sphericity is used if no grade is stated. If nothing
+    is stated about the ball, the text has the sphericity that the model assumes. The text is empty
+    if the part is not a ball, or if only harmonics of the ball's form are stated.
     """
     if key not in ("work", "tool"):
         return ""
@@ -100,10 +101,10 @@ def _sphericity(sphericity_um: float, words: Words) -> str:
 
 
 def _size(key: str, uncertainty: Uncertainty) -> str:
-    """Return the certified uncertainty U (k = 2) of a part of the instrument as text.
+    """Return a text with the certified or assumed uncertainty U (k = 2) of a part.
 
-    ``key`` names the part. For the bar, the error of its length precedes the uncertainty if it is
-    not zero.
+    ``key`` names the part of the instrument, such as ``bar``. For a bar whose error of length is
+    not zero, the text states this error before U.
     """
     if uncertainty.unit == "1" or key == "mount":
         size = f"{two_digits(2.0 * uncertainty.sd / (uncertainty.value or 1.0), 100.0)} %"
@@ -119,7 +120,7 @@ def _size(key: str, uncertainty: Uncertainty) -> str:
 
 
 def _certificate_name(findings: Findings, key: str) -> str:
-    """Return the name of the certificate of a part of the instrument, in brackets.
+    """Return the name, in brackets, of the certificate of a part of the instrument.
 
     ``key`` names the part, such as ``bar``. The text is empty if the part has no certificate.
     """

@@ -1,4 +1,4 @@
-"""Whether the numbers of the certificate can be used, and what the readings do not determine."""
+"""Texts on whether the certificate's numbers can be used, and on what the readings leave open."""
 
 from __future__ import annotations
 
@@ -16,13 +16,14 @@ from ldbb_bayes.report.translation import Words
 
 __all__ = ["banner", "undetermined_texts"]
 
-_MOST_REASONS = 2  # largest number of reasons in the banner on whether the numbers can be used
-_MOST_IN_WORDS = 2  # largest number of quantities that the banner names in words, not as symbols
+_MOST_REASONS = 2  # largest number of reasons that the banner states
+# A reason in the banner names at most this many quantities in words; it names more by symbols.
+_MOST_IN_WORDS = 2
 _MOST_UNDETERMINED = 12  # largest number of undetermined quantities that sheet 1 lists
 
 
 def banner(numbers: SheetNumbers) -> Banner:
-    """Return the banner that states whether the numbers can be used, and the main reasons."""
+    """Return the banner, which states whether the numbers can be used and the main reasons."""
     words = numbers.words
     findings = numbers.findings
     quantities = numbers.parameters
@@ -70,9 +71,10 @@ def banner(numbers: SheetNumbers) -> Banner:
 
 
 def _labels(names: Sequence[str], quantities: Mapping[str, StatedQuantity]) -> list[str]:
-    """Return the names of one or two quantities in words, and of more quantities as symbols.
+    """Return labels for the quantities that a reason in the banner names.
 
-    The names of tests or hyper-parameters are returned as they are.
+    If there are at most two names, the labels are words, otherwise symbols. Names that are not in
+    ``quantities``, such as those of tests and hyper-parameters, are returned unchanged.
     """
     labels = []
     for name in names:
@@ -88,8 +90,8 @@ def _labels(names: Sequence[str], quantities: Mapping[str, StatedQuantity]) -> l
 def _missing_certificates(findings: Findings, words: Words) -> str:
     """Return a note that some or all parts of the instrument have no certificate.
 
-    The note is empty if all have one, or for a fit by least squares, which assumes nothing of the
-    instrument.
+    The note is empty if all parts have a certificate. It is also empty for a fit by least squares,
+    because that fit assumes nothing about the instrument.
     """
     if findings.flat:
         return ""
@@ -102,9 +104,9 @@ def _missing_certificates(findings: Findings, words: Words) -> str:
 
 
 def undetermined_texts(numbers: SheetNumbers) -> list[str]:
-    """Return texts on what the readings do not determine, each with the reason.
+    """Return one text, with a reason, on each thing that the readings do not determine.
 
-    If the readings determine everything, the only text states this.
+    If the readings determine everything, the only text says so.
     """
     words = numbers.words
     items = []

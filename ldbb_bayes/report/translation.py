@@ -1,4 +1,4 @@
-"""Words of the sheets in each language, read from the files templates/words_<language>.toml."""
+"""Texts of the sheets in several languages, from the files templates/words_<language>.toml."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ class Words:
     language
         Code of the language, for example ``en``.
     table
-        Content of the language's catalogue of words.
+        Content of the file templates/words_<language>.toml.
     """
 
     language: str
     table: Mapping[str, Any]
 
     def __call__(self, key: str, **values: str) -> str:
-        """Return the text that has a key such as ``heads.value``, with values filled in.
+        """Return the text with a given key, such as ``heads.value``.
 
-        ``values`` replace the names in braces in the text, such as ``{force}``.
+        The names in braces in the text, such as ``{force}``, are replaced by ``values``.
         """
         words: Any = self.table
         for name in key.split("."):
@@ -46,21 +46,21 @@ class Words:
         return str(words).format(**values)
 
     def number(self, text: str) -> str:
-        """Return a text with the language's decimal mark in its numbers, such as 1,5 in German."""
+        """Return a text whose numbers have the decimal mark of the language, as 1,5 in German."""
         return re.sub(r"(?<=\d)\.(?=\d)", str(self.table["decimal"]), text)
 
     def joined(self, items: Sequence[str]) -> str:
-        """Return items as one text with the language's word for "and", as in "a, b and c"."""
+        """Return items joined to one text, such as "a, b and c", in the language of the sheets."""
         return joined(items, str(self.table["and"]).strip())
 
     def unit(self, label: str) -> str:
-        """Return the label of a unit with the word " per " translated into the language."""
+        """Return the label of a unit, in which the word "per" is translated into the language."""
         return label.replace(" per ", str(self.table["per"]))
 
     def percent(self, probability: float) -> str:
         """Return a probability in per cent as text, such as "40 %".
 
-        It is written as "< 1 %" below 1 %, and as "> 99 %" above 99 %.
+        The text is "< 1 %" for a probability below 1 %, and "> 99 %" for a probability above 99 %.
         """
         shown = min(max(100.0 * probability, 1.0), 99.0)
         sign = ""
@@ -73,8 +73,8 @@ class Words:
     def term(self, name: str) -> str:
         """Return the name of a model term or parameter in the language of the sheets.
 
-        ``name`` is the class name of the term, such as ``BarLength``, or the name of the parameter.
-        Names of terms that a user defined are not translated.
+        ``name`` is the class name of the model term, such as ``BarLength``, or the name of the
+        parameter. The names of terms that a user has defined are not translated.
         """
         if name in self.table["terms"]:
             return str(self.table["terms"][name])
