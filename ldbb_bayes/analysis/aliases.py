@@ -26,7 +26,7 @@ from ldbb_bayes.units import ranked
 __all__ = ["Degeneracy", "degeneracies"]
 
 # Largest number of angles of a test at which the effects of coefficients on the readings are
-# computed. It is enough, because no effect has more than 12 waves per turn.
+# computed. This number is enough, because no effect has more than 12 waves per turn.
 _MOST_ANGLES = 240
 # Angles of readings [rad] that agree to this number of decimals count as one angle.
 _ANGLE_DECIMALS = 9
@@ -46,8 +46,8 @@ _MICROMETRE = 1e-3
 class Degeneracy:
     """A combination of parameters and nuisance coefficients that no reading resolves.
 
-    Nuisance coefficients are effects that are not of interest. Those that the model leaves out are
-    considered too.
+    Nuisance coefficients are effects that are not of interest. Nuisance coefficients that the model
+    leaves out are considered too.
     """
 
     #: class name of the model term that the pivot belongs to; empty if the pivot is a parameter.
@@ -128,11 +128,12 @@ def degeneracies(bound: BoundModel) -> tuple[Degeneracy, ...]:
 
 
 def _parameters_alone_if_unresolved(space: NullSpace, vector: Array) -> Array:
-    """Return a combination with its nuisance coefficients set to zero, if still unresolved then.
+    """Return the parameters of a combination without its nuisance coefficients, where possible.
 
-    If a reading resolves the parameters of the combination alone, the combination is returned
-    unchanged. The combination is ``vector``, shape (m,): the m coefficients in units of their prior
-    standard deviations. ``space`` is the null space of the campaign's design matrix.
+    The nuisance coefficients are set to zero if no reading resolves the resulting combination of
+    parameters alone. If a reading resolves it, the combination is returned unchanged. The
+    combination is ``vector``, shape (m,): the m coefficients in units of their prior standard
+    deviations. ``space`` is the null space of the campaign's design matrix.
     """
     is_parameter = np.arange(len(vector)) < space.parameters
     parameters_only = np.where(is_parameter, vector, 0.0)

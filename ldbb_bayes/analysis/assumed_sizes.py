@@ -1,4 +1,4 @@
-"""Assumed sizes of effects on which results depend, because nobody measured or stated them."""
+"""Assumed sizes of effects: nobody measured or stated these sizes, but results depend on them."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from ldbb_bayes.units import ranked
 __all__ = ["AssumedSize", "DecidingAssumption", "deciding_assumptions"]
 
 # A parameter counts as dependent on an assumed effect if the effect has at least this share of the
-# parameter's variance. Verdicts name effects from the same share on.
+# parameter's variance. Verdicts name effects that have at least the same share.
 _DECIDING_SHARE = 0.05
-# Two sizes count as equal if the larger divided by the smaller is below this.
+# Two sizes count as equal if the larger divided by the smaller is below this number.
 _SAME_SIZE = 1.0 + 1e-9
 
 
@@ -25,7 +25,7 @@ class AssumedSize:
     """Size of an assumed effect: the largest prior standard deviation of its coefficients."""
 
     source: str  #: name of the coefficient, or of the noise, that has this size
-    sd: float  #: its prior standard deviation
+    sd: float  #: prior standard deviation of ``source``
     unit: str  #: internal unit of ``sd``
     #: whether the effect has other coefficients with this unit and a smaller standard deviation
     differs: bool
@@ -42,10 +42,10 @@ class DecidingAssumption(Result):
 
 
 def deciding_assumptions(budgets: Mapping[str, Budget]) -> tuple[DecidingAssumption, ...]:
-    """Return the assumed effects that have 5 % or more of the variance of any parameter.
+    """Return the assumed effects that cause at least 5 % of the variance of at least one parameter.
 
     The sizes are those that the budgets state as the standard uncertainties of the sources. The
-    priors of the parameters themselves are no effects, and are left out.
+    priors of the parameters are not effects, and are left out.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def deciding_assumptions(budgets: Mapping[str, Budget]) -> tuple[DecidingAssumpt
     Returns
     -------
     tuple of DecidingAssumption
-        One for each model term, the one with the largest share first.
+        Each entry is for one model term. The term with the largest share comes first.
     """
     lines_by_term: dict[str, list[Contribution]] = {}
     shares: dict[str, dict[str, float]] = {}
@@ -75,7 +75,7 @@ def deciding_assumptions(budgets: Mapping[str, Budget]) -> tuple[DecidingAssumpt
 
 
 def _sizes(lines: list[Contribution]) -> tuple[AssumedSize, ...]:
-    """Return the largest size in every unit, from the lines of an effect in the budgets.
+    """Return the largest size of an effect in every unit, from its lines in the budgets.
 
     Lines that stand for several coefficients state no size, and are left out.
     """

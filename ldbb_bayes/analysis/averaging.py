@@ -47,8 +47,8 @@ __all__ = ["average"]
 _CHAINS = 4
 # Least number of draws from the averaged posterior that a caller may ask for.
 _FEWEST_DRAWS = 400
-# A model with a posterior probability below this is negligible in the average: the error of its
-# evidence is ignored.
+# A model with a posterior probability below this number is negligible in the average: the error of
+# its evidence is ignored.
 _NEGLIGIBLE_PROBABILITY = 1e-3
 # Largest error of a log evidence [nat] at which the posterior probabilities of models can be
 # trusted.
@@ -124,7 +124,7 @@ def average(
         Seed of the random draws.
     draws : int
         Number of draws in all four chains together, at least 400; it is rounded down to a multiple
-        of four. Each model has a share equal to its probability.
+        of four. The share of each model in the draws equals the probability of the model.
     evidences : Evidences, optional
         Evidences that are known already, for example those that `compare` was given; they are not
         computed again.
@@ -141,8 +141,8 @@ def average(
     Raises
     ------
     InputError
-        For no models, or models that are not nested, a plan (a campaign without readings), a flat
-        prior, too few draws, or evidences of other readings.
+        If no models are given, or the models are not nested. Also for a plan (a campaign without
+        readings), a flat prior, too few draws, or evidences of another campaign.
 
     Examples
     --------
@@ -248,7 +248,7 @@ def _weigh_models(models: Mapping[str, HybridModel], evidences: Evidences) -> _W
 
 
 def _check_nested(bound: BoundModel, largest: BoundModel) -> None:
-    """Refuse a model that is not nested in the largest model.
+    """Raise an `InputError` for a model that is not nested in the largest model.
 
     ``bound`` is nested if it is ``largest`` with some parameters fixed at zero.
     """
@@ -357,7 +357,7 @@ def _averaged_prior(
 ) -> dict[str, dict[str, float]]:
     """Return prior mean and standard deviation of every parameter, averaged over the models.
 
-    The models have equal prior probabilities; a parameter that a model lacks is zero there.
+    The models have equal prior probabilities; a parameter that a model lacks is zero in this model.
     ``prior_sd`` holds the prior standard deviations of the largest model, by name of parameter and
     hyper-parameter; those of the hyper-parameters are returned unchanged.
     """

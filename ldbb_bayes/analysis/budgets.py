@@ -1,9 +1,9 @@
 """Uncertainty budgets of the parameters, in the form of the GUM.
 
-A budget lists the contributors to the uncertainty of one parameter, and for each the standard
-uncertainty, the sensitivity and the share of the variance. Nuisance coefficients are effects that
-are modelled but not of interest; hyper-parameters φ are the scales of the noise and of other
-effects; truncation means that compliances must not be negative.
+A budget lists the sources of the uncertainty of one parameter. For each source it states the
+standard uncertainty, the sensitivity and the share of the variance. Nuisance coefficients are
+effects that are modelled but not of interest; hyper-parameters φ are the scales of the noise and of
+other effects; truncation means that compliances must not be negative.
 
 Given φ, the estimation error of the parameters is a sum of independent parts, one for every source.
 A source is the deviation of a nuisance coefficient from its prior mean, a noise of the readings, or
@@ -14,12 +14,12 @@ of the posterior draws, which includes the truncation and the uncertainty of φ.
 averages over values of φ from the posterior.
 
 In an average over models, the shares are those under every model, weighted with the probability of
-the model times the variance under it; the spread of the models' means is a source of its own, the
-choice between the models.
+the model times the variance under it; the spread of the models' means is a source of its own, which
+is called the choice between the models.
 
-Every source is measured here, stated or assumed (`origins`). If stated and assumed sources together
-have most of the variance, the budget names the largest of them: no number of further circles would
-reduce it.
+The size of every source is measured here, stated or assumed (`origins`). If stated and assumed
+sources together have most of the variance, the budget names the largest of these sources, because
+further circles would not reduce it.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ class Contribution:
     kind: Kind
     origin: Origin  #: where the size of the source comes from: measured here, stated or assumed
     #: standard uncertainty of the source, in the unit ``unit``; None if the source has no single
-    #: one, such as several coefficients together
+    #: standard uncertainty, for example if it consists of several coefficients
     u: float | None
     unit: str  #: unit of the source's standard uncertainty ``u``
     #: change of the parameter's estimate per unit of the source; for noise, the ratio of
@@ -92,11 +92,12 @@ class Budget(Result):
     unit: str
     u: float  #: standard uncertainty of the parameter: its posterior standard deviation
     contributions: tuple[Contribution, ...]
-    #: model term with the largest share of the parameter's variance; if sources that are not
-    #: measured here have more than half of the variance, the term with the largest share of these
+    #: model term with the largest share of the parameter's variance. If sources that are not
+    #: measured here (stated or assumed) have more than half of the variance, only the shares of
+    #: these sources are compared.
     heaviest: str
-    #: standard uncertainty of the parameter if the term ``heaviest`` were known exactly; None if it
-    #: cannot be known (noise of the readings, or the parameters' own priors)
+    #: standard uncertainty of the parameter if the term ``heaviest`` were known exactly; None if
+    #: the term cannot be known (noise of the readings, or the parameters' own priors)
     u_if_known: float | None
 
     def share(self, term: str) -> float:
@@ -104,7 +105,7 @@ class Budget(Result):
         return sum(line.share for line in self.contributions if line.term == term)
 
     def origin_of(self, term: str) -> Origin:
-        """Return the origin of the largest part of a model term's share of the variance."""
+        """Return the origin that has the largest part of a model term's share of the variance."""
         shares = dict.fromkeys(Origin, 0.0)
         for line in self.contributions:
             if line.term == term:
@@ -119,11 +120,12 @@ class _ModelBudget:
     ``model`` is the model with its draws. ``variance``, shape (p,), is the variance of the model's
     p parameters, in internal units. ``phi`` are the mean hyper-parameters, by name. ``covariance``,
     shape (m, m), is the posterior covariance of all m coefficients (parameters and nuisances) at
-    these hyper-parameters, in units of the prior standard deviations. ``shares`` holds, by names of
+    these hyper-parameters, in units of the prior standard deviations; ``information`` is the
+    information of the bound model at the same hyper-parameters. ``shares`` holds, by names of
     source and model term, the share of the source in the variance of each parameter, shape (p,).
     ``ratio_if_known`` holds, by name of a model term, the variance that each parameter would have
-    if the term were known exactly, divided by the one it has, shape (p,). ``origins`` holds the
-    origin of each source.
+    if the term were known exactly, divided by its present variance, shape (p,). ``origins`` holds
+    the origin of each source.
     """
 
     model: AveragedModel
@@ -137,7 +139,7 @@ class _ModelBudget:
 
     @property
     def bound(self) -> BoundModel:
-        """The model, applied to its campaign."""
+        """The model, bound to its campaign."""
         return self.model.bound
 
 
@@ -145,9 +147,10 @@ class _ModelBudget:
 class _ParameterVariance:
     """The variance of one parameter, averaged over models.
 
-    ``budgets`` are those of all models that have the parameter, ``rows`` its place among the
-    parameters of each, and ``weights`` the probability of each model times the variance under it.
-    ``spread`` is the variance of the parameter's mean over the models, None if there is one model.
+    ``budgets``, ``rows`` and ``weights`` have one entry for each model that has the parameter: the
+    budget of the model, the index of the parameter in the model, and the probability of the model
+    times the variance of the parameter under it. ``spread`` is the variance of the parameter's mean
+    over the models; None if there is only one model.
     """
 
     budgets: Sequence[_ModelBudget]
@@ -171,9 +174,10 @@ class _SourceKey(NamedTuple):
 
 @dataclass
 class _Portion:
-    """Share of a source in the variance of one parameter, and the model in which it is largest.
+    """Share of a source in the variance of one parameter, summed over the models of an average.
 
-    ``largest`` is the share from this model, ``row`` the parameter's place in it.
+    ``budget`` is that of the model that adds the largest part to the share. ``largest`` is this
+    part, and ``row`` is the index of the parameter in this model.
     """
 
     share: float
@@ -201,8 +205,8 @@ def budget_uncertainty(posterior: xr.DataTree) -> dict[str, Budget]:
     u_s(y) is the standard uncertainty of y due to s alone. The variance u²(y) is that of the
     posterior draws. Unlike the GUM, it includes the truncation (compliances are not negative) and
     the uncertainty of the hyper-parameters (the scales of the noise and of other effects). The
-    shares are averages over 16 draws of the hyper-parameters; what is measured here is decided at
-    their mean.
+    shares are averages over 16 draws of the hyper-parameters; whether a source is measured here is
+    decided at the mean of the hyper-parameters.
 
     In an average over models m with probabilities p_m, u² is Σ p_m (var_m + (mean_m − mean)²). The
     shares under each model are weighted with p_m var_m, and the spread of the means is a source of
@@ -217,9 +221,9 @@ def budget_uncertainty(posterior: xr.DataTree) -> dict[str, Budget]:
     -------
     dict of str to Budget
         Budget of each parameter by name, in internal units (mm, N, rad). Its ``contributions`` are
-        the lines, the largest share first. Its ``heaviest`` is the term with the largest share; if
-        stated and assumed sources together have more than half of the variance, it is the largest
-        of these.
+        the lines, the largest share first. Its ``heaviest`` is the term with the largest share. If
+        stated and assumed sources together have more than half of the variance, only the shares of
+        these sources are compared.
 
     Raises
     ------
@@ -289,7 +293,11 @@ def _budget_of_model(model: AveragedModel) -> _ModelBudget:
 def _variance_of_parameter(
     budgets: Sequence[_ModelBudget], i: int, spread: float | None
 ) -> _ParameterVariance:
-    """Return the variance of the parameter with index i of the average, under all models."""
+    """Return the variance of one parameter under all models that have it.
+
+    ``i`` is the index of the parameter in the average over models. ``spread`` is the variance of
+    its mean over the models; None if there is only one model.
+    """
     with_parameter = []
     rows = []
     weights = []
@@ -307,8 +315,9 @@ def _average_shares(
 ) -> dict[tuple[str, str], Array]:
     """Return the shares of all sources, averaged over ``count`` draws of the hyper-parameters φ.
 
-    ``phi``, shape (draws, h), are posterior draws of φ; ``covariance`` is the matrix to be divided,
-    see `Information.shares`. The keys are names of source and model term.
+    ``phi``, shape (draws, h), are posterior draws of φ; ``covariance``, shape (p, p), is the
+    covariance of the p parameters, in units of their prior standard deviations, that is shared out
+    among the sources (`Information.shares`). The keys are names of source and model term.
     """
     count = min(count, len(phi))
     chosen = phi[np.linspace(0, len(phi) - 1, count).round().astype(int)]
@@ -361,7 +370,10 @@ def _portions(variance: _ParameterVariance) -> dict[_SourceKey, _Portion]:
 
 
 def _origin_of(budget: _ModelBudget, row: int, source: str, term: str) -> Origin:
-    """Return the origin of a source in the budget of the parameter at ``row`` of a model."""
+    """Return the origin of a source in the budget of the parameter with the index ``row``.
+
+    ``source`` and ``term`` are the names of the source and of its model term.
+    """
     if term == OWN and is_prior_stated(budget.bound, budget.bound.names[row]):
         return Origin.STATED
     return budget.origins[source, term]
@@ -396,8 +408,8 @@ def _contribution(
     """Return the line of a source in a budget, from its share of the parameter's variance.
 
     ``u`` is the standard uncertainty of the parameter, ``source_u`` that of the source in ``unit``,
-    or None if the source has no single one. ``kind`` is the type of evaluation, A or B of the GUM.
-    ``sign`` is the sign of the sensitivity.
+    or None if the source has no single standard uncertainty. ``kind`` is the type of evaluation, A
+    or B of the GUM. ``sign`` is the sign of the sensitivity.
     """
     contribution = float(np.sqrt(max(share, 0.0))) * u
     sensitivity = None
@@ -444,9 +456,9 @@ def _noise_source(bound: BoundModel, term: str, phi: Mapping[Any, float]) -> _No
 def _heaviest_term(contributions: Sequence[Contribution]) -> str:
     """Return the model term with the largest share of a parameter's variance.
 
-    Where sources that are not measured here (stated or assumed) have more than half of the
-    variance, return the term with the largest share of these, because more circles would not reduce
-    them. ``contributions`` are the lines of the parameter's budget.
+    If sources that are not measured here (stated or assumed) have more than half of the variance,
+    only the shares of these sources are compared, because more circles would not reduce them.
+    ``contributions`` are the lines of the parameter's budget.
     """
     shares: dict[str, float] = {}
     not_measured: dict[str, float] = {}

@@ -97,7 +97,7 @@ class Validation(Result):
 
     @property
     def pit(self) -> xr.DataTree:
-        """The ranks scaled to 0 … 1 in ArviZ's group ``prior_sbc``, for ``plot_ecdf_pit``.
+        """The ranks scaled to 0 … 1, as ArviZ's group ``prior_sbc``, for ``plot_ecdf_pit``.
 
         A rank is the number of posterior draws below the true value in a replicate (simulated
         campaign). The scaled rank is (rank + ½) / (draws + 1), where ``draws`` is the number of
@@ -135,7 +135,7 @@ class Validation(Result):
 
         The rank of a quantity is the number of posterior draws below its true value in a simulated
         campaign. A quantity is named if the empirical distribution of its ranks leaves the limits
-        ``band``. If all ranks are uniform, no quantity is named with probability ``prob``.
+        ``band``. If all ranks are uniform, the probability that no quantity is named is ``prob``.
         """
         lower, upper = self.band
         outside = []
@@ -238,8 +238,8 @@ def calibrate(
     sampler : {"independent", "joint"}
         Method of drawing from the posterior, as in `sample`.
     generator : HybridModel, optional
-        Model that simulates the readings. Default: ``model``. Another one shows the effect of an
-        analysis with a wrong model.
+        Model that simulates the readings. Default: ``model``. A different model shows the effect of
+        an analysis with a wrong model.
     prob : float
         Probability that the empirical distributions of the ranks of all quantities stay between
         their limits, ``Validation.band``, if the posterior is calibrated.
@@ -247,7 +247,8 @@ def calibrate(
         Seed of all random numbers.
     executor : Executor, optional
         Executor of ``concurrent.futures`` that runs the replicates in parallel, one BLAS thread
-        each. Default: this process, one after the other. The result does not depend on it.
+        each. Default: this process runs them one after the other. The result does not depend on the
+        executor.
     progress : callable, optional
         Function called with the number of replicates done and their total.
 
@@ -346,7 +347,11 @@ def rank_replicates(
 
 
 def check_numbers_of_replicates(replicates: int, draws: int) -> None:
-    """Raise an `InputError` for too few replicates or posterior draws, or other than whole ones."""
+    """Raise an `InputError` unless both numbers are whole and large enough.
+
+    ``replicates`` is the number of simulated campaigns, and ``draws`` the number of posterior draws
+    of each.
+    """
     limits = (("replicates", replicates, _MIN_REPLICATES), ("draws", draws, _MIN_DRAWS))
     for name, number, least in limits:
         require_whole(name, number)

@@ -1,16 +1,17 @@
 """Circular-test quantities of ISO 230-4 for the machine's own tool path, without the instrument.
 
 The circular deviation G is the width of the narrowest ring about the least-squares centre that
-holds the path. Radial deviations F are stated about two circles with this centre: F_max and F_min
-about the least-squares circle, F_max_nominal and F_min_nominal about the circle with the nominal
-radius, as ISO 230-4 defines them.
+contains the path. Radial deviations F are stated about two circles with this centre: F_max and
+F_min about the least-squares circle, F_max_nominal and F_min_nominal about the circle with the
+nominal radius, as ISO 230-4 defines them.
 
-The uncertainty of the path makes the peak-to-peak value of every posterior draw too large. What it
-adds is removed: the mean of G is that of the posterior mean path; see `extremes`.
+The uncertainty of the path makes the peak-to-peak value of every posterior draw too large. This
+excess is removed, so that the mean of the draws of G equals G of the posterior mean path; see
+`extremes`.
 
 Radial deviations are small compared with the radius R. About a centre that is shifted by (a, b),
 the deviation at angle θ is therefore lower by a cos θ + b sin θ. The error of this approximation is
-at most e²/2R for a shift by e: about 0.01 µm for 50 µm.
+at most e²/2R for a shift by e, for example 0.01 µm for e = 50 µm and R = 125 mm.
 """
 
 from __future__ import annotations
@@ -93,9 +94,9 @@ def predict_circularity(
     """Return circular-test quantities of the machine's own tool path, with credible intervals.
 
     The quantities are those of ISO 230-4, without errors of the instrument, for the first circle of
-    each plane. The circular deviation G is the largest difference of radii along the path. What the
-    uncertainty of the path adds to G, F_max and F_min is removed, so that they are not too large on
-    average where the readings do not determine the path well.
+    each plane. The circular deviation G is the largest difference of radii along the path. The
+    uncertainty of the path makes the sizes of G, F_max and F_min too large where the readings do
+    not determine the path well. On average, this excess is removed.
 
     Parameters
     ----------
@@ -106,21 +107,22 @@ def predict_circularity(
     prob : float
         Probability of the equal-tailed intervals, between 0 and 1.
     draws : int
-        Number of posterior draws used, evenly spaced among all.
+        Number of posterior draws used, evenly spaced among all draws.
 
     Returns
     -------
     DataFrame
-        One row per plane, force and quantity: plane, radius_mm, force_N, quantity, unit, mean, sd,
-        median, ci_low, ci_high. G, F_max and F_min [µm] are taken about the least-squares centre
-        and radius; F_max_nominal and F_min_nominal about the least-squares centre and the nominal
-        radius, which the readings determine only as well as the length of the bar is known. The
-        best estimate of each is its mean. Squareness and scale_mismatch [µm/m] are computed from
-        the second harmonic of the path, and include the effect of compliance. Squareness has the
-        sign of the plane's own parameter, E_C0YX in XY; scale_mismatch is the gain of the first
-        axis minus that of the second. For a plane run in both directions of travel, G, F_max and
-        F_min are those of the mean path. There are then also the bidirectional deviation G_b [µm]
-        and the mean deviation D [µm], which is the mean radius minus the nominal one.
+        One row per plane, force and quantity. Columns are plane, radius_mm, force_N, quantity,
+        unit, mean, sd, median, ci_low, ci_high. G, F_max and F_min [µm] are taken about the
+        least-squares centre and radius; F_max_nominal and F_min_nominal about the least-squares
+        centre and the nominal radius, which the readings determine only as well as the length of
+        the bar is known. The best estimate of each quantity is its mean. Squareness and
+        scale_mismatch [µm/m] are computed from the second harmonic of the path, and include the
+        effect of compliance. Squareness has the sign of the plane's own parameter, E_C0YX in XY;
+        scale_mismatch is the gain of the first axis minus that of the second. For a plane run in
+        both directions of travel, G, F_max and F_min are those of the mean path. For such a plane
+        there are also the bidirectional deviation G_b [µm] and the mean deviation D [µm], which is
+        the mean radius minus the nominal one.
 
     Raises
     ------
@@ -148,7 +150,8 @@ def predict_circularity(
 class PathDraws(NamedTuple):
     """Posterior draws of the quantities of a tool path in one plane at one force."""
 
-    place: dict[str, Any]  #: plane, radius [mm] and force [N] of the path, by name of the column
+    #: plane, radius [mm] and force [N] of the path, by name of the table column
+    place: dict[str, Any]
     #: posterior draws of each quantity of `predict_circularity`, by name, shape (draws,)
     quantities: dict[str, Array]
 
@@ -238,9 +241,10 @@ def _bidirectional_quantities(path_um: Array, half_difference_um: Array) -> dict
 
 
 def summarise_draws(values: Array, prob: float) -> dict[str, float]:
-    """Return sd, median and both ends of the equal-tailed interval of draws, by column name.
+    """Return standard deviation, median and ends of the interval of draws, by column name.
 
-    ``values`` are the draws, shape (draws,); ``prob`` is the probability of the interval.
+    ``values`` are the draws, shape (draws,); ``prob`` is the probability of the equal-tailed
+    interval.
     """
     low, median, high = np.quantile(values, [0.5 - 0.5 * prob, 0.5, 0.5 + 0.5 * prob])
     return {
@@ -290,12 +294,12 @@ def _draw_hysteresis(
 
 
 def _draw_hysteresis_of_model(draws: ModelDraws) -> dict[str, _Hysteresis]:
-    """Return draws of the hysteresis of each plane whose circles run in both directions, by plane.
+    """Return draws of the hysteresis under one model of an average, by plane.
 
-    The model is one of those that an average consists of. Hysteresis changes its sign with the
-    direction of travel, which is +1 or −1 in `Setting`: what is returned is that of travel +1, one
-    part independent of the force and one part per newton. Planes in which the hysteresis is zero in
-    all draws are left out.
+    The planes are those run in both directions of travel; planes in which the hysteresis is zero in
+    all draws are left out. Hysteresis changes its sign with the direction of travel, which is +1 or
+    −1 in `Setting`; it is returned for the travel +1. One part is independent of the force, and one
+    part is per newton.
     """
     bound = draws.bound
     names: list[str] = []

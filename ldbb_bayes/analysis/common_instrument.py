@@ -28,7 +28,7 @@ __all__ = ["Conflict", "JointDifference", "joint_difference", "worst_conflict"]
 
 # The readings of a campaign count as informative about a nuisance coefficient of the instrument if
 # the prior variance of the coefficient exceeds the posterior variance by at least this share of the
-# latter.
+# posterior variance.
 _LEAST_INFORMATION = 0.05
 # Names of the hyper-parameters of the instrument: the scale of the balls' form errors, and the
 # decay of this scale with the number of waves per turn.
@@ -56,7 +56,7 @@ class JointDifference(NamedTuple):
     difference: Array
     sd: Array  #: standard uncertainty of ``difference``, shape (n,)
     #: nuisance coefficient of the common instrument about which the campaigns disagree most; None
-    #: if there is no such coefficient about which the readings of both campaigns are informative
+    #: if there is no coefficient about which the readings of both campaigns are informative
     conflict: Conflict | None
 
 

@@ -74,16 +74,17 @@ SLOPE_SCALES = (0.03, 0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 2.0, 3.0)
 # of the models' own assumption by this or more [nat].
 _REJECTED = 5.0
 # Evidences under an assumption about how circles differ are computed only roughly if the log
-# evidences of both models are at least this much [nat] below the better one under the models' own
-# assumption.
+# evidences of both models are at least this much [nat] below the larger of the two under the
+# models' own assumption.
 _FAR_REJECTED = 10.0
 # Number of posterior draws over which each model's prediction of the readings is averaged.
 _QUALITY_DRAWS = 1000
-# Settings of the quadrature for the posterior mean and standard deviation of parameters. The first
-# is the share of the weight that may be left out; nodes of the smallest weight are skipped. The
-# second is the number of quasi-random points for the condition that no compliance is negative. The
-# third is the largest number of nodes, which are picked by their weights if there are more: means
-# given the nodes scatter by less than a standard deviation, so that the error is about 1 % of it.
+# Settings of the quadrature for the posterior mean and standard deviation of parameters. Its nodes
+# are weighted values of the hyper-parameters. The first setting is the largest share of the weight
+# that may be left out with the nodes of the smallest weight. The second is the number of
+# quasi-random points for the condition that no compliance is negative. The third is the largest
+# number of nodes. If there are more nodes, this number of them is picked in proportion to their
+# weights. This choice causes an error of about 1 % of the posterior standard deviation.
 _NEGLIGIBLE_WEIGHT = 1e-4
 _MOMENT_POINTS = 256
 _MOMENT_NODES = 512
@@ -188,10 +189,11 @@ class ScaledSlopes:
 
 @dataclass(frozen=True)
 class Difference:
-    """A sum over the tests of a campaign, and its standard error from the scatter over them [nat].
+    """A sum over the tests of a campaign, and its standard error [nat].
 
     The summands are the log predictive densities of the tests, or the differences of these
-    densities between two models. ``value`` is the sum and ``se`` its standard error.
+    densities between two models. ``value`` is the sum. ``se`` is its standard error, from the
+    scatter of the summands.
     """
 
     value: Number
@@ -250,8 +252,8 @@ class Comparison(Result):
     compliance_against_force: dict[str, Curve]
     #: every test predicted from the other tests, by name of the test; empty if no test was left out
     tests: dict[str, ComparedTest]
-    #: fits of constant compliance to every two neighbouring forces: the table that `local_fits`
-    #: returns; empty if all tests have one force, or if only evidences were computed
+    #: fits of constant compliance to the tests at every two neighbouring forces: the table that
+    #: `local_fits` returns; empty if all tests have one force, or if only evidences were computed
     local_fits: Records
     #: largest error allowed for a log evidence [nat]. An error of 0.1 nat is allowed under an
     #: assumption whose log evidences are at least 10 nat below that of the models' own assumption.
@@ -471,9 +473,9 @@ def compare(
     campaign : Campaign
         Campaign with readings.
     evidence_only : bool
-        Whether to compute only evidences and how they depend on assumptions, which is three times
-        as fast. Then no test is left out, models with only some of the slopes are not compared, and
-        there are no fits to neighbouring forces.
+        Whether to compute only evidences and how they depend on assumptions, which takes a third of
+        the time. In this case no test is left out, models with only some of the slopes are not
+        compared, and nothing is fitted to the tests at neighbouring forces.
     tolerance : float
         Largest error allowed for a log evidence [nat], from 0.0001 to 1.
     prob : float
@@ -484,11 +486,13 @@ def compare(
     progress : callable, optional
         Function called with the steps done and their total number.
     evidences : Evidences, optional
-        Evidences of this campaign that are known already; new ones are added. `average` can use
-        the same. Where given, their tolerance replaces ``tolerance``.
+        Evidences of this campaign that are known already. New evidences are added to the object,
+        which can then be passed to `average`. If evidences are given, their tolerance replaces
+        ``tolerance``.
     executor : Executor, optional
         Executor of ``concurrent.futures`` that computes local fits, and evidences under other
-        assumptions, in parallel, with the same result. Default: this process.
+        assumptions, in parallel. Default: this process computes them. The result does not depend on
+        the executor.
 
     Returns
     -------
@@ -499,8 +503,8 @@ def compare(
     ------
     InputError
         For fewer than two models, two models that are the same, an improper prior, a plan (a
-        campaign without readings), a tolerance or probability out of range, or evidences of other
-        readings.
+        campaign without readings), a tolerance or probability out of range, or evidences of another
+        campaign.
 
     Examples
     --------
@@ -606,9 +610,9 @@ def _plan_comparison(
     """Return the plan of a comparison: which models to compare, and which results to compute.
 
     With ``evidence_only``, no test is left out, models with only some of the slopes (changes of
-    compliance with force) are not compared, and there are no fits to neighbouring forces. Rival
-    explanations of a change of the readings with force are compared if two conditions hold: the
-    second model is the first with slopes added, and it has rival explanations.
+    compliance with force) are not compared, and nothing is fitted to the tests at neighbouring
+    forces. Rival explanations of a change of the readings with force are compared if two conditions
+    hold: the second model is the first with slopes added, and it has rival explanations.
     """
     first, second = tuple(models)[:2]
     pair = {first: models[first], second: models[second]}
@@ -685,10 +689,10 @@ def _count_steps(plan: _ComparisonPlan, models: int, campaign: Campaign) -> int:
 def _begin_local_fits(
     plan: _ComparisonPlan, campaign: Campaign, prob: float, executor: Executor | None
 ) -> Callable[[], pd.DataFrame]:
-    """Begin the fits of constant compliance to every two neighbouring forces.
+    """Begin the fits of constant compliance to the tests at every two neighbouring forces.
 
     Return a function that waits for the fits and returns their table. The table is empty if the
-    plan has no such fits. ``prob`` is the probability of the credible intervals.
+    plan of the comparison has no such fits. ``prob`` is the probability of the credible intervals.
     """
     if not plan.has_local_fits:
         return pd.DataFrame
@@ -731,8 +735,9 @@ def _weigh_assumptions(
     """Return the log Bayes factor of two models under each assumption, and all precise evidences.
 
     ``names`` are the names of the two models; ``assumptions`` holds both models under each
-    assumption about how circles differ. Rough evidences are computed first. They are used if both
-    log evidences are below ``rejected_below`` [nat]; otherwise precise ones are computed.
+    assumption about how circles differ. Rough evidences are computed first. If both log evidences
+    are below ``rejected_below`` [nat], the rough evidences are used. If not, precise evidences are
+    computed.
     """
     weigh = partial(evidences.unless_rejected, rejected_below)
     return sensitivity.under(names, assumptions, weigh), evidences.every
@@ -816,10 +821,10 @@ def _elpd_differences(log_densities: Mapping[str, Array]) -> dict[str, Differenc
 
 
 def _sum_over_tests(values: Array) -> Difference:
-    """Return the sum of values over the tests, and its standard error from their scatter.
+    """Return the sum of values over the tests, and its standard error from the values' scatter.
 
     ``values`` has one value for each test. The sum is not a number if there are no values; the
-    standard error is not a number for fewer than two.
+    standard error is not a number for fewer than two values.
     """
     n = len(values)
     total = np.nan

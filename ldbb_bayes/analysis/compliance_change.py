@@ -1,7 +1,7 @@
 """Change of compliance with force: the curve C(F) at the ends of the tested forces.
 
-A coefficient such as C_XXX_1 is not this change: what joints that yield to their own load add to
-the curve (the term `JointLoad`) is not in it.
+A slope such as C_XXX_1 does not give the whole change. The curve also has a part that comes from
+joints that yield to their own load (the term `JointLoad`).
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ from ldbb_bayes.results import Array, ByName, Result
 
 __all__ = ["ChangeWithForce", "DrawnValue", "change_with_force"]
 
-# Probabilities are shares of draws; a difference of theirs is rounded to this many decimals.
+# Probabilities are shares of draws. A difference of probabilities is rounded to this number of
+# decimals.
 _DECIMALS_OF_PROBABILITY = 12
 
 
@@ -43,9 +44,9 @@ class DrawnValue(Result):
 class ChangeWithForce(Result):
     """Change of one compliance C(F) over the tested forces F, in internal units (mm, N, rad).
 
-    C(F) of a direct compliance is the deflection along an axis over a bar force F along it. It
-    contains the compliance at the reference force F0, its slopes, and the part of the term
-    `JointLoad`: joints that yield to their own load.
+    C(F) of a direct compliance is the deflection along an axis, divided by a bar force F along the
+    same axis. It is computed from the compliance at the reference force F0, from its slopes, and
+    from the term `JointLoad` (joints that yield to their own load).
 
     Examples
     --------
@@ -68,16 +69,16 @@ class ChangeWithForce(Result):
     #: change divided by C(F0), a pure number; None if the interval of C(F0) contains zero
     relative: DrawnValue | None
     probability_of_increase: float  #: probability that the change is positive
-    #: probability that the change is negative. If some of the models averaged over have no change,
-    #: the sum of both probabilities is below one.
+    #: probability that the change is negative. In an average over models of which some have no
+    #: change, the probabilities of increase and decrease sum to less than one.
     probability_of_decrease: float
 
     @property
     def probability_of_no_change(self) -> float:
         """Probability that there is exactly no change.
 
-        It is that of those models of an average in which the compliance is constant; of a single
-        model it is zero.
+        In an average over models, it is the probability of the models in which the compliance is
+        constant. For a single model it is zero.
         """
         remaining = 1.0 - self.probability_of_increase - self.probability_of_decrease
         return max(round(remaining, _DECIMALS_OF_PROBABILITY), 0.0)
@@ -87,9 +88,9 @@ class ChangeWithForce(Result):
 def change_with_force(posterior: xr.DataTree, *, prob: float = 0.95) -> dict[str, ChangeWithForce]:
     """Return how much each compliance C(F) changes from the smallest tested force to the largest.
 
-    All numbers are those of the posterior draws of the curve C(F), at both forces for each draw. If
-    the posterior is an average over models, draws of models with constant compliance have no
-    change, and count.
+    All numbers are computed from posterior draws of the curve C(F); each draw has a value at both
+    forces. If the posterior is an average over models, draws of models with constant compliance are
+    included; their change is zero.
 
     Parameters
     ----------
@@ -102,8 +103,8 @@ def change_with_force(posterior: xr.DataTree, *, prob: float = 0.95) -> dict[str
     -------
     dict of str to ChangeWithForce
         Change by name of the compliance, such as ``C_XXX``, for every compliance that has a slope
-        or a part of the term `JointLoad`. It is empty if no compliance has, or if all tests have
-        one force.
+        or depends on the term `JointLoad`. The result is empty if there is no such compliance, or
+        if all tests have the same force.
 
     Raises
     ------
@@ -128,7 +129,11 @@ def change_with_force(posterior: xr.DataTree, *, prob: float = 0.95) -> dict[str
 
 
 def _change_of(curves: ForceCurves, draws: CurveDraws, prob: float) -> ChangeWithForce:
-    """Return the change of one compliance from its posterior draws at the three forces."""
+    """Return the change of one compliance from posterior draws of its curve C(F).
+
+    ``draws`` holds its values at the smallest, the reference and the largest force. ``prob`` is the
+    probability of the credible intervals.
+    """
     at_reference = _value_of(draws.at_reference, prob)
     relative = None
     if at_reference.ci_low > 0.0 or at_reference.ci_high < 0.0:

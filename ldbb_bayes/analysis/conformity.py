@@ -3,8 +3,9 @@
 The probability of conformance is p = P(lower ≤ η ≤ upper | y) of JCGM 106, for a quantity η with
 tolerance limits ``lower`` and ``upper``, given the readings y. The decision follows ISO 14253-1.
 The quantity conforms where p is at least the confidence asked for. It does not conform where 1 − p
-is at least the confidence. In between nothing is decided. For a normal posterior and one limit, a
-quantity conforms if its estimate lies inside the limit by at least the guard band.
+is at least the confidence. In all other cases nothing is decided. For a normal posterior and one
+limit, a quantity conforms if its estimate lies inside the limit, at a distance of at least the
+guard band.
 """
 
 from __future__ import annotations
@@ -59,7 +60,7 @@ _LEAST_SD = 1e-300
 
 
 class Decision(StrEnum):
-    """Decision by ISO 14253-1 on a quantity with a tolerance, at the confidence asked for."""
+    """Decision on a quantity with a tolerance, by ISO 14253-1 and at a given confidence."""
 
     CONFORMS = "conforms"
     DOES_NOT_CONFORM = "does not conform"
@@ -115,13 +116,14 @@ def assess_conformity(
     The probability of conformance is p = P(lower ≤ η ≤ upper | y) of JCGM 106, for a quantity η
     with tolerance limits ``lower`` and ``upper``, given the readings y. By ISO 14253-1 the quantity
     conforms if p is at least ``confidence``. It does not conform if 1 − p is at least
-    ``confidence``. Otherwise nothing is decided.
+    ``confidence``. In all other cases nothing is decided.
 
     The probability beyond a limit is the share of the posterior draws beyond it. Where fewer than
-    10 draws lie on one side of the limit, that side has the probability of a normal distribution,
-    but at least the share of the draws and at most 10 / draws. A ``confidence`` above
-    1 − 10 / draws, which is 0.995 for 2000 draws, may therefore rest on a normal distribution, and
-    its tail may be too thin for a skewed posterior. Take more draws for such a confidence.
+    10 draws lie on one side of the limit, the probability of that side is taken from a normal
+    distribution, but it is at least the share of the draws on that side, and at most 10 / draws. A
+    ``confidence`` above 1 − 10 / draws, which is 0.995 for 2000 draws, may therefore rest on a
+    normal distribution, and the tail of this distribution may be too thin for a skewed posterior.
+    Take more draws for such a confidence.
 
     Parameters
     ----------
@@ -131,8 +133,9 @@ def assess_conformity(
         Tolerances by name. Default: those of the campaign. Names are those of parameters,
         ``stiffness_X`` (1/C_XXX), ``k_min``, ``k_max`` and ``k_ratio`` of the stiffness by
         direction (see `stiffness`), and G, F_max and F_min of the machine's circular path, with the
-        plane where there are several (``G_YZ``). Texts have a unit, such as ``60 nm/N``,
-        ``−20..40 µrad`` or ``≥ 18 N/µm``, except of a ratio; a `Tolerance` is in mm, N and rad.
+        plane where there are several (``G_YZ``). A tolerance given as text has a unit, as in ``60
+        nm/N``, ``−20..40 µrad`` or ``≥ 18 N/µm``; a ratio has none. The limits of a `Tolerance` are
+        in mm, N and rad.
     force_N : float, optional
         Force at which compliances, stiffnesses and the circular path are stated [N], from a tenth
         of the smallest force tested to 1.5 times the largest. Default: the model's reference force,
@@ -149,9 +152,9 @@ def assess_conformity(
     Raises
     ------
     InputError
-        For an unknown name, a number without its unit or with one of another kind, limits the
-        wrong way round or below zero for a quantity that cannot be negative, a force or confidence
-        out of range, or a posterior from `to_units`.
+        For an unknown name, a number without a unit or with a unit that does not fit the quantity,
+        a lower limit above the upper limit, a limit below zero for a quantity that cannot be
+        negative, a force or confidence out of range, or a posterior from `to_units`.
 
     Examples
     --------
@@ -320,8 +323,8 @@ def _probability_of_few_draws(count: int, n: int, normal_tail: float) -> float:
     """Return the probability of the side of a limit on which too few of the n draws lie.
 
     It is the tail of a normal distribution, ``normal_tail``, but at least the share ``count`` / n
-    of the draws on this side, and at most ``_FEWEST_DRAWS`` / n. Without a draw on this side,
-    nothing but the normal distribution speaks for the probability.
+    of the draws on this side, and at most ``_FEWEST_DRAWS`` / n. If no draw lies on this side, only
+    the normal distribution determines the probability.
     """
     largest_share = _FEWEST_DRAWS / n
     return max(count / n, min(normal_tail, largest_share))

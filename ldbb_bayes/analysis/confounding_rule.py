@@ -10,8 +10,9 @@ from ldbb_bayes.model.terms.columns import OWN
 
 __all__ = ["NEAR_TIE", "SAME_COMBINATION", "confounding_sources"]
 
-# Two effects act on the same combination of parameters if the squared cosine of the angle between
-# the errors that they cause is at least this.
+# The errors of all parameters that an effect causes form a vector. Two effects act on the same
+# combination of parameters if the squared cosine of the angle between their vectors is at least
+# this.
 SAME_COMBINATION = 0.95
 # An effect with less than this share of a parameter's variance is not named with the verdict on the
 # parameter.
@@ -27,10 +28,11 @@ def confounding_sources(
 ) -> tuple[VarianceSource, ...]:
     """Return the assumed sources with which a parameter is confounded; empty if there are none.
 
-    They have more than half of the parameter's variance, and act on the same combination of
-    parameters. ``sources`` are those of the parameter's variance, the largest share first.
-    ``likeness`` is the squared cosine of the angle between the errors that two sources cause, by
-    their names; if None, all act on the same combination.
+    These sources together have more than half of the parameter's variance, and act on the same
+    combination of parameters. ``sources`` are all sources of the parameter's variance, the largest
+    share first. ``likeness`` is the squared cosine of the angle between the vectors of parameter
+    errors that two sources cause, by the names of the two sources. If ``likeness`` is None, all
+    sources are taken to act on the same combination.
     """
     candidates = []
     for source in sources:

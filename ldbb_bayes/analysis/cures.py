@@ -47,7 +47,7 @@ _FIRST_DIRECTION: Direction = "CW"
 
 
 class Cure(StrEnum):
-    """Remedy that would resolve a degeneracy: further tests of a kind, or a calibration.
+    """Remedy that would resolve a degeneracy: one kind of further tests, or a calibration.
 
     A degeneracy is a combination of parameters and other effects that no reading resolves.
     Further tests are at other forces, with one or both balls turned, at another radius, in the
@@ -70,8 +70,8 @@ def cures(bound: BoundModel, aliases: Sequence[Degeneracy]) -> tuple[tuple[Cure,
     A degeneracy is a combination of parameters and nuisance coefficients (effects that are modelled
     but not of interest) that no reading resolves. To find out whether further tests help, they are
     added to the plan, and the degeneracies of the longer plan are found. Turning both balls is
-    named only if turning one ball does not help. For a degeneracy with a ``term``, a calibration is
-    always among the remedies.
+    named only if turning one ball does not help. If the ``term`` of a degeneracy is not empty, a
+    calibration is always among its remedies.
 
     Parameters
     ----------
@@ -105,17 +105,17 @@ def cures(bound: BoundModel, aliases: Sequence[Degeneracy]) -> tuple[tuple[Cure,
 
 
 def _is_among(degeneracy: Degeneracy, remaining: Sequence[Degeneracy]) -> bool:
-    """Return whether a degeneracy of a plan is among those that remain in a longer plan."""
+    """Return whether a degeneracy of a plan is among the degeneracies of a longer plan."""
     return any(_is_same(degeneracy, candidate) for candidate in remaining)
 
 
 def _is_same(degeneracy: Degeneracy, candidate: Degeneracy) -> bool:
     """Return whether two degeneracies count as the same.
 
-    The pivot of a degeneracy is the coefficient whose effect on the readings the others cancel. Two
-    degeneracies are the same if their pivots are nuisance coefficients of the same kind. Two with
-    parameters as pivots are the same if they have two parameters in common; one is enough if the
-    first degeneracy has only one.
+    The pivot of a degeneracy is the coefficient whose effect on the readings the other coefficients
+    cancel. Two degeneracies are the same if their pivots are nuisance coefficients of the same
+    kind. Two degeneracies with parameters as pivots are the same if they have two parameters in
+    common. One common parameter is enough if the first degeneracy has only one parameter.
     """
     if degeneracy.term != candidate.term:
         return False
@@ -136,7 +136,8 @@ def _pattern(nuisance: str) -> str:
 def _further_tests(plan: Campaign, directed: Directed) -> dict[Cure, list[CircularTest]]:
     """Return the tests that each remedy would add to a plan, by remedy.
 
-    ``directed`` is the plan with the circles in the other direction.
+    ``directed`` holds the circles of the plan, and further circles in the other direction of
+    travel.
     """
     further = {
         Cure.FORCES: _at_other_forces(plan),
@@ -167,11 +168,11 @@ def _at_other_forces(plan: Campaign) -> list[CircularTest]:
 
 
 class Directed(NamedTuple):
-    """Circles of a plan with their direction of travel, and the same in the other direction.
+    """Circles of a plan with their direction of travel, and further circles in the other one.
 
-    ``stated`` are the circles of the plan. Where none of a plane states its direction, it is
-    clockwise here. ``further`` are circles in the direction in which the plane is not run; none for
-    a plane that is run in both.
+    ``stated`` are the circles of the plan. If no circle of a plane states its direction, they are
+    all taken to be clockwise. ``further`` are copies of circles in the direction in which their
+    plane is not run; a plane that is run in both directions has none.
     """
 
     stated: list[CircularTest]
@@ -179,7 +180,7 @@ class Directed(NamedTuple):
 
 
 def in_other_direction(plan: Campaign) -> Directed:
-    """Return the circles of a plan, and further ones in the other direction of travel."""
+    """Return the circles of a plan, and further circles in the other direction of travel."""
     directions_of: dict[str, set[str | None]] = {}
     for test in plan.tests:
         directions_of.setdefault(str(test.plane), set()).add(test.direction)
@@ -223,8 +224,8 @@ def clocked(
 def at_other_radius(plan: Campaign) -> list[CircularTest]:
     """Return copies of all tests of a plan at a radius that the plan does not have.
 
-    The radius is two thirds of that of the test with the lowest force. While a test of the plan has
-    about this radius, it is multiplied by two thirds again.
+    The radius is two thirds of that of the test with the lowest force. If a test of the plan has
+    about this radius, the radius is multiplied by two thirds again, until no test has it.
     """
     radii_of_plan = np.array([test.circle.radius_mm for test in plan.tests])
     radius = float(radii_of_plan[plan.forces_N.argmin()])

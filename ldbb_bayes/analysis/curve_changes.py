@@ -1,8 +1,9 @@
 """Changes C(F_max) − C(F_min) of compliances over the tested forces, as linear functions.
 
-C(F) of a compliance follows from its slopes, and for a direct one also from the coefficients of the
-term `JointLoad` (joints that yield to their own load). The change is therefore a weighted sum of
-coefficients of the linear model, whose uncertainty is known without readings.
+How a compliance C(F) changes follows from its slopes. For a direct compliance, it follows also from
+the coefficients of the term `JointLoad` (joints that yield to their own load). The change is
+therefore a weighted sum of coefficients of the linear model, whose uncertainty is known without
+readings.
 """
 
 from __future__ import annotations
@@ -30,15 +31,16 @@ class CurveChange:
     smallest_force_N: float  #: smallest force tested, F_min [N]
     largest_force_N: float  #: largest force tested, F_max [N]
     slopes: tuple[str, ...]  #: names of the slopes that the change depends on
-    #: change per prior sd of each of the m coefficients of the model, shape (m,), in ``unit``
+    #: change of the compliance, in ``unit``, if one of the m coefficients of the model changes by
+    #: its prior standard deviation, shape (m,)
     weights: Array
 
 
 def curve_changes(bound: BoundModel, information: Information) -> dict[str, CurveChange]:
-    """Return the change of every compliance that may change with force, by its name.
+    """Return the change of every compliance that may change with force, by name.
 
-    The compliances are those with a slope, or with a part of the term `JointLoad`. There are none
-    if all tests have one force.
+    The compliances are those that have a slope, or that depend on the term `JointLoad`. The result
+    is empty if all tests have the same force.
 
     Parameters
     ----------
@@ -79,10 +81,11 @@ def curve_changes(bound: BoundModel, information: Information) -> dict[str, Curv
 
 
 def _joint_load_weights(bound: BoundModel, information: Information, axis: str) -> Array:
-    """Return the change of an axis' compliance per unit of every coefficient, shape (m,).
+    """Return the change of a compliance by the term `JointLoad` per unit of every coefficient.
 
-    Only the part of the term `JointLoad` counts; the weights are zero without this term, and for an
-    axis that no circle drives.
+    The compliance is the direct one of the axis ``axis``. Its change is that from the smallest
+    tested force to the largest. The result has the shape (m,) for m coefficients. It is zero if the
+    model does not have the term, and for an axis that no circle drives.
     """
     weights = np.zeros(len(information.names))
     columns = joint_load_columns(bound.setting, bound.columns_of.get(JointLoad, ())).get(axis)

@@ -43,7 +43,8 @@ class _Differences(NamedTuple):
     interval: Array  #: ends of the equal-tailed interval of the difference, shape (2, n)
     increase: Array  #: probability that the second campaign's value is larger, shape (n,)
     #: coefficient of the common instrument about which the campaigns disagree most; None if the
-    #: instruments are different, or if the readings do not inform about such a coefficient
+    #: instruments are different, or if the readings of both campaigns are informative about no
+    #: coefficient
     conflict: Conflict | None = None
 
 
@@ -80,8 +81,8 @@ def compare_posteriors(
         campaigns at the reference force of the first), difference, sd (of the difference), ci_low,
         ci_high and probability_of_increase. With the same instrument, ``attrs["conflict"]`` is the
         instrument's coefficient about which the campaigns disagree most, and the p-value of the
-        disagreement (Bonferroni). It is None if the readings of both campaigns inform about no such
-        coefficient, and for different instruments.
+        disagreement (Bonferroni). It is None for different instruments, and if the readings of both
+        campaigns are informative about no coefficient of the instrument.
 
     Raises
     ------
@@ -143,8 +144,9 @@ def _compare_one_instrument(
     """Return the differences of two campaigns run with one instrument, assumed to be normal.
 
     ``bounds`` are the models bound to the two campaigns and ``phi`` the mean hyper-parameters of
-    each, shape (h,). ``rows`` are the matrices, shape (n, p), that map the p parameters of each to
-    the n compared ones. ``levels`` are the probabilities below both ends of the interval.
+    each, shape (h,). ``rows`` are the matrices, shape (n, p), that map the p parameters of each
+    campaign to the n compared parameters. ``levels`` are the probabilities below the lower and the
+    upper end of the interval, shape (2,).
     """
     joint = joint_difference(bounds, phi, rows)
     return _Differences(
@@ -161,7 +163,7 @@ def _compare_independent(first: Array, second: Array, levels: Array) -> _Differe
     """Return the differences of n parameters between two independent posteriors.
 
     ``first`` and ``second`` are their posterior draws, shape (draws, n). ``levels`` are the
-    probabilities below both ends of the interval.
+    probabilities below the lower and the upper end of the interval, shape (2,).
     """
     means = np.array([first.mean(axis=0), second.mean(axis=0)])
     rng = np.random.default_rng(0)

@@ -5,10 +5,10 @@ c = cos θ, s = sin θ and the radius R, in the plane XY,
 
     c(θ; F) = C_XXX c² + C_XYX c s + C_YYY s² + R (C_CXY c² s + C_CYY c s²) + R² C_CCY c² s²,
 
-where every compliance is that at the force F: with its slopes, and with the term `JointLoad`, which
-depends on the direction too. The first three compliances are the stiffness at the tool in the
-circle's centre. The other three are what the rotation of an axis under the bar's load adds where
-the tool stands, at x = R c. A stiffness is 1 / c(θ; F).
+where every compliance is taken at the force F: it includes its slopes and the term `JointLoad`,
+which also depends on the direction. The first three compliances determine the deflection of a tool
+in the circle's centre. The other three add the deflection at the tool's position, x = R c, that is
+due to the rotation of an axis under the bar's load. A stiffness is 1 / c(θ; F).
 
 The symmetric matrix S with the elements C_XXX, C_XYX / 2 and C_YYY is the compliance tensor of the
 plane in the circle's centre. Its principal axes are at the angle ½ atan2(C_XYX, C_XXX − C_YYY).
@@ -56,22 +56,22 @@ _STEP_DEG = 5
 # If the credible interval of a compliance begins below this share of its median, only a lower limit
 # of the stiffness is stated.
 _HARDLY_POSITIVE = 0.2
-# Draws of a compliance below this share of its median are raised to it before they are inverted:
-# otherwise the few draws near zero would dominate the standard deviation of the stiffness.
+# Draws of a compliance below this share of its median are raised to it before they are inverted.
+# Without this, the few draws near zero would dominate the standard deviation of the stiffness.
 _SMALLEST_SHARE = 0.1
-# A direction is not determined if its credible interval is at least this wide [°]: it then does not
-# tell one axis of the plane from the other.
+# A direction is not determined if its credible interval is at least this wide [°], because a wider
+# interval may contain both axes of the plane.
 _WIDEST_DEG = 90.0
-# Radius of a circle that stands for its centre: small enough not to change the compliance there
-# [mm].
+# Radius [mm] of a circle so small that the compliance on it is that in its centre.
 _CENTRE_RADIUS_MM = 1e-6
-# Angles from which the tensor of a plane follows: along its first axis, its second, and between.
+# Angles of the directions from which the compliance tensor of a plane is computed: along its first
+# axis, along its second axis, and midway between the two [rad].
 _TENSOR_ANGLES_RAD = np.array([0.0, 0.5 * np.pi, 0.25 * np.pi])
 
 
 @dataclass(frozen=True)
 class StatedValue(Result):
-    """A quantity with its standard uncertainty u, U (k = 2) and credible interval."""
+    """A quantity with standard uncertainty u, expanded uncertainty U = 2 u and an interval."""
 
     unit: str  #: unit of all numbers: N/mm, mm/N, or empty for a ratio
     mean: Number  #: posterior mean
@@ -81,8 +81,8 @@ class StatedValue(Result):
     ci_low: Number  #: lower end of the equal-tailed credible interval
     ci_high: Number  #: upper end of the equal-tailed credible interval
     within_U: float  #: share of the posterior draws within mean ± U
-    #: whether only the lower end is determined: a compliance that may be nearly zero is a stiffness
-    #: without upper limit
+    #: whether only the lower end of the interval is determined: if a compliance may be nearly zero,
+    #: its inverse, the stiffness, has no upper limit
     only_lower_limit: bool = False
 
     @property
@@ -93,10 +93,11 @@ class StatedValue(Result):
 
 @dataclass(frozen=True)
 class AxialDirection(Result):
-    """A direction in a plane, from the plane's first axis, with its uncertainty.
+    """A direction in a plane, as an angle from the plane's first axis, with its uncertainty.
 
     A direction and its opposite are the same. The mean is that of axial directions: half the angle
-    of the mean of exp(2iθ). The interval is stated about the mean and may pass 0° or 180°.
+    of the mean of exp(2iθ). The ends of the interval are stated near the mean, so that they may lie
+    below 0° or above 180°.
     """
 
     angle_deg: float  #: mean direction, from 0° to 180°
@@ -125,13 +126,15 @@ class PlaneStiffness(Result):
     True
     """
 
-    plane: str  #: plane of the circle, such as XY; angles are from its first axis
+    plane: str  #: plane of the circle, such as XY; angles are measured from its first axis
     radius_mm: float  #: radius of the circle, the first one tested in the plane
-    force_N: float  #: force of the bar
-    angle_deg: Numbers  #: angles θ of the bar, shape (n,)
+    force_N: float  #: force of the bar [N]
+    angle_deg: Numbers  #: angles θ of the bar, shape (n,) [°]
     compliance: Numbers  #: posterior mean of the compliance along the bar, shape (n,) [mm/N]
-    compliance_low: Numbers  #: lower ends of its credible intervals, shape (n,) [mm/N]
-    compliance_high: Numbers  #: upper ends of its credible intervals, shape (n,) [mm/N]
+    #: lower ends of the credible intervals of ``compliance``, shape (n,) [mm/N]
+    compliance_low: Numbers
+    #: upper ends of the credible intervals of ``compliance``, shape (n,) [mm/N]
+    compliance_high: Numbers
     least: StatedValue  #: least stiffness along the bar on the circle, k_min
     greatest: StatedValue  #: greatest stiffness along the bar on the circle, k_max
     ratio: StatedValue  #: k_max / k_min
@@ -151,7 +154,8 @@ class PrincipalAxis(Result):
 
     stiffness: StatedValue  #: stiffness along the axis
     direction: tuple[float, float, float]  #: unit vector along X, Y and Z; its sign has no meaning
-    #: half angle of the cone about the direction that holds the credible probability [°]
+    #: half angle of a cone about ``direction`` that contains the true axis with the probability of
+    #: the credible intervals [°]
     cone_deg: float
     is_determined: bool  #: whether the cone is narrower than 45°
 
@@ -163,7 +167,7 @@ class PrincipalStiffness(Result):
     They are the inverse eigenvalues of the compliance tensor in the centre of the first circle.
     """
 
-    force_N: float  #: force of the bar
+    force_N: float  #: force of the bar [N]
     axes: tuple[PrincipalAxis, ...]  #: the three principal axes, softest first
 
 
@@ -180,7 +184,8 @@ class DirectionalStiffness(Result):
     """
 
     prob: float  #: probability of the credible intervals
-    planes: tuple[PlaneStiffness, ...]  #: stiffness of every plane, at every force in turn
+    #: stiffness of every plane at every force, all forces of one plane before the next plane
+    planes: tuple[PlaneStiffness, ...]
     #: principal stiffnesses in space at every force; empty unless three planes were tested
     principal: tuple[PrincipalStiffness, ...] = ()
 
@@ -192,10 +197,10 @@ class DirectionalStiffness(Result):
         """Return all numbers as a table, one row per plane, force and quantity.
 
         Columns are plane, force_N, quantity, unit, mean, sd, U_k2, median, ci_low, ci_high and
-        is_determined. Directions are in degrees. If three planes were tested, the rows of principal
-        stiffnesses have the plane XYZ, and x, y, z and cone_deg of their axis: the components of
-        its unit vector, and the half angle of the cone that holds it with the probability of the
-        intervals.
+        is_determined. Directions are in degrees. If three planes were tested, there are also rows
+        of principal stiffnesses, with the plane XYZ. Columns x, y and z then hold the components of
+        the axis' unit vector. Column cone_deg holds the half angle of a cone about this vector that
+        contains the true axis with the probability of the intervals.
         """
         rows = []
         for plane in self.planes:
@@ -266,8 +271,9 @@ def stiffness(
 
     The compliance along the bar is c(θ; F) = j_C(θ)·C(F): the deflection along the bar at the angle
     θ of the circle, divided by the bar's force F. It includes the slopes of the compliances and the
-    term `JointLoad`. The length of the bar cancels in all numbers; errors of the mount cancel in
-    the difference of two compliances, and errors of the force's gain in the ratio of stiffnesses.
+    term `JointLoad`. An error of the bar's length changes none of the numbers. Errors of the mount
+    cancel in the difference of two compliances. Errors of the force's gain cancel in the ratio of
+    stiffnesses.
 
     Parameters
     ----------
@@ -282,12 +288,12 @@ def stiffness(
     Returns
     -------
     DirectionalStiffness
-        For every plane and force: the compliance along the bar with its band, the least and the
-        greatest stiffness with their directions, their ratio, the direction of the softer principal
-        axis, the cross compliance, and the difference of the direct compliances. If three planes
-        were tested, also the principal stiffnesses in space. If the compliance along the bar is
-        hardly known in some directions, noise makes the least stiffness smaller and the greatest
-        larger; this excess is removed.
+        For every plane and force: the compliance along the bar with its credible intervals, the
+        least and the greatest stiffness with their directions, their ratio, the direction of the
+        softer principal axis, the cross compliance, and the difference of the direct compliances.
+        If three planes were tested, the result also has the principal stiffnesses in space. If the
+        compliance along the bar is hardly known in some directions, noise makes the least stiffness
+        too small and the greatest stiffness too large; this excess is removed.
 
     Raises
     ------
@@ -315,10 +321,11 @@ def stiffness(
 def stiffness_of_fit(
     draws: ModelDraws, force_N: float, *, prob: float = 0.95
 ) -> DirectionalStiffness:
-    """Return the stiffness by direction at one force, as `stiffness` does of a posterior.
+    """Return the stiffness by direction at one force, from draws of a fitted model.
 
-    ``draws`` are posterior draws of one model that has been fitted, and ``force_N`` is the force of
-    the bar [N]. A posterior takes longer to build than its stiffness takes to compute.
+    The result is that of `stiffness`, but no posterior needs to be built, which would take longer
+    than this computation. ``draws`` are posterior draws of the model, ``force_N`` is the force of
+    the bar [N], and ``prob`` is the probability of the credible intervals.
     """
     bound = draws.bound
     forces = _forces(bound, [force_N])
@@ -332,7 +339,9 @@ def _stiffness_of(
 ) -> DirectionalStiffness:
     """Return the stiffness by direction from draws of compliances and deflections.
 
-    ``circles`` are the indices of the tests whose circles the draws are of, one per plane.
+    ``circles`` are the indices of tests, one for each plane. ``draws`` holds the deflections on the
+    circles of these tests, per unit of force, and the compliances at the forces ``forces`` [N].
+    ``prob`` is the probability of the credible intervals.
     """
     planes = []
     for k, r in enumerate(circles):
@@ -369,9 +378,10 @@ def stiffness_draws(posterior: xr.DataTree, force_N: float) -> dict[str, dict[st
 
 
 def _forces(bound: BoundModel, forces_N: Sequence[float]) -> Array:
-    """Return the forces of a result [N]: those asked for, after a check that they are positive.
+    """Return the forces at which stiffness is computed [N], after a check that they are positive.
 
-    By default these are the smallest force tested, the reference force and the largest.
+    They are those of ``forces_N``. If ``forces_N`` is empty, they are the smallest force tested,
+    the reference force and the largest force tested.
     """
     require(
         not isinstance(forces_N, str),
@@ -396,8 +406,9 @@ def _plane_stiffness(
 ) -> PlaneStiffness:
     """Return the stiffness in the plane of the test with index r, at one force.
 
-    ``curve``, shape (draws, 25), holds Fourier coefficients of the compliance along the bar, and
-    ``compliances``, shape (draws, compliances), the compliances themselves.
+    ``curve``, shape (draws, 25), holds posterior draws of the Fourier coefficients of the
+    compliance along the bar. ``compliances``, shape (draws, n), holds draws of the model's n
+    compliances. ``prob`` is the probability of the credible intervals.
     """
     plane = str(bound.setting.plane[r])
     extremes = extremes_of(curve @ basis(ANGLE_RAD).T)
@@ -447,9 +458,10 @@ def _direct_compliance(bound: BoundModel, axis: str, compliances: Array) -> _Nam
 def _cross(
     bound: BoundModel, plane: str, compliances: Array, prob: float
 ) -> tuple[str, StatedValue | None]:
-    """Return the name of a plane's cross compliance, and the compliance itself.
+    """Return the name and the estimate of a plane's cross compliance.
 
-    A cross compliance is the deflection along one axis of the plane per force along the other.
+    If the model has no such compliance, the name is empty and the estimate None. A cross compliance
+    is the deflection along one axis of the plane per force along the other.
     """
     for k, compliance in enumerate(bound.compliances):
         if compliance.kind == "cross" and {compliance.twist, compliance.wrench} == set(plane):
@@ -468,8 +480,8 @@ class _Tensor(NamedTuple):
 def _plane_tensor(bound: BoundModel, r: int, plane: str, compliances: Array) -> _Tensor:
     """Return the compliance tensor of a plane, in the centre of the circle with index r.
 
-    The compliance along a unit vector u in the centre is uᵀ S u. The tensor S follows from three
-    directions.
+    The compliance in the centre along a unit vector u is uᵀ S u. The tensor S is computed from this
+    compliance in three directions.
     """
     circle = bound.campaign.tests[r].circle
     centre = replace(circle, radius_mm=_CENTRE_RADIUS_MM, plane=plane)
@@ -514,7 +526,8 @@ def _principal_stiffness(
 def _stated_stiffness(compliance: Array, prob: float) -> StatedValue:
     """Return the stiffness of a compliance with the given posterior draws [mm/N].
 
-    If the compliance may be nearly zero, only the lower end of the stiffness' interval counts.
+    If the compliance may be nearly zero, the result states that only the lower end of the
+    stiffness' interval is determined. ``prob`` is the probability of the interval.
     """
     return _stated("N/mm", _inverse(compliance), prob, _hardly_positive(compliance, prob))
 
@@ -524,14 +537,14 @@ def _inverse(compliance: Array) -> Array:
 
 
 def _ratio(extremes: CurveExtremes) -> Array:
-    """Return draws of the largest over the smallest compliance, none of them below one."""
+    """Return draws of the largest compliance divided by the smallest, none of them below one."""
     return np.asarray(np.maximum(extremes.largest / _above_zero(extremes.smallest), 1.0))
 
 
 def _above_zero(compliance: Array) -> Array:
-    """Return draws of a compliance, those near or below zero raised to a share of the median.
+    """Return draws of a compliance, in which draws near or below zero are raised.
 
-    If the median is not positive, the share is of the median size.
+    They are raised to the share ``_SMALLEST_SHARE`` of the median of the draws' absolute values.
     """
     floor = _SMALLEST_SHARE * np.median(np.abs(compliance))
     return np.maximum(compliance, max(floor, np.finfo(float).tiny))
@@ -558,7 +571,7 @@ def _stated(unit: str, draws: Array, prob: float, only_lower_limit: bool = False
 
 
 def _share_within(deviation: Array, expanded: float) -> float:
-    """Return the share of deviations from the mean that are no larger than U."""
+    """Return the share of deviations from the mean whose absolute value is at most ``expanded``."""
     return float(np.mean(np.abs(deviation) <= expanded))
 
 

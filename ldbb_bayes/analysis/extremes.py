@@ -1,9 +1,9 @@
 """Largest and smallest values of a curve that is known with an uncertainty.
 
-The largest value of a curve with noise is larger than that of the curve: in a peak-to-peak value,
-noise adds up and never cancels. The mean of the largest values of posterior draws is therefore too
-large by about as much as it exceeds the largest value of the mean curve. The smallest value is too
-small in the same way.
+The largest value of a curve with noise is larger than that of the curve without noise: in a
+peak-to-peak value, noise adds up and never cancels. The mean of the largest values of posterior
+draws is therefore too large by about as much as it exceeds the largest value of the mean curve. The
+smallest value is too small in the same way.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def extremes_of(curves: Array) -> CurveExtremes:
     """Return draws of the largest and the smallest value of a curve, corrected for noise.
 
     ``curves``, shape (draws, points), are posterior draws of the curve. Noise makes the largest
-    value larger and the smallest value smaller; on average, this is taken off.
+    value larger and the smallest value smaller; on average, both changes are removed.
     """
     mean_curve = curves.mean(axis=0)
     return CurveExtremes(
@@ -50,9 +50,10 @@ def extremes_of(curves: Array) -> CurveExtremes:
 
 
 def without_noise_excess(values: Array, at_mean: float) -> Array:
-    """Return posterior draws of a quantity, shifted so that their mean is that of the mean curve.
+    """Return posterior draws of a quantity, shifted so that their mean is ``at_mean``.
 
-    ``values``, shape (draws,), are draws of a quantity such as the largest value of a curve, which
-    noise makes larger. ``at_mean`` is the same quantity of the posterior mean of the curve.
+    ``values``, shape (draws,), are draws of a quantity that noise makes larger, such as the largest
+    value of a curve. ``at_mean`` is the same quantity, computed from the posterior mean of the
+    curve.
     """
     return np.asarray(values - (values.mean() - at_mean))

@@ -1,14 +1,15 @@
 """Comparison of a posterior with the GUM's law of propagation, as JCGM 101, section 8, requires.
 
 y is the estimate of a parameter, u its standard uncertainty and k the coverage factor. The law of
-propagation states y ± k u of a linear model. The scales of the noise and of other effects (the
-hyper-parameters φ) are known in it. JCGM 101 propagates distributions instead; here these are the
-posterior, with φ unknown and, if the model says so, no compliance negative.
+propagation states y ± k u of a linear model, in which the scales of the noise and of other effects
+(the hyper-parameters φ) are known. JCGM 101 propagates distributions instead. Here the distribution
+is the posterior, in which φ is unknown and, if the model says so, no compliance is negative.
 
-The two agree within n significant digits of u if both ends of their intervals differ by at most the
-numerical tolerance δ = 10^l / 2. The standard uncertainty, rounded to n digits, is a whole number
-times 10^l (JCGM 101, 7.9.2 and 8.1). Where they do not agree, JCGM 101 requires the interval of the
-distribution to be stated.
+The law of propagation and the distribution agree within n significant digits of u if the lower ends
+of their intervals differ by at most the numerical tolerance δ = 10^l / 2, and the upper ends too.
+The exponent l follows from u: rounded to n digits, u is a whole number times 10^l (JCGM 101, 7.9.2
+and 8.1). Where the two do not agree, JCGM 101 requires the interval of the distribution to be
+stated.
 """
 
 from __future__ import annotations
@@ -50,7 +51,9 @@ _STANDARD_ERRORS = 2.0
 
 @dataclass(frozen=True)
 class GumComparison(Result):
-    """One parameter by the GUM's law of propagation, and by its distribution (JCGM 101).
+    """Intervals of one parameter by the GUM's law of propagation and by JCGM 101.
+
+    The interval by JCGM 101 is that of the parameter's posterior distribution.
 
     Examples
     --------
@@ -60,7 +63,8 @@ class GumComparison(Result):
     """
 
     unit: str  #: unit of all numbers
-    gum_estimate: float  #: estimate y of the linear model, scales of noise and effects known
+    #: estimate y of the linear model, in which the scales of noise and effects are known
+    gum_estimate: float
     gum_u: float  #: standard uncertainty u of ``gum_estimate``
     gum_low: float  #: lower end y − k u of the interval by the GUM
     gum_high: float  #: upper end y + k u of the interval by the GUM
@@ -69,8 +73,9 @@ class GumComparison(Result):
     low: float  #: lower end of the equal-tailed interval of the distribution
     high: float  #: upper end of the equal-tailed interval of the distribution
     error: float  #: numerical error of ``low`` and ``high``: twice the larger standard error
-    tolerance: float  #: numerical tolerance δ at the digits stated
-    digits: int  #: largest number of significant digits of u within which the two agree, 0 to 2
+    tolerance: float  #: numerical tolerance δ for the number of digits asked for
+    #: largest number of significant digits of u within which the two intervals agree, 0 to 2
+    digits: int
 
     @property
     def d_low(self) -> float:
@@ -84,7 +89,7 @@ class GumComparison(Result):
 
     @property
     def validated(self) -> bool:
-        """Whether the GUM's interval may be used: both ends differ by at most the tolerance."""
+        """Whether the GUM's interval may be used: both ends differ by at most ``tolerance``."""
         return max(self.d_low, self.d_high) <= self.tolerance
 
     @property
@@ -101,7 +106,7 @@ class GumComparison(Result):
 
 @dataclass(frozen=True, eq=False)
 class GumValidation(Result):
-    """The GUM's law of propagation beside the posterior, for every parameter.
+    """Comparison of the GUM's law of propagation with the posterior, for every parameter.
 
     Examples
     --------
@@ -112,8 +117,9 @@ class GumValidation(Result):
     """
 
     prob: float  #: probability of the intervals
-    digits: int  #: number of significant digits of u within which the two are to agree
-    #: probability of the model that is propagated; 1 if the posterior is of one model
+    digits: int  #: number of significant digits of u within which the intervals are to agree
+    #: posterior probability of the model to which the law of propagation is applied; 1 if the
+    #: posterior is that of a single model
     probability_of_model: float
     parameters: dict[str, GumComparison]  #: comparison by name of the parameter
 
@@ -124,7 +130,7 @@ class GumValidation(Result):
 
     @property
     def not_validated(self) -> tuple[str, ...]:
-        """Names of the parameters of which the interval of the distribution is to be used."""
+        """Names of the parameters whose interval from the distribution is to be used."""
         return tuple(name for name, entry in self.parameters.items() if not entry.validated)
 
 
@@ -132,12 +138,12 @@ class GumValidation(Result):
 def validate_gum(
     posterior: xr.DataTree, *, prob: float = 0.95, digits: int = _MOST_DIGITS
 ) -> GumValidation:
-    """Return the GUM's linear propagation beside the posterior, as JCGM 101, section 8, compares.
+    """Compare the GUM's linear propagation with the posterior, as in JCGM 101, section 8.
 
-    The GUM's side is the linear model with the scales of noise and of other effects at their
-    posterior means, where uncertainty budgets are drawn up, and with negative compliances allowed.
-    Its interval is y ± k u with the k of a normal distribution. In an average over models it is of
-    the most probable model alone, because a law of propagation has one model.
+    The law of propagation is applied to the linear model, in which compliances may be negative. The
+    scales of noise and of other effects have their posterior means, as in uncertainty budgets. The
+    interval is y ± k u with the k of a normal distribution. For an average over models, the law is
+    applied to the most probable model alone, because it needs a single model.
 
     Parameters
     ----------
@@ -151,7 +157,7 @@ def validate_gum(
     Returns
     -------
     GumValidation
-        Comparison of every parameter of the model that is propagated, in mm, N and rad.
+        Comparison for every parameter of the model to which the law is applied, in mm, N and rad.
 
     Raises
     ------
@@ -206,13 +212,13 @@ def validate_gum(
 
 
 def _most_probable(models: list[AveragedModel]) -> AveragedModel:
-    """Return the model with most draws; the first of several with equally many."""
+    """Return the most probable model; if several are equally probable, the first of them."""
     probabilities = [model.probability for model in models]
     return models[int(np.argmax(probabilities))]
 
 
 def numerical_tolerance(u: float, digits: int) -> float:
-    """Return the numerical tolerance δ of a standard uncertainty u with significant digits.
+    """Return the numerical tolerance δ of a standard uncertainty u.
 
     Rounded to ``digits`` significant digits, u is a whole number times 10^l; δ is half of 10^l
     (JCGM 101, 7.9.2). It is zero if u is zero.
@@ -226,7 +232,8 @@ def numerical_tolerance(u: float, digits: int) -> float:
 def agreeing_digits(distance: float, u: float) -> int:
     """Return within how many significant digits of u two intervals agree, at most two.
 
-    ``distance`` is the larger of the distances between their lower and between their upper ends.
+    ``distance`` is the distance between the lower ends of the two intervals, or that between their
+    upper ends if it is larger.
     """
     for digits in range(_MOST_DIGITS, 0, -1):
         if distance <= numerical_tolerance(u, digits):

@@ -165,7 +165,8 @@ def _describe_compliances(
 ) -> tuple[VisibleParameter, ...]:
     """Return a description of each compliance that circular tests can determine.
 
-    ``visible`` states which compliances these are, and what each represents.
+    ``visible`` states which compliances these are, and of which compliances each represents a
+    weighted sum.
     """
     jacobians = {}
     for plane, sampled in _sampled_circles(machine, circles).items():

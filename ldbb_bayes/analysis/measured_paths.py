@@ -27,14 +27,15 @@ _FULL_CIRCLE_DEG = 350.0
 
 
 def measure_circularity(posterior: xr.DataTree | Campaign) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Return circular-test quantities of the readings, errors of the instrument included.
+    """Return circular-test quantities of the readings, including errors of the instrument.
 
-    The quantities are those of ISO 230-4, computed from the readings as they are.
+    The quantities are those of ISO 230-4. They are computed from the readings directly.
 
     Parameters
     ----------
     posterior : DataTree or Campaign
-        Campaign with readings, or posterior whose campaign is used; the fit is not used.
+        Campaign with readings, or posterior. Of a posterior, only the campaign is used, not the
+        fit.
 
     Returns
     -------
@@ -128,8 +129,8 @@ def _measure_test(bound: BoundModel, test: CircularTest) -> dict[str, Any]:
 
     The row has the test's conditions and, from its readings, G, F_max, F_min and G of the minimum
     zone [µm], radial deviations from the nominal circle [µm], squareness and scale mismatch [µm/m].
-    The last two are not a number for an arc, and for a circle with too few different angles to tell
-    the Fourier orders apart.
+    Squareness and scale mismatch are not a number for an arc, and for a circle with too few
+    different angles to tell the Fourier orders apart.
     """
     angle, reading = _trace(test)
     zone = least_squares_zone(angle, reading)

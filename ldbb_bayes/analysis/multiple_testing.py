@@ -9,8 +9,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["holm", "pooled_p_value", "uniformity_p_value"]
 
-# Smallest p-value that is pooled, and the smallest distance of a p-value from 1. Their Cauchy
-# quantiles are finite then.
+# Before p-values are pooled, values nearer to 0 or 1 than this are moved to this distance, so that
+# their Cauchy quantiles are finite.
 _LEAST = 1e-12
 
 
@@ -33,11 +33,12 @@ def holm(p_value: Array) -> Array:
 
 
 def pooled_p_value(p_values: Array) -> Array:
-    """Return one p-value from n, which may depend on one another (Cauchy combination).
+    """Return one p-value from n p-values, which may depend on one another (Cauchy combination).
 
-    Every p-value p becomes a Cauchy variate tan((1/2 − p) π). The mean of these is a Cauchy variate
-    too if the p-values are independent, and in its upper tail nearly so if they depend on one
-    another (Liu and Xie, J. Am. Stat. Assoc. 115, 2020).
+    Every p-value p becomes a Cauchy variate tan((1/2 − p) π). If the p-values are independent, the
+    mean of these variates has a Cauchy distribution too. If they depend on one another, the upper
+    tail of its distribution is nearly that of a Cauchy distribution (Liu and Xie, J. Am. Stat.
+    Assoc. 115, 2020).
 
     Parameters
     ----------
@@ -46,7 +47,8 @@ def pooled_p_value(p_values: Array) -> Array:
     """
     clipped = np.clip(p_values, _LEAST, 1.0 - _LEAST)
     mean = np.tan((0.5 - clipped) * np.pi).mean(axis=-1)
-    # The probability that a Cauchy variate exceeds the mean, without loss of digits far out.
+    # The probability that a Cauchy variate exceeds the mean, computed so that no digits are lost if
+    # the mean is large.
     return np.asarray(np.arctan2(1.0, mean) / np.pi)
 
 
@@ -56,9 +58,9 @@ def uniformity_p_value(p_values: Array) -> Array:
     The i-th smallest of n independent uniform values has the distribution Beta(i, n + 1 − i). This
     gives a two-sided p-value for each value; `pooled_p_value` makes one p-value of them. It is the
     test POT of Tesso and Vehtari (LOO-PIT predictive model checking, arXiv:2603.02928, 2026), but
-    large p-values are not left out before they are pooled: without them the test rejects too often
-    if there are few values. The test detects values that are too small, and also values that are
-    all too near one, as from predictions that are too wide.
+    large p-values are not left out before the p-values are pooled: without large p-values, the test
+    would reject too often for small n. The test detects values that are too small, and also values
+    that are all too near one, for example because predictions are too wide.
 
     Parameters
     ----------

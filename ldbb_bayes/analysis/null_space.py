@@ -2,7 +2,7 @@
 
 Coefficients are the parameters of interest and the nuisance coefficients (effects that are modelled
 but not of interest). In each combination of the basis, one coefficient, the pivot, has the value
-one. The others cancel its effect on the readings.
+one. The other coefficients cancel the effect of the pivot on the readings.
 """
 
 from __future__ import annotations
@@ -24,10 +24,11 @@ _SPARSITY_CUTS = (0.02, 1e-3, 1e-5, 1e-8)
 # this share of the limit below which a change cannot be seen.
 _SPARSE_LIMIT_SHARE = 0.5
 # A preferred coefficient becomes a pivot only if its row of an orthonormal basis of the null space
-# is longer than this. The directions of pivots chosen before are first projected out of the row.
+# is longer than this number. The directions of pivots chosen before are first projected out of the
+# row.
 _LEAST_PIVOT_LENGTH = 0.05
-# When the effect of one coefficient on the readings is fitted by those of others, singular values
-# below this share of the largest count as zero.
+# When the effect of one coefficient on the readings is fitted by the effects of other coefficients,
+# singular values below this share of the largest count as zero.
 _RANK_TOLERANCE = 1e-12
 # Decimals to which lengths of rows of the null space's basis are compared, so that rounding errors
 # do not decide which coefficient becomes a pivot.
@@ -48,7 +49,7 @@ class NullSpace:
     parameters
         Number of parameters of interest.
     limit
-        Change of a reading that is too small to be seen, in the unit of ``scaled``.
+        Largest change of a reading that cannot be seen, in the unit of ``scaled``.
     """
 
     def __init__(self, scaled: Array, parameters: int, limit: float) -> None:
@@ -62,10 +63,10 @@ class NullSpace:
         """Return the basis as pairs of pivot and vector; pairs with a nuisance as pivot come first.
 
         A vector is a combination of the m coefficients that no reading resolves, shape (m,). Its
-        pivot is the index of the coefficient that has the value one and whose effect the others
-        cancel. Combinations of parameters alone are found first, then combinations of one nuisance
-        with the remaining parameters, then all others. A nuisance that alone changes no reading
-        noticeably is left out.
+        pivot is the index of the coefficient that has the value one and whose effect the other
+        coefficients cancel. Combinations of parameters alone are found first, then combinations of
+        one nuisance with the remaining parameters, then all other combinations. A nuisance that
+        alone changes no reading noticeably is left out.
         """
         columns = np.arange(len(self.largest))
         is_parameter = columns < self.parameters
@@ -98,7 +99,7 @@ class NullSpace:
         """Return k orthonormal combinations of c coefficients that change no reading, shape (c, k).
 
         The coefficients are those with the indices ``columns``. A change of the readings below the
-        field ``limit`` counts as none.
+        field ``limit`` counts as no change.
         """
         _, singular, right = np.linalg.svd(self._triangle[:, columns])
         singular = np.append(singular, np.zeros(len(columns) - len(singular)))
@@ -131,11 +132,12 @@ class NullSpace:
         return imitations
 
     def _checked_imitation(self, target: int, solved: Array) -> Array | None:
-        """Return a combination that imitates a target coefficient, as sparse as it can be.
+        """Return a combination in which imitators cancel the effect of a target coefficient.
 
-        ``solved``, shape (m,), is the combination with all imitators. Those with the smallest
-        effects are left out if the others suffice. Return None if the combination does not cancel
-        the effect of the target.
+        The effect is that on the readings; imitators are the other coefficients in the combination.
+        ``target`` is the index of the target. ``solved``, shape (m,), is the combination with all
+        imitators. Imitators with the smallest effects are left out if the other imitators suffice.
+        Return None if the combination does not cancel the effect of the target.
         """
         effect = self.largest * np.abs(solved)
         exact_limit = EXACT_SHARE * effect[target]
