@@ -5,8 +5,9 @@ campaign = lb.read_campaign("data/recovered_experiment")
 posterior = lb.sample(lb.HybridModel.default(degree=1), campaign, seed=1)
 print(lb.summarize(posterior))
 
-The model is that of "A Novel Elasto-Geometric Model Exploiting Loaded Circular Test on a Machine
-Tool". Docstrings call it the paper; equations and tables with a number are those of the paper.
+The model is that of the article "A Novel Elasto-Geometric Model Exploiting Loaded Circular Test on
+a Machine Tool". Docstrings call this article the paper. Numbered equations and tables are those of
+the paper.
 """
 
 from difflib import get_close_matches
@@ -53,7 +54,7 @@ def _unknown_name_message(name: str) -> str:
 def _load_words() -> None:
     """Load the functions with which ``print`` shows results as tables and sentences.
 
-    They are loaded only when a result is first printed, because loading them takes time.
+    The functions are loaded only when a result is first printed, because loading them takes time.
     """
     import ldbb_bayes.report.text  # noqa: F401 - it registers how results are printed
 

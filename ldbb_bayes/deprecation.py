@@ -1,4 +1,4 @@
-"""Old public names of version 0.2, which still work with a warning until version 0.4."""
+"""Public names of version 0.2 that were changed; they work, with a warning, until version 0.4."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ __all__ = ["NEW_NAMES", "renamed_keyword", "warn_of_new_name"]
 _Arguments = ParamSpec("_Arguments")
 _Result = TypeVar("_Result")
 
-#: New name of every public function and class of version 0.2 that was renamed or moved, by its old
-#: name. Both names are written after ``lb.``, the usual short name of this package.
+#: Public functions and classes of version 0.2 that were renamed or moved. The keys are the old
+#: names and the values are the new names, both without ``lb.``, the usual short name of this
+#: package.
 NEW_NAMES = {
     "BallForm": "terms.BallForm",
     "BarLength": "terms.BarLength",
@@ -91,7 +92,7 @@ NEW_NAMES = {
 def warn_of_new_name(old: str) -> None:
     """Give a FutureWarning that states the new name of a renamed or moved function or class.
 
-    ``old`` is the public name of this function or class in version 0.2, without ``lb.``.
+    ``old`` is the public name of the function or class in version 0.2, without ``lb.``.
     """
     warnings.warn(
         f"lb.{old} is now lb.{NEW_NAMES[old]}. Use the new name: version 0.4 will not have the old"
@@ -107,7 +108,7 @@ def renamed_keyword(
     """Return a decorator that lets a function still accept the old name of a renamed argument.
 
     ``old`` and ``new`` are the names of the argument. A call with the old name gives a
-    FutureWarning that states the new one; a call with both names raises a TypeError.
+    FutureWarning that states the new name; a call with both names raises a TypeError.
     """
 
     def decorate(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:

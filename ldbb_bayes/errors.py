@@ -21,15 +21,16 @@ __all__ = [
     "require_whole",
 ]
 
-# Longest error message [characters]. Longer ones are shortened, because a message may quote a file.
+# Largest length of an error message [characters]. The middle of a longer message is left out.
+# Messages may be long because they quote files.
 LONGEST_MESSAGE = 1200
 
 
 class InputError(ValueError):
     """Error that is raised for input that cannot be used.
 
-    The message states in one line what must hold, what was found, and how to mend it. The middle
-    of a message longer than 1200 characters is left out. The error is also a ValueError.
+    The message states in one line what must hold, what was found, and how to correct the input. The
+    middle of a message longer than 1200 characters is left out. The error is also a ValueError.
 
     Examples
     --------
@@ -65,7 +66,10 @@ def check_probability(prob: object, name: str = "prob") -> None:
 
 
 def require_whole(name: str, number: object) -> None:
-    """Raise an `InputError` unless ``number`` is a whole number; its message states ``name``."""
+    """Raise an `InputError` unless ``number`` is a whole number.
+
+    ``name`` is the name of the argument in the message.
+    """
     require(
         isinstance(number, SupportsIndex),
         f"{name} must be a whole number, got {number!r}. Give for example {name}=6.",
@@ -73,7 +77,7 @@ def require_whole(name: str, number: object) -> None:
 
 
 def check_seed(seed: object) -> None:
-    """Raise an `InputError` unless a seed of random numbers is a whole number of at least zero."""
+    """Raise an `InputError` unless the seed of random draws is a whole number of at least zero."""
     require(
         isinstance(seed, SupportsIndex) and int(seed) >= 0,
         f"seed must be a whole number of at least 0, got {seed!r}. Give for example seed=1.",
@@ -93,18 +97,22 @@ def placed(place: object) -> Iterator[None]:
 
 
 class _Similarity(NamedTuple):
-    """Measures of how similar two names are, the most important first; larger is more similar."""
+    """Measures of how similar two names are; the most important measure comes first.
+
+    Larger values mean more similar names.
+    """
 
     ratio: float  # share of matching letters, from 0 to 1
     same_letters: bool  # whether both names consist of the same letters in any order
-    first_match_size: int  # number of letters in the first part that both names have in common
+    first_match_size: int  # length [letters] of the first part that both names share
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
     """Return the known name that is most similar to ``name``, which is probably misspelt.
 
-    Among equally similar names, one that consists of the same letters is preferred, then the one
-    with the longer first matching part. Capitals do not matter.
+    If several names are equally similar, a name that consists of the same letters as ``name`` is
+    preferred, and then the name that has the longer first part in common with ``name``. Capitals do
+    not matter.
     """
     lower_name = name.lower()
 
@@ -126,18 +134,18 @@ def check_known(kind: str, names: Iterable[str], known: Iterable[str], more: str
     Parameters
     ----------
     kind
-        Kind of the names, for the message, such as "test" or "option".
+        Word for the kind of the names, such as "test" or "option"; it is used in the message.
     names
         Names that a user gave.
     known
         All valid names; the message lists them and suggests the most similar.
     more
-        Further advice, appended to the message.
+        Further advice that is appended to the message.
 
     Raises
     ------
     InputError
-        For an unknown name.
+        If a name is not known.
     """
     known_names = list(known)
     for name in names:
@@ -158,15 +166,16 @@ def renamed(
     Parameters
     ----------
     kind
-        Kind of thing that has this name, for the warning, such as "the method".
+        Words for what the name denotes, such as "the method"; they are used in the warning.
     name
         Old or current name.
     new_names
-        Dictionary from old names to current names.
+        Dictionary whose keys are old names and whose values are the current names.
     refused_from
         First version of the program that refuses the old name.
     stacklevel
-        Number of calls from here to the code that the warning shows.
+        Level of the call that the warning shows: 1 is the call of `warnings.warn` in this function,
+        2 is the call of this function, and 3 is the call of the function that calls this function.
 
     Returns
     -------

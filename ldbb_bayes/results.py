@@ -55,12 +55,13 @@ T = TypeVar("T")
 Array: TypeAlias = NDArray[Any]
 # Largest size of a result's JSON file that is read [bytes].
 _LARGEST_BYTES = 200_000_000
-# Longest one-line text (``repr``) that displays an object [characters].
+# Largest length of the one-line text (``repr``) of an object [characters].
 _LONGEST_REPR = 80
-# Longest text for the value of one field in the one-line text of an object [characters].
+# Largest length of the text for the value of one field, within the one-line text of an object
+# [characters].
 _LONGEST_VALUE = 56
-# A list, tuple, set or dictionary with more entries than this is displayed in one-line texts by its
-# number of entries only.
+# If a list, tuple, set or dictionary has more entries than this, one-line texts state only the
+# number of its entries.
 _MOST_ENTRIES = 12
 
 
@@ -81,10 +82,10 @@ def _to_list(array: Array) -> Any:
 
 
 def _to_frame(rows: Any) -> pd.DataFrame:
-    """Return a data frame (table of pandas) from the rows of a table as JSON holds them.
+    """Return a data frame (table of pandas) with the rows of a table that were read from JSON.
 
-    The rows are a dictionary of rows by name, or a list of rows. A data frame is returned
-    unchanged.
+    ``rows`` is a dictionary whose keys are the names of the rows, or a list of rows. If it already
+    is a data frame, it is returned unchanged.
     """
     if isinstance(rows, pd.DataFrame):
         return rows
@@ -126,10 +127,11 @@ else:
 
 
 def entries_of(source: Any) -> dict[str, Any]:
-    """Return the displayed attributes of an object, by name.
+    """Return a dictionary with the names and values of the displayed attributes of an object.
 
-    The attributes are those that the object's class lists in ``shown``, or else all fields of a
-    dataclass or pydantic model. For other objects the dictionary is empty.
+    These are the attributes that the object's class lists in ``shown``. If the class lists none,
+    they are all fields of a dataclass or pydantic model. For any other object the dictionary is
+    empty.
     """
     kind = type(source)
     names = getattr(kind, "shown", ())
@@ -143,9 +145,9 @@ def entries_of(source: Any) -> dict[str, Any]:
 def brief(value: Any, longest: int = _LONGEST_VALUE) -> str:
     """Return any value as a text of one line with at most ``longest`` characters.
 
-    Arrays, tables and long collections are displayed by their size. An object is displayed as its
-    class with those of its attributes that are not empty. If the text is too long, attributes that
-    have their default values are left out, and then the last attributes.
+    Arrays, tables and long collections are displayed by their size. An object is displayed as the
+    name of its class with its non-empty attributes. If the text is too long, attributes that have
+    their default values are left out, and if necessary also the last attributes.
     """
     kind = type(value).__name__
     if getattr(value, "shape", ()):
@@ -174,9 +176,9 @@ def _brief_collection(value: Any, longest: int) -> str:
 def _brief_object(value: Any, entries: Mapping[str, Any], longest: int) -> str:
     """Return an object as a text of one line: its class, with ``name=value`` for its attributes.
 
-    ``entries`` are the displayed attributes by name; empty ones are left out. If the line is longer
-    than ``longest`` characters, attributes that have their default values are left out too, and
-    then as many of the last attributes as necessary.
+    ``entries`` holds the names and values of the displayed attributes; empty values are left out.
+    If the line is longer than ``longest`` characters, attributes that have their default values are
+    left out too, and then as many of the last attributes as necessary.
     """
     kind = type(value)
     filled = {name: entry for name, entry in entries.items() if not _is_empty(entry)}
@@ -190,7 +192,8 @@ def _brief_object(value: Any, entries: Mapping[str, Any], longest: int) -> str:
         ]
         text = f"{kind.__name__}({', '.join(assignments)})"
     while len(text) > longest and assignments:
-        # An object within another object is displayed by its class name alone if it is too long.
+        # If the text of an object within another object is too long, only the class name is
+        # displayed.
         assignments = assignments[:-1] if longest == _LONGEST_REPR else []
         text = f"{kind.__name__}({', '.join([*assignments, '…'])})"
     return text
@@ -205,7 +208,7 @@ def _is_default(kind: type, name: str, entry: Any) -> bool:
 
 
 class Shown:
-    """Base class of objects that users see, which defines how they are displayed.
+    """Base class of the objects that users see; it defines how these objects are displayed.
 
     The ``repr`` is one line. ``print`` shows the most important parts on one screen; `details`
     returns all tables and sentences, which notebooks show too.
@@ -215,9 +218,9 @@ class Shown:
     shown: ClassVar[tuple[str, ...]] = ()
 
     def __init_subclass__(cls) -> None:
-        # The decorator ``dataclass`` writes a new method ``__repr__`` unless the class has one. It
-        # is set here, and not by ``repr=False`` in every decorator, because users define such
-        # dataclasses too.
+        # The decorator ``dataclass`` writes a new method ``__repr__`` unless the class already has
+        # one. Therefore the method is set here. To write ``repr=False`` in every decorator would
+        # not suffice, because users define subclasses too.
         super().__init_subclass__()
         if "__repr__" not in vars(cls):
             cls.__repr__ = Shown.__repr__  # type: ignore[method-assign]
@@ -265,8 +268,8 @@ class Result(Shown):
         return result
 
 
-# Converters of results to and from dictionaries, by the class of the result. They are objects of
-# the library pydantic. Each is made when it is first needed.
+# Objects of the library pydantic that convert results to dictionaries and back. The keys are the
+# classes of the results. Each converter is made when it is first needed.
 _ADAPTERS: dict[type, TypeAdapter[Any]] = {}
 
 
@@ -277,7 +280,10 @@ def _adapter(kind: type) -> TypeAdapter[Any]:
 
 
 class ByName(Shown, dict[str, T]):
-    """Dictionary of results by name, which is displayed as one table."""
+    """Dictionary whose keys are names and whose values are results.
+
+    It is displayed as one table.
+    """
 
     def __repr__(self) -> str:
         kind = type(next(iter(self.values()), None)).__name__
@@ -298,7 +304,7 @@ def register_when_displayed(register: Callable[[], object]) -> None:
 
     ``register`` is called without arguments when a result is displayed and the display of its class
     is not defined yet. Thus a program loads the modules that display results only when it displays
-    one.
+    a result.
     """
     _REGISTRATIONS.add(register)
 
@@ -307,8 +313,8 @@ def registered_function(general: Any, result: Any) -> Callable[[Any], Any] | Non
     """Return the function that is registered for the class of ``result``; None if there is none.
 
     ``general`` is a function made by `functools.singledispatch`, for which other modules register
-    one function per class of results. Functions stored by `register_when_displayed` are called
-    first.
+    one function per class of results. Before the function is looked up, the functions that
+    `register_when_displayed` stored are called.
     """
     for register in _REGISTRATIONS:
         register()
@@ -322,8 +328,9 @@ def registered_function(general: Any, result: Any) -> Callable[[Any], Any] | Non
 def parts_of(result: Any) -> tuple[Passage, ...]:
     """Return a result as tables, sentences and lists, in reading order.
 
-    By default this is one table of the result's fields. Other modules, such as
-    `ldbb_bayes.report.text`, register a function for a class with ``@parts_of.register``.
+    By default, one table of the result's fields is returned. Other modules, such as
+    `ldbb_bayes.report.text`, define other parts for a class of results by a function with the
+    decorator ``@parts_of.register``.
     """
     registered = registered_function(parts_of, result)
     if registered is not None:
@@ -337,10 +344,11 @@ def parts_of(result: Any) -> tuple[Passage, ...]:
 
 @singledispatch
 def screen_of(result: Any) -> tuple[Passage, ...]:
-    """Return the tables and sentences about a result that ``print`` shows.
+    """Return those tables and sentences about a result that ``print`` shows.
 
-    By default these are all tables and sentences. For classes of results that fill more than a
-    screen, the module `ldbb_bayes.report.screens` registers functions that return fewer.
+    By default these are all tables and sentences. For classes whose results fill more than a
+    screen, the module `ldbb_bayes.report.screens` registers functions that return only some of the
+    tables and sentences.
     """
     registered = registered_function(screen_of, result)
     if registered is not None:
@@ -409,7 +417,7 @@ def read_result(
     Raises
     ------
     InputError
-        For a file that is missing, damaged, or not written by that command.
+        If the file is missing, is damaged, or was not written by the command.
     """
     source = Path(path)
     if source.is_dir():
@@ -437,7 +445,7 @@ def read_result(
 
 
 def _reason_of(error: Exception) -> str:
-    """Return the message of an error; for an error of pydantic, only its first entry.
+    """Return the message of an error; of an error of pydantic, return only the first entry.
 
     Pydantic is the library that checks the content of files.
     """

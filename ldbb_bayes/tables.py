@@ -27,21 +27,21 @@ __all__ = [
     "wrapped",
 ]
 
-# Largest number of rows that are displayed; of a longer table, the first and the last rows are
+# Largest number of rows that are displayed. Of a longer table, only the first and the last rows are
 # displayed.
 _MOST_ROWS = 60
-# Smallest width of the displayed lines of tables and texts [characters], also used without a
-# terminal.
+# Smallest line width for which tables and texts are laid out [characters]. It is also used if there
+# is no terminal.
 _NARROWEST = 80
-# Largest width of the displayed lines of tables and texts [characters].
+# Largest line width for which tables and texts are laid out [characters].
 _WIDEST = 100
 # Number of lines that is assumed for a terminal of unknown size.
 _TERMINAL_LINES = 24
 # If a table needs more lines than this, ``print`` leaves out the columns that do not fit side by
 # side.
 _SCREEN_LINES = 45
-# The head of a column may be broken into lines as narrow as this [characters]. The widths are tried
-# in this order until the table fits.
+# Smallest widths to which the heads of columns may be broken into lines [characters]. These widths
+# are tried in this order until the table fits.
 _HEAD_WIDTHS = (12, 9, 7, 1)
 # Number of spaces between the columns of a displayed table.
 _GAP = 2
@@ -73,11 +73,11 @@ _ROUNDED_LIKE_U = frozenset(
 )
 # Names of columns that hold a standard uncertainty.
 _STANDARD_UNCERTAINTIES = ("sd", "u")
-# Names of columns with an estimate and its uncertainty. When a table is too wide, columns are moved
-# to lines beneath their rows; these columns are moved last.
+# Names of columns with an estimate and its uncertainty. If a table is too wide, cells of some
+# columns are moved to lines beneath their rows; these columns are moved last.
 _ESTIMATE = frozenset(("mean", "sd", "ci_low", "ci_high", "difference"))
-# Names of columns whose texts are displayed as the names of the rows, if a data frame has only row
-# numbers. If there are several such columns, the first name in this list counts.
+# Names of columns whose texts can name the rows of a data frame. If the rows only have numbers, the
+# first of these columns that the data frame has names the rows.
 _NAMING = ("parameter", "quantity", "source")
 # Regular expression for units before which a line of text must not be broken.
 _UNIT = r"%|°|bar\b|[nµm]?m\b|k?N\b|[nµm]?rad\b|per kN|nats?\b|times\b|u\b"
@@ -103,12 +103,12 @@ _NO_BREAK = "\xa0"
 class Table:
     """Table for display and for files.
 
-    Floating-point numbers are displayed with four significant digits, None as a dash, and other
-    cells as they are.
+    Floating-point numbers are displayed with four significant digits and None as a dash. All other
+    cells are displayed unchanged.
     """
 
     caption: str
-    heads: tuple[str, ...]  #: heads of the columns, with their units, such as force (N)
+    heads: tuple[str, ...]  #: heads of the columns, each with its unit, such as force (N)
     numeric: tuple[bool, ...]  #: whether each column holds numbers, which are aligned right
     rows: tuple[tuple[Any, ...], ...]  #: rows of cells; the first cell of a row is its name
 
@@ -137,17 +137,19 @@ class Table:
 
         If the table is too wide, the heads of its columns are broken into lines. If it is still too
         wide, columns with the same value in every row are stated once below the table. If that is
-        not enough, further columns are moved to lines beneath their rows: first those with texts,
-        then those with numbers, and finally an estimate and its uncertainty.
+        not enough, the cells of further columns are moved to lines beneath their rows: first those
+        of columns with texts, then those of columns with numbers, and finally those of an estimate
+        and its uncertainty.
         """
         return _TextLayout(self, width).text()
 
     def screen(self, width: int = 100) -> str:
-        """Return the table as text for a screen; if it is long, some columns are left out.
+        """Return the table as text for a screen; if the text is long, some columns are left out.
 
         Lines have at most ``width`` characters, as in `text`. If the text has more than 45 lines,
-        the columns that `text` moves to lines beneath their rows are left out, and the last line
-        names them. No row is left out, so that the text may still be longer than a screen.
+        the columns that `text` moves to lines beneath the rows are left out, and the last line
+        names the columns left out. No row is left out, so that the text may still be longer than a
+        screen.
         """
         layout = _TextLayout(self, width)
         text = layout.text()
@@ -186,13 +188,14 @@ class _TextLayout:
         self._numeric = table.numeric
         self._rows = table.shown()
         self._width = width
-        # Indices of columns in three groups: side by side as usual (``_columns``), stated once
-        # below the table because all rows agree (``_constant``), and moved to lines beneath their
-        # rows (``_beneath``).
+        # Every column is in one of three groups, which hold the indices of columns. The columns in
+        # ``_columns`` stand side by side as usual. The columns in ``_constant`` have the same value
+        # in all rows, which is stated once below the table. The cells of the columns in
+        # ``_beneath`` are moved to lines beneath their rows.
         self._columns = list(range(len(self._heads)))
         self._constant: list[int] = []
         self._beneath: list[int] = []
-        # Lines into which the head of each column is broken; a unit is on its own line.
+        # Lines into which the head of each column is broken; the unit is on a separate line.
         self._head_lines = [head.replace(" (", "\n(").split("\n") for head in self._heads]
 
     def text(self) -> str:
@@ -234,8 +237,8 @@ class _TextLayout:
         """Change the layout until the table fits the width, if possible.
 
         First, the heads of columns are broken into lines. If the table is still too wide, columns
-        with one value in all rows are stated once. If that is not enough, further columns are moved
-        to lines beneath their rows.
+        with the same value in all rows are stated once below the table. If that is not enough, the
+        cells of further columns are moved to lines beneath their rows.
         """
         self._break_heads(1)
         if self._is_too_wide() and len(self._rows) > 1:
@@ -254,8 +257,9 @@ class _TextLayout:
     def _importance(self, column: int) -> tuple[bool, bool, bool]:
         """Return the sort key of a column for the order in which columns are moved beneath rows.
 
-        Columns with the smallest key are moved first. The order is texts, numbers, an estimate with
-        its uncertainty, and the unit. ``column`` is the index of the column.
+        Columns with smaller keys are moved earlier: first columns with texts, then columns with
+        numbers, then those of an estimate and its uncertainty, and last the column of the unit.
+        ``column`` is the index of the column.
         """
         head = self._heads[column]
         return head == "unit", head in _ESTIMATE, self._numeric[column]
@@ -290,7 +294,10 @@ class _TextLayout:
             self._head_lines[column] = textwrap.wrap(" ".join(words), line_width)
 
     def _lines_of_heads(self) -> list[str]:
-        """Return the lines of text of the table's head; shorter heads stand at the bottom."""
+        """Return the lines of the table's head.
+
+        Heads of columns that have fewer lines stand at the bottom.
+        """
         height = max(len(self._head_lines[column]) for column in self._columns)
         lines = []
         for line in range(height):
@@ -314,7 +321,11 @@ class _TextLayout:
         return (" " * _GAP).join(aligned).replace(_NO_BREAK, " ").rstrip()
 
     def _entries(self, row: Sequence[str], columns: Iterable[int]) -> str:
-        """Return cells of a row with their heads as text: "noise 0.12 µm; verdict: identified"."""
+        """Return the cells of a row in the given columns as text, each with the head of its column.
+
+        An example is "noise 0.12 µm; verdict: identified". ``columns`` are indices of columns.
+        Empty cells are left out.
+        """
         entries = []
         for column in columns:
             if row[column] not in ("", "–"):
@@ -364,10 +375,12 @@ class ReadableFrame(pd.DataFrame):
 
 
 def _for_print(frame: pd.DataFrame, *, all_rows: bool = False) -> pd.DataFrame:
-    """Return a data frame with the rows that are displayed instead of some of its own rows.
+    """Return a data frame as it is displayed, with substitutes for some of its rows.
 
-    With ``all_rows``, they are displayed beside all of its own rows. A data frame with fewer rows
-    than `with_rows_instead` was given is an excerpt that a user chose; it is returned unchanged.
+    `with_rows_instead` states which rows are replaced and which rows are their substitutes. If
+    ``all_rows`` is true, the substitutes are added, and the replaced rows stay. A data frame that
+    has more or fewer rows than when `with_rows_instead` was called is an excerpt that a user chose;
+    it is returned unchanged.
     """
     instead: _RowsInstead | None = frame.attrs.get("rows_instead")
     if instead is None or len(frame) != instead.length:
@@ -382,11 +395,17 @@ def _for_print(frame: pd.DataFrame, *, all_rows: bool = False) -> pd.DataFrame:
 
 
 class _RowsInstead(NamedTuple):
-    """Rows that are displayed instead of some rows of a data frame, which keeps the latter."""
+    """Substitutes: rows that are displayed in place of some rows of a data frame.
 
-    replaced: tuple[str, ...]  #: names of the rows that only `ReadableFrame.details` displays
-    displayed: Mapping[str, Mapping[str, Any]]  #: rows in their place, by name; cells by column
-    position: int  #: index of the row of the data frame above which they are displayed
+    The data frame itself keeps the replaced rows.
+    """
+
+    #: names of the replaced rows, which only `ReadableFrame.details` displays
+    replaced: tuple[str, ...]
+    #: substitutes: the keys are names of rows, the values are dictionaries of cells by name of the
+    #: column
+    displayed: Mapping[str, Mapping[str, Any]]
+    position: int  #: index of the row of the data frame above which the substitutes are displayed
     length: int  #: number of rows of the whole data frame
 
 
@@ -396,20 +415,22 @@ def with_rows_instead(
     displayed: Mapping[str, Mapping[str, Any]],
     position: int,
 ) -> pd.DataFrame:
-    """Return a data frame from `readable` that displays some rows instead of others.
+    """Make a data frame display substitutes for some of its rows, and return the data frame.
 
-    The data frame itself does not change, and its method ``details`` displays all of these rows.
+    The values in the data frame do not change. Its method ``details`` displays both the replaced
+    rows and their substitutes.
 
     Parameters
     ----------
     frame
         The data frame.
     replaced
-        Names of the rows that are not displayed.
+        Names of the replaced rows.
     displayed
-        Rows that are displayed instead, by name; each row has a cell for every column.
+        Substitutes, which are rows with a cell for every column. The keys are the names of these
+        rows.
     position
-        Index of the row above which they are displayed.
+        Index of the row of the data frame above which the substitutes are displayed.
     """
     rows_instead = _RowsInstead(tuple(replaced), displayed, position, len(frame))
     frame.attrs["rows_instead"] = rows_instead
@@ -431,7 +452,7 @@ def readable(
     caption
         Caption of the table.
     units
-        Units of columns by name, which are displayed in the heads of the columns.
+        Units of columns, which are displayed in the heads. The keys are the names of the columns.
     """
     copy = ReadableFrame(frame)
     copy.attrs = {**frame.attrs, "caption": caption, "units": dict(units or {})}
@@ -502,14 +523,14 @@ def _row_label(label: Hashable) -> Hashable:
 
 
 def _cells_of(names: Sequence[Hashable], values: Sequence[Any]) -> list[Any]:
-    """Return the cells of a row for display: numbers in the display unit, None where missing.
+    """Return the cells of a row for display: numbers in the display unit, None for missing values.
 
     ``names`` are the names of the columns, and ``values`` the values of the row.
     """
     factor = 1.0
     row = dict(zip(names, values, strict=True))
     unit = row.get("unit")
-    with suppress(InputError):  # a row without unit, or with one that is displayed unchanged
+    with suppress(InputError):  # the row has no unit, or a unit that is displayed unchanged
         factor, unit = display_unit(str(unit))
     decimals = _decimals_of(row, factor)
     cells: list[Any] = []
@@ -546,7 +567,7 @@ def wrapped(text: str, width: int, first: str = "", then: str = "") -> list[str]
 
     Lines are not broken between a number and its sign or unit, nor within words and file paths, so
     that a line with a very long word may exceed the width. ``first`` is put in front of the first
-    line and ``then`` in front of the others.
+    line, and ``then`` in front of every further line.
     """
     lines = textwrap.wrap(
         _glued(text),

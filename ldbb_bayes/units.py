@@ -41,15 +41,15 @@ __all__ = [
 ]
 
 T = TypeVar("T")
-# Display unit of each internal unit of compliances: factor from the internal unit to the display
-# unit, and label of the display unit.
+# Display units of compliances. The keys are internal units. Each value is a pair: the factor from
+# the internal unit to the display unit, and the label of the display unit.
 _COMPLIANCE_UNITS = {
     "mm/N": (1e6, "nm/N"),
     "rad/N": (1e9, "nrad/N"),
     "rad/(N mm)": (1e9, "µrad/(N m)"),
 }
-# Display unit of each internal unit of quantities other than compliances: factor from the internal
-# unit to the display unit, and label of the display unit.
+# Display units of quantities other than compliances. The keys are internal units. Each value is a
+# pair: the factor from the internal unit to the display unit, and the label of the display unit.
 _OTHER_UNITS = {
     "1": (1e6, "µm/m"),
     "1/mm": (1e9, "µm/m²"),
@@ -63,11 +63,11 @@ _OTHER_UNITS = {
 
 
 def _display_units() -> dict[str, tuple[float, str]]:
-    """Return the display unit of every internal unit (of mm, N and rad).
+    """Return the display units of all internal units (made of mm, N and rad).
 
-    Each entry is a pair: the factor from the internal unit to the display unit, and the label of
-    the display unit. Linear slopes of a compliance with force are displayed per kN, quadratic ones
-    per kN².
+    The keys are internal units. Each value is a pair: the factor from the internal unit to the
+    display unit, and the label of the display unit. Linear slopes of a compliance with force are
+    displayed per kN, quadratic ones per kN².
     """
     slopes = {}
     curvatures = {}
@@ -77,8 +77,9 @@ def _display_units() -> dict[str, tuple[float, str]]:
     return _COMPLIANCE_UNITS | slopes | curvatures | _OTHER_UNITS
 
 
-# Display unit of every internal unit (of mm, N and rad): factor from the internal unit to the
-# display unit, and label of the display unit.
+# Display units of all internal units (made of mm, N and rad). The keys are internal units. Each
+# value is a pair: the factor from the internal unit to the display unit, and the label of the
+# display unit.
 DISPLAY_UNITS = _display_units()
 
 
@@ -98,7 +99,7 @@ _PREFIXES = {"n": 1e-9, "µ": 1e-6, "m": 1e-3, "": 1.0, "k": 1e3}
 
 
 def _units_to_write() -> dict[str, _Size]:
-    """Return the sizes of the units that a user may write, by name, such as µm or kN.
+    """Return the sizes of the units that a user may write; the keys are names such as µm or kN.
 
     A user may also write quotients and squares of these units.
     """
@@ -117,13 +118,13 @@ def _units_to_write() -> dict[str, _Size]:
     return sizes
 
 
-# Sizes of the units that a user may write, by name; a user may also write quotients and squares of
-# these units.
+# Sizes of the units that a user may write. The keys are the names of the units. A user may also
+# write quotients and squares of these units.
 UNITS_TO_WRITE = _units_to_write()
 # Superscripts of the minus sign and the digits, for powers of ten.
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-# Unit of a setting (such as the standard deviation of a prior) by the ending of its name: sd_um is
-# in µm.
+# The name of a setting (such as the standard deviation of a prior) ends with its unit: sd_um is in
+# µm. The keys are these endings, and the values are the units.
 _UNIT_BY_ENDING = {"um": "um", "mm": "mm", "N": "N", "rad": "rad", "deg": "°"}
 # A compliance may be near zero, and its stiffness without upper limit, if the lower limit of its
 # credible interval is below this share of its median.
@@ -172,7 +173,8 @@ def to_inside(text: str, unit: str, subject: str = "value") -> float:
     Raises
     ------
     InputError
-        For a number without a unit, or a unit of another kind.
+        If the text is not a finite number with a unit of the same kind as ``unit``. If ``unit`` is
+        empty, the text must be a number without a unit.
     """
     match = re.fullmatch(
         r"([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)(.*)",
@@ -202,7 +204,8 @@ def to_inside(text: str, unit: str, subject: str = "value") -> float:
 def _ratio(match: re.Match[str] | None, text: str, subject: str) -> float:
     """Return the number that a text without a unit states.
 
-    ``match`` holds the number and what follows it; None if the text does not begin with a number.
+    ``match`` holds the number and the characters after the number. It is None if the text does not
+    begin with a number. Raise an `InputError` if the text is not a number alone.
     """
     if match is None or match[2].strip():
         raise InputError(f"{subject} must be a number without a unit, got {text!r}. Write 1.5.")
@@ -210,7 +213,7 @@ def _ratio(match: re.Match[str] | None, text: str, subject: str) -> float:
 
 
 def setting_to_inside(name: str, value: Any, subject: str) -> Any:
-    """Return a setting, written as text with a unit, as a number in the unit that its name states.
+    """Return a setting, which is a text with a unit, as a number in the unit that its name states.
 
     For direct_mm_per_N, "60 nm/N" is 6e-5; for sd_um, "3 µm" is 3. A setting whose name has no unit
     is a ratio: "10 %" is 0.1. For such a setting, a text that is not a number with a unit is
@@ -267,7 +270,10 @@ def _size_of(unit: str) -> _Size | None:
 
 
 def _as_quotients(match: re.Match[str]) -> str:
-    """Return the N/m that replaces (N m) in µrad/(N m), so that the unit becomes µrad/N/m."""
+    """Return the units in a bracket as a quotient.
+
+    For (N m) this is N/m, so that µrad/(N m) becomes µrad/N/m.
+    """
     return re.sub(r"[ ·*]+", "/", match[1].strip())
 
 
@@ -289,7 +295,7 @@ def is_slope(name: str) -> bool:
 
 
 def without_slopes(names: Iterable[str]) -> list[str]:
-    """Return names of parameters without those of slopes; all, if they are slopes alone."""
+    """Return the names of parameters that are not slopes; if all are slopes, return all names."""
     listed = list(names)
     return [name for name in listed if not is_slope(name)] or listed
 
@@ -387,7 +393,7 @@ def round_like(value: float, decimals: int) -> str:
     """Return a value rounded to a number of decimals, as text.
 
     A negative number of decimals rounds left of the decimal point: −1 rounds to tens. A value that
-    is rounded to zero has no sign; one that is not finite gives a question mark.
+    is rounded to zero has no sign. A value that is not finite gives a question mark.
     """
     if not math.isfinite(value):
         return "?"
@@ -406,12 +412,13 @@ def value_and_uncertainty(value: float, uncertainty: float) -> tuple[str, str]:
 
 @dataclass(frozen=True)
 class Statement:
-    """Result with its uncertainty as metrologists write it: texts, and their common unit."""
+    """Texts for a result and its uncertainty as metrologists write them, and their common unit."""
 
     value: str  #: value, rounded to the decimal place of the standard uncertainty
     u: str  #: standard uncertainty with two significant digits
-    #: expanded uncertainty (k = 2); for a skewed distribution the distances from the value to the
-    #: ends of the credible interval, written +a / −b, or "see interval" if the value is outside it
+    #: expanded uncertainty (k = 2). If the distribution is skewed, this text states instead the
+    #: distances from the value to the ends of the credible interval, as +a / −b. If the value is
+    #: outside the interval, the text is "see interval".
     expanded: str
     ends: tuple[str, str]  #: lower and upper limit of the credible interval
     unit: str  #: display unit of value, uncertainties and limits
@@ -423,7 +430,7 @@ class Statement:
 
 
 def state(mean: float, sd: float, interval: tuple[float, float], unit: str) -> Statement:
-    """Return a result with its uncertainty as texts in the display unit, such as nm/N.
+    """Return the texts for a result and its uncertainty in the display unit, such as nm/N.
 
     ``mean`` is the value, ``sd`` its standard uncertainty and ``interval`` its credible interval,
     all in the internal unit ``unit`` (of mm, N and rad).
@@ -451,7 +458,8 @@ def _with_minus_sign(value: float, decimals: int) -> str:
 def is_skewed(mean: float, interval: tuple[float, float]) -> bool:
     """Return whether a credible interval is skewed about the mean of its distribution.
 
-    The interval is skewed if its middle differs from the mean by more than a tenth of its width.
+    The interval is skewed if its middle differs from the mean by more than a tenth of the
+    interval's width.
     """
     low, high = interval
     return abs(low + high - 2.0 * mean) > _SKEWED_SHARE * (high - low)
