@@ -1,9 +1,10 @@
-"""Aims of a campaign under way, and how far from them it would be after one more circle.
+"""Aims of a campaign under way, and the distances from them after one more circle.
 
-The distance from an aim is a logarithm: ln (u / u*) of a quantity whose standard uncertainty u is
-to become u*, and ln (t / Φ) of a decision for which the expected log Bayes factor Φ in favour of
-the truth is to become t. It is zero where the aim is expected to be reached, so that distances from
-several aims can be added.
+There are two kinds of aims. One is that a quantity has at most the standard uncertainty u*. If the
+uncertainty u is expected, the distance from this aim is ln(u/u*). The other is that the log Bayes
+factor of the true one of two models is at least t. If the log Bayes factor Φ is expected, the
+distance from this aim is ln(t/Φ). Distances from several aims can be added, because each is zero
+where its aim is expected to be just reached.
 """
 
 from __future__ import annotations
@@ -19,47 +20,64 @@ from ldbb_bayes.results import Array
 
 __all__ = ["Aim", "SlopesAim", "UncertaintyAim", "total_distance"]
 
-# Weight of an aim that is reached already, in the choice of a circle. It is not zero, so that of
-# two circles that are equally good for the other aims the one that is better for this one is
-# chosen.
+# Weight that an aim which is reached already has when a circle is chosen. As the weight is not
+# zero, such an aim still decides between two circles that are equally good for all aims that are
+# not reached.
 _REACHED = 1e-3
-# The expected log Bayes factor counts as at least this [nat], to avoid the logarithm of zero.
+# Smaller expected log Bayes factors [nat] are raised to this value, to avoid the logarithm of zero.
 _LEAST_EVIDENCE = 1e-9
 
 
 class Aim(Protocol):
-    """One aim, judged by covariances of the p parameters in units of their prior sds."""
+    """Aim of a campaign. Its distance is computed from covariances of the parameters."""
 
     @property
     def is_reached(self) -> bool:
         """Whether the aim is reached already."""
 
     def distance(self, covariance: Array) -> Array:
-        """Return the distance for covariances, shape (K, ..., p, p), as the mean over K, (...)."""
+        """Return the distances from the aim, shape (...), averaged over the hyper-parameters.
+
+        ``covariance``, shape (K, ..., p, p), are covariances of the p parameters, in units of their
+        prior standard deviations, at K values of the hyper-parameters. The dimensions (...) are
+        those of several possible circles, treated at once.
+        """
 
 
 @dataclass(frozen=True, eq=False)
 class UncertaintyAim:
     """Aim that the standard uncertainty of a combination w·β of the parameters becomes small.
 
-    Covariances are those at given hyper-parameters (scales of the noise and of other effects).
-    Uncertainties with unknown hyper-parameters are larger.
+    β are the p parameters. Uncertainties are first computed for known hyper-parameters (scales of
+    the noise and of other effects), and then multiplied by ``inflation``, because they are larger
+    if the hyper-parameters are unknown.
     """
 
-    weights: Array  #: w, per prior standard deviation of each of the p parameters, shape (p,)
+    #: weights w of the p parameters in units of their prior standard deviations, shape (p,)
+    weights: Array
     target: float  #: standard uncertainty asked for
-    #: present standard uncertainty, with unknown hyper-parameters, divided by the root mean square
-    #: of those at given ones; uncertainties from covariances are multiplied by it
+    #: factor by which uncertainties are multiplied: the present standard uncertainty with unknown
+    #: hyper-parameters, divided by the root mean square of the present standard uncertainties with
+    #: known hyper-parameters
     inflation: float
     is_reached: bool  #: whether the aim is reached already
 
     def sd(self, covariance: Array) -> Array:
-        """Return expected uncertainties, shape (K, ...), for covariances, shape (K, ..., p, p)."""
+        """Return the standard uncertainties of w·β, shape (K, ...).
+
+        ``covariance``, shape (K, ..., p, p), are covariances of the p parameters, in units of their
+        prior standard deviations, at K values of the hyper-parameters.
+        """
         variance = covariance @ self.weights @ self.weights
         return np.asarray(self.inflation * np.sqrt(np.maximum(variance, 0.0)))
 
     def distance(self, covariance: Array) -> Array:
-        """Return ln (u / u*), shape (...), for covariances, shape (K, ..., p, p)."""
+        """Return the distances ln(u/u*), shape (...), averaged over the hyper-parameters.
+
+        u is the standard uncertainty of w·β, and u* is ``target``. ``covariance``, shape (K, ...,
+        p, p), are covariances of the p parameters, in units of their prior standard deviations, at
+        K values of the hyper-parameters.
+        """
         return np.asarray(np.log(self.sd(covariance) / self.target).mean(axis=0))
 
 
@@ -72,7 +90,12 @@ class SlopesAim:
     is_reached: bool  #: whether the aim is reached already
 
     def distance(self, covariance: Array) -> Array:
-        """Return ln (t / Φ), shape (...), for covariances, shape (K, ..., p, p)."""
+        """Return the distances ln(t/Φ), shape (...), averaged over the hyper-parameters.
+
+        t is ``threshold``, and Φ the expected log Bayes factor in favour of the true model.
+        ``covariance``, shape (K, ..., p, p), are covariances of the p parameters, in units of their
+        prior standard deviations, at K values of the hyper-parameters.
+        """
         of_slopes = covariance[..., self.columns, :][..., self.columns]
         root = np.linalg.cholesky(np.linalg.inv(of_slopes))
         evidence = np.maximum(LogBayesFactor().value(root), _LEAST_EVIDENCE)
@@ -82,8 +105,9 @@ class SlopesAim:
 def total_distance(aims: Sequence[Aim], covariance: Array) -> Array:
     """Return the sum of the distances from all aims, shape (...).
 
-    An aim that is reached, or is expected to be, hardly counts. ``covariance``, shape (K, ..., p,
-    p), are covariances of the parameters at K values of the hyper-parameters.
+    Aims that are reached already, and distances below zero, have the weight 0.001. ``covariance``,
+    shape (K, ..., p, p), are covariances of the p parameters, in units of their prior standard
+    deviations, at K values of the hyper-parameters.
     """
     total = np.zeros(covariance.shape[1:-2])
     for aim in aims:

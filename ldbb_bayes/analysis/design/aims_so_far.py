@@ -1,8 +1,9 @@
-"""Aims of a campaign under way as they stand: reached or not, and how probably after a circle.
+"""Aims of a campaign under way: whether each is reached, now and after one more circle.
 
 An aim is a goal for the expanded uncertainty U (k = 2) of a parameter, or the decision whether a
-quantity keeps its tolerance. Each is judged by the posterior of the circles run, and by the
-covariances of the parameters that are expected after one more circle.
+quantity keeps its tolerance. Whether an aim is reached now follows from the posterior given the
+circles run. Whether it will be reached follows from the covariances of the parameters that are
+expected after one more circle.
 """
 
 from __future__ import annotations
@@ -41,18 +42,19 @@ _NODES = 16
 # Number of values of the hyper-parameters over which means and standard deviations of the
 # parameters are averaged, and number of posterior draws of the parameters.
 _DRAWS = 1024
-# Distance of an estimate from a tolerance limit that the choice of a circle reckons with at least,
-# in present standard uncertainties. With an estimate exactly at the limit, no campaign would be
-# long enough for a decision.
+# Least distance of an estimate from a tolerance limit, in present standard uncertainties. Smaller
+# distances are raised to this value when a circle is chosen: if the estimate is exactly at the
+# limit, no campaign is long enough for a decision.
 _LEAST_DISTANCE = 0.2
-# Least standard uncertainty asked for, relative to the present one. A goal relative to a parameter
-# that may be zero would ask for none at all.
+# Least standard uncertainty that an aim asks for, as a fraction of the present standard
+# uncertainty. Without this limit, a goal relative to a parameter that may be zero would ask for an
+# uncertainty of zero.
 _LEAST_TARGET = 1e-3
 
 
 @dataclass(frozen=True)
 class GoalSoFar(Result):
-    """One goal for an expanded uncertainty U (k = 2) now, and after the best next circle.
+    """State of a goal for an expanded uncertainty U (k = 2): now, and after the best next circle.
 
     All numbers but probabilities are in ``unit``.
     """
@@ -60,23 +62,25 @@ class GoalSoFar(Result):
     unit: str
     value: float  #: posterior mean of the parameter
     U: float  #: expanded uncertainty of the parameter now
-    limit: float  #: largest U that the goal permits; at the posterior mean if it is relative
-    #: probability that the goal is met already; between 0 and 1 if it is relative to the parameter,
-    #: whose true value is not known
+    #: largest U that the goal permits; if the goal is relative to the parameter, the limit at the
+    #: parameter's posterior mean
+    limit: float
+    #: probability that the goal is met already; 0 or 1, except if the goal is relative to the
+    #: parameter, because the true value of the parameter is not known
     probability: float
     U_next: float  #: U expected after the best next circle
     probability_next: float  #: probability that the goal is met after the best next circle
-    #: U that would remain after very many of the best circles; if it is above ``limit``, circles
-    #: alone do not reach the goal
+    #: U that would remain after very many of the best circles; if this U is above ``limit``,
+    #: circles alone do not reach the goal
     U_floor: float
 
 
 @dataclass(frozen=True)
 class ToleranceSoFar(Result):
-    """Decision on a quantity with a tolerance now, and after the best next circle."""
+    """Decision whether a quantity keeps its tolerance: now, and after the best next circle."""
 
     now: Conformity  #: decision now, as `assess_conformity` states it
-    decided_next: float  #: probability that it is decided after the best next circle
+    decided_next: float  #: probability of a decision after the best next circle
 
     @property
     def decided(self) -> bool:
@@ -97,10 +101,10 @@ class Known(NamedTuple):
 
 
 def known_from(nodes: Nodes, seed: int) -> Known:
-    """Return means, standard deviations and draws of the parameters, and hyper-parameters.
+    """Return what a posterior states about the parameters and the hyper-parameters.
 
-    ``nodes`` are weighted values of the hyper-parameters that represent a posterior. ``seed`` is
-    that of the random draws.
+    ``nodes`` are weighted values of the hyper-parameters that represent the posterior. ``seed`` is
+    the seed of the random draws.
     """
     rng = np.random.default_rng(seed)
     mean, sd = nodes.moments(components=_DRAWS)
@@ -110,11 +114,12 @@ def known_from(nodes: Nodes, seed: int) -> Known:
 
 
 def _inflation(sd: float, weights: Array, covariance: Array) -> float:
-    """Return a standard uncertainty divided by the one at given hyper-parameters.
+    """Return the ratio of standard uncertainties with unknown and with known hyper-parameters.
 
-    ``sd`` is the standard uncertainty of a combination of the parameters if the hyper-parameters
-    are unknown. ``weights``, shape (p,), define the combination, and ``covariance``, shape (K, p,
-    p), are the covariances of the parameters at K values of the hyper-parameters.
+    Both are standard uncertainties of one combination of the parameters, whose weights are
+    ``weights``, shape (p,). ``sd`` is the standard uncertainty if the hyper-parameters are unknown.
+    The other is a root mean square over K known values of the hyper-parameters, at which the
+    parameters have the covariances ``covariance``, shape (K, p, p).
     """
     return sd / float(np.sqrt((covariance @ weights @ weights).mean()))
 
@@ -131,22 +136,28 @@ class GoalState:
     aim: UncertaintyAim
 
     def is_met(self) -> Array:
-        """Return whether the goal is met, if the parameter has the value of each posterior draw."""
+        """Return, for each posterior draw of the parameter, whether the goal is met now.
+
+        The result has the shape (n,). The limit of a relative goal depends on the value of the
+        parameter, which is that of the draw.
+        """
         return self.goal.is_met(self.draws, self.sd)
 
     def probability(self, sd: Array) -> float:
-        """Return the probability that the goal is met with some standard uncertainties.
+        """Return the probability that the goal is met if the parameter has a given uncertainty.
 
-        It is a mean over the uncertainties ``sd``, shape (K,), and over the posterior draws of the
-        parameter, because a relative goal depends on its value.
+        ``sd``, shape (K,), are K equally likely values of the standard uncertainty. The probability
+        is a mean over these values and over the posterior draws of the parameter, because the limit
+        of a relative goal depends on the parameter's value.
         """
         limits = self.goal.limit_U(self.draws)
         return float((COVERAGE_FACTOR * sd[:, None] <= limits).mean())
 
     def so_far(self, after: Array, floor: Array) -> GoalSoFar:
-        """Return how far the goal is reached now, after the best next circle and after very many.
+        """Return the state of the goal: now, after the best next circle, and after very many.
 
-        ``after`` and ``floor``, shape (K, p, p), are the covariances of the parameters then.
+        ``after`` are the covariances of the p parameters after the best next circle, and ``floor``
+        those after very many circles, at K values of the hyper-parameters, shape (K, p, p).
         """
         sd_next = self.aim.sd(after)
         expected_sd = min(float(np.sqrt((sd_next**2).mean())), self.sd)
@@ -195,13 +206,13 @@ def goal_states(
 
 @dataclass(frozen=True, eq=False)
 class ToleranceState:
-    """The decision on a tolerance now, and the aim that follows."""
+    """The present decision on a quantity with a tolerance, and the aim to reach a decision."""
 
     now: Conformity
     aim: UncertaintyAim
 
     def so_far(self, after: Array) -> ToleranceSoFar:
-        """Return the decision now, and the probability of one after the best next circle.
+        """Return the present decision, and the probability of one after the best next circle.
 
         ``after``, shape (K, p, p), are the covariances of the parameters after that circle.
         """
@@ -223,10 +234,11 @@ def tolerance_states(
     covariance: Array,
     confidence: float,
 ) -> dict[str, ToleranceState]:
-    """Return the decision on every tolerance, and the aim to decide it.
+    """Return the present decision on every quantity with a tolerance, and the aim to decide.
 
-    A quantity, such as a stiffness, is approximated by a linear function of the parameters, fitted
-    to the posterior draws. The other arguments are those of `goal_states`.
+    The keys are the names of the quantities. A quantity, such as a stiffness, is approximated by a
+    linear function of the parameters, which is fitted to the draws in ``posterior``. ``tolerances``
+    holds the tolerance of each quantity. The other arguments are those of `goal_states`.
     """
     decisions = assess_conformity(posterior, tolerances, confidence=confidence)
     draws = quantity_draws(posterior, decisions)

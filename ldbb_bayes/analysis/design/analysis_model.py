@@ -1,4 +1,4 @@
-"""The model for an analysis of planned tests alone, with what their pilot fixed.
+"""The model for an analysis of planned tests alone, with settings that their pilot fixed.
 
 The pilot is the campaign or plan that a design starts from.
 """
@@ -35,8 +35,8 @@ def analysis_model(space: Space, tests: Sequence[CircularTest]) -> HybridModel:
     force_range_N = max(forces) - min(forces)
     if not (prior.flat or np.isclose(force_range_N, setting.force_range_N, rtol=1e-9)):
         # The default prior standard deviation of a slope depends on the range of force of the
-        # tests. State its value for the campaign that the design starts from, so that the model
-        # keeps it.
+        # tests. State the value for the campaign that the design starts from, so that the model
+        # keeps this value.
         for parameter in space.bound.parameters:
             if parameter.group == "slope":
                 overrides[parameter.name] = parameter.prior_sd

@@ -1,14 +1,17 @@
-"""Scales of noise and effects as the analysis of tests not yet run will believe them.
+"""Scales of noise and effects that the analysis of planned tests may believe in.
 
 φ are the hyper-parameters: the scales of the noise and of other effects. An analysis does not know
-the true scales of a machine. It estimates them from the readings and its prior, and what it states
-as uncertainty is an average over all scales that it then believes possible. Three clean circles do
-not prove that the fourth would be clean.
+the true scales of a machine. It estimates the scales from the readings and the prior, and the
+uncertainty that it states is an average over all scales that it believes to be possible. These
+include large scales even if the readings scatter little: three circles that agree do not prove that
+a fourth circle would agree with them.
 
-The normal score of a scale is Φ⁻¹ of its prior probability, so that the prior of all scores v is
-N(0, 1). Readings y ~ N(0, V(v)) carry the Fisher information I_ij = ½ tr(V⁻¹ ∂_iV V⁻¹ ∂_jV) about
-them. The belief is approximated by the Gaussian of precision 1 + I. Its mean is (1 + I)⁻¹ I v̂,
-where v̂ ~ N(v, I⁻¹) scatters about the true scores v as an efficient estimate does.
+The normal score of a scale is the standard normal quantile of the scale's cumulative prior
+probability, so that the prior of the scores v is N(0, 1). Readings y ~ N(0, V(v)) carry the Fisher
+information I_ij = ½ tr(V⁻¹ ∂_iV V⁻¹ ∂_jV) about the scores. What the analysis believes about the
+scores is approximated by a Gaussian with the precision 1 + I and the mean (1 + I)⁻¹ I v̂. Here v̂ ~
+N(v, I⁻¹) is a random estimate, which scatters about the true scores v as an efficient estimate
+does.
 """
 
 from __future__ import annotations
@@ -25,13 +28,15 @@ from ldbb_bayes.results import Array
 
 __all__ = ["believed_scales", "fisher_information"]
 
-# The normal score of a scale is the standard normal quantile at the scale's prior probability.
-# Scores are limited to this absolute value: the prior probability beyond is below 1e-9.
+# The normal score of a scale is the standard normal quantile of the scale's cumulative prior
+# probability. Scores are limited to this absolute value; the prior probability that a score exceeds
+# it is below 1e-9.
 _LARGEST_SCORE = 6.0
 # Step of the central differences of variances with respect to the normal scores of scales.
 _STEP = 0.1
-# Scales count as known to the analysis where there are more circles than this: the average over
-# what it believes then differs little from the value at the true scales, and costs most.
+# If there are more circles than this, the analysis is assumed to know the true scales. An average
+# over the scales that the analysis believes in would then differ little from the value at the true
+# scales, and would take the longest time to compute.
 _MOST_CIRCLES = 24
 
 
@@ -45,15 +50,15 @@ def believed_scales(bound: BoundModel, phi: Array, draws: int, seed: int) -> Arr
     phi
         True hyper-parameters of K possible machines, shape (K, h), lengths in mm.
     draws
-        Number of values drawn from the belief of each analysis.
+        Number of values of the hyper-parameters drawn for each machine.
     seed
         Seed of the random numbers.
 
     Returns
     -------
     Array
-        Hyper-parameters, shape (K, draws, h). They are the true ones where there are more than 24
-        circles.
+        Hyper-parameters, shape (K, draws, h), lengths in mm. If there are more than 24 circles, all
+        are the true values ``phi``.
     """
     machines, size = phi.shape
     if len(bound.campaign.tests) > _MOST_CIRCLES:
@@ -65,8 +70,8 @@ def believed_scales(bound: BoundModel, phi: Array, draws: int, seed: int) -> Arr
     error_of_estimate = rng.standard_normal((machines, size))
     spread_of_belief = rng.standard_normal((machines, draws, size))
     first = _belief(truth, fisher_information(bound, truth), error_of_estimate)
-    # The information about a scale grows with the scale. Half-way between the truth and the first
-    # estimate it is a better average than at the truth.
+    # The Fisher information about a scale grows with the scale. Its value half-way between the true
+    # scores and the first estimate is a better average than its value at the true scores.
     middle = 0.5 * (truth + first.mean)
     belief = _belief(truth, fisher_information(bound, middle), error_of_estimate)
     scores = belief.mean[:, None] + np.einsum("kij,knj->kni", belief.root, spread_of_belief)
@@ -77,20 +82,21 @@ def believed_scales(bound: BoundModel, phi: Array, draws: int, seed: int) -> Arr
 class _Belief(NamedTuple):
     """Gaussian approximations of what K analyses believe about the normal scores of h scales."""
 
-    mean: Array  # shape (K, h)
-    root: Array  # square root of the covariance, shape (K, h, h)
+    mean: Array  # means of the scores, shape (K, h)
+    root: Array  # square roots of the covariances of the scores, shape (K, h, h)
 
 
 def _belief(truth: Array, information: Array, error: Array) -> _Belief:
-    """Return the beliefs of K analyses, given the true scores and the information about them.
+    """Return what K analyses believe about the normal scores of h scales.
 
-    ``truth``, shape (K, h), are the true scores, ``information``, shape (K, h, h), is the Fisher
-    information of the readings, and ``error``, shape (K, h), standard normal errors of estimates.
+    ``truth``, shape (K, h), are the true scores. ``information``, shape (K, h, h), is the Fisher
+    information of the readings about the scores. ``error``, shape (K, h), are standard normal
+    random numbers, from which the errors of the estimates are computed.
     """
     size, axes = np.linalg.eigh(information)
     size = np.maximum(size, 0.0)
-    # All matrices are symmetric functions of the information: they do not depend on the signs and
-    # the order of its axes.
+    # All matrices below are symmetric functions of the information matrix, so that they do not
+    # depend on the signs and the order of its eigenvectors.
     weight = _along(axes, size / (size + 1.0))
     noise = _along(axes, np.sqrt(size) / (size + 1.0))
     mean = np.einsum("kij,kj->ki", weight, truth) + np.einsum("kij,kj->ki", noise, error)
@@ -98,7 +104,11 @@ def _belief(truth: Array, information: Array, error: Array) -> _Belief:
 
 
 def _along(axes: Array, values: Array) -> Array:
-    """Return symmetric matrices with given eigenvectors, shape (K, h, h), and values, (K, h)."""
+    """Return symmetric matrices with given eigenvectors and eigenvalues, shape (K, h, h).
+
+    The columns of ``axes``, shape (K, h, h), are the eigenvectors; ``values``, shape (K, h), are
+    the eigenvalues.
+    """
     return np.asarray((axes * values[:, None]) @ np.swapaxes(axes, -1, -2))
 
 
@@ -106,14 +116,16 @@ def fisher_information(bound: BoundModel, scores: Array) -> Array:
     """Return the Fisher information of planned readings about the normal scores of the scales.
 
     The parameters of interest and all other effects are integrated out: the readings have the
-    covariance V = Σ_c s_c x_c x_cᵀ + σ², with one column x_c for every effect and its variance s_c.
+    covariance V = Σ_c s_c x_c x_cᵀ + σ² 1. Here x_c is the column of changes of the readings per
+    unit of effect c, s_c is the variance of this effect, and σ² is the variance of the white noise.
 
     Parameters
     ----------
     bound
         Model bound to the planned tests.
     scores
-        Normal scores of the h hyper-parameters at K points, shape (K, h).
+        Normal scores of the h hyper-parameters (standard normal quantiles of their cumulative prior
+        probabilities) at K points, shape (K, h).
 
     Returns
     -------
@@ -135,7 +147,8 @@ def fisher_information(bound: BoundModel, scores: Array) -> Array:
         information[k] = _information_at(
             effects.columns, variances[k, 0], noise[k, 0], slopes, noise_slope
         )
-        # Readings beyond the reduced ones hold white noise alone.
+        # The readings of a test are reduced to fewer values, which hold all effects. The other
+        # degrees of freedom of the readings, ``spare`` in number, hold white noise alone.
         information[k] += 0.5 * spare * np.outer(noise_slope, noise_slope) / noise[k, 0] ** 2
     return information
 
@@ -148,15 +161,16 @@ def _information_at(
     Parameters
     ----------
     columns
-        Readings per unit of each of C effects, shape (N, C).
+        Changes of the reduced readings per unit of each of C effects, shape (N, C).
     variances
         Variance of every effect, shape (C,).
     noise
         Variance of the white noise.
     slopes
-        Derivatives of the variances with respect to the h normal scores, shape (h, C).
+        Derivatives of ``variances`` with respect to the normal scores of the h scales, shape (h,
+        C).
     noise_slope
-        Derivatives of the variance of the white noise, shape (h,).
+        Derivatives of ``noise`` with respect to the normal scores of the h scales, shape (h,).
     """
     covariance = (columns * variances) @ columns.T
     covariance[np.diag_indices_from(covariance)] += noise
@@ -174,7 +188,7 @@ def _information_at(
 class _Effects(NamedTuple):
     """All effects on the reduced readings of planned tests, at w values of the scales."""
 
-    columns: Array  # readings per unit of each of C effects, shape (N, C)
+    columns: Array  # changes of the N reduced readings per unit of each of C effects, shape (N, C)
     variances: Array  # variances of the effects, shape (w, C)
     noise_variance: Array  # variance of the white noise, shape (w,)
 

@@ -57,7 +57,7 @@ _LISTED_SHARE = 1e-4
 _STUCK_SHARE = 0.8
 # Default step between the force levels that a design chooses from [N].
 _FORCE_STEP_N = 1.0
-# Clockings to choose from by default: balls not turned.
+# Default clocking (pair of angles by which the balls are turned): balls not turned.
 _NOT_TURNED: tuple[Clocking, ...] = ((0.0, 0.0),)
 _EQUAL_STEPS = "equal steps"
 _RESERVED_NAMES = ("recommended", _EQUAL_STEPS)
@@ -65,15 +65,16 @@ _RESERVED_NAMES = ("recommended", _EQUAL_STEPS)
 
 @dataclass(frozen=True)
 class Certificate(Result):
-    """Certificate that no other division of the tests among candidates is better, if it ``holds``.
+    """Certificate that states whether the shares of the tests are proven to be the best.
 
     A candidate is a test that could be run; its share is the fraction of the tests that are run at
     it. The sensitivity of a candidate is the rate at which the criterion grows with its share. The
     bound is the mean of the sensitivities, weighted by the shares. By Kiefer and Wolfowitz (1960),
-    the shares are optimal if the largest sensitivity of all candidates does not exceed the bound;
-    0.01 % more is tolerated. For criterion D with flat priors the bound is the number of
-    parameters. If the criterion is not concave, the certificate is not ``global``: it proves only
-    that no small change of the shares is an improvement.
+    the shares are optimal if the largest sensitivity of all candidates does not exceed the bound.
+    The certificate ``holds`` if the largest sensitivity exceeds the bound by at most 0.01 %. For
+    criterion D with flat priors the bound is the number of parameters. If the criterion is not
+    concave, the certificate is not ``global``: it proves only that no small change of the shares is
+    an improvement.
     """
 
     max_sensitivity: float
@@ -99,23 +100,23 @@ class Judged(Forecast):
 class Limits(Result):
     """Limits of what the tests of a design can show."""
 
-    #: number of different forces of the tests, if there are too few to show that the model's degree
-    #: of compliance in force is wrong; None if there are enough, or if the tests only add to those
-    #: already run
+    #: number of different forces of the tests, if these are too few to show that the degree of the
+    #: model's compliances as polynomials of force is wrong; None if the forces are enough, or if
+    #: the tests only add to tests already run
     levels: int | None
-    #: direction of travel, by plane, for planes in which all circles run in this one direction
-    #: although the model has a hysteresis there
+    #: direction of travel of each plane in which all circles run in the same direction although the
+    #: model has a hysteresis there; the keys are the planes
     one_way: dict[str, str]
     #: whether the model has a drift and the pilot may have drifted; the forecast assumes that the
     #: drift does not depend on the tests' settings
     drift: bool
-    #: parameters whose expected standard deviation even very many more circles of this kind would
-    #: lower by less than 20 %
+    #: parameters whose expected standard deviation would decrease by less than 20 % even if every
+    #: test were run very many times
     shared: tuple[str, ...]
-    #: combinations of coefficients that no reading resolves, as far as they involve parameters of
+    #: combinations of coefficients that no reading resolves and that involve parameters of
     #: ``shared``
     degeneracies: tuple[Degeneracy, ...]
-    #: remedies, such as further tests, that resolve each item of ``degeneracies``
+    #: for each item of ``degeneracies``, the remedies that resolve it, such as further tests
     cures: tuple[tuple[Cure, ...], ...]
 
 
@@ -129,7 +130,7 @@ class Pilot(Result):
 
 @dataclass(frozen=True)
 class Planned:
-    """Tests that a design recommends, what it chose among, and the model for their analysis."""
+    """Tests that a design recommends, the space they were chosen from, and the analysis model."""
 
     tests: tuple[CircularTest, ...]
     space: Space
@@ -153,7 +154,7 @@ class Design(Forecast):
     """
 
     criterion: str  #: criterion that the design optimizes, such as ``eig``
-    parameters: tuple[str, ...]  #: names of the parameters of interest; others are nuisances
+    parameters: tuple[str, ...]  #: names of the parameters of interest; all others are nuisances
     #: recommended tests, one row per different test: force_N, the columns that `columns` names, and
     #: count, the number of times to run the test
     table: Annotated[Records, Field(alias="tests")]
@@ -172,10 +173,11 @@ class Design(Forecast):
     #: the columns that `columns` names, and share, the fraction of the tests that are run at this
     #: candidate
     shares: Records
-    #: expected standard deviations, by parameter, of a design in equal steps of force, at the first
-    #: of the radii and of the ball angles to choose from
+    #: expected standard deviation of each parameter for a design in equal steps of force. All tests
+    #: of this design have the first radius and the first pair of ball angles to choose from. The
+    #: keys are the names of the parameters.
     baseline: dict[str, Expected]
-    #: designs for comparison: one in equal steps of force, and those that the caller gave by name
+    #: designs for comparison: one in equal steps of force, and those that the caller gave
     compared: tuple[Judged, ...]
     limits: Limits  #: limits of what the recommended tests can show
     #: root mean square of the values of each hyper-parameter (scales of the noise and of other
@@ -188,13 +190,13 @@ class Design(Forecast):
     #: one row per candidate test: force_N, the columns that `columns` names, and sensitivity, the
     #: rate at which the criterion grows with the share of the candidate, at the best shares
     sensitivity: Annotated[Records, Field(exclude=True)] = field(default_factory=pd.DataFrame)
-    #: ``Planned``: the recommended tests, what they were chosen among and the model; None where the
-    #: design was read from a file
+    #: ``Planned``: the recommended tests, the space they were chosen from, and the model for their
+    #: analysis; None if the design was read from a file
     planned: Annotated[Any, Field(exclude=True)] = None
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Names of the columns, other than the force, by which a table describes a test.
+        """Names of the columns, other than ``force_N``, in which a table describes a test.
 
         The columns are the angles by which the two balls are turned, and the radius. Plane,
         direction and set-up are added if tests differ in them.
@@ -223,9 +225,9 @@ class Design(Forecast):
         """Return the recommended tests as a plan, in the order in which to run them.
 
         The tests of one clocking (angles by which the balls are turned) form a block, within which
-        forces are in random order. The plan states no times: a drift then follows the order in
-        which its tests are listed. If the drift of the model follows temperature, the plan takes
-        the mean temperature from the campaign that the design starts from.
+        forces are in random order. The plan states no times: a drift of the model then follows the
+        order in which the plan lists its tests. If the drift of the model follows temperature, the
+        plan takes the mean temperature from the campaign that the design starts from.
 
         Parameters
         ----------
@@ -388,17 +390,17 @@ def design(
     radii_mm : sequence of float
         Radii to choose from [mm]. Default: as in the pilot.
     directions : sequence of {"CW", "CCW"}
-        Directions of travel to choose from. Default: as in the pilot. If both may be chosen, the
-        model always includes hysteresis. With goals, both are the default if
-        the pilot states its own.
+        Directions of travel to choose from. Default: as in the pilot. If both directions may be
+        chosen, the model always includes hysteresis. With goals, the default is both directions if
+        the pilot states its directions.
     criterion : {"eig", "d", "a", "c", "i", "discriminate"}, optional
         Criterion to optimize. ``eig``: expected information gain. ``d``: determinant of the
         covariance of the parameters. ``a``: sum of their variances. ``c``: variance of one
         parameter. ``i``: mean variance of the compliances C(F). ``discriminate``: evidence about
         the slopes. Default: ``eig`` with proper priors, ``d`` with flat ones.
     parameters : sequence of str
-        Names of the parameters of interest; all others are nuisances. Default: all parameters that
-        the criterion is about.
+        Names of the parameters of interest; all other parameters are nuisances. Default: all
+        parameters that the criterion is about.
     augment : bool
         Whether the pilot's tests count as run, so that ``tests`` is the number of tests added.
     against : mapping of str to Campaign
@@ -410,14 +412,15 @@ def design(
     goals : mapping of str to str, float or Goal, optional
         Largest expanded uncertainties U (k = 2) by parameter, such as {"C_XXX": "5 %", "E_C0YX":
         "10 µrad"}; numbers are in internal units (mm, N, rad). The number of circles then follows
-        from them, and ``tests``, ``criterion``, ``parameters``, ``against`` and ``slope_size`` do
-        not apply.
+        from the goals, and ``tests``, ``criterion``, ``parameters``, ``against`` and ``slope_size``
+        must not be given.
     costs : Costs, optional
-        With goals: what circles, set-ups and turns of the balls cost. Default: 3 min, 15 min and
-        5 min, at 60 units of money an hour.
+        With goals: machine times, and the price of machine time. Default: 3 min for a circle, 15
+        min for a set-up and 5 min for a turn of the balls; 60 units of money for an hour.
     certificates : mapping of str to float
         With goals: prices of certificates that could be bought, such as {"balls G10": 300.0, "bar":
-        150.0}. Others are "work ball G10", "tool ball G10", "mount", "force" and "angle".
+        150.0}. Other certificates are "work ball G10", "tool ball G10", "mount", "force" and
+        "angle".
     probability : float
         With goals: share of the possible machines on which all goals are to be met.
 
@@ -505,7 +508,10 @@ def design(
 
 
 def _refuse_beside_goals(names: Sequence[str]) -> None:
-    """Refuse arguments that have no meaning where the goals decide on the tests."""
+    """Raise an `InputError` if arguments were given that cannot be combined with goals.
+
+    ``names`` are the names of these arguments.
+    """
     require(
         not names,
         f"goals must go without {', '.join(names)}: they decide on the number of circles and on"
@@ -514,7 +520,7 @@ def _refuse_beside_goals(names: Sequence[str]) -> None:
 
 
 def _number_of_tests(tests: int | None, pilot: Campaign) -> int:
-    """Return the number of circles to run: the one asked for, or as many as the pilot has."""
+    """Return the number of circles to run: ``tests``, or as many as the pilot has if it is None."""
     number = len(pilot.tests) if tests is None else tests
     require_whole("tests", number)
     require(
@@ -525,7 +531,7 @@ def _number_of_tests(tests: int | None, pilot: Campaign) -> int:
 
 
 def _default_criterion(model: HybridModel) -> CriterionName:
-    """Return the expected information gain, or, with flat priors, the determinant."""
+    """Return the name of the default criterion: ``eig``, or ``d`` if the priors are flat."""
     # Information gained over a flat prior is infinite.
     return "d" if model.prior.flat else "eig"
 
@@ -560,7 +566,7 @@ def _levels_in_range(pilot: Campaign) -> list[float]:
 
 
 def _check_compared(name: str, campaign: Campaign, pilot: Campaign) -> None:
-    """Refuse a design for comparison that has a reserved name or is of another machine.
+    """Raise an `InputError` if a design for comparison has a reserved name or another machine.
 
     ``campaign`` holds the tests of the design for comparison, and ``name`` is its name. ``pilot``
     is the campaign or plan, of the right machine, that the best design starts from.
@@ -587,8 +593,9 @@ def _describe_design(
     """Return the design that the search found, with the forecast of its results.
 
     ``space`` is the problem of the search and ``exact`` its solution. ``pilot`` holds the name and
-    the digest of the campaign that the design starts from. ``compared`` are the tests of other
-    designs by name; their forecasts are included.
+    the digest of the campaign that the design starts from. ``compared`` holds the tests of the
+    designs for comparison, whose names are its keys; the result includes the forecasts of these
+    designs.
     """
     tests = space.tests_of(exact)
     optimum = exact.optimum
@@ -654,7 +661,8 @@ def _certificate_of(space: Space, optimum: Optimum) -> Certificate:
 def _limits(space: Space, tests: Sequence[CircularTest], forecast: Forecast) -> Limits:
     """Return the limits of what the tests of a design can show, and remedies.
 
-    More tests of the same kind would not remove these limits. ``forecast`` is that of the tests.
+    More tests of the same kind would not remove these limits. ``forecast`` is the forecast of the
+    tests' results.
     """
     bound = bind_tests(space.model, space.pilot, tests, keep_pilot_tests=space.augment)
     term_types = {type(term) for term in space.model.nuisances}
@@ -679,9 +687,10 @@ def _limits(space: Space, tests: Sequence[CircularTest], forecast: Forecast) -> 
 
 
 def _levels_if_too_few(space: Space, tests: Sequence[CircularTest]) -> int | None:
-    """Return the number of different forces if it is too small to show a wrong degree, else None.
+    """Return the number of different forces of tests if they are too few to check the degree.
 
-    It is not too small if the tests only add to those already run.
+    Return None if the forces are enough to show that the degree of the model's compliances as
+    polynomials of force is wrong, or if the tests only add to tests already run.
     """
     levels = len(distinct_forces([float(test.force_N or 0.0) for test in tests]))
     if space.augment or levels > space.model.degree + 2:
@@ -700,7 +709,10 @@ def _parameters_that_circles_cannot_improve(space: Space, forecast: Forecast) ->
 
 
 def _degeneracies_of(bound: BoundModel, names: Sequence[str]) -> tuple[Degeneracy, ...]:
-    """Return the degeneracies of the bound model that involve any of the named parameters."""
+    """Return the degeneracies of a bound model that involve any of the named parameters.
+
+    A degeneracy is a combination of coefficients that no reading resolves.
+    """
     involved = []
     for degeneracy in degeneracies(bound):
         if set(degeneracy.parameters) & set(names):

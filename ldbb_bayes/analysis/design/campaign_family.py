@@ -39,7 +39,7 @@ _QUICK_STATES = 6
 class CampaignFamily:
     """Campaigns of the same clockings, radii and certificates."""
 
-    space: Space  #: candidate tests: every force, direction, clocking and radius of the family
+    space: Space  #: candidate tests, with all forces, directions, clockings and radii of the family
     offers: tuple[CertificateOffer, ...]  #: certificates that are bought
     goals: Mapping[str, Goal]
     states: States  #: possible states of the machine before the campaign
@@ -113,11 +113,12 @@ class CampaignFamily:
         return 2
 
     def best_counts(self, circles: int, start: Array | None = None) -> Array:
-        """Return the best campaign of this many circles: its number of circles of each candidate.
+        """Return the number of circles of each candidate in the best campaign.
 
-        If the best circles are all at one force, and compliances may depend on force, one of them
-        is moved to the other force that is best. ``start`` is a campaign of fewer circles, to which
-        circles are added before any is exchanged.
+        If the best circles are all at one force although compliances may depend on force, one
+        circle is replaced by the best candidate at another force. ``circles`` is the number of all
+        circles of the campaign. ``start`` is a campaign of fewer circles from which the search
+        begins, by default without circles. ``start`` and the result have the shape (candidates,).
         """
         if start is None:
             start = np.zeros(self.quick.candidates, dtype=int)
@@ -142,12 +143,15 @@ class CampaignFamily:
         return len(distinct_forces(forces)) >= self._least_levels
 
     def tests_of(self, counts: Array) -> tuple[CircularTest, ...]:
-        """Return the tests of a campaign, each repeated as often as it is run."""
+        """Return the tests of a campaign, each repeated as often as it is run.
+
+        ``counts`` is the number of circles of each candidate, shape (candidates,).
+        """
         positions = np.repeat(np.arange(len(self.space.tests)), counts)
         return tuple(self.space.tests[k] for k in positions)
 
     def uses_all(self, tests: Sequence[CircularTest]) -> bool:
-        """Return whether tests have every clocking and every radius of the family."""
+        """Return whether the tests use every clocking and every radius of the family."""
         clockings = {(test.work_ball_deg, test.tool_ball_deg) for test in tests}
         radii = {test.radius_mm for test in tests}
         return len(clockings) >= len(self.space.clockings_deg) and len(radii) >= len(
@@ -159,11 +163,11 @@ class CampaignFamily:
         return minutes_of(costs, tests)
 
     def price(self, costs: Costs, tests: Sequence[CircularTest]) -> float:
-        """Return the price of tests, with the certificates of the family."""
+        """Return the price of the machine time of tests and of the family's certificates."""
         return price_of(costs, minutes_of(costs, tests), self.certificates_price)
 
     def plan_of(self, tests: Sequence[CircularTest]) -> Campaign:
-        """Return tests as a plan, in the order in which to run them, with the certificates."""
+        """Return the tests as a plan in running order, whose instrument has the certificates."""
         plan = self.space.plan_of(tests, seed=self.space.seed)
         if not self.offers:
             return plan
@@ -176,9 +180,10 @@ def families_of(
     goals: Mapping[str, Goal],
     states: States,
 ) -> Iterator[CampaignFamily]:
-    """Yield a family for every subset of clockings and radii, and every set of certificates.
+    """Yield one family for every combination of clockings, radii and certificates.
 
-    All families have the first clocking of ``space``.
+    Every subset of the clockings of ``space`` that contains the first clocking is combined with
+    every non-empty subset of its radii and with every set of certificates.
     """
     first = space.clockings_deg[0]
     others = space.clockings_deg[1:]

@@ -63,7 +63,8 @@ def objective_of(
 ) -> Objective:
     """Return the objective of a search among candidate tests, for the chosen parameters.
 
-    Nuisance coefficients that share no readings with the chosen parameters are left out.
+    Nuisance coefficients that are not connected with the chosen parameters by common readings are
+    left out.
 
     Parameters
     ----------
@@ -82,8 +83,9 @@ def objective_of(
     -------
     Objective
         Objective with the information of every candidate test for each of the K values of φ. Its
-        ``rows`` have the shape (K, candidates, m, p) and its ``prior`` the shape (K, p, p), with p
-        coefficients, of which the chosen parameters are the last columns, in the given order.
+        ``rows`` have the shape (K, candidates, m, p) and its ``prior`` the shape (K, p, p), for m
+        reduced readings of a test and p coefficients. The chosen parameters are the last of the p
+        coefficients, in the given order.
     """
     rows = []
     prior = []
@@ -100,7 +102,10 @@ def objective_of(
 
 
 class _Layout(NamedTuple):
-    """Columns and rows that an objective needs of the tests' matrices G; GᵀG is information."""
+    """Columns and rows that an objective needs of the matrices G of tests.
+
+    GᵀG is the information of a test, which it adds to the precision of the coefficients.
+    """
 
     columns: NDArray[np.int_]  # indices of the coefficients needed, those of interest last
     rows: NDArray[np.int_]  # indices of rows that are not zero in all tests
@@ -108,11 +113,11 @@ class _Layout(NamedTuple):
 
 
 def _layout_of(information: Information, blocks: Array, chosen: Sequence[str]) -> _Layout:
-    """Return the columns and rows of the information matrices that an objective needs.
+    """Return the columns and rows of the tests' matrices G that an objective needs.
 
-    ``blocks``, shape (tests, rows, m), is the information of each test about m coefficients, at one
-    value of the hyper-parameters. The layout is the same for every value. ``chosen`` are the names
-    of the parameters of interest.
+    ``blocks``, shape (tests, rows, m), holds the matrix G of each test for m coefficients, at one
+    value of the hyper-parameters; GᵀG is the information of the test. The layout is the same for
+    all values of the hyper-parameters. ``chosen`` are the names of the parameters of interest.
     """
     interest = [information.names.index(name) for name in chosen]
     columns = _connected_columns(blocks, interest)
@@ -122,11 +127,11 @@ def _layout_of(information: Information, blocks: Array, chosen: Sequence[str]) -
 
 
 def _stack_blocks(blocks: Sequence[Array]) -> Array:
-    """Return the information of all tests as one array, with rounding errors set to zero.
+    """Return the matrices G of all tests as one array, with rounding errors set to zero.
 
-    ``blocks`` has one matrix G per test, of at most 25 rows and a column per coefficient; GᵀG is
-    what the test adds to the precision of the coefficients. The result has the shape (tests, rows,
-    coefficients); matrices of fewer rows are filled up with zeros.
+    ``blocks`` has one matrix G per test, with at most 25 rows and one column per coefficient; GᵀG
+    is what the test adds to the precision of the coefficients. The result has the shape (tests,
+    rows, coefficients); matrices of fewer rows are filled up with zeros.
     """
     rows = max(len(block) for block in blocks)
     stacked = np.zeros((len(blocks), rows, blocks[0].shape[1]))
@@ -137,11 +142,12 @@ def _stack_blocks(blocks: Sequence[Array]) -> Array:
 
 
 def _connected_columns(blocks: Array, interest: Sequence[int]) -> NDArray[np.int_]:
-    """Return the indices of coefficients that act on the same readings as those of interest.
+    """Return the indices of all coefficients that are connected with those of interest.
 
-    A coefficient that shares readings with one of these is included too, and so on. ``blocks``,
-    shape (tests, rows, m), is the information of each test about m coefficients. ``interest`` are
-    the indices of the coefficients of interest, which come last in the result.
+    Two coefficients are connected if they act on the same readings, or if a chain of coefficients
+    connects them in this way. ``blocks``, shape (tests, rows, m), holds the matrix G of each test
+    for m coefficients; GᵀG is the information of the test. ``interest`` are the indices of the
+    coefficients of interest, which come last in the result.
     """
     size = np.abs(blocks)
     shares_readings = np.einsum("rij,rik->jk", size, size) > 0.0

@@ -1,10 +1,11 @@
 """Covariances of the parameters after one more circle, for many possible circles at once.
 
-Let P be the precision of all coefficients given the circles run, G the derivatives of a possible
-circle's reduced readings with respect to them, in standard deviations of the noise, and Σ = P⁻¹.
-After the circle, the covariance of the parameters of interest is
+Let Σ be the covariance of all coefficients given the circles run, and G the derivatives of a
+possible circle's reduced readings with respect to the coefficients, in standard deviations of the
+noise. Let Σ_s be the rows of Σ for the parameters of interest, and Σ_ss the part of Σ_s in their
+columns. After the circle, the covariance of the parameters of interest is
 
-    Σ_ss − Σ_s Gᵀ (1 + G Σ Gᵀ)⁻¹ G Σ_s.
+    Σ_ss − Σ_s Gᵀ (1 + G Σ Gᵀ)⁻¹ G Σ_sᵀ.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ __all__ = ["CandidateCovariances"]
 
 
 class CandidateCovariances:
-    """Covariances of the parameters of interest before and after one of several possible circles.
+    """Covariances of the parameters of interest before and after each of several possible circles.
 
     Parameters
     ----------
@@ -40,7 +41,10 @@ class CandidateCovariances:
         return np.asarray(self._covariance[:, -s:, -s:])
 
     def after(self) -> Array:
-        """Return the covariances after each circle, shape (K, candidates, s, s)."""
+        """Return the covariances of the s parameters of interest after each possible circle.
+
+        The result has the shape (K, candidates, s, s).
+        """
         s = self._interest
         results = []
         for rows, covariance in zip(self._rows, self._covariance, strict=True):
@@ -52,7 +56,7 @@ class CandidateCovariances:
         return np.array(results)
 
     def run(self, candidate: int) -> None:
-        """Count one of the possible circles as run."""
+        """Count one possible circle, whose index is ``candidate``, as run."""
         rows = self._rows[:, candidate]
         spread = rows @ self._covariance
         readings = spread @ np.swapaxes(rows, -1, -2) + np.eye(rows.shape[1])

@@ -39,9 +39,9 @@ def templates(pilot: Campaign, directions: Sequence[Direction] = ()) -> tuple[Ci
     """Return a test without readings for every plane and every direction of travel.
 
     ``pilot`` is the campaign or plan that a design starts from. By default, the directions in a
-    plane are those of the pilot. The template has the other settings of one of the pilot's tests in
-    the plane: the one with the median number of readings. The angles of the template are in equal
-    steps.
+    plane are those of the pilot. All other settings are those of one of the pilot's tests in the
+    plane: the test with the median number of readings. The angles of the tests returned are in
+    equal steps.
     """
     tests: list[CircularTest] = []
     for plane in dict.fromkeys(test.plane for test in pilot.tests):
@@ -88,8 +88,8 @@ def add_foreseen_tests(
     pilot
         The campaign or plan that the design starts from.
     candidates
-        Tests that the design chooses among. If those in a plane run in both directions, tests in
-        both directions are added, so that the model includes hysteresis.
+        Tests that the design chooses among. If the candidates in a plane run in both directions,
+        tests in both directions are added, so that the model includes hysteresis.
     compared_tests
         Tests of designs that are only compared with this design. They are added without their
         direction.
@@ -117,7 +117,7 @@ def _model_depends_on_radius(pilot: Campaign, tests: Sequence[CircularTest]) -> 
     """Return whether the parameters of the model depend on the radii of the circles.
 
     They do only if a frame or the centre of a circle lies off the machine's origin. ``tests`` are
-    the tests of designs, beside those of the pilot.
+    the tests of designs; those of the pilot are considered too.
     """
     if any(any(frame) for frame in pilot.frames_mm.values()):
         return True
@@ -125,7 +125,10 @@ def _model_depends_on_radius(pilot: Campaign, tests: Sequence[CircularTest]) -> 
 
 
 def _kind_of(test: CircularTest, direction: Direction | None, uses_radius: bool) -> _TestKind:
-    """Return the kind of a test run in ``direction``; ``uses_radius``: whether radii matter."""
+    """Return the kind of a test, with ``direction`` as its direction of travel.
+
+    ``uses_radius`` states whether tests of different radii are of different kinds.
+    """
     radius_mm = test.radius_mm if uses_radius else None
     return _TestKind(test.plane, test.setup, tuple(test.circle.centre_mm), radius_mm, direction)
 
@@ -133,7 +136,9 @@ def _kind_of(test: CircularTest, direction: Direction | None, uses_radius: bool)
 def _tests_by_kind(
     candidates: Sequence[CircularTest], compared_tests: Sequence[CircularTest], uses_radius: bool
 ) -> dict[_TestKind, CircularTest]:
-    """Return the first test of every kind among the candidates and the tests compared.
+    """Return a dict with the first test of every kind; its keys are the kinds.
+
+    The tests are the candidates, followed by the compared tests.
 
     A kind has a direction only if the candidates in its plane run in both directions.
     ``uses_radius`` states whether tests of different radii are of different kinds.
@@ -167,8 +172,8 @@ def grid_of_tests(
     """Return every combination of template, radius, clocking and force as a planned test.
 
     A template is a test without readings; a clocking is the pair of angles by which the balls are
-    turned. All forces of the first template, radius and clocking come first, then those of the
-    next.
+    turned. All forces of the first template, radius and clocking come first. The clocking changes
+    next, then the radius, and the template last.
     """
     tests = []
     for template, radius_mm, clocking, force_N in product(
@@ -193,7 +198,8 @@ def bind_tests(
 
     The reference force, range of force and estimate Ĉ of the compliances are those of the pilot.
     The model also has the parameters that only the pilot's tests can show, even if the plan leaves
-    these tests out. The pilot's directions of travel do not count for this.
+    these tests out. An exception is hysteresis, because the pilot's directions of travel do not
+    count.
 
     Parameters
     ----------
@@ -219,10 +225,11 @@ def bind_tests(
 
 
 def bind_plan(model: HybridModel, plan: Campaign) -> BoundModel:
-    """Return the model bound to a plan, as `bind_tests` does with the plan's pilot, if it has one.
+    """Return the model bound to a plan.
 
-    The instrument and the order of the tests are the plan's own. If the plan adds to its pilot, the
-    pilot's tests come first.
+    If the plan has a pilot, the reference force, range of force and estimate Ĉ of the compliances
+    are those of the pilot, as in `bind_tests`. The instrument and the order of the tests are the
+    plan's own. If the plan adds to its pilot, the pilot's tests come first.
     """
     pilot = plan.pilot
     if pilot is None:
@@ -232,10 +239,10 @@ def bind_plan(model: HybridModel, plan: Campaign) -> BoundModel:
 
 
 def _with_times(plan: Campaign, pilot: Campaign) -> Campaign:
-    """Return a plan whose tests state their times, so that their mean time is that of the pilot.
+    """Return the plan with times for its tests, whose mean is the mean time of the pilot's tests.
 
-    Drift acts on the tests of one campaign in the order in which they are run. Plans whose tests
-    are run in another order, and those that add to a pilot, are returned unchanged.
+    From these times follows how a drift acts on the tests. A plan whose tests are not run in the
+    order in which it lists them, or that adds to its pilot, is returned unchanged.
     """
     if plan.order is not None or plan.adds_to_pilot:
         return plan
@@ -255,13 +262,14 @@ def _with_times(plan: Campaign, pilot: Campaign) -> Campaign:
 def _bind_to_pilot(
     model: HybridModel, plan: Campaign, pilot: Campaign, *, keep_pilot_tests: bool
 ) -> BoundModel:
-    """Return the model bound to the tests of a plan, with what its pilot fixes.
+    """Return the model bound to the tests of a plan, with the settings that its pilot fixes.
 
     ``keep_pilot_tests`` says whether the pilot's own tests come first.
     """
     tests = plan.tests
     pilot_tests = pilot.plan().tests
-    # The plan names these tests anew, so that names differ even if a test is planned repeatedly.
+    # Remove the names of the tests: the plan then gives new names, which differ even if a test is
+    # planned repeatedly.
     planned = tuple(replace(test, name="") if test.name else test for test in tests)
     if keep_pilot_tests:
         planned = (*pilot_tests, *planned)
@@ -278,8 +286,8 @@ def running_order(
 
     Tests of one set-up form a block. Within it, tests of one plane and radius form a block, and
     within this, tests of one clocking of the work ball. All these blocks are in random order. In
-    one work-ball block the clockings of the tool ball ascend, in the next they descend, and so on.
-    Tests of the same clockings are in random order.
+    one work-ball block the angles of the tool ball ascend, in the next block they descend, and so
+    on. Tests with the same angles of both balls are in random order.
     """
     ordered: list[CircularTest] = []
     for setup_block in _random_blocks(tests, _setup, rng):
