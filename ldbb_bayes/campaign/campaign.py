@@ -55,9 +55,10 @@ __all__ = [
     "require_campaign",
 ]
 
-# Order in which the tests of a campaign were run, if it is not the one in which they are listed.
+# Type of the field for the order in which the tests of a campaign were run. The text "random"
+# states that this order was drawn at random.
 Order = Literal["random"]
-# Names of the fields of a campaign that hold names and dates, on which no result depends.
+# Names of those fields of a campaign that hold names and dates. No result depends on their values.
 LABELS = (
     "machine_id",
     "date",
@@ -84,8 +85,8 @@ _DIGESTED_ALWAYS = (
     "centre_y_mm",
 )
 # Names of further fields of a test, each with its usual value. Such a field enters the SHA-256
-# digest of the campaign only if it has another value. In this way, digests from older versions of
-# the program, which lacked these fields, stay valid.
+# digest of the campaign only if its value differs from the usual one. In this way, digests from
+# older versions of the program, which lacked these fields, stay valid.
 _DIGESTED_UNLESS_USUAL = {
     "centre_z_mm": 0.0,
     "setup": 1.0,
@@ -108,8 +109,8 @@ def _as_tuple(tests: Any) -> Any:
         return tests
 
 
-# Type of a field of a campaign that holds tests: any iterable of tests is accepted, and stored as a
-# tuple.
+# Type of a field of a campaign that holds tests. Any iterable of tests is accepted; it is stored as
+# a tuple.
 Tests = Annotated[Sequence[CircularTest], BeforeValidator(_as_tuple)]
 
 
@@ -123,8 +124,8 @@ class CampaignFields(Shown):
     #: machine axes in order from workpiece to tool, such as wCAFYXZSt: w is the workpiece, F the
     #: machine's foundation, S the spindle and t the tool; the other letters name the axes
     topology: str = "wCAFYXZSt"
-    plane: str = "XY"  #: plane (XY, YZ or ZX) of all tests that do not state their own
-    radius_mm: Length = 150.0  #: radius [mm] of all tests that do not state their own
+    plane: str = "XY"  #: plane (XY, YZ or ZX) of all tests that state no plane
+    radius_mm: Length = 150.0  #: radius [mm] of all tests that state no radius
     name: Label | None = None  #: name of the campaign
     #: name that tells the machines of a fleet apart; by default the machine's serial number
     machine_id: Label | None = None
@@ -140,38 +141,39 @@ class CampaignFields(Shown):
     ball_bar_calibrated: Date | None = None  #: date of the ball bar's calibration, ISO 8601
     #: name of the device that makes or measures the force, and of its certificate
     force_device: Label | None = None
-    #: tolerances as texts with their units, by the name of the quantity, such as
-    #: {"C_XXX": "60 nm/N"}. They do not influence a fit; `assess_conformity` uses them.
+    #: tolerances as texts with units, such as {"C_XXX": "60 nm/N"}; the keys are the names of the
+    #: quantities. Tolerances do not influence a fit; `assess_conformity` uses them.
     tolerances: Mapping[str, str] = field(default_factory=dict)
     feed_mm_per_min: Number | None = None  #: feed of the tool along the circle [mm/min]
     #: resolution of the ball bar's readout [µm]; the standard deviation of the readings' noise is
     #: at least resolution/√12
     resolution_um: Positive = 0.24
     #: order in which the tests were run: None for the order in which they are listed, "random" for
-    #: another one that was drawn at random. Where all tests state ``time_s``, their times are used
+    #: an order that was drawn at random. If all tests state ``time_s``, these times are used
     #: instead.
     order: Order | None = None
-    #: whether length of the bar and centre of the circle may have drifted from test to test, as
-    #: they do while a machine warms up
+    #: whether the length of the bar and the centre of the circle may have drifted from test to
+    #: test, as they do while a machine warms up
     drift: StrictBool = True
     #: deflection of the work ball's mount, and whether the readings are compensated for it
     mount: MountCompensation = field(default_factory=MountCompensation)
     #: force of the bar as a linear function of the regulator's pressure, used for tests that state
     #: only the force or only the pressure
     force_law: ForceLaw = field(default_factory=ForceLaw)
-    #: position (X, Y, Z) [mm] of each joint's frame, by the letter of the joint's axis. All axes
-    #: are at zero, and the origin is the point where the two balls coincide; see `Machine`.
+    #: position (X, Y, Z) [mm] of the frame of each joint with all axes at zero, relative to the
+    #: point where the two balls coincide; see `Machine`. The keys are the letters of the joints'
+    #: axes.
     frames_mm: SkipValidation[Mapping[str, Sequence[float]]] = field(default_factory=dict)
 
 
 @raises_input_error("campaign")
 @dataclass(frozen=True, eq=False, config=STRICT)
 class Campaign(CampaignFields):
-    """Circular tests of one machine, with readings or, as a plan, without.
+    """Circular tests of one machine: a campaign with readings, or a plan without readings.
 
-    ``lb.Plan`` is another name of the same class. If a test does not state its radius, plane or
-    centre, it gets the one that the campaign states. If a test states only its force or only its
-    pressure, the campaign's force law gives the other. Tests without a name are named after their
+    ``lb.Plan`` is another name of the same class. If a test states no radius, plane or centre, it
+    gets that of the campaign. If a test states only its force or only its pressure, the other of
+    these two is computed with the campaign's force law. Tests without a name are named after their
     force.
 
     Raises
@@ -194,7 +196,7 @@ class Campaign(CampaignFields):
 
     tests: Tests  #: circular tests of the campaign, either all with readings or all without
     name: Label = field(default="campaign", kw_only=True)  #: name of the campaign
-    #: centre (X, Y, Z) of the circle [mm] in all tests that do not state their own
+    #: centre (X, Y, Z) of the circle [mm] in all tests that state no centre
     centre_mm: Annotated[Sequence[Coordinate], AfterValidator(tuple)] = field(
         default=(0.0, 0.0, 0.0), kw_only=True
     )
@@ -203,10 +205,11 @@ class Campaign(CampaignFields):
     #: tests that may be run later, without readings. The model of the campaign already includes the
     #: effects that only these tests can show.
     foreseen: Tests = field(default=(), kw_only=True)
-    #: campaign or plan that a plan was designed from. Forecasts of the plan use its results on the
-    #: machine, on scatter and on the instrument. Analyses of readings do not use it.
+    #: campaign or plan from which this plan was designed. Forecasts of the plan use the pilot's
+    #: results on the machine, on scatter and on the instrument. Analyses of readings ignore the
+    #: pilot.
     pilot: SkipValidation[Campaign | None] = field(default=None, kw_only=True)
-    #: whether the pilot's circles count as run, so that the plan adds to them
+    #: whether the pilot's circles count as already run, so that the plan adds further circles
     adds_to_pilot: StrictBool = field(default=False, kw_only=True)
 
     def __post_init__(self) -> None:
@@ -228,7 +231,10 @@ class Campaign(CampaignFields):
         object.__setattr__(self, "machine_id", self.machine_id or self.serial_number)
 
     def _check_pilot(self) -> None:
-        """Raise an `InputError` unless the pilot, if there is one, is of this machine."""
+        """Raise an `InputError` if the pilot is not a campaign of a machine with the same topology.
+
+        If there is no pilot, raise an `InputError` if ``adds_to_pilot`` is true.
+        """
         if self.pilot is None:
             require(
                 not self.adds_to_pilot,
@@ -245,10 +251,10 @@ class Campaign(CampaignFields):
     def _complete(self, test: CircularTest) -> CircularTest:
         """Return a test with radius, plane, centre, set-up, force and pressure filled in.
 
-        A radius, plane or centre that the test does not state is that of the campaign, and a
-        set-up that it does not state is number 1. A force or pressure that it does not state is
-        computed from the other one by the campaign's force law, which is linear in the pressure.
-        Raise an `InputError` if the computed force is not positive.
+        If the test states no radius, plane or centre, that of the campaign is filled in; a missing
+        set-up becomes number 1. If only the force or only the pressure is stated, the other is
+        computed with the campaign's force law, by which the force is a linear function of the
+        pressure. Raise an `InputError` if the computed force is not positive.
         """
         completed: dict[str, Any] = {
             "radius_mm": self.radius_mm,
@@ -284,7 +290,10 @@ class Campaign(CampaignFields):
 
     @property
     def scope(self) -> tuple[CircularTest, ...]:
-        """All tests that determine which effects the model has: ``tests``, then ``foreseen``."""
+        """Tests of the campaign, followed by its foreseen tests.
+
+        The model includes the effects that all these tests can show.
+        """
         return (*self.tests, *self.foreseen)
 
     @property
@@ -318,14 +327,14 @@ class Campaign(CampaignFields):
     def without(self, *names: str) -> Campaign:
         """Return the campaign without the tests of these names.
 
-        If the tests state no times, the remaining ones count as run one right after the other.
+        If the tests state no times, the remaining tests count as run one directly after the other.
         Raise an `InputError` for an unknown name, or if no test is left.
         """
         check_known("test", names, [test.name for test in self.tests])
         return replace(self, tests=tuple(test for test in self.tests if test.name not in names))
 
     def select(self, names: Sequence[str]) -> Campaign:
-        """Return the campaign with the tests of these names alone, in the campaign's order.
+        """Return the campaign with only the tests that are named, in the campaign's order.
 
         Raise an `InputError` for an unknown name, or if no test is named.
         """
@@ -351,8 +360,8 @@ class Campaign(CampaignFields):
         The conditions are those of each test, and the campaign's topology, frames, mount,
         resolution, order and drift. The digest also depends on the names of the tests and the
         sequence in which they are listed, and on the foreseen tests, but not on how the files are
-        written. Certificates and a pilot do not change the digest,
-        because they are prior knowledge.
+        written. Certificates and the pilot do not change the digest, because they are prior
+        knowledge.
         """
         digest = hashlib.sha256()
         head: list[Any] = [
@@ -412,7 +421,7 @@ def _digested_fields(test: CircularTest) -> list[Any]:
 def _name_tests(tests: Sequence[CircularTest]) -> tuple[CircularTest, ...]:
     """Return the tests with a name for each; tests without one are named after their force.
 
-    The name of a test at 36 N is f036, that of a second test at this force f036_2. Raise an
+    A test at 36 N gets the name f036, and a second test at this force the name f036_2. Raise an
     `InputError` for a name that the user gave twice.
     """
     given_names = [test.name for test in tests if test.name]

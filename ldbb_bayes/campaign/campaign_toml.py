@@ -22,7 +22,7 @@ from ldbb_bayes.files import read_toml, validated
 
 __all__ = ["LARGEST_PLAN", "CampaignContent", "read_campaign_toml"]
 
-# Number of readings of a planned test for which campaign.toml states no number.
+# Number of readings of a planned test if campaign.toml states no number.
 _PLANNED_READINGS = 720
 # Largest number of readings of all planned tests of a campaign together.
 LARGEST_PLAN = 2_000_000
@@ -97,19 +97,19 @@ class _CampaignFile(CampaignFields):
 
 
 class CampaignContent(NamedTuple):
-    """Content of campaign.toml: the tests, and the other fields of the campaign by name.
+    """Content of campaign.toml: the tests, and the values of all other fields of the campaign.
 
     Foreseen tests are among the other fields.
     """
 
     tests: tuple[CircularTest, ...]
-    fields: dict[str, Any]  # values of the campaign's fields other than its tests, by name
+    fields: dict[str, Any]  # values of all fields of the campaign except ``tests``, by name
 
 
 def read_campaign_toml(path: Path) -> CampaignContent:
     """Return the tests and the other fields of the campaign that a campaign.toml describes.
 
-    The CSV files and calibration certificates that campaign.toml names are read too. Raise an
+    The CSV files and calibration certificates that campaign.toml names are also read. Raise an
     `InputError` for a mistake in a file; the message names the file.
     """
     content = read_toml(path)
@@ -140,10 +140,11 @@ def read_campaign_toml(path: Path) -> CampaignContent:
 
 
 def _pilot_of(path: Path, file: _CampaignFile) -> Campaign | None:
-    """Return the pilot that campaign.toml names: the campaign in a folder inside its own.
+    """Return the pilot that campaign.toml names, or None if it names no pilot.
 
-    ``file`` is the validated content of the campaign.toml at ``path``. Raise an `InputError` if the
-    folder holds no campaign, or one that names a pilot itself.
+    The pilot is the campaign in a folder inside the plan's folder. ``file`` is the validated
+    content of the campaign.toml at ``path``. Raise an `InputError` if the pilot's folder is not
+    inside the plan's folder, holds no campaign, or holds a campaign that names a pilot itself.
     """
     if file.pilot is None:
         return None
@@ -163,7 +164,7 @@ def _pilot_of(path: Path, file: _CampaignFile) -> Campaign | None:
 
 
 def _fill_from_certificates(path: Path, content: dict[str, Any]) -> None:
-    """Replace the key ``dcc`` of each table by the keys that the named certificate states.
+    """In each table, replace the key ``dcc`` with the values that the named certificate states.
 
     The key names the file of a digital calibration certificate (DCC). ``content`` is the content of
     the campaign.toml at ``path`` and is changed in place. Raise an `InputError` if a table and its
@@ -198,10 +199,10 @@ def _mount_of(path: Path, file: _CampaignFile, content: Mapping[str, Any]) -> Mo
     """Return the deflection of the work ball's mount, and whether readings are compensated for it.
 
     The deflection is in µm per bar of air pressure. If campaign.toml states a stiffness [N/µm]
-    instead, the deflection is the slope of the force law [N/bar] divided by the stiffness; the
-    force law is the force of the ball bar as a linear function of the pressure. ``content`` is the
-    content of campaign.toml before defaults were filled in. Raise an `InputError` if campaign.toml
-    states both stiffness and deflection.
+    instead of a deflection, the deflection is the slope of the force law [N/bar] divided by the
+    stiffness. The force law is the force of the ball bar as a linear function of the pressure.
+    ``content`` is the content of campaign.toml before defaults were filled in. Raise an
+    `InputError` if campaign.toml states both stiffness and deflection.
     """
     stated = content.get("mount", {}).keys()
     require(
@@ -216,7 +217,7 @@ def _mount_of(path: Path, file: _CampaignFile, content: Mapping[str, Any]) -> Mo
 
 
 def _instrument_of(path: Path, file: _CampaignFile) -> Instrument:
-    """Return the instrument with the certified values that all tables of campaign.toml state.
+    """Return the instrument with the certified values that the tables of campaign.toml state.
 
     ``file`` is the validated content of the campaign.toml at ``path``.
     """
@@ -270,9 +271,9 @@ def _stated_values(entry: _PlannedTest) -> dict[str, Any]:
 def _planned_angles(plan: Mapping[str, Any]) -> Any:
     """Return the angles of a planned test [deg], in equal steps.
 
-    ``plan`` holds number of readings, start and arc, by the keys readings, start_deg and arc_deg of
-    campaign.toml. By default, they are 720, 0° and 360°. The angles include both ends of the arc,
-    but in a full turn the first angle is not repeated.
+    ``plan`` holds the number of readings, the first angle and the arc under the keys readings,
+    start_deg and arc_deg of campaign.toml. Their default values are 720, 0° and 360°. The angles
+    include both ends of the arc, but in a full turn the first angle is not repeated.
     """
     readings = plan.get("readings", _PLANNED_READINGS)
     return planned_angles(readings, plan.get("start_deg", 0.0), plan.get("arc_deg", 360.0))

@@ -16,7 +16,8 @@ from ldbb_bayes.errors import require
 __all__ = ["PILOT_NAME", "TOML_NAME", "write_campaign_into"]
 
 TOML_NAME = "campaign.toml"
-# Name of the folder, inside that of a plan, that holds the plan's pilot.
+# Name of the folder for the pilot of a plan, which is the campaign or plan from which the plan was
+# designed. The folder is inside the folder of the plan.
 PILOT_NAME = "pilot"
 # Version of the format of campaign.toml, which is written under the key ``schema``.
 _SCHEMA = 1
@@ -26,8 +27,8 @@ def write_campaign_into(campaign: Campaign, folder: Path) -> None:
     """Write campaign.toml and one CSV file of readings for each test into an existing folder.
 
     Planned and foreseen tests, which have no readings, get no CSV file. If the angles of a foreseen
-    test are in unequal steps, as many angles in equal steps are written instead. A pilot is written
-    into the folder ``pilot`` inside the folder.
+    test are in unequal steps, the same number of angles in equal steps is written instead. The
+    pilot of a plan is written into the subfolder ``pilot``.
     """
     if campaign.pilot is not None:
         pilot_folder = folder / PILOT_NAME
@@ -112,7 +113,7 @@ def _test_table(campaign: Campaign, test: CircularTest) -> dict[str, Any]:
     table: dict[str, Any] = {"file": None if is_planned else f"{test.name}.csv"}
     for key in ("force_N", "pressure_bar", "direction"):
         table[key] = getattr(test, key)
-    table["name"] = test.name or None  # foreseen tests have none
+    table["name"] = test.name or None  # foreseen tests have no name
     for key in PER_TEST:
         value = getattr(test, key)
         if value != usual.get(key, 0.0):
@@ -123,7 +124,7 @@ def _test_table(campaign: Campaign, test: CircularTest) -> dict[str, Any]:
 
 
 def _planned_angles_table(test: CircularTest) -> dict[str, Any]:
-    """Return number, start and arc of a planned test's angles, by their keys in campaign.toml.
+    """Return number, first angle and arc of a planned test's angles under their TOML keys.
 
     Raise an `InputError` if the angles are not evenly spaced within one turn.
     """

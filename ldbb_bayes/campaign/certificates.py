@@ -1,6 +1,6 @@
 """Digital calibration certificates (DCC) of bar, force device and balls.
 
-The numbers of a certificate become values of keys of ``campaign.toml``, and these become fields of
+The numbers of a certificate are returned under keys of ``campaign.toml``. They become fields of
 `Instrument`.
 """
 
@@ -18,8 +18,8 @@ from ldbb_bayes.results import Shown
 
 __all__ = ["CalibrationCertificate", "CertifiedQuantity"]
 
-# Text pattern (regular expression) for each role that a certified quantity can have, such as
-# length, force or form. The first pattern found in the quantity's name or its attribute refType
+# Roles that a certified quantity can have, such as length, force or form, each with a text pattern
+# (regular expression). The first pattern found in the quantity's name or its attribute refType
 # decides the role.
 _ROLES: dict[str, str] = DCC_WORDS["roles"]
 _METRES_PER_MICROMETRE = 1e-6
@@ -27,7 +27,7 @@ _METRES_PER_MICROMETRE = 1e-6
 _QUANTITIES_LISTED = 12
 # Pattern of a length in the name of a bar, such as 100 mm.
 _LENGTH_IN_NAME = re.compile(r"(?<![\d.,])(\d+(?:[.,]\d+)?)\s?mm\b")
-# Two nominal lengths are equal if they differ by at most this share.
+# Two nominal lengths count as equal if they differ by at most this share of the length.
 _NOMINAL_TOLERANCE = 1e-3
 # Longest name of a certificate that is written into campaign.toml [characters].
 _LONGEST_LABEL = 200
@@ -37,8 +37,8 @@ _LONGEST_LABEL = 200
 class CertifiedQuantity:
     """One number of a calibration certificate, as the certificate writes it.
 
-    ``name`` is the name that the certificate gives the quantity, or an empty text, and ``value`` is
-    the number.
+    ``name`` is the name that the certificate gives the quantity; it is empty if there is none.
+    ``value`` is the number.
     """
 
     name: str
@@ -101,7 +101,8 @@ class CertifiedQuantity:
         Parameters
         ----------
         factor
-            Size, in SI units (bar for pressure), of the unit of the returned numbers: 1e-6 for µm.
+            Unit of the returned numbers, given by its size in SI units (bar for pressure). For
+            example, 1e-6 stands for µm.
 
         Raises
         ------
@@ -133,7 +134,7 @@ class CertifiedQuantity:
 def _without_rounding(number: float) -> float:
     """Return a number rounded to 12 significant digits.
 
-    This removes rounding errors of the conversion of units.
+    This removes the rounding errors that the conversion of units causes.
     """
     return float(f"{number:.12g}")
 
@@ -142,9 +143,9 @@ def _without_rounding(number: float) -> float:
 class CalibrationCertificate(Shown):
     """Digital calibration certificate (DCC): its identifier and its numbers.
 
-    The methods return what the certificate states about a bar, a force device or a ball, by the
-    keys of ``campaign.toml``. They raise an `InputError` if the certificate states nothing about
-    such an object.
+    The methods return what the certificate states about a bar, a force device or a ball, under keys
+    of ``campaign.toml``. They raise an `InputError` if the certificate states nothing about such an
+    object.
     """
 
     path: Path
@@ -159,7 +160,8 @@ class CalibrationCertificate(Shown):
         kind
             Kind of object: ``bar``, ``force`` (force device) or ``ball``.
         bar_length_mm
-            Nominal length of the bar, to choose among the bars of a certificate of several.
+            Nominal length of the bar [mm]. It is used to choose a bar if the certificate states
+            several bars.
 
         Returns
         -------
@@ -183,9 +185,10 @@ class CalibrationCertificate(Shown):
         [µm] and certificate. The length error is the amount by which readings are too large. If the
         certificate states an error of indication, this error is returned unchanged. If it states a
         deviation from the nominal length, the sign is changed, because a longer bar reads too
-        small. If it states the length and its nominal value, the length is subtracted from the
-        nominal value. Of several bars, that of the nominal length ``length_mm`` counts. Raise an
-        `InputError` if no uncertainty is stated, or if several errors remain.
+        small. If it states the actual length and the nominal length, the actual length is
+        subtracted from the nominal length. If the certificate states several bars, the bar of the
+        nominal length ``length_mm`` is used. Raise an `InputError` if no uncertainty is stated, or
+        if several errors remain after the choice of the bar.
         """
         lengths = self._quantities_by_role("m")
         quantity = self._bar_quantity(lengths, length_mm)
@@ -197,9 +200,11 @@ class CalibrationCertificate(Shown):
     ) -> CertifiedQuantity:
         """Return the certified quantity that states the error of a bar's length.
 
-        An error of indication is preferred to a deviation from the nominal length, and this to a
-        length that is stated beside its nominal value. ``lengths`` holds the quantities in units
-        of length by their role. Raise an `InputError` if there is no such quantity, or several.
+        It is, in order of preference, an error of indication, a deviation from the nominal length,
+        or a length that is stated together with its nominal value. ``lengths`` holds lists of
+        quantities in units of length; the keys are their roles. If there are several such
+        quantities, the nominal length ``length_mm`` decides. Raise an `InputError` if there is no
+        such quantity, or if several remain.
         """
         candidates = lengths.get("indication") or lengths.get("deviation") or []
         if not candidates and "nominal" in lengths:
@@ -223,11 +228,11 @@ class CalibrationCertificate(Shown):
         """Return what the certificate states about a force device, by the keys of campaign.toml.
 
         The key U_percent is the expanded uncertainty (k = 2) of the gain, in percent of the gain.
-        If no gain is stated, it is that of the largest certified force, in percent of this force.
-        The key linearity_percent is the largest deviation from a straight line, in percent of the
-        largest force. The key certificate is the name of the certificate. If the certificate does
-        not state one of the two percentages, the key is left out. Raise an `InputError` if it
-        states neither.
+        If no gain is stated, U_percent is the expanded uncertainty of the largest certified force,
+        in percent of this force. The key linearity_percent is the largest deviation from a straight
+        line, in percent of the largest force. The key certificate is the name of the certificate.
+        If the certificate does not state one of the two percentages, its key is left out. Raise an
+        `InputError` if the certificate states neither of them.
         """
         stated: dict[str, Any] = {}
         sources = []
@@ -251,7 +256,7 @@ class CalibrationCertificate(Shown):
     def _force_scale(self) -> CertifiedQuantity | None:
         """Return the certified gain of a force device [N/bar], or the largest certified force [N].
 
-        The force is returned if no gain is stated, and None if neither is.
+        Return the force only if no gain is stated. Return None if neither gain nor force is stated.
         """
         gains = self._quantities_by_role("N/bar").get("gain", [])
         if gains:
@@ -265,8 +270,8 @@ class CalibrationCertificate(Shown):
         """Return the largest linearity error of a force device that the certificate states.
 
         The linearity error is the deviation from a straight line, as a ratio or as a force in
-        newtons. Errors are compared as ratios. Of several equally large ones, return the last one;
-        return None if none is stated.
+        newtons. Errors are compared as ratios. Of several equally large errors, return the last
+        one. Return None if no error is stated.
         """
         shares = self._quantities_by_role("").get("linearity", [])
         newtons = self._quantities_by_role("N").get("linearity", [])
@@ -294,9 +299,9 @@ class CalibrationCertificate(Shown):
     def ball(self) -> dict[str, Any]:
         """Return a ball's deviation from sphericity [µm] and the name of its certificate.
 
-        The keys are those of campaign.toml: sphericity_um and certificate. To each form deviation
-        that the certificate states, its expanded uncertainty (k = 2) is added. The largest of these
-        sums is the deviation from sphericity.
+        The keys are those of campaign.toml: sphericity_um and certificate. The certificate may
+        state several form deviations. The expanded uncertainty (k = 2) of each is added to it, and
+        the largest sum is returned as the deviation from sphericity.
         """
         largest_bound = 0.0
         quantity = None
@@ -316,10 +321,10 @@ class CalibrationCertificate(Shown):
         }
 
     def _quantities_by_role(self, dimension: str) -> dict[str, list[CertifiedQuantity]]:
-        """Return the certified quantities of one dimension, such as m, in lists by their role.
+        """Return the certified quantities of one dimension, such as m, as one list for each role.
 
-        A role is what a quantity states, such as length or force. Quantities of an unknown unit are
-        included; quantities without a role are left out.
+        The keys are the roles. A role says what a quantity is, such as a length or a force.
+        Quantities of an unknown unit are included; quantities without a role are left out.
         """
         by_role: dict[str, list[CertifiedQuantity]] = {}
         for quantity in self.quantities:
@@ -328,7 +333,7 @@ class CalibrationCertificate(Shown):
         return by_role
 
     def _label(self, *quantities: CertifiedQuantity) -> str:
-        """Return a name for the certificate on one line, as campaign.toml holds it.
+        """Return a name for the certificate, on one line, for campaign.toml.
 
         It consists of the file's name, the identifier of the certificate and the names of the
         quantities that are used, and has at most 200 characters.
@@ -347,10 +352,12 @@ class CalibrationCertificate(Shown):
 def _error_of_length(
     quantity: CertifiedQuantity, lengths: Mapping[str, list[CertifiedQuantity]]
 ) -> tuple[float, float]:
-    """Return by how much a bar's readings are too large, and the U of it (k = 2), both in µm.
+    """Return the amount by which a bar's readings are too large, and its U (k = 2), both in µm.
 
-    ``quantity`` states the error. ``lengths`` holds the quantities in units of length by their
-    role. Raise an `InputError` if no uncertainty is stated, or no nominal length beside a length.
+    U is the expanded uncertainty of this amount. ``quantity`` is the certified quantity that states
+    the error of the bar's length. ``lengths`` holds lists of the quantities in units of length; the
+    keys are their roles. Raise an `InputError` if ``quantity`` has no uncertainty, or if it is a
+    length and several nominal lengths could belong to it.
     """
     value, U = quantity.numbers(_METRES_PER_MICROMETRE)
     if not U:
@@ -370,10 +377,11 @@ def _error_of_length(
 def _is_of_length(
     quantity: CertifiedQuantity, nominals: Sequence[CertifiedQuantity], length_mm: float
 ) -> bool:
-    """Return whether a quantity is of a bar of the nominal length ``length_mm``.
+    """Return whether a certified quantity belongs to a bar of the nominal length ``length_mm``.
 
-    The certificate states this length in the quantity's name or in that of an element around it,
-    as in ``Bar 100 mm``, or by a nominal length in the same element.
+    It does if this length stands in the name of the quantity or of an XML element that contains it,
+    as in ``Bar 100 mm``. It also does if one of ``nominals``, the certified nominal lengths, has
+    this value and stands in the same element.
     """
     texts = " ".join((*quantity.holders, quantity.name))
     for match in _LENGTH_IN_NAME.finditer(texts):
@@ -395,7 +403,8 @@ def _several_errors(
 ) -> InputError:
     """Return the error for a certificate that states several errors of a bar's length.
 
-    It names each by what sets it apart, with the numbers that the user may give instead.
+    The message lists the errors. Each error has a name that distinguishes it from the other errors,
+    and the numbers that the user may give instead of the certificate.
     """
     texts = []
     for quantity in candidates[:_QUANTITIES_LISTED]:
@@ -410,7 +419,12 @@ def _several_errors(
 
 
 def _name_apart(quantity: CertifiedQuantity, others: Sequence[CertifiedQuantity]) -> str:
-    """Return the names of a quantity, and of what holds it, that not all of ``others`` share."""
+    """Return a text that distinguishes a certified quantity from ``others``.
+
+    The text consists of the names of the XML elements that contain the quantity and of the quantity
+    itself. Names that all of ``others`` have too are left out. If no name is left, return the
+    quantity's title.
+    """
     names = []
     for name in (*quantity.holders, quantity.name):
         n_with_name = sum(name in (*other.holders, other.name) for other in others)
@@ -456,7 +470,7 @@ def _only(quantities: Sequence[CertifiedQuantity]) -> CertifiedQuantity:
 def _listed(quantities: Sequence[CertifiedQuantity]) -> str:
     """Return the names and units of certified quantities as one line of text, for messages.
 
-    Only the first twelve different ones are listed, followed by the number of the others.
+    Only the first twelve different texts are listed, followed by the number of texts left out.
     """
     texts = list(dict.fromkeys(f"{quantity.title!r} ({quantity.unit})" for quantity in quantities))
     listed = ", ".join(texts[:_QUANTITIES_LISTED])

@@ -40,7 +40,7 @@ _SPHERICITY_BY_GRADE_UM = {
 @raises_input_error("ball")
 @dataclass(frozen=True, config=STRICT)
 class Ball(Shown):
-    """The form of a ball, as a certificate or a grade of ISO 3290 states it.
+    """The form of a ball, as stated by a certificate or by a grade of ISO 3290.
 
     A certificate states the deviation from sphericity, peak to valley. It may also state harmonics
     a cos n(θ − phase) of the form, where θ is the angle on the ball. Each harmonic is given as
@@ -50,9 +50,9 @@ class Ball(Shown):
     Raises
     ------
     InputError
-        For an unknown grade, for a grade together with a deviation from sphericity, for harmonics
-        without ``U_um`` or the reverse, and for harmonics of an order outside 2 to 12 or of an
-        order given twice.
+        For an unknown grade; for a grade together with a deviation from sphericity; for harmonics
+        without ``U_um``, and for ``U_um`` without harmonics; and for an order of a harmonic that is
+        outside 2 to 12 or given twice.
 
     Examples
     --------
@@ -106,8 +106,8 @@ class Ball(Shown):
 class Instrument(Shown):
     """Certified properties of balls, bar, mount, force and angle.
 
-    Fields with U in their names are expanded uncertainties (k = 2). Where a field is None, the
-    model assumes a value of its own, which `terms.uncertainties` lists.
+    Fields with U in their names are expanded uncertainties (k = 2). If a field is None, the model
+    assumes a value, which `terms.uncertainties` lists.
 
     Raises
     ------
@@ -157,10 +157,10 @@ class Instrument(Shown):
 
     @property
     def certificates(self) -> dict[str, str]:
-        """Names of the calibration certificates, by the object that each certifies.
+        """Names of the calibration certificates; the keys are the certified objects.
 
-        The objects are bar, force device, work ball and tool ball. Those without a certificate are
-        left out.
+        The objects are bar, force device, work ball and tool ball. Objects without a certificate
+        are left out.
         """
         name_by_object = {
             "bar": self.bar_certificate,

@@ -49,8 +49,8 @@ _LARGEST_READING_MM = 100.0
 # A circle counts as full if the largest gap between neighbouring angles of its readings is at most
 # this many times as wide as usual (see `usual_gap`).
 _ORDINARY_GAP = 3.0
-# Forces of several tests count as the same if they differ by no more than this fraction of the
-# largest force, because a pressure regulator does not repeat a force more closely.
+# Forces of several tests count as equal if they differ by at most this fraction of the largest
+# force, because a pressure regulator does not repeat a force more closely.
 _SAME_FORCE_SHARE = 1e-3
 # Relative tolerance of two comparisons: whether the steps from angle to angle of a test are equal,
 # and whether its angles cover no more than one turn.
@@ -65,8 +65,8 @@ CENTRE = ("centre_x_mm", "centre_y_mm", "centre_z_mm")
 class TestFields(Shown):
     """Conditions of a circular test: load, circle, set-up and direction, without the readings.
 
-    The user's script, the file ``campaign.toml`` or the layout of an imported file states them. A
-    field that is not stated is None.
+    The user's script, the file ``campaign.toml`` or the layout of an imported file states the
+    conditions. A field that is not stated is None.
     """
 
     __test__ = False
@@ -91,37 +91,38 @@ class TestFields(Shown):
     centre_y_mm: Coordinate | None = None
     #: Z of the circle's centre (the work ball), in machine coordinates [mm]
     centre_z_mm: Coordinate | None = None
-    #: number of the set-up in which the test is run; tests of one set-up have the same offsets of
-    #: the tool ball
+    #: number of the set-up in which the test is run; in all tests of one set-up, the tool ball has
+    #: the same offsets
     setup: SetupNumber | None = None
     temperature_C: Number | None = None  #: temperature during the test [°C]
     time_s: Number | None = None  #: start of the test [s], on a clock common to all tests
 
 
-# Names of the fields of a test that an imported file may also give in other ways than in a column
+# Names of the fields of a test that an imported file can also state in another way than by a column
 # with the name of the field.
 _NOT_PER_TEST = ("name", "force_N", "pressure_bar", "direction")
-# Names of the other fields of a test: a table of readings gives them only in a column with the name
-# of the field.
+# Names of all fields of a test that are not in `_NOT_PER_TEST`. A table of readings states such a
+# field by a column with the name of the field.
 PER_TEST = tuple(entry.name for entry in fields(TestFields) if entry.name not in _NOT_PER_TEST)
 
 
 @raises_input_error("test")
 @dataclass(frozen=True, eq=False, config=STRICT)
 class CircularTest(TestFields):
-    """One circle at one force, with readings or, if it is planned, without.
+    """One circle at one force of the bar. A planned test has no readings.
 
-    Force or pressure must be given; if only one is, the campaign's force law supplies the other.
-    Give angles either in degrees or in radians, and readings either in µm or in mm. Angles may go
-    over any number of turns. Masked angles and readings, and pandas' NA, are left out.
+    Force or pressure must be given. If only one of them is given, the other is computed with the
+    campaign's force law. Give angles either in degrees or in radians, and readings either in µm or
+    in mm. The angles may go over any number of turns. Masked angles and readings, and pandas' NA,
+    are left out.
 
     Raises
     ------
     InputError
-        For angles that are missing, are fewer than nine or cover less than 180°; for angles or
-        readings that are not finite, not equally many or given in two units; for readings of more
-        than 100 mm; and for a test without force and pressure, or with a force that is not
-        positive.
+        For a test without angles, with fewer than nine angles, or with angles that cover less than
+        180°; for angles or readings that are not finite, or are given in two units; if the numbers
+        of angles and readings differ; for readings of more than 100 mm; for a test without force
+        and pressure; and for a force that is not positive.
 
     Examples
     --------
@@ -140,8 +141,8 @@ class CircularTest(TestFields):
     #: n readings of the ball bar, which are the actual distance of the balls minus the nominal
     #: radius [µm], shape (n,); None for a planned test
     reading_um: Any = None
-    #: name of the test. By default, its campaign names it after the force, such as f036 for 36 N,
-    #: and numbers repetitions of a force.
+    #: name of the test. By default, the campaign names the test after its force, such as f036 for
+    #: 36 N; repetitions of a force are numbered.
     name: FileName = field(default="", kw_only=True)
     #: clocking: angle by which the work ball is turned in its socket [deg]
     work_ball_deg: Number = field(default=0.0, kw_only=True)
@@ -172,7 +173,7 @@ class CircularTest(TestFields):
         object.__setattr__(self, "reading_mm", None)
 
     def _leave_out_missing(self) -> None:
-        """Leave out angles and readings of which one is masked, or pandas' NA."""
+        """Leave out each angle and its reading if either of them is masked or is pandas' NA."""
         columns = {}
         for name in ("angle_deg", "angle_rad", "reading_um", "reading_mm"):
             if getattr(self, name) is not None:
@@ -322,9 +323,10 @@ class CircularTest(TestFields):
     def planned(self) -> CircularTest:
         """Return the same test as a planned one, without readings.
 
-        Angles in unequal steps, or over more than one turn, are replaced by as many angles in equal
-        steps over the arc of the circle that they cover, which is at most one turn. Those in equal
-        steps become, to the last digit, what campaign.toml says of a planned test.
+        Angles in unequal steps, or over more than one turn, are replaced with the same number of
+        angles in equal steps over the same arc, which is at most one turn. Angles in equal steps
+        are computed anew from their number, first angle and arc. They are then exactly the angles
+        that are read if the planned test is stored in campaign.toml.
         """
         readings = len(self.angle_deg)
         if self.step_deg:
@@ -342,7 +344,10 @@ class CircularTest(TestFields):
 
     @property
     def planned_arc_deg(self) -> float:
-        """Arc of angles in equal steps as campaign.toml states it: a full turn as ±360 [deg]."""
+        """Arc [deg] that campaign.toml states for angles in equal steps; ±360 for a full turn.
+
+        The arc is negative if the angles decrease.
+        """
         readings = len(self.angle_deg)
         turn_deg = readings * self.step_deg
         if abs(abs(turn_deg) - 360.0) < _TURN_TOLERANCE * 360.0:
@@ -353,8 +358,9 @@ class CircularTest(TestFields):
     def circle(self) -> Circle:
         """Nominal circle of the test: its radius, centre and plane.
 
-        A radius or coordinate that the test does not state counts as zero, and a plane as XY.
-        Tests of a campaign state all of these, because the campaign fills in its own.
+        If the test does not state a radius or coordinate, zero is assumed; if it does not state a
+        plane, XY is assumed. Tests of a campaign state all of these, because the campaign fills in
+        missing values.
         """
         x, y, z = (float(getattr(self, key) or 0.0) for key in CENTRE)
         return Circle(float(self.radius_mm or 0.0), (x, y, z), self.plane or "XY")

@@ -39,10 +39,10 @@ _NO_RESULTS = (
 # numbers, with unit and uncertainty.
 _NUMBER_ELEMENTS = ("real", "realListXMLList")
 # Names of the XML elements for an expanded uncertainty in version 2 and in version 1 of the D-SI
-# (Digital SI). Each is followed by the name of the element inside it that holds the number.
+# (Digital SI). The value for each name is the name of the inner element that holds the number.
 _EXPANDED_UNCERTAINTIES = {"expandedMU": "valueExpandedMU", "expandedUnc": "uncertainty"}
-# Names of the XML elements for a standard uncertainty in the D-SI (Digital SI). Each is followed by
-# the name of the element inside it that holds the number.
+# Names of the XML elements for a standard uncertainty in the D-SI (Digital SI). The value for each
+# name is the name of the inner element that holds the number.
 _STANDARD_UNCERTAINTIES = {
     "standardMU": "valueStandardMU",
     "coverageIntervalMU": "valueStandardMU",
@@ -66,7 +66,7 @@ def read_dcc(path: str | os.PathLike[str]) -> CalibrationCertificate:
     -------
     CalibrationCertificate
         The certificate: its ``identifier`` and its ``quantities``. Its method ``fields`` returns
-        what the certificate states about a ``"bar"``, a ``"force"`` device or a ``"ball"``, by the
+        what the certificate states about a ``"bar"``, a ``"force"`` device or a ``"ball"``, under
         keys of ``campaign.toml``.
 
     Raises
@@ -107,8 +107,9 @@ def _quantities_in(
 ) -> Iterator[CertifiedQuantity]:
     """Yield all certified quantities inside an XML element of a certificate.
 
-    ``holder`` is the element. ``holders`` are the names and the refType attributes of the elements
-    around it, outermost first; each quantity keeps those of all elements that contain it.
+    ``holder`` is the element. ``holders`` are its name and refType attribute and those of the
+    elements that contain it, outermost first. Each quantity stores the names and refType attributes
+    of all elements that contain the quantity.
     """
     for element in holder:
         name = _name_of(element)
@@ -124,7 +125,8 @@ def _quantities_in(
 def _number_elements(quantity: ElementTree.Element) -> Iterator[ElementTree.Element]:
     """Yield the XML elements that hold the numbers of a quantity of a certificate.
 
-    An element ``hybrid`` states one quantity in several units; only one of these is yielded.
+    An element ``hybrid`` states one quantity in several units. Of these, only the first with a
+    known unit is yielded, or the first of all if no unit is known.
     """
     for tag in _NUMBER_ELEMENTS:
         yield from quantity.iterfind(_SI + tag)
@@ -135,7 +137,7 @@ def _number_elements(quantity: ElementTree.Element) -> Iterator[ElementTree.Elem
 
 
 def _has_known_unit(element: ElementTree.Element) -> bool:
-    """Return whether an XML element states a unit for its numbers, and only known units."""
+    """Return whether an XML element states units for its numbers, and all these units are known."""
     units = _words(element, "unit")
     return bool(units) and all(parse_unit(unit) is not None for unit in units)
 
@@ -158,7 +160,8 @@ class _Uncertainty:
     """Uncertainties that an XML element states for one or several certified numbers.
 
     ``U`` are expanded uncertainties, ``k`` their coverage factors and ``coverage`` their coverage
-    probabilities. Each list has one entry for each number, one for all numbers, or none.
+    probabilities. Each list has one entry for each number, a single entry for all numbers, or no
+    entry.
     """
 
     U: list[float] = field(default_factory=list)
@@ -173,7 +176,7 @@ def _quantities_of(
 
     The element holds one number or a list of numbers. A single unit or uncertainty is valid for all
     numbers of the list. If a list of units or uncertainties is shorter than the list of numbers,
-    the numbers beyond its end are left out.
+    the numbers beyond the end of the shorter list are left out.
 
     Parameters
     ----------
@@ -252,7 +255,7 @@ def _words(element: ElementTree.Element, tag: str) -> list[str]:
     """Return the words that an XML element contains in the inner element ``tag``.
 
     If there is no such element, return the words of the element ``tag`` + "XMLList", which holds a
-    list. Return an empty list if there is neither.
+    list. Return an empty list if there is neither of these elements.
     """
     text = element.findtext(_SI + tag) or element.findtext(f"{_SI}{tag}XMLList") or ""
     return text.split()

@@ -1,4 +1,4 @@
-"""Directions of travel of a campaign's circles: stated by all tests of a plane, or by none."""
+"""Check that all tests in a plane state their direction of travel, or that none does."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ __all__ = ["planes_run_both_ways"]
 def planes_run_both_ways(campaign: Campaign) -> tuple[str, ...]:
     """Return the planes in which circles run, or are planned, in both directions of travel.
 
-    Raise an `InputError` if a test in such a plane does not state its direction, or if some tests
-    of a plane state their direction and others do not.
+    Raise an `InputError` if a test in such a plane states no direction, or if some tests in another
+    plane state a direction and further tests in this plane do not.
     """
     both = []
     for plane in dict.fromkeys(str(test.plane) for test in campaign.scope):
@@ -28,7 +28,8 @@ def planes_run_both_ways(campaign: Campaign) -> tuple[str, ...]:
 def _check_directions_stated(campaign: Campaign, plane: str, reason: str) -> None:
     """Raise an `InputError` if a test in the plane ``plane`` states no direction of travel.
 
-    ``reason`` says in the message why it must: what circles of the plane do.
+    ``reason`` ends the part of the message that says why a direction is needed. This part begins
+    with "as circles of plane", followed by the name of the plane.
     """
     undirected: list[CircularTest] = [
         test for test in campaign.tests if test.plane == plane and test.direction is None

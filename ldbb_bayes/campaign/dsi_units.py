@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 
 __all__ = ["DCC_WORDS", "UnitSize", "parse_unit"]
 
-# Prefixes and units of the D-SI (Digital SI), and words in the names of quantities, that digital
-# calibration certificates use. They are read from the file ``dcc.toml`` of the package.
+# Content of the file ``dcc.toml`` of the package: prefixes and units of the D-SI (Digital SI), and
+# the words by which the quantities of digital calibration certificates are recognised.
 DCC_WORDS: Mapping[str, Any] = tomllib.loads(
     (Path(__file__).parent / "dcc.toml").read_text(encoding="utf-8")
 )
@@ -70,7 +70,7 @@ def parse_unit(unit: str | None) -> UnitSize | None:
 def _dimension_text(powers: Mapping[str, int]) -> str:
     """Return a text such as N/bar for a dimension.
 
-    ``powers`` holds the exponents of its units, such as 1 for N and −1 for bar.
+    ``powers`` holds the exponent of each unit in the dimension, such as 1 for N and −1 for bar.
     """
     numerators = ""
     denominators = ""

@@ -28,8 +28,8 @@ __all__ = [
 
 # Largest number that a set-up may have.
 _LARGEST_SETUP = 1000
-# Configuration of pydantic, the library that checks input: it refuses fields that a class does not
-# have.
+# Configuration of pydantic, the library that checks input. With this configuration, pydantic
+# refuses arguments for which a class has no field.
 STRICT = ConfigDict(extra="forbid")
 
 
@@ -48,7 +48,7 @@ def _require_printable(text: str) -> str:
 def _iso_date(when: Any) -> str:
     """Return a date as text in ISO 8601, such as 2026-11-20.
 
-    ``when`` is a date of Python, or a text. A text in ISO 8601, with or without the time of day, is
+    ``when`` is a Python date or a text. A text in ISO 8601, with or without the time of day, is
     returned unchanged. Raise a ValueError for anything else.
     """
     if isinstance(when, date):
@@ -78,7 +78,7 @@ Force = Annotated[Number, Field(gt=0.0, le=1e6)]
 Pressure = Annotated[Number, Field(ge=0.0)]
 # Type of a length [mm] that a user gives: above zero, at most 1e5.
 Length = Annotated[Number, Field(gt=0.0, le=1e5)]
-# Type of a coordinate [mm] that a user gives: at most 1e5 from zero.
+# Type of a coordinate [mm] that a user gives: from −1e5 to 1e5.
 Coordinate = Annotated[Number, Field(ge=-1e5, le=1e5)]
 # Type of a value in µm or N from a certificate: above zero, at most 1000. A larger value is
 # probably in another unit.

@@ -59,8 +59,8 @@ def read_campaign(
     path : str or os.PathLike
         Path of the folder or file.
     certificates : mapping of str to object, optional
-        Fields of `Instrument`. They replace those that ``campaign.toml`` states; a tidy CSV states
-        none.
+        Values of fields of `Instrument`, by name. They replace the values that ``campaign.toml``
+        states; a tidy CSV states no such values.
     **options : object
         Values of fields of `Campaign`, such as ``radius_mm=150``. They are permitted only with a
         tidy CSV, because otherwise ``campaign.toml`` states them.
@@ -121,7 +121,7 @@ def read_campaign(
 
 
 def _lines_to_write(options: Mapping[str, Any], file_name: str) -> str:
-    """Return a sentence that says which lines of a campaign.toml state what options state."""
+    """Return a sentence that names the lines to write into a campaign.toml instead of options."""
     lines = []
     for name, value in options.items():
         if isinstance(value, str | bool | int | float):
@@ -135,8 +135,9 @@ def _lines_to_write(options: Mapping[str, Any], file_name: str) -> str:
 def _with_certificates(instrument: Instrument, certificates: Mapping[str, Any]) -> Instrument:
     """Return the instrument after replacing the fields that ``certificates`` names.
 
-    ``certificates`` holds new values by the names of fields of `Instrument`. If one of them belongs
-    to the bar or the force device, the name of its old certificate is removed.
+    ``certificates`` holds new values; the keys are names of fields of `Instrument`. If a field
+    belongs to the bar or to the force device, the name of the old certificate of this object is
+    removed.
     """
     changes: dict[str, Any] = {}
     for name in certificates:
@@ -151,8 +152,9 @@ def write_campaign(
 ) -> Path:
     """Write a campaign or plan into a folder, completely or not at all; return the folder's path.
 
-    The folder holds ``campaign.toml`` and, unless it is a plan, one CSV file of readings for each
-    test. Numbers are written with all digits, so that reading them returns the same numbers.
+    The folder holds ``campaign.toml``. If the campaign is not a plan, the folder also holds one CSV
+    file of readings for each test. Numbers are written with all digits, so that exactly the same
+    numbers are read again.
 
     Parameters
     ----------
@@ -171,9 +173,9 @@ def write_campaign(
     Raises
     ------
     InputError
-        For a folder that exists, unless ``force`` is true and it holds nothing but a campaign; for
-        the working directory, or a folder above it; for a folder that cannot be written; and for a
-        plan whose angles are not evenly spaced.
+        For a folder that exists, unless ``force`` is true and the folder holds nothing but a
+        campaign; for the working directory, and for folders that contain the working directory; for
+        a folder that cannot be written; and for a plan whose angles are not evenly spaced.
 
     Examples
     --------
@@ -205,10 +207,11 @@ def files_of(folder: Path) -> set[str]:
 
 
 def pilot_of_plan(folder: Path | None) -> set[str]:
-    """Return the name of the folder with the pilot of a plan; an empty set without a pilot.
+    """Return a set with the name of the pilot's folder; the set is empty if a plan has no pilot.
 
-    The folder may be deleted when the plan is replaced, because it is a copy of the pilot.
-    ``folder`` is that of the plan; None for no folder.
+    The pilot is the campaign or plan from which the plan was designed. Its folder, which is inside
+    the folder of the plan, holds only a copy and may be deleted when the plan is replaced.
+    ``folder`` is the folder of the plan; for None, the set is empty.
     """
     if folder is None:
         return set()
@@ -219,12 +222,12 @@ def pilot_of_plan(folder: Path | None) -> set[str]:
 
 
 def labels_of(path: str | os.PathLike[str]) -> dict[str, str]:
-    """Return the name, the machine_id and the date that a campaign.toml states, by these keys.
+    """Return the values of the keys name, machine_id and date that a campaign.toml states.
 
-    If no machine_id is stated, or an empty one, the serial number of the machine takes its place.
-    A date is a text in ISO 8601. Keys that are not stated, or have a text of more than 200
-    characters, are left out. The dictionary is empty for a file that cannot be read, and for a CSV
-    file. ``path`` is the path of a campaign folder or of a file.
+    If no machine_id is stated, or an empty one, the serial number of the machine takes its place. A
+    date is a text in ISO 8601. Keys that are not stated, or whose text has more than 200
+    characters, are left out. The result is an empty dictionary for a file that cannot be read, and
+    for a CSV file. ``path`` is the path of a campaign folder or of a file.
     """
     file = Path(path)
     if os.path.isdir(path):
@@ -248,7 +251,8 @@ def embedded_campaign(name: str = "recovered_experiment") -> Path:
     """Return the folder of a campaign that comes with the package.
 
     The readings of ``recovered_experiment`` are reconstructed from the tables of a published
-    experiment: six circles at forces from 36 to 742 N. What the tables do not fix is synthetic.
+    experiment: six circles at forces from 36 to 742 N. Details of the readings that the tables do
+    not determine are synthetic.
 
     Parameters
     ----------

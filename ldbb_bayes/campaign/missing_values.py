@@ -11,10 +11,11 @@ __all__ = ["missing_entries", "without_entries"]
 
 
 def missing_entries(column: Any) -> NDArray[np.bool_]:
-    """Return whether each entry of a column is missing, shape (n,).
+    """Return a mask of the n entries of a column, shape (n,), that is true for missing entries.
 
-    An entry is missing if NumPy's masked array masks it, or if it is pandas' NA. A NaN is not
-    missing, but a wrong number. The result is empty for a column that is not one-dimensional.
+    An entry is missing if it is masked in a masked array of NumPy, or if it is pandas' NA. A NaN
+    does not count as missing, because it is a wrong number. The result is empty for a column that
+    is not one-dimensional.
     """
     if isinstance(column, np.ma.MaskedArray):
         mask: NDArray[np.bool_] = np.ma.getmaskarray(column)
@@ -38,7 +39,7 @@ def _is_missing(entry: Any) -> bool:
 def without_entries(column: Any, missing: NDArray[np.bool_]) -> list[Any]:
     """Return the entries of a column that are not missing.
 
-    ``missing`` says for each entry whether it is left out, shape (n,).
+    ``missing`` is a mask, shape (n,), that is true for the entries to leave out.
     """
     if isinstance(column, np.ma.MaskedArray):
         column = column.data

@@ -29,25 +29,26 @@ __all__ = [
 # Highest order of the Fourier series that is fitted to the readings of a test in its preview.
 _ORDER = 12
 # Smallest arc [deg] that counts as a full circle in the preview. A remark is made on a test whose
-# angles cover less.
+# angles cover a smaller arc.
 _FULL_DEG = 359.0
-# Largest arc [deg] that a remark calls an arc. If the angles of a test cover more, but not a full
-# circle, the remark is on a gap. The limit is a full circle less one period of the highest order of
-# the fitted Fourier series.
+# If the angles of a test cover at most this arc [deg], a remark states the arc. If the angles cover
+# a larger arc, but not a full circle, the remark states the largest gap between angles. The limit
+# is a full circle minus one period of the highest order of the fitted Fourier series.
 _LARGEST_ARC_DEG = 360.0 - 360.0 / _ORDER
 # A gap between neighbouring angles of a test is reported if it is wider than this many times the
 # usual step from one angle to the next.
 _GAP_STEPS = 10.0
-# A test is reported if its stated force and the force that the campaign's force law gives for its
-# pressure differ by more than this share of the largest force.
+# A test is reported if its stated force differs from the force that the campaign's force law gives
+# for its pressure by more than this share of the campaign's largest force.
 _FORCE_LAW_SHARE = 0.02
-# Usual range of a campaign's largest force [N]. If the force is outside, the unit of the forces is
-# probably wrong.
+# Usual range of a campaign's largest force [N]. If the force is outside this range, the unit of the
+# forces is probably wrong.
 _FORCES_N = (5.0, 10_000.0)
-# Usual range of a circle's radius [mm]. If the radius is outside, its unit is probably wrong.
+# Usual range of a circle's radius [mm]. If the radius is outside this range, its unit is probably
+# wrong.
 _RADII_MM = (10.0, 2000.0)
-# If the peak-to-peak value of a test's readings is below this number of resolutions of the readout,
-# the unit of the readings is probably wrong.
+# If the peak-to-peak value of a test's readings is smaller than this number times the resolution of
+# the readout, the unit of the readings is probably wrong.
 _SMALLEST_SPAN_RESOLUTIONS = 3.0
 # If the peak-to-peak value of a test's readings is above this [µm], the unit of the readings is
 # probably wrong.
@@ -57,21 +58,22 @@ _FITTED_READINGS = range(2 * _ORDER + 11, 200_001)
 # A reading is a spike if it deviates from the Fourier series fitted to its test by more than this
 # number of standard deviations of the readings about the series.
 _SPIKE_SCATTERS = 8.0
-# A trace that goes once round the circle is reported as open if it jumps between last and first
-# reading by more than this many times the noise or the resolution, whichever is larger. The noise
-# is a standard deviation.
+# The trace of a test that goes once round the circle is reported as open if the jump between its
+# last and first reading is larger than this number times the noise level. The noise level is the
+# standard deviation of the noise or the resolution of the readout, whichever is larger.
 _OPEN_SCATTERS = 10.0
-# Number of rounds in the search for spikes: that many fits with new weights of the readings, and
-# then at most that many fits without the spikes found so far.
+# Number of fits in the first step of the search for spikes, in which each fit gives new weights to
+# the readings. It is also the largest number of fits in the second step, in which each fit leaves
+# out the spikes found so far.
 _MAX_ROUNDS = 20
 # Standard deviation of a normal distribution divided by its median absolute deviation (MAD). A MAD
 # times this factor estimates the standard deviation.
 _SD_PER_MAD = 1.4826
-# Smallest step between readings [µm] that counts as their resolution, if fewer than a tenth of the
-# readings repeat another. A smaller step only shows how many digits were written.
+# Smallest step between readings [µm] that counts as their resolution if more than nine tenths of
+# the readings are distinct. A smaller step then only shows how many digits were written.
 _FINEST_STEP_UM = 0.005
-# Smallest number of different readings from which a resolution is determined if fewer than a tenth
-# of the readings repeat another.
+# Smallest number of distinct readings from which a resolution is determined if more than nine
+# tenths of the readings are distinct.
 _MIN_VALUES = 50
 
 
@@ -111,7 +113,8 @@ class RemarkKind(StrEnum):
 class Remark:
     """Remark on a test or campaign in a preview.
 
-    ``kind`` is its kind, and ``values`` are the numbers and names that its sentence will contain.
+    ``kind`` is the kind of the remark, and ``values`` holds, by name, the numbers and names that
+    the sentence of the remark will contain.
     """
 
     kind: RemarkKind
@@ -164,10 +167,11 @@ class TestPreview:
     centre_mm: tuple[float, ...]
     work_ball_deg: float
     tool_ball_deg: float
-    #: resolution of the readings [µm]: the step of which all their differences are multiples
+    #: resolution of the readings [µm]: the step of which all differences between readings are
+    #: multiples
     resolution_um: float | None
     #: number of spikes, which are readings that deviate from a fitted Fourier series of order 12 by
-    #: more than eight standard deviations. The series is fitted without them.
+    #: more than eight standard deviations. The series is fitted without the spikes.
     spikes: int
     #: standard deviation of the readings about a fitted Fourier series of order 12, without spikes
     #: [µm]; computed only for tests of 35 to 200 000 readings
@@ -246,14 +250,14 @@ class _Angles(NamedTuple):
     #: ``step_deg``
     usual_step_deg: float
     #: direction in which the angles run from reading to reading: clockwise (CW), counterclockwise
-    #: (CCW), or None if it changes
+    #: (CCW), or None if the direction changes
     travel: str | None
 
 
 def _describe_angles(test: CircularTest) -> _Angles:
-    """Return the step, largest gap and direction of travel of a test's angles [°].
+    """Return the steps and gaps of a test's angles [deg], and their direction of travel.
 
-    The direction is None if the angles neither rise nor fall throughout.
+    The direction is None unless the angles rise throughout or fall throughout.
     """
     angle = np.asarray(test.angle_deg)
     around = np.sort(np.mod(angle, 360.0))
@@ -317,7 +321,7 @@ def _preview_test(test: CircularTest, campaign: Campaign) -> TestPreview:
 def _remark_on_angles(
     test: CircularTest, campaign: Campaign, angles: _Angles, remarks: _Remarks
 ) -> None:
-    """Add remarks on angles that contradict the direction, miss part of the circle or have gaps."""
+    """Add a remark if angles contradict the direction, cover only an arc, or have a wide gap."""
     contradicts = test.direction and angles.travel and test.direction != angles.travel
     if contradicts and not campaign.is_plan and not _order_shows_no_travel(campaign):
         remarks.add(RemarkKind.TRAVEL, stated=test.direction, travel=angles.travel)
@@ -331,8 +335,8 @@ def _remark_on_angles(
 def _order_shows_no_travel(campaign: Campaign) -> bool:
     """Return whether the angles increase in all tests, although both directions are stated.
 
-    The tables of readings were then sorted by angle, so that the order of the readings shows no
-    direction of travel.
+    If so, the tables of readings were sorted by angle, and the order of the readings does not show
+    the direction of travel.
     """
     directions = {test.direction for test in campaign.tests}
     all_rise = all(np.all(np.diff(test.angle_deg) > 0) for test in campaign.tests)
@@ -356,10 +360,11 @@ def _remark_on_force(test: CircularTest, campaign: Campaign, remarks: _Remarks) 
 def _preview_readings(
     test: CircularTest, stated_um: float, angles: _Angles, remarks: _Remarks
 ) -> _Readings:
-    """Return what the readings of a test show: resolution, spikes, noise and peak to peak [µm].
+    """Return the quantities computed from the readings of a test, such as noise and resolution.
 
-    Remarks on an unusual unit or step are added to ``remarks``. ``stated_um`` is the resolution
-    that the campaign states [µm].
+    Remarks on the readings, for example on a unit that is probably wrong, are added to ``remarks``.
+    ``stated_um`` is the resolution that the campaign states [µm]. ``angles`` are the steps, gaps
+    and direction of the test's angles.
     """
     reading = test.reading_um
     span = float(np.ptp(reading))
@@ -395,10 +400,11 @@ def _path(
 ) -> tuple[float, int]:
     """Return the scatter of readings about a Fourier series of order 12, and the number of spikes.
 
-    The scatter is a standard deviation [µm], without spikes, which are readings far from the
-    series. If the test goes once round the circle (``closes``), a drift linear in the angle is
-    fitted too, so that a jump between last and first reading is found. Such a jump and the spikes
-    are added to ``remarks``. ``resolution_um`` is the resolution of the readout.
+    The scatter is the standard deviation [µm] of all readings except spikes, which are readings far
+    from the series. If the test goes once round the circle (``closes``), a drift linear in the
+    angle is fitted too, so that a jump between last and first reading is found. Remarks on this
+    jump and on spikes are added to ``remarks``. ``resolution_um`` is the resolution of the readout
+    [µm].
     """
     turns = np.exp(1j * np.outer(test.angles_rad(), np.arange(_ORDER + 1)))
     reading = np.asarray(test.reading_um)
@@ -499,12 +505,12 @@ def _least_absolute_deviations(columns: Array, reading: Array) -> tuple[Array, i
 def resolution_of(reading_um: Array) -> float | None:
     """Return the resolution of readings [µm], or None if they do not show one.
 
-    The resolution is the median of the smallest differences between neighbouring distinct readings
-    (those below 1.5 times the least). All differences must be multiples of it to within 5 %,
-    otherwise the result is None. It is also None for fewer than three distinct readings. If fewer
-    than a tenth of the readings repeat another, it is None in two further cases: for a resolution
-    below 0.005 µm, which only shows how many digits were written, and for fewer than 50 distinct
-    readings.
+    The distinct readings are sorted, and the differences between neighbours are taken. The
+    resolution is the median of those differences that are below 1.5 times the smallest difference.
+    The result is None if a difference is not a multiple of the resolution to within 5 % of the
+    resolution, and for fewer than three distinct readings. If more than nine tenths of the readings
+    are distinct, the result is None in two further cases: for a resolution below 0.005 µm, which
+    only shows how many digits were written, and for fewer than 50 distinct readings.
 
     Parameters
     ----------
@@ -562,7 +568,7 @@ def _assumptions(campaign: Campaign) -> tuple[Remark, ...]:
 
 
 def _remark_on_drift(campaign: Campaign, remarks: _Remarks) -> None:
-    """Add a remark on the times by which a fit will measure the drift of bar and centre."""
+    """Add a remark on the times from which a fit will compute the drift of bar and centre."""
     number = len(campaign.tests)
     times_s = [test.time_s for test in campaign.tests if test.time_s is not None]
     span_min = None

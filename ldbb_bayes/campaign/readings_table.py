@@ -1,6 +1,6 @@
-"""Reading of CSV files that hold the readings of one test, or of all tests of a campaign.
+"""Reading of CSV files with the readings of one test, and of CSV files of a whole campaign.
 
-A CSV file of all tests is tidy: it has one row for each reading.
+A CSV file of a whole campaign is tidy: it has one row for each reading.
 """
 
 from __future__ import annotations
@@ -24,8 +24,7 @@ _LARGEST_COLUMNS = 1000
 _SHOWN_NAME = 60
 _ANGLES = ("angle_deg", "angle_rad")
 _READINGS = ("reading_um", "reading_mm")
-# Names of those columns of a table of all tests that must have the same value in all rows of one
-# test.
+# Names of those columns of a tidy table that must have the same value in all rows of one test.
 _TEST_COLUMNS = ("force_N", "pressure_bar", "direction", *PER_TEST)
 # Names that the columns of a tidy table may have.
 _TIDY_COLUMNS = ("test", *_ANGLES, *_READINGS, *_TEST_COLUMNS)
@@ -39,19 +38,20 @@ _LARGEST_SPAN_RAD = 8.0 * np.pi
 
 
 def read_readings(path: Path) -> dict[str, Array]:
-    """Return the columns of angles and readings in the CSV file of one test, by name.
+    """Return the column of angles and the column of readings in the CSV file of one test.
 
-    The names are angle_deg or angle_rad, and reading_um or reading_mm. Raise an `InputError` for a
-    file that cannot be read.
+    The keys of the result are the names of the columns: angle_deg or angle_rad, and reading_um or
+    reading_mm. Raise an `InputError` for a file that cannot be read.
     """
     return _angles_and_readings(path, _read_columns(path, (*_ANGLES, *_READINGS)))
 
 
 def is_tidy_table(path: Path) -> bool:
-    """Return whether a file is a tidy CSV: every column has a name that `tests_of_table` knows.
+    """Return whether a file is a tidy CSV that `tests_of_table` can read.
 
-    A column "test" must be among them, and the names must stand in the first line. Other tables
-    need an import, which finds out what their columns mean.
+    The first line must hold the names of the columns. A column "test" must be among them, and all
+    names must be known to `tests_of_table`. Tables that are not tidy must be imported; the import
+    finds out what their columns mean.
     """
     if path.suffix.lower() != ".csv":
         return False
@@ -91,7 +91,7 @@ def _single_value(path: Path, test: str, column: str, values: Any) -> str | floa
     """Return the value that all rows of one test have in a column; None for an empty text.
 
     ``test`` and ``column`` are the names of the test and of the column, and ``values`` the column's
-    values in the rows of the test. Raise an `InputError` if they differ.
+    values in the rows of the test. Raise an `InputError` if the values differ.
     """
     require(
         len(set(values.tolist())) == 1,
@@ -107,8 +107,8 @@ def _read_columns(path: Path, known: Sequence[str]) -> dict[str, Any]:
     """Return the columns of a CSV file by name, as arrays of numbers or of texts.
 
     If semicolons or tabs separate the cells and no number contains a point, commas are read as
-    decimal marks. ``known`` are the permitted names of columns. Raise an `InputError` for other
-    names, and for cells that are no numbers.
+    decimal marks. ``known`` are the permitted names of columns. Raise an `InputError` for a name
+    that is not permitted, and for a cell that should hold a number and does not.
     """
     rows, separator = read_strict_table(path)
     names = [""]
@@ -132,7 +132,7 @@ def _read_columns(path: Path, known: Sequence[str]) -> dict[str, Any]:
 
 
 def _check_names(path: Path, names: Sequence[str], known: Sequence[str]) -> None:
-    """Refuse a header with too many, unknown or repeated names; ``known`` are those allowed."""
+    """Refuse a header with too many, unknown or repeated names; ``known`` are the allowed names."""
     require(
         len(names) <= _LARGEST_COLUMNS,
         f"{path}, line 1: a table must have at most {_LARGEST_COLUMNS} columns, got {len(names)}."
@@ -177,7 +177,7 @@ def _has_point(cells_by_name: Mapping[str, Sequence[str]]) -> bool:
 
 
 def _angles_and_readings(path: Path, columns: Mapping[str, Any]) -> dict[str, Array]:
-    """Return the column of angles and the column of readings of a table, by their names.
+    """Return the column of angles and the column of readings of a table; the keys are their names.
 
     ``columns`` are all columns of the table. Raise an `InputError` if a column is missing or given
     in both units, or if the range of the angles contradicts their unit.
@@ -201,10 +201,10 @@ def _angles_and_readings(path: Path, columns: Mapping[str, Any]) -> dict[str, Ar
 
 
 def _one_of(path: Path, columns: Mapping[str, Any], names: tuple[str, str]) -> str:
-    """Return the one of two ``names`` that a table has as the name of a column.
+    """Return whichever of two ``names`` is the name of a column of a table.
 
-    ``columns`` are the columns of the table by name. Raise an `InputError` if it has columns of
-    both names or of neither.
+    ``columns`` are the columns of the table by name. Raise an `InputError` if the table has columns
+    of both names, or no column of these names.
     """
     present = [name for name in names if name in columns]
     if len(present) != 1:

@@ -1,4 +1,4 @@
-"""When the tests of a campaign were run, as far as it states this: by times, by order, or not."""
+"""Sources of the times at which the tests of a campaign were run: stated times, or an order."""
 
 from __future__ import annotations
 
@@ -8,26 +8,29 @@ from ldbb_bayes.campaign.campaign import Campaign
 
 __all__ = ["SECONDS_PER_TEST", "TimeSource", "time_source", "times_stated"]
 
-# Time from one test to the next [s] if a campaign states no times of its tests.
+# Time from one test to the next [s] that is assumed if a campaign states no times of its tests.
 SECONDS_PER_TEST = 360.0
 
 
 class TimeSource(StrEnum):
-    """Source of the times at which tests were run, from which the drift in each test follows."""
+    """Source of the times at which tests were run.
+
+    The drift in each test is computed from these times.
+    """
 
     TIMES = "times"  #: the start time (``time_s``) that every test states
     LISTED = "listed order"  #: the order in which the tests are listed, one every six minutes
-    #: nothing: the campaign states that the tests were run in a random order
+    #: no source: the times are unknown, because the campaign states that the order was random
     RANDOM = "random order"
     #: no source is needed: the campaign states that nothing drifted from test to test
     NO_DRIFT = "no drift"
 
 
 def time_source(campaign: Campaign) -> TimeSource:
-    """Return from where the times of a campaign's tests are known, for a drift over time.
+    """Return the source of the times of a campaign's tests, from which a drift is computed.
 
-    A campaign may state that nothing drifted; then no times are needed. Otherwise start times count
-    if all tests state one. Without them, the tests count as run in the order in which they are
+    If the campaign states that nothing drifted, no times are needed. If all tests state their start
+    times, these times are used. If not, the tests count as run in the order in which they are
     listed, unless the campaign states that the order was random.
     """
     if not campaign.drift:

@@ -1,8 +1,8 @@
 """Reading of text tables: bytes to text, text to rows of cells, cells to columns of numbers.
 
 The tables of a campaign folder are read strictly, by `read_strict_table` and `strict_numbers`.
-Foreign files are read by the same steps, after their encoding, the separator of their cells and
-their decimal mark are determined.
+Foreign files are read in the same steps, once their encoding, the separator of their cells and
+their decimal mark are known.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ __all__ = [
 LARGEST_TABLE = 4_000_000
 # Longest line that a text table may have [characters].
 _LONGEST_LINE = 100_000
-# Largest number of characters of a table's cell that an error message shows.
+# Largest number of characters that an error message shows of a table's cell.
 LONGEST_CELL_SHOWN = 60
 # Byte-order mark with which a text file may begin, for each encoding.
 BYTE_ORDER_MARKS = {
@@ -70,7 +70,8 @@ def read_strict_table(path: Path) -> tuple[list[Row], str]:
     """Return the rows of a text table in UTF-8, and the character that separates its cells.
 
     The first row is the header. The separator is whichever of comma, semicolon and tab is most
-    frequent in the file's first line. Raise an `InputError` for a file that is no such table.
+    frequent in the file's first line. Raise an `InputError` for a file that is not a text table in
+    UTF-8.
     """
     text = decode_text(path, table_bytes(path), "utf-8")
     header = text.partition("\n")[0]
@@ -176,9 +177,10 @@ def _split_line(path: Path, line: int, content: str, separator: str) -> list[str
 
 
 def _split_at_blanks(content: str) -> list[str]:
-    """Return the cells of a line that any number of blanks separate; quotes hold a cell together.
+    """Return the cells of a line in which one or more blanks separate two cells.
 
-    Quotes that are not closed, such as a sign for inches, are part of their cells.
+    A cell in quotation marks may contain blanks. A quotation mark that is not closed, such as a
+    sign for inches, is part of its cell.
     """
     if '"' not in content:
         return content.split()
@@ -192,8 +194,8 @@ def _split_at_blanks(content: str) -> list[str]:
 def columns_of(place: str, rows: Sequence[Row], width: int) -> tuple[list[int], list[list[str]]]:
     """Return the line numbers and the columns of a table, from its rows.
 
-    The table has ``width`` columns. Raise an `InputError` for a row that has fewer cells, and for a
-    row with further cells that are not empty. ``place`` is the file's name for error messages.
+    The table has ``width`` columns. Raise an `InputError` for a row with fewer cells, and for a row
+    with further cells that are not all empty. ``place`` is the file's name for error messages.
     """
     for row in rows:
         if len(row.cells) < width or any(row.cells[width:]):
@@ -213,7 +215,7 @@ def strict_numbers(
 ) -> Array:
     """Return the numbers in the n cells of a table's column, shape (n,).
 
-    Raise an `InputError` for a cell that is no finite number, and for one with marks between
+    Raise an `InputError` for a cell that is not a finite number, and for a cell with marks between
     thousands, such as 1,000,000. In a cell such as 1.000, the point is read as a decimal mark.
 
     Parameters
@@ -249,7 +251,7 @@ def strict_numbers(
 def number_error(
     place: str, line: int, name: str, cell: str, remedy: str = "Correct or remove the line."
 ) -> InputError:
-    """Return the `InputError` for a cell of a table that is no finite number.
+    """Return the `InputError` for a cell of a table that is not a finite number.
 
     Parameters
     ----------
@@ -260,7 +262,8 @@ def number_error(
     cell
         Text of the cell.
     remedy
-        What the user can do, as a sentence. If the cell looks like a date, another remedy is named.
+        Sentence that says what the user can do. If the cell looks like a date, a sentence about
+        dates replaces it.
     """
     content = "nothing"
     if cell:
