@@ -1,4 +1,4 @@
-"""Building blocks of the certificate's sheets, the same for the HTML page and for paper."""
+"""Building blocks of the certificate's sheets, for both the HTML page and the PDF file."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from ldbb_bayes.results import Table
 
 __all__ = ["Banner", "Block", "Fields", "Items", "Pair", "PictureRow", "ReportSheet"]
 
-# Ratio of width to height above which a figure needs the full width of a certificate's sheet.
+# A figure needs the full width of a certificate's sheet if its width is more than this times its
+# height.
 _WIDE = 1.6
 
 
@@ -21,11 +22,11 @@ class Fields:
     Parameters
     ----------
     entries
-        Name and text of each field; an empty text leaves a blank line for handwriting.
+        Name and text of each field. A field with an empty text is a blank line for handwriting.
     tall
         Whether the fields are tall enough for signatures.
     heading
-        Heading of the fields; empty if they need none.
+        Heading above the fields, or an empty string for no heading.
     """
 
     entries: tuple[tuple[str, str], ...]
@@ -69,7 +70,7 @@ class Pair:
 
     @property
     def wide(self) -> bool:
-        """Whether the figure needs the sheet's full width, so that its list is placed below it."""
+        """Whether the figure needs the full width of the sheet; the list is then placed below."""
         width, height = self.picture.figure.get_size_inches()
         return bool(width > _WIDE * height)
 
@@ -92,7 +93,7 @@ class Items:
 
 @dataclass(frozen=True, eq=False)
 class PictureRow:
-    """Figures of a certificate's sheet, side by side where none of them is wide.
+    """Figures of a certificate's sheet, which stand side by side if the first figure is not wide.
 
     Parameters
     ----------
@@ -104,7 +105,7 @@ class PictureRow:
 
     @property
     def shares(self) -> tuple[float, ...]:
-        """Share of every figure in the width of the row, for figures of the same height."""
+        """Share of the row's width that each figure gets, so that all have the same height."""
         ratios = []
         for picture in self.pictures:
             width, height = picture.figure.get_size_inches()
@@ -113,7 +114,7 @@ class PictureRow:
 
     @property
     def stacked(self) -> bool:
-        """Whether the first figure is so wide that the others are placed below it."""
+        """Whether the first figure is so wide that the other figures are placed below it."""
         width, height = self.pictures[0].figure.get_size_inches()
         return bool(width > _WIDE * height)
 
@@ -135,9 +136,10 @@ class ReportSheet:
     line
         Line below the title: the number of the sheet and the name of the campaign.
     blocks
-        Content from top to bottom.
+        Content of the sheet from top to bottom.
     scale
-        Relative size of the letters; less than 1 if larger letters would not fit on the page.
+        Factor by which all letters are scaled. It is less than 1 if the text would otherwise not
+        fit on the page.
     """
 
     key: str

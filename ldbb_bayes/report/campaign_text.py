@@ -1,7 +1,6 @@
-"""Campaigns as tables and sentences: what was measured, and what is assumed of the instrument.
+"""Tables and sentences on campaigns: what was measured, and what is assumed of the instrument.
 
-Campaigns are also displayed before a fit. Hence this module imports no analysis modules, which take
-a long time to load.
+Campaigns are also displayed before a fit. To load fast, this module imports no analysis modules.
 """
 
 from __future__ import annotations
@@ -20,17 +19,17 @@ __all__ = ["parts_of"]
 
 
 class _Setting(NamedTuple):
-    """Presentation of one setting of a test in a table.
+    """A column in a table of tests that shows one setting, such as the radius.
 
-    ``head`` is the heading of its column; ``template`` is the format string of its value.
+    ``head`` is the heading of the column; ``template`` is the format string of its values.
     """
 
     head: str
     template: str
 
 
-# Settings of circular tests, by the name of their field. The table of a preview has a column for a
-# setting only if the tests differ in it.
+# Settings of circular tests; the keys are names of attributes of a test. The table of a preview has
+# a column for a setting only if the tests differ in this setting.
 _SETTINGS = {
     "plane": _Setting("plane", "{}"),
     "setup": _Setting("set-up", "{}"),
@@ -69,11 +68,11 @@ def _passages_of_campaign(campaign: Campaign) -> tuple[Passage, ...]:
 
 @parts_of.register
 def _passages_of_campaign_preview(preview: CampaignPreview) -> tuple[Passage, ...]:
-    """Return a table of a campaign's tests, then sentences and a list of what a fit will assume.
+    """Return a table of a campaign's tests, sentences on them, and a list of assumptions of a fit.
 
-    A preview states what the readings show before any fit. Plane, set-up, radius and centre are
-    columns of the table only if the tests differ in them. The column "balls" holds the clocking
-    angles of the work ball and the tool ball.
+    A preview states what the readings show before any fit. The table has columns for the plane, the
+    set-up, the radius and the centre only if the tests differ in them. The column "balls" holds the
+    clocking angles of the work ball and of the tool ball.
     """
     varied = []
     for field in _SETTINGS:
@@ -132,11 +131,11 @@ def _significant(value: float | None, digits: int) -> str:
 
 @parts_of.register
 def _passages_of_uncertainties(result: Uncertainties) -> tuple[Passage, ...]:
-    """Return a table of what a fit assumes of the instrument, its certificates, and a note.
+    """Return a table of what a fit assumes of the instrument, and the names of certificates.
 
-    Every row of the table states a quantity, its nominal value, its standard uncertainty u, the
-    source of u, and the place in campaign.toml where the quantity can be stated. The note is on
-    lobes of the balls that are assumed.
+    Each row of the table states a quantity, its nominal value, its standard uncertainty u, the
+    source of u, and the place in campaign.toml where the user can state the quantity. If the lobes
+    of a ball are assumed, a note on lobes follows.
     """
     rows = []
     for assumed in result.assumed:
@@ -156,5 +155,5 @@ def _passages_of_uncertainties(result: Uncertainties) -> tuple[Passage, ...]:
 
 
 def _is_assumed_lobe(assumed: Uncertainty) -> bool:
-    """Return whether the size of a ball's lobe is assumed, and by no certificate stated."""
+    """Return whether an uncertainty is that of a ball's lobe whose size no certificate states."""
     return Term.owner(assumed.name) is BallForm and not assumed.stated

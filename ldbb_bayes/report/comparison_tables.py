@@ -1,8 +1,8 @@
 """Tables of a comparison of models.
 
-ln B is the log Bayes factor, by which the readings favour one model over another; elpd is the
-expected log predictive density, which states how well a model predicts readings that it has not
-seen.
+ln B is the log Bayes factor, which states how much the readings favour one model over another. elpd
+is the expected log predictive density, which states how well a model predicts readings that it has
+not seen.
 """
 
 from __future__ import annotations
@@ -16,21 +16,23 @@ __all__ = ["assumptions_table", "left_out_tests_table", "models_table"]
 
 
 def models_table(comparison: Comparison, *, rmse: bool = True, least_squares: bool = True) -> Table:
-    """Return a table of evidence, probability, predictive density and RMSE of every model compared.
+    """Return a table of the compared models, one row for each model.
 
-    The evidence is stated as ln B, the log Bayes factor relative to the first model. The predictive
-    density is stated as elpd, the expected log predictive density, also relative to the first
-    model. elpd is a sum over the tests; each test is predicted from the other tests.
+    The columns are the evidence, the probability, the predictive density and, if wanted, the RMSE.
+    The evidence is stated as ln B, the log Bayes factor of the model over the first model. The
+    predictive density is stated as the difference in elpd, the expected log predictive density,
+    between the model and the first model. elpd is a sum over the tests; each test is predicted from
+    the other tests.
 
     Parameters
     ----------
     comparison
         Comparison of models.
     rmse
-        Whether the RMSE (root-mean-square residual) of the posterior mean prediction of every model
-        is shown.
+        Whether the table shows the RMSE (root-mean-square residual) of each model. The prediction
+        of a model is its posterior mean.
     least_squares
-        Whether the RMSE of the paper's least-squares fit is shown.
+        Whether the table shows the RMSE of the least-squares fit that the paper uses.
 
     Returns
     -------
@@ -63,9 +65,9 @@ def _least_squares_cell(model: ComparedModel) -> str:
 
 
 def _evidence_cells(comparison: Comparison, name: str) -> tuple[str, str]:
-    """Return two cells: the log Bayes factor of a model over the first model and its error [nat].
+    """Return two cells: the log Bayes factor of a model over the first model, and its error.
 
-    ``name`` is the name of the model.
+    Both are in nat. ``name`` is the name of the model.
     """
     first = comparison.pair[0]
     if name == first:
@@ -76,10 +78,11 @@ def _evidence_cells(comparison: Comparison, name: str) -> tuple[str, str]:
 
 
 def _elpd_cells(comparison: Comparison, name: str) -> tuple[str, str]:
-    """Return two cells [nat] on how well a model predicts tests, relative to the first model.
+    """Return two cells on how well a model predicts tests in comparison with the first model.
 
-    The cells are the difference in elpd, the expected log predictive density, and its standard
-    error.
+    The first cell is the difference in elpd (expected log predictive density) between the model and
+    the first model, the second is the standard error of this difference. Both are in nat. ``name``
+    is the name of the model.
     """
     first = comparison.pair[0]
     if name == first:
@@ -91,19 +94,19 @@ def _elpd_cells(comparison: Comparison, name: str) -> tuple[str, str]:
 
 
 def assumptions_table(comparison: Comparison, *, slope_scales: bool = True) -> Table:
-    """Return a table of the log Bayes factor ln B under each of several assumptions.
+    """Return a table of the log Bayes factor ln B, one row for each of several assumptions.
 
-    ln B is that of the second model over the first. The assumptions are about the prior of the
-    slopes (changes of compliance with force) and about how circles differ from one another. For the
-    latter, the last column states how much the readings favour each assumption over the one in the
-    models [nat].
+    ln B is that of the second model over the first. Some assumptions are about the prior of the
+    slopes (changes of compliance with force), others about how circles differ from one another. For
+    an assumption about circles, the last column states how much the readings favour it over the
+    assumption that the models make [nat].
 
     Parameters
     ----------
     comparison
         Comparison of models.
     slope_scales
-        Whether the table has a row for every prior of the slopes.
+        Whether the table has rows for the assumptions about the prior of the slopes.
 
     Returns
     -------
@@ -128,10 +131,10 @@ def _log_bayes_factor(value: float, error: float) -> tuple[str, str]:
 def left_out_tests_table(comparison: Comparison) -> Table:
     """Return a table that compares every test with its prediction from the other tests.
 
-    It has one row per test. The columns are the force, the p-value of the test's readings, the
-    p-value adjusted for the number of tests, and a flag for tests that do not agree with the
-    others. The last column is the log predictive density of the test under the second model minus
-    that under the first [nat].
+    The table has one row for each test. The columns are the force, the p-value of the test's
+    readings, the p-value adjusted for the number of tests, and a flag if the test does not agree
+    with the other tests. The last column is the log predictive density of the test under the second
+    model minus the log predictive density under the first model [nat].
 
     Parameters
     ----------

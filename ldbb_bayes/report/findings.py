@@ -1,4 +1,4 @@
-"""Collection of all results that a report shows about one fit."""
+"""Class that holds all results that a report shows about one fit."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ Recommended: TypeAlias = "Design | str"
 class Findings:
     """All results that a report shows about one fit.
 
-    Quantities that the fit did not store are computed on first use.
+    Quantities that are not stored with the posterior are computed when they are first used.
 
     Parameters
     ----------
@@ -52,17 +52,17 @@ class Findings:
     prob
         Probability of the credible intervals.
     comparison
-        Comparison of models with constant and linear compliance, or a text with the reason why none
-        is available.
+        Comparison of models with constant and linear compliance. If there is no comparison, a text
+        that states the reason.
     recommended
-        Function that returns a design of the next tests, or a text with the reason why none is
-        available.
+        Function that returns a design of the next tests. If there is no design, the function
+        returns a text that states the reason.
     averaged
         Posterior averaged over models, whose numbers the sheets state; None if it was not computed.
     tolerances
-        Tolerances by quantity; default: those of the campaign.
+        Tolerances; the keys are names of quantities. Default: the tolerances of the campaign.
     sheets_only
-        Whether the annex is left out, so that nothing is computed that only the annex shows.
+        Whether the report has no annex. If true, nothing is computed that only the annex shows.
     """
 
     posterior: xr.DataTree
@@ -77,18 +77,18 @@ class Findings:
     def numbers(self) -> xr.DataTree:
         """Posterior whose numbers the certificate's sheets state.
 
-        This is the posterior averaged over models if it was computed, otherwise the posterior of
-        the fit.
+        If an average over models was computed, this is the averaged posterior. Otherwise it is the
+        posterior of the fit.
         """
         return self.posterior if self.averaged is None else self.averaged
 
     @cached_property
     def probabilities(self) -> Mapping[str, float]:
-        """Posterior probabilities of the averaged models and of rival explanations, by name.
+        """Posterior probabilities of the averaged models and of rival explanations.
 
-        A rival explanation is an effect other than compliance that may explain a change of the
-        readings with force, such as a nonlinear mount. The mapping is empty if no average over
-        models was computed.
+        The keys are the names of models and explanations. A rival explanation is an effect other
+        than compliance, such as a nonlinear mount, that may explain why the readings change with
+        force. The mapping is empty if no average over models was computed.
         """
         averaged = record_of(self.numbers).get("averaged", {})
         probabilities: dict[str, float] = averaged.get("probability", {})
@@ -98,18 +98,18 @@ class Findings:
     def varying(self) -> float:
         """Posterior probability that compliance changes with force.
 
-        If no average over models was computed, it is set to 1, so that slopes are stated.
+        If no average over models was computed, the value is 1, so that the report states slopes.
         """
         return 1.0 - self.probabilities.get(DEGREE_NAMES[0], 0.0)
 
     @cached_property
     def design(self) -> Recommended:
-        """Design of the tests to run next, or the reason why no design is available."""
+        """Design of the tests to run next, or a text that states why there is no design."""
         return self.recommended()
 
     @cached_property
     def result(self) -> dict[str, Any]:
-        """Results of the fit as a dictionary, the same as the command ``fit --json`` prints."""
+        """Results of the fit as a dictionary, as the command ``fit --json`` prints them."""
         return fit_tables.full_result(self.posterior, self.prob)
 
     @cached_property
@@ -119,57 +119,67 @@ class Findings:
 
     @cached_property
     def seen(self) -> CampaignPreview:
-        """Preview of the campaign: what the readings show without any fit."""
+        """Preview of the campaign, which states what the readings show without a fit."""
         return check_campaign(campaign_of(self.posterior))
 
     @cached_property
     def judged(self) -> JudgedQuantities:
-        """Verdicts on the numbers that the certificate's sheets state.
+        """Verdicts on the quantities that the certificate's sheets state.
 
-        They are averaged over models as the numbers are.
+        A verdict states how far the readings determine a quantity. If the numbers of the sheets are
+        averages over models, the verdicts are averages, too.
         """
         return judge_quantities(self.numbers)
 
     @property
     def verdicts(self) -> Mapping[str, ParameterIdentifiability]:
-        """Verdict on every parameter of the certificate, by name: how far it is determined."""
+        """Verdicts on how far the readings determine each parameter of the certificate.
+
+        The keys are the names of the parameters.
+        """
         return self.judged.parameters
 
     @property
     def change_verdicts(self) -> Mapping[str, ChangeIdentifiability]:
-        """Verdict on every change of a compliance with force, by name of the compliance."""
+        """Verdicts on the changes of compliances with force; the keys are names of compliances."""
         return self.judged.changes
 
     @cached_property
     def verdicts_of_fit(self) -> Mapping[str, ParameterIdentifiability]:
-        """Verdict on every parameter of the fit, which is of one model alone, by name."""
+        """Verdicts on the parameters of the fit, without an average over models.
+
+        The keys are the names of the parameters.
+        """
         if self.averaged is None:
             return self.verdicts
         return judge_posterior(self.posterior)
 
     @cached_property
     def budgets(self) -> Mapping[str, Budget]:
-        """Uncertainty budget of every parameter of the certificate, by name."""
+        """Uncertainty budgets of the certificate's parameters; the keys are their names."""
         return budget_uncertainty(self.numbers)
 
     @cached_property
     def gum_validation(self) -> GumValidation:
-        """The GUM's linear propagation beside the numbers of the certificate, by JCGM 101."""
+        """Comparison of the GUM's linear propagation with the numbers of the certificate.
+
+        The comparison follows the validation procedure of JCGM 101.
+        """
         return validate_gum(self.numbers, prob=self.prob)
 
     @cached_property
     def path(self) -> pd.DataFrame:
-        """Table of circular-test quantities, such as circular deviation G, of the tool path.
+        """Table of circular-test quantities of the tool path, such as the circular deviation G.
 
-        The tool path is the machine's own, without errors of the instrument.
+        The tool path is that of the machine alone, without errors of the instrument.
         """
         return predict_circularity(self.posterior, prob=self.prob)
 
     def conformity(self, force_N: float | None = None) -> Mapping[str, Conformity]:
-        """Return decisions on conformity with the tolerances, by quantity.
+        """Return the decisions on conformity with the tolerances; the keys are names of quantities.
 
-        Compliances and the circular path are those at the force ``force_N`` [N]; if it is None,
-        those at the model's reference force.
+        Compliances and circular deviations are assessed at the force ``force_N`` [N], or at the
+        model's reference force if ``force_N`` is None.
         """
         return assess_conformity(self.numbers, self.tolerances or None, force_N=force_N)
 
@@ -181,16 +191,17 @@ class Findings:
 
 @dataclass(frozen=True, eq=False)
 class Beside:
-    """Another campaign that a report compares with the first one.
+    """A campaign that a report compares with the campaign of its fit.
 
     Parameters
     ----------
     name
-        Name of the other campaign.
+        Name of the campaign.
     result
-        Results of its fit, as ``fit --json`` states them.
+        Results of the campaign's fit, as the command ``fit --json`` prints them.
     differences
-        Differences from the first campaign, see `compare_posteriors`.
+        Differences of the parameters between this campaign and the campaign of the report's fit,
+        see `compare_posteriors`.
     """
 
     name: str
@@ -209,12 +220,12 @@ def find(
     tolerances: Mapping[str, Any] | None = None,
     sheets_only: bool = False,
 ) -> Findings:
-    """Return everything that a report shows about a fit.
+    """Return an object with all results that a report shows about a fit.
 
     Parameters
     ----------
     posterior, prob, tests, comparison, recommended, averaged, tolerances, sheets_only
-        The same arguments as those of `ldbb_bayes.write_report`.
+        See the arguments of `ldbb_bayes.write_report` with the same names.
 
     Returns
     -------
@@ -223,7 +234,7 @@ def find(
     Raises
     ------
     InputError
-        The comparison or the design was made from other readings.
+        The comparison or the design was made from readings that are not those of the fit.
     """
     campaign = campaign_of(posterior)
     _check_readings("comparison", getattr(comparison, "campaign", None), campaign)
@@ -264,10 +275,10 @@ def _design_next_tests(posterior: xr.DataTree, tests: int | None) -> Recommended
 
 
 def _compare_degrees(posterior: xr.DataTree) -> Compared:
-    """Return a comparison of models with constant and linear compliance, by their evidence alone.
+    """Return a comparison of the evidences of models with constant and with linear compliance.
 
-    A model with compliance quadratic in force is compared, too, if the fitted model is quadratic.
-    If the comparison is not possible, return a text with the reason.
+    If compliance in the fitted model is quadratic in force, the comparison also includes the
+    quadratic model. If the comparison is not possible, return a text that states the reason.
     """
     model = model_of(posterior)
     largest = model.with_degree(max(model.degree, 1))

@@ -1,6 +1,7 @@
-"""Results of a fit as tables and sentences, with remarks on the readings.
+"""Tables and sentences on the results of a fit, with remarks on the readings.
 
-Nuisance coefficients are effects that are modelled but not of interest.
+Nuisance coefficients describe effects that are modelled but not of interest. Slopes are
+coefficients of the change of compliances with force.
 """
 
 from __future__ import annotations
@@ -53,9 +54,9 @@ __all__ = [
     "words_of_fit",
 ]
 
-# λ of a circle is the factor by which its random shift and its unexplained deviations are larger
-# than those of the other circles. The table of a fit's parameters shows λ of a circle only if its
-# posterior median is at least this.
+# λ of a circle is the factor by which the circle's random shift and unexplained deviations are
+# larger than those of the other circles. The table of a fit's parameters shows λ of a circle only
+# if the posterior median of λ is at least this.
 _ODD_CIRCLE = 2.5
 # Kinds of remarks on a campaign that are left out after a fit, because the sentences on the fit say
 # the same.
@@ -69,8 +70,8 @@ _REMARKS_OF_FITS = (RemarkKind.ONE_LEVEL, RemarkKind.TWO_LEVELS, RemarkKind.ONE_
 def full_result(posterior: xr.DataTree, prob: float) -> dict[str, Any]:
     """Return all results of a fit as a dictionary.
 
-    They include changes of compliances with force, nuisance coefficients, warnings and decisions on
-    conformity.
+    The results include changes of compliances with force, nuisance coefficients, warnings and
+    decisions on conformity.
 
     Parameters
     ----------
@@ -82,7 +83,7 @@ def full_result(posterior: xr.DataTree, prob: float) -> dict[str, Any]:
     Returns
     -------
     dict
-        The record that ``fit --json`` prints.
+        The record that the command ``fit --json`` prints.
     """
     result = result_json(posterior, prob=prob)
     changes = change_with_force(posterior, prob=prob)
@@ -96,7 +97,10 @@ def full_result(posterior: xr.DataTree, prob: float) -> dict[str, Any]:
 
 
 class FitWords(Shown, dict[str, Any]):
-    """State, verdict, misfits and warnings of a fit in words; printed as sentences."""
+    """Dictionary with the state, the verdict, the misfits and the warnings of a fit in words.
+
+    The function ``print`` shows the dictionary as sentences.
+    """
 
     def __repr__(self) -> str:
         return f"<fit in words: {self['state']}, {len(self['warnings'])} warnings>"
@@ -114,8 +118,8 @@ def describe_fit(posterior: xr.DataTree) -> FitWords:
     Returns
     -------
     FitWords
-        A dictionary with ``state``, ``kinds``, ``verdict``, ``misfits`` and ``warnings``; it prints
-        as sentences.
+        A dictionary with the keys ``state``, ``kinds``, ``verdict``, ``misfits`` and ``warnings``.
+        The function ``print`` shows the dictionary as sentences.
 
     Examples
     --------
@@ -144,14 +148,14 @@ def words_of_fit(
     Parameters
     ----------
     fit
-        How well the model fits, with its warnings.
+        Object that states how well the model fits, with warnings.
     sampler
-        How the sampler ran: the entry ``sampler`` of a posterior's record.
+        Entry ``sampler`` of a posterior's record, which states how the sampler ran.
     bound
-        Model, applied to the campaign.
+        The model bound to the campaign.
     confounded
-        Effects with which each confounded parameter is confounded, by its name; parameters that are
-        not confounded are left out.
+        Effects with which each confounded parameter is confounded. The keys are the names of the
+        confounded parameters.
 
     Returns
     -------
@@ -177,9 +181,9 @@ def words_of_fit(
 
 
 def further_remarks(campaign_preview: CampaignPreview) -> list[str]:
-    """Return the remarks on a campaign that the sentences on its fit do not already contain.
+    """Return the remarks on a campaign that the sentences on its fit do not already make.
 
-    The remarks come from ``campaign_preview``, which states what the readings show without a fit.
+    ``campaign_preview`` holds all remarks; it states what the readings show without a fit.
     """
     return [
         wording.remark_words(remark)
@@ -194,7 +198,7 @@ def further_remarks(campaign_preview: CampaignPreview) -> list[str]:
 def parts_of_fit(result: Mapping[str, Any]) -> tuple[Passage, ...]:
     """Return the results of a fit as tables and sentences.
 
-    Nuisance effects of the instrument (bar, balls, mount, force device) are left out.
+    Nuisance coefficients of the instrument (bar, balls, mount, force device) are left out.
 
     Parameters
     ----------
@@ -233,12 +237,13 @@ def parts_of_fit(result: Mapping[str, Any]) -> tuple[Passage, ...]:
 def conformity_table(decisions: Mapping[str, Mapping[str, Any]]) -> Table:
     """Return a table of decisions on conformity, one row for each quantity with a tolerance.
 
-    Its columns include the tolerance, the probability of conformance and the guard band.
+    The columns include the tolerance, the probability of conformity and the guard band.
 
     Parameters
     ----------
     decisions
-        Decisions by quantity, each as a dictionary; see `assess_conformity`.
+        Decisions as dictionaries, see `assess_conformity`. The keys are the names of the
+        quantities.
 
     Returns
     -------
@@ -266,12 +271,14 @@ def conformity_table(decisions: Mapping[str, Mapping[str, Any]]) -> Table:
 
 
 def change_table(changes: Mapping[str, Mapping[str, Any]]) -> Table:
-    """Return a table of the changes of compliances over the tested forces, a row for each.
+    """Return a table of the changes of compliances over the tested forces.
+
+    The table has one row for each compliance.
 
     Parameters
     ----------
     changes
-        Changes by compliance, each as a dictionary; see `change_with_force`.
+        Changes as dictionaries, see `change_with_force`. The keys are the names of the compliances.
 
     Returns
     -------
@@ -318,7 +325,10 @@ def change_table(changes: Mapping[str, Mapping[str, Any]]) -> Table:
 
 
 def change_parts(change: Mapping[str, Any]) -> tuple[Passage, ...]:
-    """Return a table of one compliance at three forces with its change, and a sentence on its sign.
+    """Return a table and a sentence on the change of one compliance with force.
+
+    The table has the compliance at three forces, and the change over the tested forces. The
+    sentence states whether the compliance increases or decreases.
 
     Parameters
     ----------
@@ -362,9 +372,11 @@ def _share_cell(relative: Mapping[str, float] | None) -> str:
 
 
 def _parameters_by_kind(result: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return compliances, and all other parameters but slopes, each with its entry by name.
+    """Return two dictionaries from the results of a fit: the compliances, and other parameters.
 
-    Slopes are among the others if the results of a fit have no changes of compliances with force.
+    The keys are names of parameters, the values are the entries of the parameters in the results.
+    Slopes are left out if the results state changes of compliances with force. If not, slopes are
+    among the other parameters.
     """
     compliances = {}
     others = {}
@@ -380,19 +392,20 @@ def _parameters_by_kind(result: Mapping[str, Any]) -> tuple[dict[str, Any], dict
 
 
 def parameter_table(result: Mapping[str, Any], *, coefficients: bool = False) -> Table:
-    """Return a table of each parameter's posterior (mean, sd, interval) and prior (mean, sd).
+    """Return a table of the posterior and the prior of each parameter.
 
-    The change of each compliance over the tested forces stands in the place of its slopes.
-    The prior means are left out if all are zero. λ of a circle is the factor by which its random
-    shift and its unexplained deviations are larger than those of the other circles. It is shown
-    only if its posterior median is at least 2.5.
+    The columns are the posterior mean, sd and credible interval, and the prior mean and sd. The
+    column of prior means is left out if all are zero. The change of each compliance over the tested
+    forces has a row in place of slopes. λ of a circle is the factor by which the circle's random
+    shift and unexplained deviations are larger than those of the other circles. The table shows λ
+    of a circle only if the posterior median of λ is at least 2.5.
 
     Parameters
     ----------
     result
         Results of a fit, see `full_result`.
     coefficients
-        Whether the table has the slopes, with their priors, instead of the changes.
+        Whether the table has rows for slopes instead of changes of compliances.
 
     Returns
     -------
@@ -421,7 +434,7 @@ def parameter_table(result: Mapping[str, Any], *, coefficients: bool = False) ->
 
 
 def _parameter_row(name: str, entry: Mapping[str, Any], has_prior_means: bool) -> tuple[str, ...]:
-    """Return the row of a parameter or hyper-parameter in the table with their priors."""
+    """Return the row of a parameter or hyper-parameter in the table of posteriors and priors."""
     factor, unit = display_unit(entry["unit"])
     spread, decimals = round_uncertainty(entry["sd"] * factor)
     low, high = wording.interval_of(entry)
@@ -441,7 +454,7 @@ def _parameter_row(name: str, entry: Mapping[str, Any], has_prior_means: bool) -
 
 
 def _change_row(name: str, change: Mapping[str, Any], has_prior_means: bool) -> tuple[str, ...]:
-    """Return the row of a compliance's change over the tested forces, without a prior."""
+    """Return the row of a compliance's change over the tested forces; it states no prior."""
     statement = _change_statement(change)
     cells = [
         wording.changes_by_words(name, change),
@@ -467,19 +480,22 @@ def results_table(
     *,
     shares: bool = True,
 ) -> Table:
-    """Return a table of the results: value, u, U, interval, stiffness and verdict by parameter.
+    """Return a table of the results of a fit, one row for each parameter.
 
-    The change of each compliance over the tested forces stands in the place of its slopes.
+    The columns are the value, u, U (k = 2), the credible interval, the stiffness and the verdict.
+    The change of each compliance over the tested forces has a row in place of slopes.
 
     Parameters
     ----------
     result
         Results of a fit, see `full_result`.
     verdicts
-        Verdicts on the parameters of the fit: how far the readings determine each of them.
+        Verdicts on how far the readings determine each parameter of the fit. The keys are names of
+        parameters.
     shares
-        Whether the verdict on a confounded parameter states the share of the variance due to each
-        effect that it is confounded with. False is useful if an uncertainty budget is shown, too.
+        Whether the verdict on a confounded parameter states the share of each effect, with which
+        the parameter is confounded, in the parameter's variance. False is useful if an uncertainty
+        budget is shown, too.
 
     Returns
     -------
@@ -504,15 +520,16 @@ def coefficient_table(
 ) -> Table:
     """Return a table of the slopes: coefficients of the change of compliances with force.
 
-    A slope is not all of a compliance's change with force, because the part of the term `JointLoad`
-    is not in it. The table has no rows if compliance is constant.
+    A slope does not describe the whole change of a compliance with force, because it lacks the part
+    that the model term `JointLoad` describes. The table has no rows if compliance is constant.
 
     Parameters
     ----------
     result
         Results of a fit, see `full_result`.
     verdicts
-        Verdicts on the parameters of the fit: how far the readings determine each of them.
+        Verdicts on how far the readings determine each parameter of the fit. The keys are names of
+        parameters.
 
     Returns
     -------
@@ -536,7 +553,7 @@ def _result_row(name: str, entry: Mapping[str, Any], verdict: str) -> tuple[str,
 
 
 def _stated(statement: units.Statement) -> tuple[str, ...]:
-    """Return the cells of a value: the value itself, u, U, credible interval, and unit."""
+    """Return five cells of a row: the value, u, U, the credible interval, and the unit."""
     return (
         statement.value,
         statement.u,
@@ -563,19 +580,20 @@ def _results_table(caption: str, rows: list[tuple[str, ...]], result: Mapping[st
 def nuisance_table(entries: Mapping[str, Mapping[str, Any]]) -> Table | str:
     """Return a table of the nuisance coefficients that differ from zero by more than 2 u.
 
-    Nuisance coefficients are effects that are modelled but not of interest; u is the standard
+    Nuisance coefficients describe effects that are modelled but not of interest; u is the standard
     uncertainty.
 
     Parameters
     ----------
     entries
-        Mean, sd and prior sd by coefficient, from the results of a fit.
+        Mean, sd and prior sd of each coefficient, from the results of a fit. The keys are the names
+        of the coefficients.
 
     Returns
     -------
     Table or str
-        Table of mean, u, prior sd and unit. If no coefficient differs from zero by more than 2 u, a
-        sentence that states this.
+        Table with mean, u, prior sd and unit. If no coefficient differs from zero by more than 2 u,
+        a sentence that says so.
     """
     rows = []
     for name, entry in entries.items():

@@ -1,4 +1,4 @@
-"""Identifiability as tables and sentences: which effects make each parameter uncertain."""
+"""Tables and sentences on identifiability: which effects make each parameter uncertain."""
 
 from __future__ import annotations
 
@@ -17,16 +17,17 @@ from ldbb_bayes.units import display_name, display_unit, is_slope, three_digits,
 
 __all__ = ["certificates_table", "judged_quantities", "parts_of", "verdicts_table"]
 
-# Largest number of parameters that a row of the short table of certificates names.
+# Largest number of parameters that each row of the short table of certificates names.
 _MOST_NARROWED = 4
 
 
 def judged_quantities(
     result: Identifiability,
 ) -> dict[str, ParameterIdentifiability | ChangeIdentifiability]:
-    """Return the verdicts on parameters and on changes with force, by displayed name.
+    """Return the verdicts on parameters and on changes of compliances with force.
 
-    Slopes are replaced by the change of each compliance over the tested forces, such as ΔC_XXX.
+    The keys are the names as they are displayed, such as C_XXX and ΔC_XXX. ΔC_XXX is the change of
+    C_XXX over the tested forces. Slopes are left out, because these changes take their place.
     """
     compliances: dict[str, ParameterIdentifiability | ChangeIdentifiability] = {}
     others: dict[str, ParameterIdentifiability | ChangeIdentifiability] = {}
@@ -40,11 +41,11 @@ def judged_quantities(
 
 
 def verdicts_table(result: Identifiability) -> Table:
-    """Return the table of all parameters: U, verdict, largest source, and the cheapest cure.
+    """Return the table of verdicts, one row for each parameter.
 
-    U is the expanded uncertainty (k = 2). The largest source is the effect with the largest share
-    of the parameter's variance. The last column is U with the cheapest cure. Slopes are replaced by
-    the change of each compliance over the tested forces.
+    The columns are the expanded uncertainty U (k = 2) now, the verdict with the effect that has the
+    largest share of the variance, the cheapest cure, and U after this cure. The change of each
+    compliance over the tested forces has a row in place of slopes.
     """
     rows = []
     for label, entry in judged_quantities(result).items():
@@ -66,9 +67,10 @@ def verdicts_table(result: Identifiability) -> Table:
 
 
 def certificates_table(result: Identifiability, *, is_short: bool = False) -> Table:
-    """Return the table of certificates, each with the parameters that it would narrow.
+    """Return a table of certificates of the instrument, one row for each certificate.
 
-    The short table has short names of certificates, and names at most four parameters for each.
+    Each row names the parameters whose uncertainty U the certificate would reduce. If ``is_short``
+    is true, each row has a short name of the certificate, and at most four parameters.
     """
     rows = wording.certificate_rows(result, _MOST_NARROWED if is_short else None)
     if is_short:
@@ -80,8 +82,9 @@ def certificates_table(result: Identifiability, *, is_short: bool = False) -> Ta
 def _passages_of_identifiability(result: Identifiability) -> tuple[Passage, ...]:
     """Return all tables and sentences on identifiability.
 
-    The table of verdicts is followed by one of certificates, one of priors and origins, and the
-    list of combinations of parameters that no reading can resolve, each with its cures.
+    The tables are about the verdicts, the certificates of the instrument, and the priors of the
+    parameters. A list of the combinations of parameters that no reading can resolve follows, with
+    the cures for each combination.
     """
     passages: list[Passage] = [verdicts_table(result)]
     pairs = wording.paired_cure_items(result)
@@ -101,10 +104,11 @@ def _passages_of_identifiability(result: Identifiability) -> tuple[Passage, ...]
 
 
 def _origins_table(result: Identifiability) -> Table:
-    """Return the table of priors, contractions and origins of the variance of each parameter.
+    """Return a table of the prior, the contraction and the origins of variance of each parameter.
 
-    Contraction is the share of a parameter's prior variance that the readings remove. Origins are
-    the shares of what is measured here, stated and assumed.
+    The contraction is the share of the parameter's prior variance that the readings remove. The
+    origins are three shares of the posterior variance: from effects that are measured in the
+    campaign, from effects whose size is stated, and from effects whose size is assumed.
     """
     rows = []
     for name, entry in result.parameters.items():
@@ -137,8 +141,8 @@ def _origins_table(result: Identifiability) -> Table:
 def _record_of_identifiability(result: Identifiability) -> dict[str, Any]:
     """Return the JSON record of identifiability, with notes and sentences on every degeneracy.
 
-    A degeneracy is a combination of parameters that no reading can resolve. One sentence states the
-    degeneracy, another the measures that would remove it.
+    A degeneracy is a combination of parameters that no reading can resolve. For each degeneracy,
+    one sentence describes the combination, and another names the measures that would remove it.
     """
     record = result.as_dict()
     record.pop("cures")

@@ -1,4 +1,4 @@
-"""A machine as tables and sentences: the parameters that circular tests show."""
+"""Tables and sentences on a machine: the parameters that circular tests can show."""
 
 from __future__ import annotations
 
@@ -25,7 +25,12 @@ def _machine_table(
     *,
     with_sums: bool,
 ) -> Table:
-    """Return a table of parameters: unit, pattern in each plane, meaning and, on request, sum."""
+    """Return a table of parameters, one row for each parameter.
+
+    The columns are the name, the unit, the pattern in each plane and the meaning. If ``with_sums``
+    is true, the last column is the sum of parameters that the parameter represents. ``title`` is
+    the heading of the first column.
+    """
     heads = [title, "unit", "pattern", "what it is"]
     if len(machine.planes) > 1:
         heads[2:3] = [f"pattern in {plane}" for plane in machine.planes]

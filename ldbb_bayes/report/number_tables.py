@@ -1,6 +1,6 @@
-"""Tables of all numbers of a report, to be written to CSV files.
+"""Tables with all numbers of a report, which are written to CSV files.
 
-Values are in internal units (mm, N, rad); circular-test quantities are in µm and µm/m.
+Circular-test quantities are in µm and µm/m, all other values in internal units (mm, N, rad).
 """
 
 from __future__ import annotations
@@ -45,17 +45,18 @@ _SUFFIX_OF_UNIT = {"µm": "_um", "µm/m": "_um_per_m"}
 def tables(
     findings: Findings, others: Sequence[Beside] = (), *, force_N: float | None = None
 ) -> dict[str, pd.DataFrame]:
-    """Return all numbers of a report as tables, except the decisions on conformity.
+    """Return tables with all numbers of a report, except the decisions on conformity.
 
-    Those that only the annex shows (circular-test quantities, contributions) are left out
-    with the annex. The key of each table is the name of its CSV file without the ending ``.csv``.
+    The key of each table is the name of its CSV file without the ending ``.csv``. If the report has
+    no annex, tables whose numbers only the annex shows (circular-test quantities, contributions)
+    are left out.
 
     Parameters
     ----------
     findings
         All results of the fit that the report shows.
     others
-        Other campaigns that the report compares with the first one.
+        Other campaigns that the report compares with the campaign of the fit.
     force_N
         Force at which the sheets state stiffness [N]. Default: the model's reference force.
 
@@ -93,7 +94,11 @@ def tables(
 
 
 def _annex_tables(findings: Findings) -> dict[str, pd.DataFrame]:
-    """Return the tables whose numbers only the annex of a report shows."""
+    """Return the tables whose numbers only the annex of a report shows.
+
+    The annex consists of the sections that follow the sheets of the certificate. The keys are the
+    names of the tables.
+    """
     posterior = findings.posterior
     measured, pairs = measure_circularity(posterior)
     by_source = _with_unit_suffixes(decompose_deviation(posterior, prob=findings.prob))
@@ -108,7 +113,7 @@ def _annex_tables(findings: Findings) -> dict[str, pd.DataFrame]:
 
 
 def _results(findings: Findings) -> pd.DataFrame:
-    """Return the table of the fitted model's parameters, with U (k = 2) and verdict."""
+    """Return a table of the fitted model's parameters, with U (k = 2) and the verdict on each."""
     summary = findings.summary
     verdicts = []
     for name in summary.index:
@@ -120,7 +125,10 @@ def _results(findings: Findings) -> pd.DataFrame:
 
 
 def _changes(findings: Findings) -> pd.DataFrame:
-    """Return a table of the changes of compliances with force, as the certificate states them."""
+    """Return a table of the changes of compliances with force that the certificate states.
+
+    The table has one row for each compliance.
+    """
     rows = {}
     changes = change_with_force(findings.numbers, prob=findings.prob)
     for name, change in changes.items():
@@ -145,10 +153,10 @@ def _changes(findings: Findings) -> pd.DataFrame:
 
 
 def _stiffness(findings: Findings, force_N: float | None) -> pd.DataFrame:
-    """Return a table of the stiffness by direction, one row per plane, force and quantity.
+    """Return a table of the stiffness by direction, with a row for each plane, force and quantity.
 
-    The forces are the smallest tested, the reference force, the largest tested, and the force at
-    which the sheets state stiffness.
+    The forces are the smallest force tested, the reference force, the largest force tested, and
+    ``force_N``, the force at which the sheets state stiffness [N].
     """
     numbers = findings.numbers
     table = stiffness(numbers, prob=findings.prob).table()
@@ -159,7 +167,10 @@ def _stiffness(findings: Findings, force_N: float | None) -> pd.DataFrame:
 
 
 def _budget(findings: Findings) -> pd.DataFrame:
-    """Return the uncertainty budgets as a table: one row per parameter and contribution."""
+    """Return one table with all uncertainty budgets.
+
+    The table has one row for each contribution to the budget of each parameter.
+    """
     columns = {"kind": "type", "unit": "u_unit"}
     rows = []
     for name, budget in findings.budgets.items():
@@ -172,7 +183,10 @@ def _budget(findings: Findings) -> pd.DataFrame:
 
 
 def _gum_validation(findings: Findings) -> pd.DataFrame:
-    """Return a table of the GUM's interval beside that of the distribution, for every parameter."""
+    """Return a table that compares two intervals of every parameter.
+
+    One interval is from the GUM's law of propagation, the other from the posterior distribution.
+    """
     rows = {}
     for name, entry in findings.gum_validation.parameters.items():
         fields = asdict(entry)
@@ -191,8 +205,8 @@ def _gum_validation(findings: Findings) -> pd.DataFrame:
 def _averaged(findings: Findings) -> pd.DataFrame:
     """Return a table of the parameters averaged over models, as the certificate states them.
 
-    The table has no slopes: some of the models have slopes of exactly zero, so that mean and U do
-    not describe the distribution of a slope.
+    The table has no slopes. Some of the models have slopes of exactly zero, so that the mean and U
+    do not describe the distribution of a slope.
     """
     averaged = findings.numbers
     summary = summarize(averaged, prob=findings.prob)
@@ -209,10 +223,11 @@ def _averaged(findings: Findings) -> pd.DataFrame:
 
 
 def _with_reading_units(summary: pd.DataFrame) -> pd.DataFrame:
-    """Return a table of parameters with two columns added: ``reading_unit`` and ``reading_factor``.
+    """Return a table of parameters with two further columns.
 
-    ``reading_unit`` is the unit in which a report shows the parameter. ``reading_factor`` is the
-    factor that converts a value in internal units (mm, N, rad) to this unit.
+    The column ``reading_unit`` is the unit in which a report shows the parameter. The column
+    ``reading_factor`` is the factor that converts a value in internal units (mm, N, rad) to this
+    unit.
     """
     factors, labels = zip(*map(display_unit, summary["unit"]), strict=True)
     summary = summary.assign(reading_unit=labels, reading_factor=factors)
@@ -220,9 +235,9 @@ def _with_reading_units(summary: pd.DataFrame) -> pd.DataFrame:
 
 
 def _with_unit_suffixes(frame: pd.DataFrame) -> pd.DataFrame:
-    """Return a table in which the name of every column with a quantity ends in its unit.
+    """Return a table in which the name of each column with a unit ends in this unit.
 
-    An example is ``G_um`` for a column ``G`` in µm.
+    For example, the column ``G``, which is in µm, gets the name ``G_um``.
     """
     names = {name: f"{name}{_SUFFIX_OF_UNIT[unit]}" for name, unit in frame.attrs["units"].items()}
     return frame.rename(columns=names)

@@ -1,4 +1,4 @@
-"""Sheet for the operator: the next circle to run, and how the aims of the campaign stand."""
+"""Sheet for the operator: the next circle to run, and how far the campaign's aims are reached."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ def page(step: NextCircle, plan: Campaign) -> str:
     Parameters
     ----------
     step
-        The next circle, and the aims.
+        The best next circle of a campaign, with the campaign's aims.
     plan
-        The next circle as a plan.
+        A plan of tests whose only test is the next circle.
 
     Returns
     -------
     str
-        HTML.
+        The page as HTML.
     """
     return template_of("operator.html.j2").render(
         title=f"Circle {step.circles + 1} of {plan.pilot.name if plan.pilot else plan.name}",
@@ -37,7 +37,11 @@ def page(step: NextCircle, plan: Campaign) -> str:
 
 
 def _settings(plan: Campaign) -> list[tuple[str, str]]:
-    """Return the settings of the plan's only circle, and fields to be filled in, with units."""
+    """Return the entries of the sheet for the plan's only circle, as tuples of name and text.
+
+    The texts state the settings of the circle with their units. Entries that the operator fills in
+    have an empty text.
+    """
     test = plan.tests[0]
     force = float(test.force_N or 0.0)
     return [

@@ -1,8 +1,9 @@
-"""What the sheets say first, in plain words: the machine under load, what to look at, one step.
+"""First sentences of sheet 1, which state the results of a fit in plain words.
 
-What to look at is at most three findings, each with its probability: the softer axis of a plane,
-compliance that changes with force, a difference between the two directions of travel (backlash or
-servo mismatch), and squareness.
+The sentences describe the machine under load, at most three findings, and the step that would help
+most. A finding is something to look at or to repair, and is stated with its probability. There are
+four kinds of findings: a softer axis in a plane, a compliance that changes with force, a difference
+between the two directions of travel (backlash or servo mismatch), and a squareness error.
 """
 
 from __future__ import annotations
@@ -28,12 +29,12 @@ _MOST_FINDINGS = 3  # largest number of findings that sheet 1 names
 # A finding is named if its probability is at least this.
 _LIKELY = 0.9
 _N_PER_UM_OF_N_PER_MM = 1e-3  # factor from N/mm to N/µm
-_LOAD_N = 100.0  # load whose deflection is stated in plain words [N]
+_LOAD_N = 100.0  # force for which the sentences state the deflection [N]
 _UM_PER_MM = 1e3
 
 
 class FindingKind(StrEnum):
-    """Kind of a finding on what to look at or repair."""
+    """Kind of a finding, that is, of something to look at or to repair."""
 
     SOFT_AXIS = "soft-axis"
     CHANGE = "change"
@@ -45,7 +46,8 @@ class FindingKind(StrEnum):
 class Finding:
     """Something to look at or to repair, with its probability.
 
-    ``values`` are texts that the sentence on the finding names, by their place in the sentence.
+    ``values`` are the texts that are filled into the sentence on the finding. The keys are the
+    names of the placeholders in this sentence.
     """
 
     kind: FindingKind
@@ -54,7 +56,7 @@ class Finding:
 
 
 def plain_words(numbers: SheetNumbers) -> Items:
-    """Return the first sentences of sheet 1: the results in plain words.
+    """Return the first sentences of sheet 1, which state the results in plain words.
 
     Parameters
     ----------
@@ -64,6 +66,7 @@ def plain_words(numbers: SheetNumbers) -> Items:
     Returns
     -------
     Items
+        Heading and sentences.
     """
     words = numbers.words
     items = [*_under_load(numbers), *_findings_in_words(numbers), _not_determined(numbers)]
@@ -74,7 +77,7 @@ def plain_words(numbers: SheetNumbers) -> Items:
 
 
 def _under_load(numbers: SheetNumbers) -> Iterator[str]:
-    """Yield a sentence on the stiffness of every plane, and one on its path."""
+    """Yield two sentences for each plane: on the stiffness, and on the circular deviation."""
     words = numbers.words
     force = words.number(f"{numbers.force_N:.4g}")
     has_several_planes = len(numbers.planes) > 1
@@ -106,10 +109,10 @@ def _under_load(numbers: SheetNumbers) -> Iterator[str]:
 
 
 def _deflection_with_U(stiffness: StatedQuantity, words: Words) -> str:
-    """Return, as text, the deflection under 100 N [µm] with its expanded uncertainty (k = 2).
+    """Return a text with the deflection under 100 N [µm] and its expanded uncertainty (k = 2).
 
-    ``stiffness`` is in N/mm. If only its lower limit is known, the upper limit of the deflection is
-    returned.
+    ``stiffness`` is in N/mm. If only a lower limit of the stiffness is known, the text states the
+    upper limit of the deflection.
     """
     if stiffness.limit:
         largest_um = _LOAD_N / (stiffness.interval[0] * _N_PER_UM_OF_N_PER_MM)
@@ -121,7 +124,10 @@ def _deflection_with_U(stiffness: StatedQuantity, words: Words) -> str:
 
 
 def _inseparable(circle: StatedQuantity, words: Words) -> str:
-    """Return a sentence on the effects that a circular deviation is confounded with, if any."""
+    """Return a sentence on the effects that a circular deviation is confounded with.
+
+    ``circle`` is the circular deviation. The sentence is empty if there are no such effects.
+    """
     if not circle.hangs_on:
         return ""
     partners = words.joined([words.term(name) for name in circle.hangs_on])
@@ -129,7 +135,10 @@ def _inseparable(circle: StatedQuantity, words: Words) -> str:
 
 
 def _with_U(quantity: StatedQuantity, words: Words) -> str:
-    """Return a value with its expanded uncertainty, such as "17.5 ± 2.0", or its limit."""
+    """Return a text with a value and its expanded uncertainty, such as "17.5 ± 2.0".
+
+    If only a limit of the quantity is known, the text states the limit.
+    """
     statement = quantity.value_and_U()
     if quantity.limit:
         return words.number(statement.value)
@@ -165,14 +174,17 @@ def findings_of(numbers: SheetNumbers) -> tuple[Finding, ...]:
 
 
 def _probability_of_sign(mean: float, sd: float) -> float:
-    """Return the probability that a quantity with a normal distribution has its mean's sign."""
+    """Return the probability that a normally distributed quantity has the same sign as its mean."""
     if not sd > 0.0:
         return 1.0
     return 0.5 * (1.0 + math.erf(abs(mean) / sd / math.sqrt(2.0)))
 
 
 def _soft_axes(numbers: SheetNumbers) -> Iterator[Finding]:
-    """Yield for every plane which of its two axes yields more."""
+    """Yield one finding for each plane: which of the two axes is softer.
+
+    A plane is left out if the stiffness of one of its axes was not determined.
+    """
     words = numbers.words
     for plane in numbers.stiffness_by_plane:
         difference = plane.difference
@@ -196,7 +208,10 @@ def _soft_axes(numbers: SheetNumbers) -> Iterator[Finding]:
 
 
 def _changes(numbers: SheetNumbers) -> Iterator[Finding]:
-    """Yield the compliance whose change with force has the most probable sign."""
+    """Yield one finding on the compliance for which the sign of the change with force is surest.
+
+    Nothing is yielded if no compliance has a change with force.
+    """
     words = numbers.words
     probabilities = {
         name: max(change.probability_of_increase, change.probability_of_decrease)
@@ -218,10 +233,11 @@ def _changes(numbers: SheetNumbers) -> Iterator[Finding]:
 
 
 def _reversals(numbers: SheetNumbers) -> Iterator[Finding]:
-    """Yield for every plane run in both directions how far circles of the two directions differ.
+    """Yield one finding for each plane in which circles were run in both directions.
 
-    The difference is the amplitude of sin 2θ, which servo mismatch and unequal backlash of the two
-    axes cause.
+    The finding states how much the circles of the two directions differ: the amplitude of sin 2θ in
+    their difference [µm]. Servo mismatch, or unequal backlash of the two axes, causes this
+    difference.
     """
     words = numbers.words
     for plane, coefficient in numbers.reversals.items():
@@ -233,7 +249,7 @@ def _reversals(numbers: SheetNumbers) -> Iterator[Finding]:
 
 
 def _squareness(numbers: SheetNumbers) -> Iterator[Finding]:
-    """Yield for every squareness error the probability of its sign."""
+    """Yield one finding for each squareness error, with the probability of the error's sign."""
     words = numbers.words
     for quantity in numbers.further.values():
         values = {"name": quantity.words, "value": _with_U(quantity, words)}
@@ -268,9 +284,10 @@ def _findings_in_words(numbers: SheetNumbers) -> Iterator[str]:
 
 
 def best_step(numbers: SheetNumbers) -> str:
-    """Return the effect that most often keeps parameters from being determined, by its class name.
+    """Return the name of the effect that contributes most to the undetermined parameters.
 
-    It has the largest sum of shares of variance over all parameters that are not determined.
+    The readings do not determine these parameters. For each effect, the shares in the variances of
+    these parameters are added up; the effect with the largest sum is returned.
 
     Parameters
     ----------
@@ -280,7 +297,8 @@ def best_step(numbers: SheetNumbers) -> str:
     Returns
     -------
     str
-        Class name of a model term, or the name of the priors; empty if all is determined.
+        Class name of a model term, or the name that stands for the parameters' own priors. The
+        string is empty if the readings determine all parameters.
     """
     shares: dict[str, float] = {}
     for quantity in numbers.parameters.values():
@@ -296,7 +314,10 @@ def best_step(numbers: SheetNumbers) -> str:
 
 
 def _not_determined(numbers: SheetNumbers) -> str:
-    """Return a sentence on the parameters that are not determined, and the step that helps most."""
+    """Return a text that names the undetermined parameters and the step that would help most.
+
+    If the readings determine all parameters, the text says so.
+    """
     words = numbers.words
     step = best_step(numbers)
     if not step:
@@ -326,8 +347,9 @@ def _not_determined(numbers: SheetNumbers) -> str:
 def _other_steps(helped_by_step: Mapping[str, Sequence[str]], words: Words) -> Iterator[str]:
     """Yield sentences on the steps for parameters that the best step does not help.
 
-    ``helped_by_step`` has the symbols of the parameters that a step helps, by the class name of the
-    model term that the step is about.
+    The keys of ``helped_by_step`` are names of effects; each value holds the symbols of the
+    parameters for which a step against this effect would help. An effect is named by the class name
+    of its model term.
     """
     for name, symbols in helped_by_step.items():
         yield words(
@@ -336,6 +358,9 @@ def _other_steps(helped_by_step: Mapping[str, Sequence[str]], words: Words) -> I
 
 
 def _step_in_words(name: str, words: Words) -> str:
-    """Return the step that makes the effect of a model term smaller, by the term's class name."""
+    """Return in words the step that makes an effect smaller.
+
+    ``name`` is the class name of the effect's model term.
+    """
     steps = words.table["steps"]
     return str(steps.get(name, steps[OWN]))

@@ -1,8 +1,8 @@
-"""Short versions of long results for ``print``: one screen, the most important numbers first.
+"""Short versions of long results, which ``print`` shows on one screen.
 
-This module registers a function with `screen_of` for each class of results whose tables and
-sentences fill more than a screen. The last sentence of a short version says how to see all tables
-and sentences.
+A short version states the most important numbers first. This module registers a function with
+`screen_of` for each class of results whose tables and sentences fill more than one screen. The last
+sentence of a short version says how to see all tables and sentences.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from ldbb_bayes.units import (
 
 __all__ = ["screen_of"]
 
-# Largest number of other designs of the next tests that a short table shows beside the recommended
-# design.
+# Largest number of designs that the short table of uncertainties compares with the recommended
+# design of the next tests.
 _MOST_DESIGNS = 2
 
 
@@ -35,9 +35,10 @@ _MOST_DESIGNS = 2
 def _(result: Identifiability) -> tuple[Passage, ...]:
     """Return a short version of the verdicts on all parameters.
 
-    One table states the expanded uncertainty U of each parameter, its largest source, the verdict,
-    and the cheapest cure with U then. Another one states which parameters certificates would make
-    less uncertain. Combinations that no reading resolves are in ``details``.
+    The first table states the expanded uncertainty U (k = 2) of each parameter, the verdict with
+    the largest source of variance, the cheapest cure, and U after this cure. The second table
+    states the parameters that each certificate of the instrument would make less uncertain. The
+    attribute ``details`` of the result has the combinations that no reading can resolve.
     """
     first, *others = wording.identifiability_screen(result)
     passages: list[Passage] = [first, verdicts_table(result)]
@@ -54,8 +55,8 @@ def _(result: Identifiability) -> tuple[Passage, ...]:
 def _(comparison: Comparison) -> tuple[Passage, ...]:
     """Return a short version of a comparison of models.
 
-    It has sentences on the evidence, a table of the models, and a table of the log Bayes factor
-    under other assumptions.
+    The short version has sentences on the evidence, a table of the models, and a table that shows
+    how the log Bayes factor depends on assumptions.
     """
     tables = (
         models_table(comparison, least_squares=False),
@@ -69,8 +70,9 @@ def _(comparison: Comparison) -> tuple[Passage, ...]:
 def _(design: Design) -> tuple[Passage, ...]:
     """Return a short version of a design of the next tests.
 
-    It states the tests to run. A table of expected standard uncertainties and further sentences
-    follow. If these tests cannot separate some parameters, measures against this are listed.
+    The short version states the tests to run. A table of the expected standard uncertainties and
+    further sentences follow. If the tests cannot separate some parameters, a list names measures
+    that would separate them.
     """
     first, heading, *others = wording.design_screen(design)
     items = wording.cure_items(design.limits.degeneracies, design.limits.cures)
@@ -81,10 +83,11 @@ def _(design: Design) -> tuple[Passage, ...]:
 
 
 def _expected_table(design: Design) -> Table:
-    """Return a table of the standard uncertainties expected from a design, and of the prior sds.
+    """Return a table of the standard uncertainties that are expected after the tests of a design.
 
-    It has one row per parameter of interest except slopes, and columns for at most two other
-    designs with which the recommended one is compared.
+    The table has one row for each parameter at which the design aims; slopes are left out. The
+    columns are the recommended design, at most two designs that it is compared with, and the prior
+    standard deviation.
     """
     others = design.compared[:_MOST_DESIGNS]
     rows = []

@@ -1,4 +1,4 @@
-"""Form fields of the certificate's sheets: machine, tests, and what the numbers rest on."""
+"""Form fields of the certificate's sheets: the machine, the tests, and the assumptions."""
 
 from __future__ import annotations
 
@@ -27,15 +27,16 @@ _CAMPAIGN_ENTRIES = ("machine_type", "serial_number", "date", "operator", "place
 _DEVICE_ENTRIES = ("ball_bar", "ball_bar_calibrated", "force_device")
 # Entries of the campaign that identify the machine and the date; both sheets show them.
 _IDENTITY_ENTRIES = ("machine_type", "serial_number", "date")
-# Text of the sheet on the order in which the tests were run, by the source of this order.
+# Keys of the texts that state how the order is known in which the tests were run. The keys of this
+# dict are the sources of the order.
 _ORDER_ENTRIES = {
     TimeSource.TIMES: "entries.by_times",
     TimeSource.LISTED: "entries.as_listed",
     TimeSource.RANDOM: "entries.random_order",
     TimeSource.NO_DRIFT: "entries.no_drift",
 }
-# Term whose assumed sizes are those of a part of the instrument, by part: each assumption is stated
-# once.
+# Model term that describes the errors of each part of the instrument. The sheet states these parts
+# one by one, so that the terms are not stated again among the other assumptions.
 _TERM_OF_PIECE = {
     "bar": BarLength.__name__,
     "work": BallForm.__name__,
@@ -47,7 +48,7 @@ _TERM_OF_PIECE = {
 
 
 def shorten(text: str) -> str:
-    """Return a text that fits a form field; a longer one ends with an ellipsis."""
+    """Return a text that fits a form field. If the text is too long, an ellipsis ends it."""
     if len(text) <= _LONGEST_ENTRY:
         return text
     return f"{text[: _LONGEST_ENTRY - 1]}…"
@@ -57,9 +58,9 @@ def shorten(text: str) -> str:
 
 
 def campaign_fields(findings: Findings, words: Words) -> Iterator[tuple[str, str]]:
-    """Yield the name and the text of each form field of sheet 1, such as operator and place.
+    """Yield the form fields of sheet 1, such as the operator and the place of the tests.
 
-    A text that the campaign does not state is empty.
+    If the campaign does not state the content of a field, the text of the field is empty.
 
     Parameters
     ----------
@@ -71,6 +72,7 @@ def campaign_fields(findings: Findings, words: Words) -> Iterator[tuple[str, str
     Yields
     ------
     tuple of str
+        Name and text of a form field.
     """
     campaign = bound_of(findings.posterior).campaign
     yield from _stated_entries(campaign, _CAMPAIGN_ENTRIES, words)
@@ -83,7 +85,7 @@ def campaign_fields(findings: Findings, words: Words) -> Iterator[tuple[str, str
 
 
 def identity_fields(findings: Findings, words: Words) -> tuple[tuple[str, str], ...]:
-    """Return the form fields that identify the machine and the date of measurement.
+    """Return the form fields that state the machine and the date of measurement.
 
     Parameters
     ----------
@@ -95,6 +97,7 @@ def identity_fields(findings: Findings, words: Words) -> tuple[tuple[str, str], 
     Returns
     -------
     tuple of tuple of str
+        Name and text of each form field.
     """
     campaign = bound_of(findings.posterior).campaign
     machine = (words("fields.machine"), _machine(campaign, words))
@@ -109,7 +112,7 @@ def _stated_entries(
 
 
 def _machine(campaign: Campaign, words: Words) -> str:
-    """Return the machine's axes and the planes of the tests as text."""
+    """Return a text that states the machine's topology and the planes of the tests."""
     planes = list(dict.fromkeys(str(test.plane) for test in campaign.tests))
     return words("entries.machine", topology=campaign.topology, planes=words.joined(planes))
 
@@ -123,7 +126,7 @@ def _temperature(campaign: Campaign, words: Words) -> str:
 
 
 def _tests(campaign: Campaign, words: Words) -> str:
-    """Return the number of circles, their forces and radii as text."""
+    """Return a text that states the number of circles, their forces and their radii."""
     radii_mm = sorted({test.circle.radius_mm for test in campaign.tests})
     return words(
         "entries.tests",
@@ -135,7 +138,7 @@ def _tests(campaign: Campaign, words: Words) -> str:
 
 
 def _path(campaign: Campaign, words: Words) -> str:
-    """Return feed, directions of travel and order of the tests as text."""
+    """Return a text that states the feed, the directions of travel and the order of the tests."""
     path = []
     if campaign.feed_mm_per_min:
         path.append(words("entries.feed", feed=f"{campaign.feed_mm_per_min:g}"))
@@ -148,7 +151,7 @@ def _path(campaign: Campaign, words: Words) -> str:
 
 
 def _certificates(findings: Findings, words: Words) -> str:
-    """Return what certificates state of the instrument as text."""
+    """Return a text that lists what calibration certificates state about the instrument."""
     stated = []
     for piece in instrument_pieces(findings, words):
         if piece.is_stated:
@@ -160,7 +163,7 @@ def _certificates(findings: Findings, words: Words) -> str:
 
 
 def assumption_fields(numbers: SheetNumbers) -> Iterator[tuple[str, str]]:
-    """Yield every assumption that decides a number, with its size and whether it was stated.
+    """Yield the form fields for the assumptions on which the numbers of the sheets depend.
 
     Parameters
     ----------
@@ -170,7 +173,7 @@ def assumption_fields(numbers: SheetNumbers) -> Iterator[tuple[str, str]]:
     Yields
     ------
     tuple of str
-        Name of the assumption, and its text with the mark *stated* or *assumed*.
+        Name of the assumption, and a text with its size and the mark *stated* or *assumed*.
     """
     words = numbers.words
     campaign = bound_of(numbers.findings.posterior).campaign
@@ -198,7 +201,7 @@ def assumption_fields(numbers: SheetNumbers) -> Iterator[tuple[str, str]]:
 
 
 def _marked(text: str, is_stated: bool, words: Words) -> str:
-    """Return a text with the mark *stated* or *assumed*."""
+    """Return a text with a mark added: *stated* if ``is_stated`` is true, otherwise *assumed*."""
     mark = words("origins.assumed")
     if is_stated:
         mark = words("origins.stated")
@@ -225,7 +228,10 @@ def _force_law_text(campaign: Campaign, words: Words) -> str:
 
 
 def _assumed_size(term: str, size: AssumedSize, words: Words) -> str:
-    """Return the size of an assumed effect as text: twice its standard uncertainty."""
+    """Return a text with the size of an assumed effect, which is twice its standard uncertainty.
+
+    ``term`` is the class name of the model term that describes the effect.
+    """
     factor, label = source_unit_words(size.source, term, size.unit)
     value = words.number(two_digits(2.0 * size.sd, factor))
     text = f"±\u00a0{value}\u00a0{words.unit(label)}"
@@ -235,7 +241,10 @@ def _assumed_size(term: str, size: AssumedSize, words: Words) -> str:
 
 
 def _deciding_priors(numbers: SheetNumbers) -> list[str]:
-    """Return the priors of quantities that are limited by them, as texts such as "E_XX1 ± …"."""
+    """Return texts on priors, such as "E_XX1 ± …", for the quantities that depend on their prior.
+
+    These are the quantities for which the prior is the largest source of variance.
+    """
     words = numbers.words
     priors = []
     for quantity in (*numbers.parameters.values(), *numbers.changes.values()):

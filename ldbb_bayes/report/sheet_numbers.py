@@ -1,7 +1,8 @@
 """Quantities that the sheets of the certificate state, with remarks on how far each is determined.
 
-Compliances and circular deviations are stated at one force. A quantity is confounded with a partner
-if the partner (another parameter or effect) changes the readings in the same way.
+Compliances and circular deviations are stated at one force. A quantity is confounded with another
+parameter or effect if both change the readings in the same way. The other parameter or effect is
+called a partner of the quantity.
 """
 
 from __future__ import annotations
@@ -42,13 +43,13 @@ if TYPE_CHECKING:
 
 __all__ = ["SheetNumbers", "remark"]
 
-# A compliance is said to increase or to decrease with force if the probability of that is at least
-# this.
+# A remark states that a compliance increases with force if the probability of an increase is at
+# least this. The same limit applies to a decrease.
 _SURE = 0.95
-# If the credible interval of a compliance begins below this share of its median, only a limit of
-# the stiffness 1 / C is stated.
+# The sheets state only a lower limit of the stiffness 1 / C if the credible interval of the
+# compliance C begins below this share of the median of C.
 _HARDLY_POSITIVE = 0.2
-_ROTATED_AXIS = str.maketrans("ABC", "XYZ")  # linear axis about which each rotation A, B, C turns
+_ROTATED_AXIS = str.maketrans("ABC", "XYZ")  # A is a rotation about X, B about Y, and C about Z
 _SHEET_1_KINDS = ("squareness",)
 
 
@@ -72,20 +73,27 @@ class SheetNumbers:
 
     @cached_property
     def parameters(self) -> dict[str, StatedQuantity]:
-        """Compliances at the force ``force_N``, and geometric errors, by name.
+        """Compliances at the force ``force_N``, and geometric errors; the keys are their names.
 
-        Offsets of the tool ball are not stated, and slopes are not: see `changes`.
+        Offsets of the tool ball are left out. Slopes are left out, too, because `changes` takes
+        their place.
         """
         return {name: stated for name, stated in self._stated.items() if not is_slope(name)}
 
     @cached_property
     def slopes(self) -> dict[str, StatedQuantity]:
-        """Coefficients of the change of compliances with force, by name, for their tolerances."""
+        """Slopes, that is, coefficients of the change of compliances with force.
+
+        The keys are the names of the slopes. The sheets state slopes only if they have tolerances.
+        """
         return {name: stated for name, stated in self._stated.items() if is_slope(name)}
 
     @cached_property
     def changes(self) -> dict[str, StatedQuantity]:
-        """Change of each compliance C(F) from the smallest force tested to the largest, by name."""
+        """Changes of the compliances C(F) from the smallest force tested to the largest.
+
+        The keys are the names of the compliances.
+        """
         stated = {}
         for name, change in self.changes_with_force.items():
             stated[name] = StatedQuantity(
@@ -108,7 +116,10 @@ class SheetNumbers:
 
     @cached_property
     def changes_with_force(self) -> Mapping[str, ChangeWithForce]:
-        """Change of each compliance over the tested forces, with its probabilities, by name."""
+        """Changes of the compliances over the tested forces, with probabilities of their signs.
+
+        The keys are the names of the compliances.
+        """
         return change_with_force(self.findings.numbers, prob=self.findings.prob)
 
     @cached_property
@@ -118,11 +129,14 @@ class SheetNumbers:
 
     @property
     def stiffness_by_plane(self) -> Sequence[PlaneStiffness]:
-        """Stiffness by direction at the force ``force_N``, one for each plane."""
+        """Stiffness by direction at the force ``force_N``: one object for each tested plane."""
         return self._directional.planes
 
     def stiffness_of_axis(self, axis: str) -> StatedQuantity | None:
-        """Return the stiffness of a linear axis, such as X; None if it was not determined."""
+        """Return the stiffness of a linear axis, such as X.
+
+        Return None if the model has no direct compliance of this axis.
+        """
         for compliance in bound_of(self.findings.numbers).compliances:
             if compliance.kind == "direct" and compliance.joint == axis:
                 return self.stiffnesses[compliance.label]
@@ -130,10 +144,11 @@ class SheetNumbers:
 
     @cached_property
     def reversals(self) -> dict[str, Mapping[str, float]]:
-        """Difference between the directions of travel, of the second order, by plane.
+        """Coefficients of sin 2θ of the model term `Hysteresis`; the keys are the planes.
 
-        It is half the difference of two circles, the coefficient of sin 2θ of the term
-        `Hysteresis`. Planes that were run in one direction are left out.
+        Each coefficient is half the amplitude of sin 2θ in the difference between two circles that
+        are run in opposite directions. Planes in which all circles were run in the same direction
+        are left out.
         """
         tests = bound_of(self.findings.posterior).campaign.tests
         coefficients = self.findings.result["nuisances"]
@@ -148,7 +163,10 @@ class SheetNumbers:
 
     @cached_property
     def _stated(self) -> dict[str, StatedQuantity]:
-        """Compliances, slopes and geometric errors but for offsets of the tool ball, by name."""
+        """Compliances, slopes and geometric errors; the keys are their names.
+
+        Offsets of the tool ball are left out.
+        """
         bound = bound_of(self.findings.numbers)
         names = _names_by_label(bound)
         undetermined = undetermined_parameters(self.findings.verdicts)
@@ -172,23 +190,25 @@ class SheetNumbers:
 
     @cached_property
     def _draws(self) -> Mapping[str, Any]:
-        """Random draws of each parameter from the posterior, in internal units (mm, N, rad).
+        """Random draws from the posterior of each parameter, in internal units (mm, N, rad).
 
-        Compliances are those at the force ``force_N``.
+        The draws of a compliance are its values at the force ``force_N``. The keys are the names of
+        the parameters.
         """
         return draws_at(self.findings.numbers, self.force_N)
 
     @cached_property
     def _summaries(self) -> dict[str, Mapping[str, float]]:
-        """Mean, sd, median and interval of each parameter's random draws, by parameter."""
+        """Mean, sd, median and credible interval of each parameter; the keys are their names."""
         prob = self.findings.prob
         return {name: interval_numbers(draws, prob) for name, draws in self._draws.items()}
 
     def _quantity_words(self, name: Any, degree: int) -> str:
         """Return the name of a parameter in words, in the language of the sheets.
 
-        ``name`` is a compliance or geometric error, split into its parts. ``degree`` is 0 for the
-        parameter itself, 1 for the slope and 2 for the curvature of a compliance in force.
+        ``name`` is an object whose attributes are the parts of the name of a compliance or
+        geometric error, such as the axis. ``degree`` is 0 for the parameter itself. For the change
+        of a compliance with force, it is 1 for the slope and 2 for the curvature.
         """
         key = str(name.kind)
         if degree == 1:
@@ -209,10 +229,11 @@ class SheetNumbers:
 
     @cached_property
     def stiffnesses(self) -> dict[str, StatedQuantity]:
-        """Stiffness of every axis: 1 / C at the median of its direct compliance C.
+        """Stiffness 1 / C of every axis, where C is the median of the axis' direct compliance.
 
-        Keys are the labels of C, such as ``C_XXX``. If the credible interval of C begins below a
-        fifth of its median, only a lower limit of the stiffness is stated.
+        The keys are the labels of the compliances, such as ``C_XXX``. If the credible interval of a
+        compliance begins below a fifth of its median, only a lower limit of the stiffness is
+        stated.
         """
         stated = {}
         for compliance in bound_of(self.findings.numbers).compliances:
@@ -221,11 +242,11 @@ class SheetNumbers:
         return stated
 
     def _stiffness(self, compliance: Any) -> StatedQuantity:
-        """Return the stiffness 1/C of a direct compliance C.
+        """Return the stiffness 1 / C for a direct compliance C.
 
         The stiffness has a value and an uncertainty if the credible interval of C begins above a
-        fifth of the median. Otherwise it has a lower limit: the stiffness at the upper end of the
-        interval. If this end is not positive, no stiffness is stated.
+        fifth of the median of C. Otherwise only a lower limit is stated, which is the stiffness at
+        the upper end of the interval of C. If this end is not positive, no stiffness is stated.
         """
         summary = self._summaries[compliance.label]
         median = summary["median"]
@@ -235,8 +256,8 @@ class SheetNumbers:
         limit = ""
         sd = np.nan
         if low > smallest > 0.0:
-            # Raise the few draws of the compliance C that are near zero: they would dominate the
-            # standard deviation of 1 / C.
+            # Replace the few draws of the compliance C that are near zero by a larger value. They
+            # would dominate the standard deviation of 1 / C.
             draws = np.maximum(self._draws[compliance.label], 0.5 * smallest)
             sd = float(np.std(1.0 / draws))
         elif high > 0.0:
@@ -256,10 +277,9 @@ class SheetNumbers:
 
     @cached_property
     def further(self) -> dict[str, StatedQuantity]:
-        """Quantities of sheet 1 other than stiffnesses and circular deviations, by label.
+        """Squareness errors, which sheet 1 states in addition to stiffnesses and the tool path.
 
-        The quantities are cross compliances, rotations caused by forces or moments, and squareness
-        errors.
+        The keys are the labels of the errors.
         """
         names = _names_by_label(bound_of(self.findings.numbers))
         stated = {}
@@ -270,7 +290,7 @@ class SheetNumbers:
 
     @cached_property
     def directions(self) -> dict[str, StatedQuantity]:
-        """Stiffness by direction at the force ``force_N``, by name, such as ``k_min``."""
+        """Stiffness by direction at the force ``force_N``; the keys are names such as ``k_min``."""
         return stiffness_quantities(self._directional, self.words)
 
     @cached_property
@@ -279,40 +299,45 @@ class SheetNumbers:
 
     @cached_property
     def path(self) -> dict[str, StatedQuantity]:
-        """Circular deviations of the tool path in every plane, by symbol.
+        """Circular deviations G, F_max and F_min of the tool path in every plane.
 
-        G, F_max and F_min are those at the force ``force_N`` of the bar [N], about the
-        least-squares circle. Effects that the geometric errors are confounded with change these
-        deviations, too.
+        The keys are the symbols, such as ``G``. The deviations are those from the least-squares
+        circle at the force ``force_N`` [N]. They are confounded with the same effects as the
+        geometric errors.
         """
         return self._path_quantities(self.force_N, ("G", "F_max", "F_min"))
 
     @cached_property
     def further_path(self) -> dict[str, StatedQuantity]:
-        """Radial deviations about the nominal circle, and circular deviation at no load, by symbol.
+        """Circular deviation at no load, and radial deviations from the nominal circle.
 
-        Those about the nominal circle are at the force ``force_N`` of the bar [N].
+        The keys are the symbols of the deviations. The radial deviations from the nominal circle
+        are those at the force ``force_N`` [N].
         """
         nominal = self._path_quantities(self.force_N, ("F_max_nominal", "F_min_nominal"))
         return self.unloaded_path | nominal
 
     @cached_property
     def unloaded_path(self) -> dict[str, StatedQuantity]:
-        """Circular deviation of the tool path at no load, of geometry alone, by symbol."""
+        """Circular deviation of the tool path at no load, which only geometric errors cause.
+
+        The keys are the symbols of the deviation, one for each plane.
+        """
         return self._path_quantities(0.0, ("G",))
 
     def _path_quantities(self, force_N: float, names: Sequence[str]) -> dict[str, StatedQuantity]:
-        """Return the named circular-test quantities of the machine's path at a force, by symbol.
+        """Return circular-test quantities of the machine's path at the force ``force_N`` [N].
 
-        At no load (0 N) their symbols end in _0. If there are several planes, keys name the plane.
+        ``names`` are the names of the quantities, such as ``G``. The keys of the result are these
+        names with the suffix ``_no_load`` at 0 N. If several planes were tested, each key ends in
+        the plane. Symbols of quantities at 0 N end in _0.
         """
         prob = self.findings.prob
         table = predict_circularity(self.findings.numbers, [force_N], prob=prob)
         has_several_planes = table["plane"].nunique() > 1
         hangs_on = self._partners_of_geometry()
         suffix = "_no_load" if force_N == 0.0 else ""
-        # Deviations at no load have a symbol of their own, as each symbol
-        # stands for one number.
+        # Deviations at no load have their own symbol, so that no symbol on a sheet has two values.
         mark = "_0" if force_N == 0.0 else ""
         stated = {}
         for row in table[table["quantity"].isin(names)].to_dict(orient="records"):
@@ -335,13 +360,14 @@ class SheetNumbers:
 
     @cached_property
     def _measured(self) -> pd.DataFrame:
-        """Circular-test quantities of the readings as they are, one row per test."""
+        """Table of circular-test quantities computed from the readings alone, one row per test."""
         return measure_circularity(self.findings.posterior)[0]
 
     def _measured_words(self, plane: str, quantity: str, force_N: float) -> str:
-        """Return the value computed from a circle's readings, in words; empty at no load (0 N).
+        """Return a remark with the value of a quantity that is computed from readings alone.
 
-        The circle is that of the first test in the plane whose force is nearest to ``force_N``.
+        The readings are those of one test in the plane: the one whose force is nearest to the force
+        ``force_N`` [N]. The remark is an empty string at no load (0 N).
         """
         if force_N == 0.0:
             return ""
@@ -354,12 +380,16 @@ class SheetNumbers:
         )
 
     def _partners_of_geometry(self) -> tuple[str, ...]:
-        """Return the names of effects confounded with undetermined geometric errors."""
+        """Return the names of the effects that undetermined geometric errors are confounded with.
+
+        A geometric error is undetermined if the readings hardly determine it.
+        """
         partners: dict[str, None] = {}
         for name, quantity in self.parameters.items():
             if name.startswith("E_") and quantity.is_undetermined:
                 partners |= dict.fromkeys(quantity.inseparable_partners)
-        # Leave out the error of the bar's length, which makes the circle larger but not less round.
+        # Leave out the error of the bar's length, because it changes the size of the circle, but
+        # not the circular deviation.
         partners.pop(BarLength.__name__, None)
         return tuple(partners)
 
@@ -373,16 +403,17 @@ def _direction_of(change: ChangeWithForce) -> Literal["increases", "decreases", 
 
 
 def _names_by_label(bound: BoundModel) -> dict[str, Any]:
-    """Return the names of compliances and geometric errors as objects, by label such as ``C_XXX``.
+    """Return the names of a model's compliances and geometric errors as objects.
 
-    An object has the parts of the name, such as the axis, as attributes.
+    The attributes of each object are the parts of the name, such as the axis. The keys are labels
+    such as ``C_XXX``. ``bound`` is a model bound to a campaign.
     """
     names: list[Any] = [*bound.compliances, *geometric_errors_of(bound.campaign)]
     return {name.label: name for name in names}
 
 
 def remark(quantity: StatedQuantity, words: Words) -> str:
-    """Return a remark in a few words on how far the readings determine a quantity.
+    """Return a short remark on how far the readings determine a quantity.
 
     Parameters
     ----------
@@ -394,7 +425,7 @@ def remark(quantity: StatedQuantity, words: Words) -> str:
     Returns
     -------
     str
-        The remark, in the language of the sheet; empty if none is needed.
+        The remark in the language of the sheet, or an empty string if no remark is needed.
     """
     if quantity.direction:
         return _change_remark(quantity, words)
@@ -408,9 +439,11 @@ def remark(quantity: StatedQuantity, words: Words) -> str:
 
 
 def _change_remark(quantity: StatedQuantity, words: Words) -> str:
-    """Return a remark on a change with force: its direction, and the verdict on it.
+    """Return a remark on the change of a compliance with force.
 
-    If no change is shown, there is no verdict beside it: "identified" would seem to contradict it.
+    The remark states whether the compliance increases or decreases, and the verdict on the change.
+    If the readings do not show the sign of the change, the remark has no verdict, because the
+    verdict "identified" would seem to contradict this.
     """
     direction = words(f"remarks.{quantity.direction}")
     if quantity.direction == "no_change":
@@ -424,7 +457,7 @@ def _change_remark(quantity: StatedQuantity, words: Words) -> str:
 
 
 def _verdict_remark(entry: ParameterIdentifiability | ChangeIdentifiability, words: Words) -> str:
-    """Return the verdict on a parameter, or on a change with force, in a few words."""
+    """Return a short remark with the verdict on a parameter or on a change with force."""
     if entry.verdict == "confounded":
         partners = [
             words("remarks.partner", name=words.term(name), share=_percent(share, words))
@@ -442,7 +475,7 @@ def _verdict_remark(entry: ParameterIdentifiability | ChangeIdentifiability, wor
 
 
 def _percent(share: float, words: Words) -> str:
-    """Return a share in per cent as text, rounded as everywhere else a verdict is stated."""
+    """Return a text with a share in per cent, without decimals."""
     return words("percent", value=f"{100.0 * share:.0f}")
 
 

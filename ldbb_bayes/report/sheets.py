@@ -1,4 +1,4 @@
-"""The certificate: two sheets to be signed, which report.html and report.pdf both show."""
+"""The two sheets of the certificate. The files report.html and report.pdf both show them."""
 
 from __future__ import annotations
 
@@ -33,14 +33,15 @@ __all__ = ["sheets"]
 def sheets(
     findings: Findings, *, language: str = "en", force_N: float | None = None
 ) -> tuple[ReportSheet, ...]:
-    """Return sheet 1, the certificate, and sheet 2, its results.
+    """Return the two sheets of the certificate; sheet 2 has all results.
 
     Parameters
     ----------
     findings
         All results of a fit that a report shows.
     language
-        Code of the language, such as en; the package must have a catalogue of words for it.
+        Code of the language of the sheets, such as en. The package must have a catalogue of words
+        in this language.
     force_N
         Force at which stiffness and circular deviation are stated [N]. Default: the model's
         reference force.
@@ -48,12 +49,12 @@ def sheets(
     Returns
     -------
     tuple of ReportSheet
-        Two sheets that fit their pages.
+        Two sheets, each of which fits one page.
 
     Raises
     ------
     InputError
-        The language has no catalogue.
+        The package has no catalogue of words in the language.
     """
     words = words_of(language)
     if force_N is None:
@@ -79,7 +80,7 @@ def sheets(
 
 
 def _first_sheet(numbers: SheetNumbers) -> Iterator[Block]:
-    """Yield the blocks of sheet 1, the certificate, from top to bottom."""
+    """Yield the blocks of sheet 1 from top to bottom."""
     words = numbers.words
     findings = numbers.findings
     yield banner(numbers)
@@ -110,14 +111,14 @@ def _first_sheet(numbers: SheetNumbers) -> Iterator[Block]:
 
 
 def _signatures(words: Words) -> Fields:
-    """Return the lines to sign, which end both sheets."""
+    """Return the form fields for signatures, which are at the end of both sheets."""
     return Fields(((words("fields.signed"), ""), (words("fields.checked"), "")), tall=True)
 
 
 def _averaged_models(findings: Findings, words: Words) -> str:
-    """Return a sentence on the model that the numbers of the sheets are from.
+    """Return a sentence that names the model from which the numbers of the sheets are.
 
-    If they are averages over models, it states the probabilities of the models.
+    If the numbers are averages over models, the sentence states the probability of each model.
     """
     probabilities = findings.probabilities
     if not probabilities:
@@ -202,7 +203,10 @@ def _second_sheet(numbers: SheetNumbers) -> Iterator[Block]:
 
 
 def _sums(findings: Findings, words: Words) -> Iterator[str]:
-    """Yield a sentence on the compliances that stand for a sum of several, if there are any."""
+    """Yield a sentence on compliances that represent a sum of several compliances.
+
+    Nothing is yielded if there are no such compliances.
+    """
     campaign = campaign_of(findings.posterior)
     machine = describe_machine(campaign.machine(), [test.circle for test in campaign.tests])
     sums = []
@@ -215,7 +219,11 @@ def _sums(findings: Findings, words: Words) -> Iterator[str]:
 
 
 def _gum_sentence(numbers: SheetNumbers) -> str:
-    """Return which quantities the GUM's law of propagation states as the sheet does (JCGM 101)."""
+    """Return a sentence on the comparison of the sheet with the GUM's law of propagation.
+
+    The sentence states for which parameters both give the same interval. The comparison follows the
+    validation procedure of JCGM 101.
+    """
     words = numbers.words
     validation = numbers.findings.gum_validation
     by_use: dict[bool, list[str]] = {True: [], False: []}
@@ -231,10 +239,11 @@ def _gum_sentence(numbers: SheetNumbers) -> str:
 
 
 def _meanings_of_partners(numbers: SheetNumbers) -> list[str]:
-    """Return explanations of the effects that are named with the verdicts on parameters.
+    """Return explanations of the effects that the verdicts on parameters name.
 
-    The effects are model terms, such as the mount, that a parameter is confounded with or that
-    contribute to its variance. Each explanation is a text in the language of the sheets.
+    Each effect is a model term, such as the mount. A verdict names the effects that a parameter is
+    confounded with, or the effect that contributes most to the parameter's variance. Each
+    explanation is a text in the language of the sheets.
     """
     words = numbers.words
     partners: dict[str, None] = {}
@@ -270,7 +279,7 @@ def _table_with_U(
 
 
 def _table_with_intervals(numbers: SheetNumbers, quantities: Sequence[StatedQuantity]) -> Table:
-    """Return a table of quantities: value, U, interval, unit and remark."""
+    """Return a table with one row for each quantity: value, U, interval, unit and remark."""
     words = numbers.words
     rows = []
     for quantity in quantities:
@@ -295,10 +304,10 @@ def _table_with_intervals(numbers: SheetNumbers, quantities: Sequence[StatedQuan
 def _table(
     numbers: SheetNumbers, caption: str, keys: Sequence[str], rows: Sequence[Sequence[str]]
 ) -> Table:
-    """Return a table with column headings in the language of the sheet.
+    """Return a table whose column headings are in the language of the sheet.
 
-    ``keys`` name the headings in the catalogue of words, such as ``value``; ``rows`` are the texts
-    of the cells.
+    ``keys`` are the keys of the headings in the catalogue of words, such as ``value``. ``rows``
+    holds the texts of the cells.
     """
     words = numbers.words
     percent = words.number(f"{100 * numbers.findings.prob:g}")
@@ -308,9 +317,9 @@ def _table(
 
 
 def _conformity(numbers: SheetNumbers) -> Iterator[Table | str]:
-    """Yield a table of tolerances with the decision on each, and a note on the decisions.
+    """Yield a table with the decision on each tolerance, and a note on the decisions.
 
-    Yield nothing if there are no tolerances.
+    Nothing is yielded if there are no tolerances.
     """
     words = numbers.words
     quantities = numbers.parameters | numbers.slopes

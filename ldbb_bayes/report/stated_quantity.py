@@ -32,30 +32,31 @@ class StatedQuantity:
     symbol
         Symbol of the quantity.
     estimate, sd, interval
-        Estimate, standard uncertainty and credible interval, in ``unit``. The estimate is the mean
-        of a parameter, the inverse of a compliance's median for a stiffness, and the median of a
-        circular deviation.
+        Estimate, standard uncertainty and credible interval, in ``unit``. The estimate of most
+        quantities is their posterior mean. The estimate of the stiffness 1 / C of an axis is the
+        inverse of the median of C; that of a stiffness by direction is the median.
     unit
-        Unit of these numbers: that of a parameter or stiffness in mm, N and rad, and um for a
-        circular deviation.
+        Unit of these numbers: a unit made of mm, N and rad for a parameter or a stiffness, um for a
+        circular deviation, and deg for a direction.
     entry
-        Verdict on how far the readings determine the quantity. For a stiffness it is the verdict on
-        the compliance. None for a quantity that is computed from several parameters.
+        Verdict on how far the readings determine the quantity. For a stiffness 1 / C, it is the
+        verdict on the compliance C. None for a quantity that is computed from several parameters.
     limit
-        If only a limit of the quantity is stated, the limit in words; otherwise empty.
+        The limit in words if the sheet states only a limit of the quantity. Otherwise an empty
+        string.
     hangs_on
-        For a quantity that is computed from several parameters: effects that these parameters are
-        confounded with.
+        Names of effects. Only a quantity that is computed from several parameters has them: they
+        are the effects that these parameters are confounded with.
     direction
-        For the change of a compliance with force: whether it is an increase or a decrease, as the
-        key of a remark; otherwise empty.
+        Key of the remark on how a compliance changes with force: increases, decreases or no_change.
+        An empty string for all quantities that are not such a change.
     change_entry
-        For the change of a compliance with force: the verdict on it.
+        Verdict on the change of a compliance with force. None for all other quantities.
     no_change
-        For the change of a compliance with force: probability that there is exactly none, which is
-        zero unless the numbers are averaged over models.
+        Probability that a compliance does not change with force at all. It is zero unless the
+        numbers are averages over models.
     note
-        A remark in the language of the sheets that stands before any other.
+        A remark in the language of the sheets. Further remarks are placed after it.
     is_undetermined
         Whether the readings leave the quantity undetermined, see `undetermined_parameters`.
     """
@@ -76,7 +77,10 @@ class StatedQuantity:
     is_undetermined: bool = False
 
     def value_and_U(self) -> ValueAndU:
-        """Return value and expanded uncertainty (k = 2), in the unit shown on the sheets."""
+        """Return the value and its expanded uncertainty (k = 2), in the unit shown on the sheets.
+
+        If only a limit is stated, it takes the place of the value.
+        """
         if self.limit:
             return ValueAndU(self.limit, "–")
         if is_skewed(self.estimate, self.interval):
@@ -90,7 +94,7 @@ class StatedQuantity:
     def inseparable_partners(self) -> tuple[str, ...]:
         """Names of the assumed effects that an undetermined quantity is confounded with.
 
-        There are none if the readings determine the quantity, or if it is not confounded.
+        The tuple is empty if the readings determine the quantity, or if it is not confounded.
         """
         if self.entry is None or not self.is_undetermined:
             return ()

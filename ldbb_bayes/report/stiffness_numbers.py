@@ -1,4 +1,4 @@
-"""Stiffness by direction as the certificate states it, with directions in words."""
+"""Stiffness by direction for the certificate, with the directions in words."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ _N_PER_UM = 1e-3  # factor from N/mm to N/µm
 
 
 def stiffness_quantities(result: DirectionalStiffness, words: Words) -> dict[str, StatedQuantity]:
-    """Return the stiffness by direction at one force as the certificate states it, by name.
+    """Return the quantities of the stiffness by direction that the certificate states.
 
-    Names are those of tolerances, such as ``k_min``, or ``k_min_YZ`` if several planes were tested.
-    If only one plane was tested, the principal axis and the difference of the direct compliances
-    are stated, too; if three were, the principal stiffnesses in space.
+    The quantities of each plane are the least and the greatest stiffness and their ratio. If only
+    one plane was tested, the principal axis and the difference of the direct compliances are added.
+    If three planes were tested, the principal stiffnesses in space are added.
 
     Parameters
     ----------
@@ -35,6 +35,12 @@ def stiffness_quantities(result: DirectionalStiffness, words: Words) -> dict[str
         Stiffness by direction at one force.
     words
         Texts of the sheets in their language.
+
+    Returns
+    -------
+    dict of str to StatedQuantity
+        The keys are the names that tolerances use, such as ``k_min``, or ``k_min_YZ`` if several
+        planes were tested.
     """
     planes = [plane.plane for plane in result.planes]
     stated = {}
@@ -58,9 +64,10 @@ def stiffness_quantities(result: DirectionalStiffness, words: Words) -> dict[str
 
 
 def _of_plane(plane: PlaneStiffness, words: Words, *, is_only: bool) -> dict[str, StatedQuantity]:
-    """Return least and greatest stiffness in a plane, and their ratio, by symbol.
+    """Return the least and the greatest stiffness in a plane, and their ratio.
 
-    ``is_only`` states whether it is the only plane. Further quantities are added then.
+    The keys are names such as ``k_min``. If ``is_only`` is true, no other plane was tested, and the
+    principal axis and the difference of the direct compliances are added.
     """
     where = ""
     if not is_only:
@@ -92,7 +99,10 @@ def _of_plane(plane: PlaneStiffness, words: Words, *, is_only: bool) -> dict[str
 
 
 def _of_only_plane(plane: PlaneStiffness, words: Words) -> dict[str, StatedQuantity]:
-    """Return the principal axis and the difference of the direct compliances of a plane."""
+    """Return the principal axis of a plane, and the difference of its direct compliances.
+
+    The keys are ``principal_axis`` and ``difference``.
+    """
     axis = plane.principal_axis
     limit = "–"
     note = words("remarks.no_direction")
@@ -124,7 +134,10 @@ def _of_only_plane(plane: PlaneStiffness, words: Words) -> dict[str, StatedQuant
 
 
 def _principal_axis_note(plane: PlaneStiffness, words: Words) -> str:
-    """Return which compliances the principal axis is of: the directions above it are of all."""
+    """Return a remark that names the compliances from which the principal axis is computed.
+
+    The directions of least and greatest stiffness, in contrast, are computed from all compliances.
+    """
     symbols = [f"C_{axis}{axis}{axis}" for axis in plane.plane]
     if plane.cross_name:
         symbols.insert(1, plane.cross_name)
@@ -151,7 +164,10 @@ def _of_stiffness(
 
 
 def _direction_words(direction: AxialDirection, axis: str, words: Words) -> str:
-    """Return a direction with its U (k = 2) in words, such as "at 2° ± 17° from X"."""
+    """Return a text with a direction and its U (k = 2), such as "at 2° ± 17° from X".
+
+    If the readings do not determine the direction, the text says so.
+    """
     if not direction.is_determined:
         return words("remarks.no_direction")
     angle, expanded = value_and_uncertainty(_turned(direction.angle_deg), direction.U_deg)
@@ -164,8 +180,9 @@ def _direction_words(direction: AxialDirection, axis: str, words: Words) -> str:
 
 
 def _turned(angle_deg: float) -> float:
-    """Return an axial direction from −45° to 135° instead of from 0° to 180°.
+    """Return the angle of an axial direction between −45° and 135° instead of 0° and 180°.
 
-    A direction near either axis of the plane is then an angle near 0° or near 90°.
+    An axial direction is the same as the opposite direction. In the result, the angle of a
+    direction near one of the plane's two axes is near 0° or near 90°.
     """
     return angle_deg - 180.0 if angle_deg > 135.0 else angle_deg

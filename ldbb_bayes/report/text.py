@@ -1,10 +1,11 @@
-"""Results as tables and sentences, for the terminal, a notebook and the HTML page.
+"""Presentation of results as tables and sentences: in the terminal, a notebook and the HTML page.
 
-`parts_of` returns the passages (tables and sentences) of a result, `with_words` its JSON record
-with sentences. This module has the functions for most classes of results, and imports the modules
-with the functions for the other classes. ln B is the log Bayes factor, by which the readings favour
-one model over another; elpd is the expected log predictive density, which states how well a model
-predicts readings that it has not seen.
+The function `parts_of` returns the passages (tables and sentences) of a result. The function
+`with_words` returns the JSON record of a result with its sentences. Both have a separate
+implementation for each class of results. This module has the implementations for most classes, and
+imports the modules that have the rest. ln B is the log Bayes factor, which states how much the
+readings favour one model over another. elpd is the expected log predictive density, which states
+how well a model predicts readings that it has not seen.
 """
 
 from __future__ import annotations
@@ -49,15 +50,16 @@ from ldbb_bayes.units import (
 
 __all__ = ["comparison_parts", "parts_of"]
 
-# Contributions to an uncertainty budget with smaller shares of the variance than this have no rows
-# of their own; one row states their sum.
+# A contribution to an uncertainty budget has a row if its share of the variance is at least this.
+# One further row states the sum of all smaller contributions.
 _SMALL_SHARE = 0.005
-# Smallest share of the variance at which an uncertainty budget has a row for the sum of its small
-# contributions.
+# The row with the sum of the small contributions is shown only if their share of the variance is at
+# least this.
 _NEGLIGIBLE_SHARE = 5e-4
-# Smallest share of a parameter's variance at which a source of its standard uncertainty u is named.
+# A table of budgets names a source of uncertainty if its share of the parameter's variance is at
+# least this.
 _LARGE_SHARE = 0.05
-# Largest number of sources that are named for the standard uncertainty u of a parameter.
+# Largest number of sources of uncertainty that a table of budgets names for each parameter.
 _MOST_SOURCES = 3
 
 
@@ -66,9 +68,9 @@ _MOST_SOURCES = 3
 
 @parts_of.register
 def _passages_of_imported(result: Imported) -> tuple[Passage, ...]:
-    """Return a heading on an imported campaign, and a list of the assumptions of the import.
+    """Return a heading for an imported campaign, and a list of the assumptions of the import.
 
-    Each assumption is listed with the option that changes it.
+    The text on each assumption names the option with which the user can change the assumption.
     """
     campaign = result.campaign
     heading = (
@@ -83,7 +85,11 @@ def _passages_of_imported(result: Imported) -> tuple[Passage, ...]:
 
 @parts_of.register
 def _passages_of_hybrid_model(model: HybridModel) -> tuple[Passage, ...]:
-    """Return a table of the model's other effects and settings, with its degree and priors."""
+    """Return a table of a model's terms: effects other than compliances and geometric errors.
+
+    Each row has the name and the settings of a term. The caption states the degree of compliance in
+    force, and the kind of the priors.
+    """
     prior = "proper"
     if model.prior.flat:
         prior = "flat"
@@ -116,7 +122,10 @@ def _passages_of_log_density(density: LogDensity) -> tuple[Passage, ...]:
 
 @parts_of.register
 def _passages_of_simulation(simulation: Simulation) -> tuple[Passage, ...]:
-    """Return a table of the true parameters and scales from which readings were simulated."""
+    """Return a table of the true parameters and hyper-parameters of simulated readings.
+
+    The hyper-parameters are scales of noise and of other effects.
+    """
     rows: list[tuple[Any, ...]] = []
     for name, value in simulation.parameters.items():
         factor, label = display_unit(simulation.units[name])
@@ -131,14 +140,15 @@ def _passages_of_simulation(simulation: Simulation) -> tuple[Passage, ...]:
 
 @parts_of.register
 def _passages_of_fit(fit: Fit) -> tuple[Passage, ...]:
-    # Leave out the concern that the sampler missed its target: the verdict on the fit states it.
+    # Leave out the concern "not-converged", because the verdict on the fit already states that the
+    # sampler has not converged.
     concerns = tuple(concern for concern in fit.concerns if concern.kind != "not-converged")
     return (wording.fit_verdict(fit), *wording.concern_sentences(concerns, {}))
 
 
 @parts_of.register
 def _passages_of_fit_words(words: FitWords) -> tuple[Passage, ...]:
-    """Return the verdict on a fit, and the warnings of the fit."""
+    """Return the verdict on a fit, and the list of warnings about the fit."""
     return (words["verdict"], tuple(words["warnings"]))
 
 
@@ -162,11 +172,11 @@ def _passages_of_least_squares(result: LeastSquares) -> tuple[Passage, ...]:
 
 @parts_of.register
 def _passages_of_validation(validation: Validation) -> tuple[Passage, ...]:
-    """Return a table of how often credible intervals hold the true values in simulations.
+    """Return a table of how often credible intervals contain the true values in simulations.
 
-    The table also states, for each quantity, whether the ranks of the true values are uniformly
-    distributed. A rank is the number of posterior draws below the true value. Sentences with the
-    standard uncertainty of the shares and a verdict follow.
+    For each quantity, the table also states whether the ranks of the true values are uniformly
+    distributed. A rank is the number of posterior draws below the true value. Two sentences follow:
+    one states the standard uncertainty of the shares in the table, the other is a verdict.
     """
     coverage = validation.coverage()
     intervals = [name for name in coverage.columns if not name.startswith("u")]
@@ -187,10 +197,10 @@ def _passages_of_validation(validation: Validation) -> tuple[Passage, ...]:
 
 @parts_of.register
 def _passages_of_workflow(workflow: Workflow) -> tuple[Passage, ...]:
-    """Return a table of every circle, and a sentence on each check of a Bayesian workflow.
+    """Return a table of the circles, and a sentence on each check of a Bayesian workflow.
 
-    The table states the range of the circle, what the prior expects of it, and how well the other
-    circles predict it.
+    The table has one row for each circle. Each row states the range of the readings [µm], the range
+    that the prior expects, and how well the other circles predict the readings.
     """
     rows = []
     for name, expected in workflow.prior_ranges.items():
@@ -211,7 +221,7 @@ def _passages_of_workflow(workflow: Workflow) -> tuple[Passage, ...]:
 
 @wording.with_words.register
 def _record_of_workflow(result: Workflow) -> dict[str, Any]:
-    """Return the JSON record of the checks of a workflow, with their sentences."""
+    """Return the JSON record of the checks of a workflow, with a sentence on each check."""
     return {
         **result.as_dict(),
         "passed": result.passed,
@@ -221,7 +231,7 @@ def _record_of_workflow(result: Workflow) -> dict[str, Any]:
 
 @wording.with_words.register
 def _record_of_validation(result: Validation) -> dict[str, Any]:
-    """Return the JSON record of a simulation-based calibration, with the verdict in words."""
+    """Return the JSON record of a simulation-based calibration, with a sentence as the verdict."""
     return {**result.as_dict(), "verdict": wording.validation_verdict(result)}
 
 
@@ -229,8 +239,9 @@ def _record_of_validation(result: Validation) -> dict[str, Any]:
 def _decisions_or_budgets(results: ByName[Any]) -> tuple[Passage, ...]:
     """Return a table of uncertainty budgets, decisions on conformity, or changes with force.
 
-    ``results`` holds budgets by parameter, decisions by quantity, or changes by compliance. The
-    table has one row for each.
+    ``results`` holds results of one of these three kinds. The keys are the names of parameters for
+    budgets, of quantities for decisions, and of compliances for changes with force. The table has
+    one row for each result.
     """
     if all(isinstance(result, ChangeWithForce) for result in results.values()) and results:
         return (change_table({name: change.as_dict() for name, change in results.items()}),)
@@ -254,7 +265,10 @@ def _decisions_or_budgets(results: ByName[Any]) -> tuple[Passage, ...]:
 
 
 def _largest_sources(budget: Budget) -> str:
-    """Return the largest sources of a parameter's variance as text, with shares and origins."""
+    """Return a text that names the largest sources of a parameter's variance.
+
+    The text states the share of each source [%] and the origin of its size, such as "assumed".
+    """
     shares = {}
     for contribution in budget.contributions:
         share = budget.share(contribution.term)
@@ -275,7 +289,7 @@ def _passages_of_change_with_force(change: ChangeWithForce) -> tuple[Passage, ..
 
 @parts_of.register
 def _passages_of_budget(budget: Budget) -> tuple[Passage, ...]:
-    """Return the table of one uncertainty budget, in which small contributions share one row."""
+    """Return the table of one uncertainty budget. One row states the sum of small contributions."""
     factor, unit = display_unit(budget.unit)
     rows: list[tuple[str, ...]] = []
     small_share = 0.0
@@ -304,7 +318,10 @@ def _passages_of_budget(budget: Budget) -> tuple[Passage, ...]:
 
 
 def _budget_row(contribution: Any, factor: float) -> tuple[str, ...]:
-    """Return the cells of one source in a budget; ``factor`` converts the parameter for display."""
+    """Return the cells of the row for one contribution to an uncertainty budget.
+
+    ``factor`` converts the parameter from its internal unit (mm, N, rad) to the unit shown.
+    """
     source = _budget_source(contribution)
     u = ""
     unit = ""
@@ -334,9 +351,9 @@ class _BudgetSource(NamedTuple):
 
 
 def _budget_source(contribution: Any) -> _BudgetSource:
-    """Return the name of the source of a contribution in words, and the unit of its uncertainty.
+    """Return the source of a contribution: its name in words, and the unit of its uncertainty.
 
-    ``contribution`` is a line of an uncertainty budget.
+    ``contribution`` is one contribution to an uncertainty budget.
     """
     term_words = wording.source_words(contribution.term)
     factor, label = wording.source_unit_words(
@@ -352,9 +369,9 @@ def _budget_source(contribution: Any) -> _BudgetSource:
 
 @wording.with_words.register
 def _record_of_budget(result: Budget) -> dict[str, Any]:
-    """Return the JSON record of an uncertainty budget, with a measure that would reduce u most.
+    """Return the JSON record of the uncertainty budget of a parameter.
 
-    u is the standard uncertainty of the budget's parameter.
+    The record also states the measure that would reduce the parameter's standard uncertainty most.
     """
     return {**result.as_dict(), "improve": wording.remedy_words(result)}
 
@@ -375,7 +392,7 @@ def comparison_parts(comparison: Comparison, *, rmse: bool = True) -> tuple[Pass
     Returns
     -------
     tuple
-        Tables and sentences, in their order.
+        Tables, followed by sentences.
     """
     slopes = []
     for name, slope in comparison.slopes.items():
@@ -412,7 +429,10 @@ def _record_of_comparison(result: Comparison) -> dict[str, Any]:
 
 @parts_of.register
 def _passages_of_design(design: Design) -> tuple[Passage, ...]:
-    """Return tables of the tests to run and of the uncertainties to expect, and sentences."""
+    """Return two tables and sentences on a design of tests.
+
+    The first table lists the tests to run, the second states the expected uncertainties.
+    """
     heads = [wording.PAGE["tests"].get(name, name) for name in ("force_N", *design.columns)]
     rows = []
     for row in design.table.to_numpy(dtype=object).tolist():
