@@ -37,6 +37,8 @@ class _Noise:
     def covariance(self, factor: Array, hyper: Mapping[str, float], test: int) -> Array:
         """Return the covariance of this noise in the m reduced readings of one test, (m, m) [mm²].
 
+        Reduced readings are the at most 25 numbers to which the readings of a test are reduced.
+
         Parameters
         ----------
         factor
@@ -88,9 +90,9 @@ def informations_of(bound: BoundModel, phi: Array) -> Iterator[Information]:
     of interest) that are the same in all tests. Nuisances whose coefficients differ between tests
     are treated as noise of each test. ``bound`` is the model of a campaign. ``phi``, shape (w, h),
     are the hyper-parameters, which are the scales of noise and nuisances; lengths are in mm. The
-    design matrix refers to the reduced readings before they are scaled to unit noise. It does not
-    depend on the hyper-parameters and is computed once. Tests with the same noise share one
-    covariance.
+    design matrix holds the effect of one unit of each coefficient on the reduced readings (at most
+    25 numbers for each test). It does not depend on the hyper-parameters and is computed once.
+    Tests with the same noise share one covariance.
     """
     shared, shared_owners, noises = _sort_columns(bound)
     names = list(bound.names)
@@ -114,7 +116,11 @@ def informations_of(bound: BoundModel, phi: Array) -> Iterator[Information]:
 
 
 def _sort_columns(bound: BoundModel) -> _SortedColumns:
-    """Return the columns of all nuisance terms of a campaign's model, sorted into two groups."""
+    """Return the columns of all nuisance terms of a campaign's model, sorted into two groups.
+
+    In one group the coefficients are the same in all tests, in the other they differ between tests.
+    ``bound`` is the model of the campaign.
+    """
     shared: list[Columns] = []
     owners: list[str] = []
     noises: list[_Noise] = []
@@ -154,10 +160,11 @@ def _noise_covariances(
 ) -> dict[str, Array]:
     """Return the covariance of each noise in the m reduced readings of one test, (m, m) [mm²].
 
-    The keys are the class names of the nuisance terms that act as noise, and the name of the
-    reading noise. ``factor`` (m, 25) turns Fourier coefficients into reduced readings, ``hyper``
-    holds the hyper-parameters by name, with lengths in mm, and ``test`` is the index of the test,
-    from 0.
+    The keys are the class names of the nuisance terms that act as noise; the white noise of the
+    readings has the key ``NOISE``. Reduced readings are the at most 25 numbers to which the
+    readings of a test are reduced. ``factor`` (m, 25) turns Fourier coefficients into reduced
+    readings, ``hyper`` holds the hyper-parameters by name, with lengths in mm, and ``test`` is the
+    index of the test, from 0.
     """
     blocks = {NOISE: np.eye(len(factor)) * hyper["sigma"] ** 2}
     for noise in noises:

@@ -31,10 +31,10 @@ class ParameterConditional(Gaussian):
     physical: Truncation
 
     def select(self, index: NDArray[np.intp]) -> ParameterConditional:
-        """Return the Gaussian densities with the given indices.
+        """Return some of the w Gaussian densities, selected by their indices.
 
         Each of the w Gaussian densities belongs to one value of the hyper-parameters φ. ``index``
-        holds indices from 0 to w − 1; an index may repeat.
+        holds the indices, from 0 to w − 1; an index may repeat.
         """
         selected = ParameterConditional.factored(
             self.mean[index], self.root[index], self.scale[index]
@@ -57,10 +57,10 @@ class ParameterConditional(Gaussian):
     ) -> tuple[Array, NDArray[np.bool_]]:
         """Return random parameters given that no compliance is negative, and which draws are valid.
 
-        There is one draw of the p parameters for each of the w Gaussian densities, shape (w, p).
-        The second array, shape (w,), is true for draws that the rejection sampler accepted and that
-        have no negative compliance. The other draws do not follow the density and may have negative
-        compliances.
+        The first array holds one draw of the p parameters from each of the w Gaussian densities,
+        shape (w, p). The second array, shape (w,), is true for draws that the rejection sampler
+        accepted and that have no negative compliance. The other draws do not follow the density and
+        may have negative compliances.
         """
         z, accepted = self.orthant.draw_standard(rng)
         beta = self.from_standard(z)

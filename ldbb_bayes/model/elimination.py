@@ -11,18 +11,19 @@ L⁻¹ Aᵀ D⁻¹ r of
 How it works:
 
 1. Order. `ordering` divides the columns into groups that are eliminated together, once for each
-   campaign. A group with s columns has a border of m columns, those eliminated later whose entries
-   of P it changes.
-2. Entries. The columns of L that a group has are s rows of s + m + 1 entries: products with the s
-   columns, with the m columns of the border and, last, the right-hand side. All entries of all
-   groups are rows of one array, the workspace; its second dimension, of length w, holds the values
-   of φ and is contiguous.
-3. Assembly. P and Aᵀ D⁻¹ r are sums of scalar products of columns that do not depend on φ, each
-   times 1/D of a kind of rows (`gram_entries`).
-4. Elimination. Group by group, the first s columns of L are computed in place (`eliminate`), and
-   the products of their entries in the border are subtracted from the entries of P that belong to
-   columns of the border. Groups of the same shape that do not depend on each other are a `Front`:
-   they are eliminated by the same calls.
+   campaign. When a group of s columns is eliminated, the entries of P change for some of the later
+   columns. These m later columns are the border of the group.
+2. Entries. A group has s columns of L. Each is stored as s + m + 1 entries: s for the columns of
+   the group, m for the columns of the border, and a last one for the right-hand side. All entries
+   of all groups are rows of one array, the workspace. Its second dimension, of length w, holds the
+   values of φ and is contiguous.
+3. Assembly. Each entry of P and of Aᵀ D⁻¹ r is a sum over kinds of rows of A (rows with the same
+   variance D). A term of the sum is a scalar product of columns, which does not depend on φ, times
+   1/D (`gram_entries`).
+4. Elimination. The groups are treated one after the other. The s columns of L of a group are
+   computed in place (`eliminate`). The products of their entries in the border are then subtracted
+   from the entries of P that belong to columns of the border. Groups of the same shape that do not
+   depend on each other are a `Front`: they are eliminated by the same calls.
 
 Prior variances may be negative (`Observations.signs`). Then P = L S Lᵀ, where the diagonal matrix S
 holds the signs ±1 of the Cholesky pivots, and |L⁻¹ Aᵀ D⁻¹ r|² is a sum of squares with these signs.
@@ -54,46 +55,51 @@ _CACHE_SIZE = 1 << 19
 # products (BLAS) rounds such multiples identically, so that results do not depend on how many
 # values are processed together.
 BLAS_MULTIPLE = 8
-# Largest number of orders of elimination that are kept for design matrices with zeros in the same
-# places. A comparison has a hundred models of fewer patterns.
+# Largest number of orders of elimination that the cache holds: one order for all design matrices
+# with zeros in the same places. The hundred models of a comparison need fewer.
 _KEPT_PLANS = 64
 # Each element of a product of border entries is a sum of terms, one for every column that is
-# eliminated. With at least this number of terms, one call computes the products of one row of the
-# border instead of several: that takes more calls, but less memory is moved.
+# eliminated. If there are at least this many terms, each call computes the products of one row of
+# the border. If there are fewer, a call computes the products of several rows, which takes fewer
+# calls but moves more memory.
 _MANY_TERMS = 12
 
 
 class Update(NamedTuple):
     """Products of border entries of some groups of a front, subtracted from later columns.
 
-    A border is the set of later columns that a group changes. There are a different borders, and b
-    groups with each of them. One call computes the products of the border's rows ``first`` to
-    ``stop`` with these and all following rows.
+    The border of a group is the set of later columns that the group changes. The number of
+    different borders is a, and b groups have each border. One call computes the products of the
+    border's rows ``first`` to ``stop`` − 1 with all rows from ``first`` on. The workspace is the
+    array of all matrix entries.
     """
 
-    #: The a · b groups of the front, sorted by their border.
+    #: Slice of the front's groups that contains the a · b groups. Groups with the same border
+    #: follow each other.
     groups: slice
-    #: Number a of borders. No two of them have a column in common.
+    #: Number a of borders. No two borders have a column in common.
     borders: int
-    #: First of the border's rows whose products are computed.
+    #: Index of the first row of the border whose products are computed.
     first: int
-    #: Row of the border after the last of these rows.
+    #: Index of the row after the last row of the border whose products are computed.
     stop: int
-    #: Rows of the workspace from which the products are subtracted, shape (a, stop − first,
-    #: m + 1 − first). A product that occurs twice is used once; its second copy goes to the last
-    #: row of the workspace, which is never read.
+    #: Rows of the workspace from which the products are subtracted, shape
+    #: (a, stop − first, m + 1 − first) for borders of m columns. A product that occurs twice is
+    #: used once; its second copy goes to the last row of the workspace, which is never read.
     targets: NDArray[np.intp]
 
 
 class Front(NamedTuple):
     """Groups of columns of the design matrix A that are eliminated together, by the same calls.
 
-    Each group has s columns and a border of m columns, which are eliminated later.
+    Each group has s columns and a border of m columns, which are eliminated later. The workspace is
+    the array of all matrix entries.
     """
 
     #: Rows of the workspace that hold the s (s + m + 1) entries of every group.
     entries: slice
-    #: Number of groups, number s of their columns, and number s + m + 1 of entries of a column.
+    #: Number of groups, number s of columns in a group, and number s + m + 1 of entries of a
+    #: column.
     shape: tuple[int, int, int]
     #: Signs ±1 of the Cholesky pivots of the s columns of each group, shape (groups, s); None if
     #: all are positive. A pivot is negative where a prior variance is negative
@@ -108,8 +114,8 @@ class Front(NamedTuple):
     def eliminate(self, workspace: Array) -> None:
         """Compute the groups' columns of L, and subtract their products from later columns.
 
-        ``workspace`` (entries, w) holds the entries of all groups for w values of the
-        hyper-parameters, and is changed in place.
+        L is the lower triangular Cholesky factor. ``workspace`` (entries, w) holds the entries of
+        all groups for w values of the hyper-parameters, and is changed in place.
         """
         w = workspace.shape[1]
         columns = self.shape[1]
@@ -127,8 +133,9 @@ class Front(NamedTuple):
             workspace[update.targets] -= np.einsum("akiw,akjw->aijw", left, right)
 
     def solve(self, workspace: Array, solution: Array) -> None:
-        """Replace the groups' part of L⁻¹ Aᵀ D⁻¹ r by their part of the coefficients P⁻¹ Aᵀ D⁻¹ r.
+        """Compute the coefficients P⁻¹ Aᵀ D⁻¹ r of the groups' columns, in place of L⁻¹ Aᵀ D⁻¹ r.
 
+        P = Aᵀ D⁻¹ A = L Lᵀ, with the design matrix A, the noise covariance D and the readings r.
         ``workspace`` (entries, w) holds the entries of L. ``solution`` (columns of A, w) is changed
         in place; it already holds the coefficients of columns that are eliminated later.
         """
@@ -143,7 +150,7 @@ class Front(NamedTuple):
 
 
 class _Family(NamedTuple):
-    """Groups of columns with the same border, that is, with the same later columns they change."""
+    """Groups of columns that change the same later columns, which are their border."""
 
     border: tuple[int, ...]
     groups: list[ColumnGroup]
@@ -152,8 +159,9 @@ class _Family(NamedTuple):
 class EliminationPlan:
     """Order of elimination of the columns of a design matrix, and the places of their entries.
 
-    It depends only on which elements of the design matrix are zero, and on the signs of the prior
-    variances. Models of one campaign, and campaigns that were run alike, therefore share plans.
+    The places are rows of the workspace, the array of all matrix entries. A plan depends only on
+    which elements of the design matrix are zero, and on the signs of the prior variances. Models of
+    one campaign, and campaigns that were run alike, therefore share plans.
 
     Parameters
     ----------
@@ -174,8 +182,8 @@ class EliminationPlan:
             for family in families:
                 for group in family.groups:
                     start = self._place_group(group, start)
-        #: Number of rows of the workspace: matrix entries for one value of the hyper-parameters,
-        #: and a last row for products that are not needed.
+        #: Number of rows of the workspace: one for each matrix entry, and a last one for products
+        #: that are not needed.
         self.entries = start + 1
         self.fronts = [self._front(families, signs) for families in families_of_fronts]
         self.pivots = self.place[np.arange(size), np.arange(size)]
@@ -183,9 +191,9 @@ class EliminationPlan:
         self.half_signs = 0.5 * signs
 
     def _place_group(self, group: ColumnGroup, start: int) -> int:
-        """Give the entries of a group rows of the workspace, from ``start`` on.
+        """Assign rows of the workspace, from ``start`` on, to the entries of a group of columns.
 
-        Return the row after the last of them.
+        Return the index of the first row that is still free.
         """
         members = np.concatenate([group.columns, group.border])
         width = len(members) + 1
@@ -196,7 +204,11 @@ class EliminationPlan:
         return start + len(group.columns) * width
 
     def _front(self, families: list[_Family], signs: Array) -> Front:
-        """Return the front of groups of equal shape, in the order of ``families``."""
+        """Return the front that consists of the groups of ``families``, in the same order.
+
+        All these groups have equal numbers of columns, and borders with equal numbers of columns.
+        ``signs`` are the signs ±1 of the prior variances of all coefficients.
+        """
         groups = [group for family in families for group in family.groups]
         columns = np.array([group.columns for group in groups])
         first = self.place[columns[0, 0], columns[0, 0]]
@@ -214,8 +226,8 @@ class EliminationPlan:
     def _updates(self, families: list[_Family]) -> list[Update]:
         """Return how the groups of a front change the entries of later columns.
 
-        Groups of one family have the same border. Consecutive families with the same number of
-        groups, whose borders have no column in common, are updated by the same calls.
+        Groups of one family have the same border. Consecutive families are treated together, in the
+        same `Update`, if they have equal numbers of groups and their borders no column in common.
         """
         updates = []
         start = 0
@@ -233,9 +245,11 @@ class EliminationPlan:
         return updates
 
     def _targets(self, border: NDArray[np.intp], first: int, stop: int) -> NDArray[np.intp]:
-        """Return the rows of the workspace for products of a border, as `Update.targets`.
+        """Return the rows of the workspace from which products of one border are subtracted.
 
-        The products are those of the rows from ``first`` to ``stop`` with all from ``first`` on.
+        The products are those of the border's rows ``first`` to ``stop`` − 1 with all its rows from
+        ``first`` on. The result has the shape (stop − first, m + 1 − first) for a border of m
+        columns, and is explained at `Update.targets`.
         """
         following = np.append(border[first:], self.place.shape[1] - 1)
         targets = self.place[np.ix_(border[first:stop], following)]
@@ -272,7 +286,7 @@ class Elimination:
 
     @property
     def entries(self) -> int:
-        """Number of rows of the workspace: matrix entries, and one row for unneeded products."""
+        """Number of rows of the workspace: one for each matrix entry, one for unneeded products."""
         return self._plan.entries
 
     @property
@@ -334,6 +348,7 @@ class Elimination:
     def solve(self, workspace: Array, standard: Array | None = None) -> Array:
         """Return the coefficients P⁻¹ Aᵀ D⁻¹ r + L⁻ᵀ z, shape (columns of A, w).
 
+        P = Aᵀ D⁻¹ A = L Lᵀ, with the design matrix A, the noise covariance D and the readings r.
         ``workspace`` (entries, w) holds L and L⁻¹ Aᵀ D⁻¹ r, as `factorize` returns them.
         ``standard`` is z, shape (columns of A, w); None for zero. If z is standard normal, the
         coefficients are a random draw from their density given the readings.
@@ -357,7 +372,8 @@ class Elimination:
         wanted
             Indices of the q columns that were eliminated last, in the order of their elimination.
         lower
-            Array (q, q, w) of zeros that receives L, indexed by column, then row.
+            Array (q, q, w) of zeros that receives L; its first index is the column, its second the
+            row.
         white_shift
             Array (q, w) that receives L⁻¹ Aᵀ D⁻¹ r.
         """
@@ -420,9 +436,10 @@ class DesignRows:
 
     @cached_property
     def private_elimination(self) -> Elimination:
-        """Cholesky elimination of the coefficients of single tests, if all shared ones are known.
+        """Cholesky elimination of the coefficients of single tests, given the shared coefficients.
 
-        Column 0 is the first column that is not shared by all tests.
+        Shared coefficients are the same in all tests. Column 0 is the first column of the design
+        matrix whose coefficient belongs to a single test.
         """
         columns = self._columns[:, self._shared :]
         return self._eliminate(columns, self._signs[self._shared :], np.arange(0))
@@ -448,10 +465,11 @@ def _plan(pattern: bytes, shape: tuple[int, int], last: bytes, signs: bytes) -> 
 
 
 def _families_of_fronts(groups: list[ColumnGroup]) -> list[list[_Family]]:
-    """Return for every front, in the order of elimination, its groups, divided into families.
+    """Return the groups of every front, divided into families that have the same border.
 
-    Groups of a front have the same height in the elimination tree and equal numbers of columns.
-    Families with more groups come first.
+    Fronts are in the order of elimination. All groups of a front have the same height in the
+    elimination tree, equal numbers of columns, and borders with equal numbers of columns. Families
+    with more groups come first.
     """
     fronts: dict[tuple[int, int, int], dict[tuple[int, ...], _Family]] = {}
     for group, height in zip(groups, heights(groups), strict=True):
@@ -466,9 +484,9 @@ def _families_of_fronts(groups: list[ColumnGroup]) -> list[list[_Family]]:
 
 
 def _disjoint_families(families: list[_Family]) -> list[list[_Family]]:
-    """Return the families divided into lists; in a list no two borders have a column in common.
+    """Return the families, divided into lists in which no two borders have a column in common.
 
-    The families of a list have equal numbers of groups and follow each other in ``families``.
+    The families of a list have equal numbers of groups and are consecutive in ``families``.
     """
     lists: list[list[_Family]] = []
     used_columns: set[int] = set()

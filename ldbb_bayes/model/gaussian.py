@@ -1,9 +1,9 @@
 """Algebra of Gaussian functions of coefficients x: ln g(x) = constant + ηᵀ x − ½ xᵀ P x.
 
 x are q coefficients. P, shape (q, q), is the precision matrix (the inverse of the covariance), and
-η = P · mean, shape (q,). Leading array dimensions "..." hold many such functions. "Whitened" rows
-and readings are divided by the standard deviation of the noise. One class serves everything that is
-linear and Gaussian:
+η = P · mean, shape (q,). Leading array dimensions "..." hold many of these functions. "Whitened"
+rows and readings are divided by the standard deviation of the noise. One class serves everything
+that is linear and Gaussian:
 
 | what | how |
 |---|---|
@@ -222,7 +222,7 @@ class Gaussian(Shown):
         *,
         has_prior: bool = False,
     ) -> Gaussian:
-        """Return the Gaussian function of q coefficients from the R factor of a QR decomposition.
+        """Return the Gaussian function of q coefficients, given the R factor of a QR decomposition.
 
         The decomposed matrix is [rows · S, values − rows · origin], where rows are the design
         matrix and values the readings, both divided by the sd of the noise.

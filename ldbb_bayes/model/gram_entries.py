@@ -1,15 +1,16 @@
-"""Gram entries: scalar products of columns of the design matrix, by kinds of rows.
+"""Gram entries: scalar products of columns of the design matrix over rows of one kind.
 
 The precision matrix of coefficients is P = Aᵀ D⁻¹ A, with the design matrix A and the diagonal
 noise covariance D. Only D depends on the hyper-parameters φ, the scales of noise and nuisances
 (effects modelled but not of interest). Rows of A with the same variance are of one kind. An entry
-of P, or of Aᵀ D⁻¹ r with the readings r, is therefore
+of P is therefore
 
     P_ij = Σ_kinds G_ij,kind / D_kind,   G_ij,kind = Σ_rows of the kind A_row,i A_row,j,
 
-and all entries together are one constant matrix G (entries, kinds) times the reciprocal variances
-(kinds, w) of w values of φ. G is a sparse matrix, save for blocks of entries most of which are not
-zero; these are multiplied by the library of matrix products (BLAS).
+and an entry of Aᵀ D⁻¹ r, with the readings r, has the same form. All entries together are one
+constant matrix G (entries, kinds) times the reciprocal variances (kinds, w) for w values of φ. G is
+stored as a sparse matrix. Only blocks of entries most of which are not zero are stored as dense
+matrices, whose products the library BLAS computes.
 """
 
 from __future__ import annotations
@@ -25,21 +26,24 @@ from ldbb_bayes.results import Array
 __all__ = ["EntryBlock", "GramEntries"]
 
 # A block of Gram entries is stored as a dense matrix if at least this share of its entries is not
-# zero: a dense product takes a third of the time for each entry (measured).
+# zero. For each entry, a dense product takes a third of the time of a sparse product (measured).
 _DENSE_SHARE = 0.35
 # A block is stored as a dense matrix only if each matrix product has at least this number of
-# entries that are not zero. With fewer, the calls take longer than the sparse product.
+# entries that are not zero. With fewer entries, the function calls of dense products take longer
+# than the sparse product.
 _FEWEST_DENSE = 500
-# Number of columns whose entries one dense product computes. A smaller number wastes time in
-# function calls; a larger one computes entries before the diagonal that are not needed.
+# Number of columns whose entries one dense product computes. A smaller number would waste time in
+# function calls; a larger number would waste time on entries before the diagonal, which are not
+# needed.
 _COLUMNS_AT_ONCE = 4
 
 
 class EntryBlock(NamedTuple):
-    """Consecutive entries of P = Aᵀ D⁻¹ A and Aᵀ D⁻¹ r: those of some groups of s columns.
+    """Consecutive entries of P = Aᵀ D⁻¹ A and Aᵀ D⁻¹ r that belong to some groups of s columns.
 
-    Each column has n entries. The first s are products with the columns of its group; of these, the
-    entries before the diagonal are not needed.
+    A is the design matrix, D the noise covariance, and r are the readings. Each column has n
+    entries. The first s entries are products with the columns of its group; those before the
+    diagonal are not needed.
     """
 
     #: Indices, among all entries, of the entries of the block; their number is groups · s · n.
@@ -51,19 +55,27 @@ class EntryBlock(NamedTuple):
 class _DenseGram(NamedTuple):
     """Gram entries of some columns of every group of a block, as a dense array.
 
-    The array also has the entries that are zero.
+    Gram entries are scalar products of columns of the design matrix over rows of one kind (rows
+    with the same variance). The array also holds the entries that are zero.
     """
 
     block: EntryBlock
-    #: First of the columns of every group; entries before its diagonal are left out.
+    #: Index, in its group, of the first of these columns. Entries before the diagonal of this
+    #: column are left out.
     first: int
-    #: Indices of k kinds of rows for each group, shape (groups, k).
+    #: Indices of the k kinds of rows of the design matrix that have Gram entries in each group of
+    #: columns, shape (groups, k).
     kinds: NDArray[np.intp]
-    #: Gram entries, shape (groups, columns, entries of a column, k).
+    #: Gram entries for each of the k kinds of rows, shape (groups, columns, entries of a column,
+    #: k).
     products: Array
 
     def assemble(self, weight: Array, entries: Array) -> None:
-        """Write the entries of the columns into ``entries``, as `GramEntries.assemble` does."""
+        """Compute the entries of P and Aᵀ D⁻¹ r for these columns, and write them into ``entries``.
+
+        ``weight`` (kinds, w) is the reciprocal variance 1/D of every kind of row. ``entries`` is
+        the array that `GramEntries.assemble` returns.
+        """
         matrix = entries[self.block.entries].reshape(*self.block.shape, weight.shape[1])
         stop = self.first + self.products.shape[1]
         out = matrix[:, self.first : stop, self.first :]
@@ -71,7 +83,7 @@ class _DenseGram(NamedTuple):
 
 
 class GramEntries:
-    """Scalar products of columns with each other and with readings, for each kind of rows.
+    """Scalar products of columns with each other and with readings, over rows of each kind.
 
     Parameters
     ----------
@@ -130,15 +142,16 @@ def _sparse_gram(
     """Return all Gram entries, shape (entries, kinds); the parameters are those of `GramEntries`.
 
     ``size`` is the number of entries. Each row of the design matrix adds the products of all pairs
-    of its elements that are not zero. Readings are the last column.
+    of its elements that are not zero. The readings count as a last column of the matrix.
     """
     order = np.argsort(np.diagonal(place))
     table = np.column_stack([columns[:, order], values])
     place_in_order = place[np.ix_(order, np.append(order, len(order)))]
     row, column = np.nonzero(table)
     element = table[row, column]
-    # Elements stand row by row. Each one is multiplied by itself and by those after it in its row,
-    # except for readings, which are multiplied by nothing further.
+    # The elements that are not zero are listed row by row. Each element is multiplied by itself and
+    # by all later elements of its row. Only readings, the last elements, are not multiplied by
+    # themselves.
     end_of_row = np.cumsum(np.bincount(row, minlength=len(table)))
     number = np.arange(len(row))
     factors = np.where(column < len(order), end_of_row[row] - number, 0)
@@ -146,16 +159,17 @@ def _sparse_gram(
     second = first + np.arange(len(first)) - np.repeat(np.cumsum(factors) - factors, factors)
     index = (place_in_order[column[first], column[second]], kinds[row[first]])
     shape = (size, kinds.max(initial=-1) + 1)
-    # The conversion adds up products of rows of one kind.
+    # The conversion to a CSR matrix adds up the products from all rows of one kind.
     gram = coo_array((element[first] * element[second], index), shape=shape).tocsr()
     gram.eliminate_zeros()
     return gram
 
 
 def _dense_gram(block: EntryBlock, gram: csr_array) -> list[_DenseGram]:
-    """Return the Gram entries of a block with their zeros, or nothing if most are zero.
+    """Return the Gram entries of a block as dense arrays, or an empty list if most are zero.
 
-    ``gram`` (entries, kinds) holds the Gram entries of all blocks.
+    The list is also empty if the block has too few entries. ``gram`` (entries, kinds) holds the
+    Gram entries of all blocks.
     """
     groups = block.shape[0]
     columns = block.shape[1]
@@ -172,7 +186,7 @@ def _dense_gram(block: EntryBlock, gram: csr_array) -> list[_DenseGram]:
     calls = -(-columns // _COLUMNS_AT_ONCE)
     if len(products) < max(_DENSE_SHARE * needed * most_kinds, _FEWEST_DENSE * calls):
         return []
-    # Groups that have fewer kinds of rows than others get additional products of zero.
+    # Groups with fewer than ``most_kinds`` kinds of rows get additional products that are zero.
     group_kinds = np.zeros((groups, most_kinds), dtype=np.intp)
     rank = np.cumsum(has_kind, axis=1) - 1
     group_kinds[group, rank[group, kind]] = kind

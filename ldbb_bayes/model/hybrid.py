@@ -7,7 +7,8 @@ j_G the reading per unit geometric error. Nuisances are effects that are modelle
 interest; ε is white noise. The parameters β = (C_0 …, E) have a Gaussian prior. The nuisances are
 Gaussian given the hyper-parameters φ (σ, δ, κ, τ …), which are the scales of noise and nuisances.
 
-The two classes refer to each other (`HybridModel.bind`, `BoundModel.model`) and share a module.
+The two classes refer to each other (`HybridModel.bind`, `BoundModel.model`) and are therefore in
+one module.
 """
 
 from __future__ import annotations
@@ -107,8 +108,8 @@ class HybridModel(Result):
     change with force), E the geometric errors, and ε white noise. j_C is the reading per unit force
     and compliance, j_G the reading per unit geometric error. Nuisances are effects that are
     modelled but not of interest. Start from ``default``, from ``first`` (the model's first edition)
-    or from ``paper`` (least squares as in the paper), and change the model by methods that return
-    another one.
+    or from ``paper`` (least squares as in the paper). To change a setting, call a method that
+    returns a changed copy of the model, such as ``with_prior``.
 
     Raises
     ------
@@ -224,7 +225,7 @@ class HybridModel(Result):
         """Return the model of a preset, whose name is ``default``, ``first`` or ``paper``.
 
         ``degree`` is the degree of the compliance as a polynomial in force, 0, 1 or 2. Raise an
-        `InputError` for another name.
+        `InputError` for any other name.
         """
         presets = {"default": cls.default, "first": cls.first, "paper": cls.paper}
         check_known("preset", [preset], presets)
@@ -233,8 +234,8 @@ class HybridModel(Result):
     def with_degree(self, degree: int) -> HybridModel:
         """Return the same model with another degree of the compliance as a polynomial in force.
 
-        The degree is 0, 1 or 2. If it is smaller than before, the priors that the user gave for
-        slopes that no longer exist are dropped, and so is the fixing of such slopes at zero.
+        The degree is 0, 1 or 2. If it is smaller than before, some slopes no longer exist; priors
+        that the user gave for these slopes are dropped, and so are their names in ``fixed``.
         """
         fixed = tuple(name for name in self.fixed if degree_of(name) <= degree)
         overrides = {
@@ -247,7 +248,8 @@ class HybridModel(Result):
         """Return the same model with another ``slope_scale``, a factor without unit.
 
         The prior sds of all slopes (changes of compliances with force) are proportional to this
-        factor. Those that a user gave are scaled in the same ratio.
+        factor. Prior sds of slopes that the user gave are multiplied by the ratio of the new to the
+        old factor.
         """
         factor = scale / self.prior.slope_scale
         overrides = dict(self.prior.overrides)
@@ -282,8 +284,8 @@ class HybridModel(Result):
         Parameters
         ----------
         priors : mapping of str to object, optional
-            The same as ``further_priors``, for names as the paper prints them:
-            ``{"E_C(0Y)X": (0, "20 µrad")}``.
+            The same as ``further_priors``, but as a mapping, so that names can be written as in the
+            paper: ``{"E_C(0Y)X": (0, "20 µrad")}``.
         **further_priors : object
             Mean and sd of a parameter, ``C_XXX=("60 nm/N", "5 nm/N")``, or a field of `Prior`,
             ``tau_um="2 µm"``.
@@ -442,9 +444,10 @@ class HybridModel(Result):
     def bind(self, campaign: Campaign) -> BoundModel:
         """Return the model of one campaign or plan, with its parameters, columns and priors.
 
-        The models bound last are kept, so that the analyses of one campaign share them. Raise an
-        `InputError` if the campaign has too few different forces for the model's degree or for flat
-        priors, or if the model names a parameter that the campaign does not have.
+        The most recently bound models are kept in a cache, so that several analyses of one campaign
+        use the same object. Raise an `InputError` if the campaign has too few different forces for
+        the model's degree or for flat priors, or if the model names a parameter that the campaign
+        does not have.
         """
         require_campaign(campaign)
         for known in _BOUND_MODELS:
@@ -491,8 +494,8 @@ class HybridModel(Result):
         ------
         InputError
             For unknown names and for hyper-parameters outside their range. If no ``parameters`` are
-            given, also for a flat prior, and for a prior under which hardly any machine is without
-            a negative compliance.
+            given, also for a flat prior, and for a prior under which nearly all random machines
+            have a negative compliance.
 
         Examples
         --------
@@ -579,8 +582,9 @@ def _draw_hyper_parameters(
 def _check_hyper_parameter(name: str, value: float, law: Law, bounds: Sequence[float]) -> None:
     """Raise an `InputError` if a true hyper-parameter is out of range.
 
-    ``law`` is the kind of its prior. ``value`` is in µm for a length; a decay, which must be within
-    its ``bounds``, and the noise factor of a circle have no unit.
+    ``law`` is the kind of its prior, and ``bounds`` are its least and greatest value, which are
+    used only for a decay. ``value`` is in µm for a length; a decay and the noise factor of a circle
+    have no unit.
     """
     if law == "decay":
         low, high = bounds
@@ -619,22 +623,22 @@ _REDUCED_READINGS: WeakKeyDictionary[Campaign, tuple[Reduced, ...]] = WeakKeyDic
 
 
 class _KnownEstimate(NamedTuple):
-    """Estimate of a campaign's machine with one model."""
+    """Estimates of the parameters of a campaign's machine, obtained with one model."""
 
     model: HybridModel
     estimate: MachineEstimate
 
 
-# Cache of the estimated machines of every campaign, one for each model, the newest last. Leaving
-# tests out does not change the estimate.
+# Cache of the estimates of every campaign's machine, one for each model, the newest last. An
+# estimate always uses all tests of the campaign, even if the bound model leaves tests out.
 _ESTIMATES: WeakKeyDictionary[Campaign, list[_KnownEstimate]] = WeakKeyDictionary()
-# Largest number of estimates that the cache keeps for a campaign.
+# Largest number of estimates that the cache holds for a campaign.
 _KEPT_ESTIMATES = 64
-# Cache of the models that were bound to whole campaigns last, the newest last. Nothing changes a
-# bound model after it was made.
+# Cache of the models that were most recently bound to whole campaigns, the newest last. A bound
+# model can be shared, because nothing changes it after it was made.
 _BOUND_MODELS: list[BoundModel] = []
-# Largest number of bound models that the cache keeps: an average over constant and linear
-# compliance has sixteen, and the fit beside it may have others.
+# Largest number of bound models that the cache holds. An average over models with constant and
+# linear compliance uses sixteen; a fit of the same campaign may use further models.
 _KEPT_BOUND_MODELS = 24
 
 
@@ -651,8 +655,8 @@ class BoundModel(Shown):
     campaign : campaign or plan.
     keep_tests : names of the tests to use; by default all. The reference force F0, the force range,
         the region of physical compliances and the estimate Ĉ of the compliances stay those of the
-        whole campaign. So does the choice between one form error for both balls and one for each
-        ball.
+        whole campaign. The whole campaign also decides whether the model has one form error for
+        both balls or one for each ball.
     pilot : for a plan, the campaign whose F0, force range and Ĉ are used instead of the plan's own.
 
     Attributes
@@ -718,8 +722,9 @@ class BoundModel(Shown):
     def _setting_of_campaign(self, reduced: Sequence[Reduced]) -> Setting:
         """Return the conditions of all tests, with the estimated machine that some effects need.
 
-        The module `linearisation` explains why. The machine's parameters are estimated from
-        ``reduced``, the reduced readings of all tests, or from the pilot campaign if there is one.
+        The module `linearisation` explains which effects need the estimate, and why. The machine's
+        parameters are estimated from ``reduced``, the reduced readings of all tests, or from the
+        pilot campaign if there is one.
         """
         setting = self._with_circles(
             setting_of(
@@ -752,10 +757,11 @@ class BoundModel(Shown):
     ) -> MachineEstimate:
         """Return the compliances and geometric errors estimated from the readings of all tests.
 
-        ``setting`` are the conditions of all tests and ``reduced`` their reduced readings. The
-        presets ``first`` and ``paper`` estimate by least squares. Other models take the posterior
-        at reference scales (module `reference_posterior`). A plan, which has no readings, gets
-        typical values. The estimate is kept in a cache for every campaign and model.
+        ``setting`` are the conditions of all tests and ``reduced`` their reduced readings. Models
+        of the presets ``first`` and ``paper``, and models with flat priors, use the least-squares
+        estimate. Other models use the posterior mean at reference scales of noise and other effects
+        (module `reference_posterior`). A plan, which has no readings, gets typical values. The
+        estimates are kept in a cache for every campaign and model.
         """
         model = self.model
         of_campaign = _ESTIMATES.setdefault(self.campaign, [])
@@ -842,7 +848,7 @@ class BoundModel(Shown):
         return self._of_interest.geometric_errors
 
     def keeping(self, names: Sequence[str]) -> BoundModel:
-        """Return the model with the named tests alone.
+        """Return the same model with only the named tests of the campaign.
 
         Reference force, force range and other properties of the whole campaign do not change.
         """
@@ -950,8 +956,8 @@ class BoundModel(Shown):
 
         Nuisances are effects modelled but not of interest, β are the parameters of interest, and φ
         the hyper-parameters (scales of noise and nuisances). Negative compliances are not excluded.
-        The last coefficients that all tests share are β − `centre`, where `centre` is a
-        least-squares estimate of β.
+        Of the coefficients that all tests share, the last ones are β − `centre`, where `centre` is
+        a least-squares estimate of β.
         """
         interest = Columns(
             self.names, self.interest, self.prior_sd, mean=self.prior_mean - self.centre
@@ -1069,11 +1075,11 @@ class BoundModel(Shown):
     def draw_machine(self, rng: np.random.Generator) -> Array:
         """Return the p parameters of a machine drawn at random from the prior, shape (p,).
 
-        In the default model, the prior sd of a slope is proportional to the size of its compliance,
-        as it is estimated; here the drawn compliance takes the place of this size. If the prior
-        excludes negative compliances, no drawn compliance is negative. The parameters are in mm, N
-        and rad. Raise an `InputError` if the prior is flat, or if nearly all machines drawn from
-        the prior have a negative compliance.
+        In the default model, the prior sd of a slope is proportional to the estimated size of its
+        compliance. Here it is proportional to the size of the drawn compliance instead. If the
+        prior excludes negative compliances, no drawn compliance is negative. The parameters are in
+        mm, N and rad. Raise an `InputError` if the prior is flat, or if nearly all machines drawn
+        from the prior have a negative compliance.
         """
         prior = self.model.prior
         if prior.flat or not prior.slopes_of_estimate:
@@ -1110,10 +1116,11 @@ class BoundModel(Shown):
         )
 
     def linearised_at(self, beta: Array) -> Setting:
-        """Return the conditions of the tests, with the parameters β as the estimate of the machine.
+        """Return the conditions of the tests for a machine whose parameters of interest are β.
 
-        β (p,) are the p parameters of interest, in mm, N and rad. Effects that depend on the
-        machine, such as an error of the angle, are then computed for β (``linearise``).
+        β (p,) are the p parameters, in mm, N and rad; they replace the estimate of the machine.
+        Effects that depend on the machine, such as an error of the angle, are then computed for β
+        (``linearise``).
         """
         every_parameter = np.zeros(len(self._free))
         every_parameter[self._free] = beta
@@ -1196,7 +1203,7 @@ def _check_levels(model: HybridModel, campaign: Campaign) -> None:
 def _reduced_readings(campaign: Campaign) -> tuple[Reduced, ...]:
     """Return the readings of every test, reduced to at most 25 numbers.
 
-    The result is kept in a cache for every campaign.
+    The reduced readings of every campaign are kept in a cache.
     """
     if campaign not in _REDUCED_READINGS:
         reduce = _reduce_plan if campaign.is_plan else _reduce_campaign
@@ -1211,7 +1218,7 @@ def _reduce_campaign(campaign: Campaign) -> tuple[Reduced, ...]:
 def _reduce_plan(campaign: Campaign) -> tuple[Reduced, ...]:
     """Return the reduced form of every test of a plan, which has angles but no readings.
 
-    Tests with equal angles get the same object.
+    Tests with equal angles share one `Reduced` object.
     """
     reduced_by_angles: dict[bytes, Reduced] = {}
     for test in campaign.tests:

@@ -50,9 +50,9 @@ _SHAPE = 1.5
 _RATE = 1.5
 
 
-# Hyper-parameters that a model may lack, and those that then describe the same effect. Without
-# turned or certified balls, a model has no size ω of the machine's pattern: the pattern is part of
-# the balls' form, whose size is τ.
+# The keys are hyper-parameters that a model may lack, and the values are the hyper-parameters that
+# then describe the same effect. If no ball is turned or certified, a model has no size ω of the
+# machine's pattern: the pattern is then part of the balls' form, whose size is τ.
 _PREDECESSORS: Mapping[Hyper, Hyper] = {"omega": "tau"}
 
 
@@ -104,12 +104,14 @@ class HyperPrior:
         return dict(zip(self.names, (phi * self.shown).tolist(), strict=True))
 
     def carried(self, other: HyperPrior, phi: Array) -> Array:
-        """Return values of these h hyper-parameters, taken by name from another model's, (..., h).
+        """Return values of these h hyper-parameters from those of another model, shape (..., h).
 
-        ``phi`` are the values of the hyper-parameters of ``other``, which its last axis counts. If
-        ``other`` lacks the size ω of the machine's pattern, ω gets the size τ of the balls' form,
-        because the pattern is then part of the form. All other hyper-parameters that ``other``
-        lacks get their prior median. Lengths are in mm.
+        ``other`` is the prior of the other model, and ``phi`` are the values of its
+        hyper-parameters, one for each element of the last dimension. Each hyper-parameter of this
+        model gets the value of the hyper-parameter of ``other`` with the same name. If ``other``
+        lacks the size ω of the machine's pattern, ω gets the size τ of the balls' form, because the
+        pattern is then part of the form. All other hyper-parameters that ``other`` lacks get their
+        prior median. Lengths are in mm.
         """
         median = self.quantile(np.full(len(self.names), 0.5))
         values = np.broadcast_to(median, (*phi.shape[:-1], len(self.names))).copy()
@@ -173,8 +175,8 @@ class HyperPrior:
     def _log_density_of_noise_factors(self, noise_factor: Array) -> Array:
         """Return the log prior density of the noise factors λ of all circles.
 
-        Each λ² has an inverse gamma distribution. The last axis of ``noise_factor`` has the
-        circles.
+        Each λ² has an inverse gamma distribution. The last dimension of ``noise_factor`` runs over
+        the circles.
         """
         constant = np.log(2.0) + _SHAPE * np.log(_RATE) - gammaln(_SHAPE)
         with np.errstate(divide="ignore", over="ignore"):
@@ -288,17 +290,19 @@ class HyperPrior:
         return phi
 
     def level(self, phi: Array) -> Array:
-        """Return the prior probability of values below given ones, the inverse of `quantile`.
+        """Return the prior probability that each hyper-parameter is below a given value.
+
+        This method is the inverse of `quantile`.
 
         Parameters
         ----------
         phi
-            Values of the h hyper-parameters, shape (..., h), lengths in mm.
+            Given values of the h hyper-parameters, shape (..., h), lengths in mm.
 
         Returns
         -------
         Array
-            Probability that each hyper-parameter is smaller, shape (..., h).
+            Probability that each hyper-parameter is smaller than its given value, shape (..., h).
         """
         level = np.empty(phi.shape)
         length = phi[..., self.in_mm] / self.scale[self.in_mm] / np.sqrt(2.0)
@@ -314,7 +318,7 @@ class HyperPrior:
     def sd(self) -> Array:
         """Prior standard deviations of the h hyper-parameters, shape (h,).
 
-        Those of lengths are in mm; the others have no unit.
+        Standard deviations of lengths are in mm; those of other hyper-parameters have no unit.
         """
         centre = np.where(self._decay, self.scale, 0.0)
         spread = np.where(self._decay, self.decay_sd, self.scale)
@@ -332,7 +336,8 @@ class HyperPrior:
 
         The points are in the unbounded coordinates of the h hyper-parameters that the method `free`
         defines. ``level``, numbers in [0, 1] of shape (..., h), chooses the points: for lengths, 0
-        gives large and 1 small hyper-parameters; for the others, 0 gives small and 1 large ones.
+        gives large and 1 gives small values; for hyper-parameters without unit, 0 gives small and 1
+        gives large values.
         """
         reach = np.where(self.lower > 0.0, 12.0, 6.0)
         inside = self.free(self.quantile(0.1 + 0.8 * level))

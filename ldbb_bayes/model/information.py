@@ -56,12 +56,12 @@ class Information:
     scale: Array
     #: Whether the parameters of interest have flat priors.
     flat: bool
-    #: Effect of one unit of each of the m coefficients on the k reduced readings of each test, one
-    #: array (k, m) for each test.
+    #: Effect of one unit of each of the m coefficients on the k reduced readings (k ≤ 25) of each
+    #: test, one array (k, m) for each test.
     design: tuple[Array, ...]
-    #: Covariances (k, k) [mm²] of the k reduced readings of each test, one for every independent
-    #: source of noise. The key is the class name of the term that causes the noise; the noise of
-    #: the readings themselves has the key ``NOISE``.
+    #: Covariances (k, k) [mm²] of the k reduced readings (k ≤ 25) of each test, one for every
+    #: independent source of noise. The key is the class name of the term that causes the noise; the
+    #: noise of the readings themselves has the key ``NOISE``.
     noise: tuple[dict[str, Array], ...]
 
     def __post_init__(self) -> None:
@@ -99,10 +99,10 @@ class Information:
     def rows(self, fixed: Collection[str] = ()) -> Array:
         """Return the design matrix of all m coefficients for readings with unit noise, (k, m).
 
-        Each row belongs to one of the k reduced readings of all tests. The matrix is multiplied
-        from the left by the inverse Cholesky factor of their noise covariance. The coefficients are
-        divided by their prior sd. Noise of the terms whose class names are in ``fixed`` is left
-        out, as if it were known.
+        Each row belongs to one of the k reduced readings of all tests (at most 25 for each test).
+        The matrix is multiplied from the left by the inverse Cholesky factor of their noise
+        covariance. The coefficients are divided by their prior sd. Noise of the terms whose class
+        names are in ``fixed`` is left out, as if it were known.
         """
         return np.concatenate(self.blocks(fixed))
 
@@ -182,8 +182,9 @@ class Information:
         if times == 1.0 and self._noise_names.isdisjoint(fixed):
             if len(free) == len(self.names):
                 return self._root, free
-            # RᵀR of the free columns of R is the precision matrix of the free coefficients, and R
-            # has fewer rows than the design matrix.
+            # If R is restricted to the columns of the free coefficients, RᵀR is the precision
+            # matrix of these coefficients. R is used here because it has fewer rows than the design
+            # matrix.
             return np.asarray(np.linalg.qr(self._root[:, free], mode="r")), free
         return self._root_of(np.sqrt(times) * self.rows(fixed), free), free
 
@@ -241,7 +242,7 @@ class Information:
         return covariance
 
     def _covariance_without(self, fixed: Collection[str], times: float) -> Array:
-        """Return the posterior covariance, computed anew; see `covariance`."""
+        """Return the posterior covariance that `covariance` returns, without the use of a cache."""
         root, free = self.root(fixed, times=times)
         inverse = scipy.linalg.solve_triangular(root, np.eye(len(root)))
         covariance = np.zeros((len(self.names), len(self.names)))
@@ -313,9 +314,9 @@ class Information:
         Parameters
         ----------
         weights
-            Weights of the m coefficients, divided by their prior sds, in q sums, shape (q, m). The
-            covariances are then those of the errors of these sums, shape (q, q). Default: the
-            parameters of interest.
+            Weights of the m coefficients in q weighted sums, shape (q, m); the coefficients are in
+            units of their prior sds. The result is then the covariances of the errors of these
+            sums, shape (q, q). By default, it is those of the parameters of interest.
         """
         joint = self.covariance()
         interest = self.interest
@@ -351,17 +352,17 @@ class Information:
         return by_term
 
     def sd_from_readings(self) -> Array:
-        """Return the sd to which the readings alone narrow each nuisance coefficient, shape (m,).
+        """Return the sd of each nuisance coefficient as the readings alone determine it, (m,).
 
-        The prior of the coefficient itself is flat, and so are those of the parameters of interest;
-        all other nuisance coefficients keep theirs. The sds are divided by the coefficients' prior
-        sds. They are infinite for a coefficient that changes no reading, or that changes the
-        readings as the parameters of interest can. For parameters of interest they are not a number
-        (NaN).
+        To compute the sd of a coefficient, the priors of this coefficient and of the parameters of
+        interest are taken as flat; all other nuisance coefficients keep their priors. The sds are
+        divided by the coefficients' prior sds. An sd is infinite if the coefficient changes no
+        reading, or if the parameters of interest can change the readings in the same way. For
+        parameters of interest, the result is not a number (NaN).
 
-        Given the prior precision 1 of coefficient k, its variance v_k with flat parameters has the
-        precision 1 / v_k = 1 + r_k, where r_k is the precision from the readings alone: the sd is
-        r_k^(−1/2).
+        Let v_k be the posterior variance of coefficient k with its prior precision 1 and flat
+        priors of the parameters of interest. Then 1 / v_k = 1 + r_k, where r_k is the precision
+        from the readings alone, and the sd is r_k^(−1/2).
         """
         sd = np.full(len(self.names), np.nan)
         nuisances = np.setdiff1d(np.arange(len(self.names)), self.interest)
@@ -381,7 +382,8 @@ class Information:
     def _range_of_parameters(self) -> Array:
         """Return an orthonormal basis of the effects of the parameters of interest, (k, rank).
 
-        The effects are those on the k reduced readings of all tests, scaled to unit noise.
+        The effects are those on the k reduced readings of all tests, scaled to unit noise; a test
+        has at most 25 reduced readings.
         """
         columns = self._all_rows[:, self.interest]
         length = np.linalg.norm(columns, axis=0)

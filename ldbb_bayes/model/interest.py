@@ -29,9 +29,9 @@ __all__ = [
 ]
 
 Group = Literal["compliance", "slope", "geometric"]
-# The prior sd of a slope (change of a compliance with force) is proportional to the size of the
-# compliance, as it is estimated. If this size is below the typical size of the compliance (usually
-# its prior sd) divided by this number, the quotient is used instead.
+# The prior sd of a slope (change of a compliance with force) is proportional to the estimated size
+# of the compliance, which counts as at least the typical size of the compliance (usually its prior
+# sd) divided by this number.
 _SD_PER_LEAST_SIZE = 20.0
 
 
@@ -55,7 +55,7 @@ class Parameter:
     def compliance(self) -> str:
         """Name of the compliance to which a slope belongs, such as C_XXX for C_XXX_1.
 
-        For a compliance or a geometric error it is the parameter's own name.
+        If the parameter is a compliance or a geometric error, the text is its own name.
         """
         return self.name.removesuffix(f"_{self.degree}") if self.degree else self.name
 
@@ -79,8 +79,8 @@ class ParametersOfInterest:
     """
 
     degree: int
-    #: the compliances that the campaign's circles can separate, and the others that each of these
-    #: represents
+    #: the compliances that the campaign's circles can separate; each also represents compliances
+    #: that the circles cannot separate from it
     visible: Kept
     geometric_errors: tuple[GeometricName, ...]
 
@@ -134,11 +134,12 @@ class ParametersOfInterest:
     def prior_sd(self, prior: Prior, setting: Setting) -> Array:
         """Return the prior sd of all parameters of interest, shape (parameters,).
 
-        The sds are in internal units (mm, N, rad). Sds that the user gave are not changed. Any
-        other prior sd of a slope is proportional to the size of its compliance, which ``setting``
-        holds (the estimate and its standard uncertainty, added in quadrature), unless this size is
-        very small. In the model's first edition (preset ``first``), it is proportional to the prior
-        sd of the compliance instead.
+        The sds are in internal units (mm, N, rad). Sds that the user gave are not changed. The
+        default prior sd of a slope is proportional to the size of its compliance: the estimate and
+        its standard uncertainty, added in quadrature, which ``setting`` holds. A very small size is
+        replaced by a share of the compliance's prior sd. In the model's first edition (preset
+        ``first``), the prior sd of a slope is proportional to the prior sd of the compliance
+        instead.
         """
         size = self._with_dropped_sets(prior.compliance_size)
         if prior.slopes_of_estimate:
@@ -151,20 +152,21 @@ class ParametersOfInterest:
     def compliance_sd(self, prior: Prior) -> Array:
         """Return the prior sd of every compliance, shape (compliances,), in mm, N and rad.
 
-        The effect of some compliances on the readings is a combination of the effects of several
-        compliances of the model, which represent them. The prior sd of these includes a
-        contribution of the compliances that they represent, unless the user gave the sd.
+        The effect of some compliances on the readings is a combination of the effects of other
+        compliances. Only the latter are in the model, and represent the former. The prior sd of a
+        compliance includes contributions of the compliances that it represents, unless the user
+        gave the sd.
         """
         overridden = [name.label in prior.overrides for name in self.compliances]
         with_dropped_sets = self._with_dropped_sets(prior.compliance_sd)
         return np.where(overridden, prior.compliance_sd(self.compliances), with_dropped_sets)
 
     def _with_dropped_sets(self, size_of: Callable[[Sequence[ComplianceName]], Array]) -> Array:
-        """Return the size of every compliance, including those that it represents, (compliances,).
+        """Return the size of every compliance of the model, shape (compliances,).
 
-        A compliance may represent others in part (`Kept.absorbed`). Their sizes, multiplied by
-        their weights, are added in quadrature. ``size_of`` is the function that returns the sizes
-        of named compliances without those that they represent.
+        A compliance may represent further compliances in part (`Kept.absorbed`). The sizes of
+        these, multiplied by their weights, are added to its own size in quadrature. ``size_of`` is
+        the function that returns the own sizes of named compliances.
         """
         sizes = size_of(self.compliances)
         for k, absorbed in enumerate(self.visible.absorbed):

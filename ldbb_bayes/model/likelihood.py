@@ -56,8 +56,8 @@ _LEAST_VARIANCE = 1e-60
 class _Batch(NamedTuple):
     """Quantities for w values of the hyper-parameters φ that are processed together.
 
-    Where needed, the last value of φ is repeated so that w is a multiple of eight. The library of
-    matrix products (BLAS) rounds such multiples identically.
+    If necessary, the last value of φ is repeated so that w is a multiple of eight. For such
+    multiples, the library of matrix products (BLAS) rounds in the same way, whatever w is.
     """
 
     #: Index of each of the w values of the hyper-parameters in the array given by the caller, shape
@@ -82,7 +82,7 @@ class _Batch(NamedTuple):
 
     @property
     def size(self) -> int:
-        """Number of values of the hyper-parameters in the batch, without repeated ones."""
+        """Number of values of the hyper-parameters in the batch, without repeated values."""
         return int(self.phi_index[-1] + 1 - self.phi_index[0])
 
 
@@ -137,7 +137,8 @@ class StructuredGaussian:
             _round_to_ten_digits(rows.variance), axis=0, return_index=True, return_inverse=True
         )
         self._kinds = kinds.ravel()
-        # Each row of variances has one sign, because negative variances come from negative priors.
+        # All numbers in a row of variances have the same sign: they are negative only in rows that
+        # are priors with a negative variance.
         self._kind_signs = np.where(rows.variance[first].sum(axis=1) < 0.0, -1.0, 1.0)
         self._kind_variance = sparse_or_dense(np.abs(rows.variance[first]))
         # Rows of the observation equations that depend on the parameters of interest are evaluated
@@ -199,11 +200,10 @@ class StructuredGaussian:
         phi
             w values of the h hyper-parameters, shape (w, h); lengths in mm.
         beta
-            Values of the p parameters of interest, shape (w, p), or (p,) for all w alike. None if
-            the object was made without parameters.
-        last
-            Number of coefficients in the density: the last ones of those that are the same in all
-            tests. By default it contains all of these.
+            Values of the p parameters of interest, shape (w, p), or (p,) if they are the same for
+            all values of φ. None if the object was made without parameters. last Number q of
+            coefficients in the density. They are the last q of the coefficients that are the same
+            in all tests; by default they are all of these.
         """
         size = self._shared if last is None else last
         first = self._shared - size
@@ -230,9 +230,10 @@ class StructuredGaussian:
     def draw_shared(self, phi: Array, standard: Array, rng: np.random.Generator) -> Array:
         """Return random draws of the coefficients that are the same in all tests.
 
-        The last p of them are given, in the standard coordinates of their own density: they are
-        `Gaussian.from_standard` of the density that `conditional` returns for these coefficients.
-        All others are drawn from their density given the readings and these.
+        The last p of these coefficients are given by their standard coordinates, which the method
+        `Gaussian.from_standard` of the density that `conditional` returns turns into coefficients.
+        All other coefficients are drawn from their density given the readings and the last p
+        coefficients.
 
         Parameters
         ----------
@@ -246,7 +247,7 @@ class StructuredGaussian:
 
         Returns
         -------
-        Coefficients, shape (w, draws, all that are the same in all tests).
+        Coefficients, shape (w, draws, number of coefficients that are the same in all tests).
         """
         first = self._shared - standard.shape[2]
         elimination = self._design.elimination(standard.shape[2])
@@ -260,7 +261,8 @@ class StructuredGaussian:
                 normal[first : self._shared] = standard[batch.phi_index, k].T
                 if not elimination.is_positive:
                     # Coefficients with a negative prior variance cannot be drawn. They belong to
-                    # single tests, whose coefficients do not matter if they are eliminated first.
+                    # single tests. Here all coefficients of single tests are eliminated first, so
+                    # that draws of the shared coefficients do not depend on them.
                     normal[self._shared :] = 0.0
                 draws[batch.phi_index, k] = elimination.solve(workspace, normal)[: self._shared].T
         return draws * self._unit[: self._shared]
@@ -282,8 +284,8 @@ class StructuredGaussian:
         phi
             w values of the h hyper-parameters, shape (w, h); lengths in mm.
         beta
-            Values of the p parameters of interest, shape (w, p), or (p,) for all w alike.
-        shared
+            Values of the p parameters of interest, shape (w, p), or (p,) if they are the same for
+            all values of φ. shared
             Values of the q coefficients that are the same in all tests, shape (w, q).
         """
         q = self._shared
@@ -318,9 +320,9 @@ class StructuredGaussian:
         phi
             Values of the h hyper-parameters, shape (values, h); lengths in mm.
         beta
-            Values of the p parameters of interest β, shape (values, p), or (p,) for all values of φ
-            alike. If it is None, ``shift`` (the part of Aᵀ D⁻¹ r that depends on β) is None too,
-            and β does not enter the log density.
+            Values of the p parameters of interest β, shape (values, p), or (p,) if they are the
+            same for all values of φ. If it is None, ``shift`` (the part of Aᵀ D⁻¹ r that depends on
+            β) is None too, and β does not enter the log density.
         batch_size
             Largest number of values of φ in a batch.
         """
@@ -373,7 +375,7 @@ def _keep_freed_memory() -> None:
     """Allocate and free one large array, so that freed memory is later reused.
 
     The memory allocator of the GNU C library (malloc) afterwards keeps the memory of freed arrays
-    up to this size for new arrays (M_MMAP_THRESHOLD in mallopt(3)). Operations on many small
-    matrices are then two to three times faster.
+    for new arrays, if they are not larger than this array (M_MMAP_THRESHOLD in mallopt(3)).
+    Operations on many small matrices are then two to three times faster.
     """
     np.empty(_MALLOC_BYTES, dtype=np.uint8)

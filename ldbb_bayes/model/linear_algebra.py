@@ -9,8 +9,9 @@ from ldbb_bayes.results import Array
 
 __all__ = ["minimum_norm_solution", "singular_root", "sparse_or_dense"]
 
-# Share of elements that are not zero below which a matrix is stored as a sparse one. Multiplying by
-# a sparse matrix takes about three times as long for each element (measured).
+# A matrix is stored as a sparse matrix if less than this share of its elements is not zero. For
+# each element that is not zero, a product with a sparse matrix takes about three times as long as a
+# product with a dense matrix (measured).
 _SPARSE_SHARE = 0.35
 
 
@@ -55,9 +56,10 @@ def singular_root(covariance: Array) -> Array:
 
 
 def sparse_or_dense(matrix: Array) -> Array | csr_array:
-    """Return the matrix in the form by which other matrices are multiplied faster.
+    """Return a matrix in the form, sparse or dense, with which products are computed faster.
 
-    The result is a sparse matrix if most elements of ``matrix`` (n, m) are zero.
+    The result is a sparse matrix if most elements of ``matrix`` (n, m) are zero; otherwise it is
+    ``matrix`` itself.
     """
     if np.count_nonzero(matrix) < _SPARSE_SHARE * matrix.size:
         return csr_array(matrix)

@@ -2,12 +2,13 @@
 
 Some effects, such as an error of the angle, depend on the readings that the machine's compliances
 and geometric errors cause. Such effects are computed for the estimated compliances Ĉ and geometric
-errors Ê. Prior sds of other effects, such as the load on the joints, are proportional to the size
-of a compliance, which is √(Ĉ² + u(Ĉ)²) with the standard uncertainty u(Ĉ) of the estimate. For a
-plan, which has no readings, typical values of Ĉ are assumed.
+errors Ê. The prior sds of some effects, such as the load on the joints, are proportional to the
+size of a compliance. This size is √(Ĉ² + u(Ĉ)²), with the standard uncertainty u(Ĉ) of the
+estimate. For a plan, which has no readings, typical values of Ĉ are assumed.
 
-The estimate is the posterior mean in the model itself, which in turn needs the estimate. It is
-found step by step from the least-squares estimate (module `reference_posterior`).
+The estimate is the posterior mean that the linearised model gives, and the model is linearised
+about the estimate. The estimate is therefore found in steps, of which the first starts from the
+least-squares estimate (module `reference_posterior`).
 """
 
 from __future__ import annotations
@@ -62,9 +63,10 @@ def linearise(
 ) -> Setting:
     """Return the conditions of the tests with an estimated machine and its predicted readings.
 
-    ``setting`` are the conditions of the tests. In the result, they hold the estimated compliances
-    and their sizes, the size of the direct compliance along each axis, and the readings that the
-    machine ``estimate`` causes. ``compliances`` are the names of the estimated compliances.
+    ``setting`` are the conditions of the tests, ``estimate`` is the estimated machine, and
+    ``compliances`` are the names of its compliances. The result is a copy of ``setting`` with the
+    estimated compliances and their sizes, the size of the direct compliance along each axis, and
+    the readings that the estimate predicts.
     """
     axial = np.zeros(3)
     axial_sd = np.zeros(3)
@@ -173,7 +175,7 @@ def fit_nearest(
         Readings of every test, reduced to at most 25 numbers.
     offset
         Known part of the readings, as Fourier coefficients, shape (tests, 25) [mm]; it is
-        subtracted first.
+        subtracted from the readings.
     """
     rows = []
     values = []

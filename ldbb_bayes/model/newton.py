@@ -99,7 +99,8 @@ def central_differences(
         Distance between neighbouring points of the differences, the same for every coordinate.
     coupled
         Whether the mixed derivative is computed for each pair of coordinates, shape (h, h),
-        symmetric; it is zero for all others. Default: for all pairs.
+        symmetric; for all other pairs, the derivative is set to zero. By default it is computed for
+        all pairs.
     """
     h = len(point)
     steps = np.eye(h) * step

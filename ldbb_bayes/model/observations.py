@@ -100,8 +100,9 @@ class _Nuisances(NamedTuple):
     coefficients.
     """
 
-    #: Independent noise of the Fourier coefficients of each test that becomes part of the diagonal
-    #: covariance of the rotated readings, instead of columns of the design matrix.
+    #: Terms of independent noise of each test's Fourier coefficients. Each of these terms becomes
+    #: part of the diagonal covariance of the rotated readings, instead of columns of the design
+    #: matrix.
     diagonal: list[BasisNoise]
     shared: list[Columns]
     private: list[Columns]
@@ -299,8 +300,8 @@ def _sort_sources(
 
     A source of variance is a hyper-parameter (the sd of an effect) or a product of
     hyper-parameters. The sources are those of the terms, the sd σ of white noise, and the constant
-    one, for variances that no hyper-parameter scales. ``hypers`` are the names of the
-    hyper-parameters.
+    1, which is the source of variances that no hyper-parameter scales. ``hypers`` are the names of
+    the hyper-parameters.
     """
     sources = {Source(), Source("sigma")}
     for term in terms:

@@ -1,16 +1,18 @@
 """Order of elimination: which columns of a sparse least-squares problem are eliminated together.
 
 The observation equations r = A x + noise have one column of A for each coefficient x. Two columns
-are neighbours if some row has both non-zero. Eliminating a coefficient makes all its neighbours
-neighbours of each other, and costs the square of their number. The order therefore matters:
+are neighbours if both are not zero in some row. When a column is eliminated, all its neighbours
+become neighbours of each other, and the time needed is proportional to the square of their number.
+The order therefore matters:
 
-1. The column with the fewest neighbours is always eliminated next (minimum degree). Columns whose
-   Cholesky factor is wanted stay to the end, in the order in which they stand.
-2. The neighbours that a column has when it is eliminated are its border. The first of them to be
-   eliminated is its parent, which makes the columns a forest (the elimination tree).
-3. Eliminating one column alone takes a fixed time for function calls. A column is therefore merged
-   into its parent if the multiplications that are added to do so take less time than the calls that
-   are saved. What results are groups of columns (supernodes) that are eliminated together.
+1. The column with the fewest neighbours is always eliminated next (minimum degree). Only columns
+   whose Cholesky factor is wanted are eliminated at the end, in the order in which they stand.
+2. The neighbours that a column has when it is eliminated are its border. The first of these
+   neighbours to be eliminated is the parent of the column. All columns and their parents form a
+   forest (the elimination tree).
+3. Eliminating one column alone takes a fixed time for function calls. A column is merged into its
+   parent if this saves more time for function calls than the additional multiplications take. The
+   results are groups of columns (supernodes) that are eliminated together.
 
 Literature: J. W. H. Liu, The multifrontal method for sparse matrix solution: theory and practice,
 SIAM Review 34 (1992) 82; T. A. Davis, Direct Methods for Sparse Linear Systems, SIAM (2006).
@@ -28,7 +30,7 @@ from numpy.typing import NDArray
 
 __all__ = ["PRODUCT_COLUMNS", "ColumnGroup", "elimination_groups", "heights"]
 
-# Number of columns of a border whose products with the border one call computes.
+# Number of columns of a border that one call multiplies with all columns of the border.
 PRODUCT_COLUMNS = 8
 # The following costs are measured times, in units of the time of one multiplication for all values
 # of the hyper-parameters that are processed together. Results depend little on them.
@@ -40,8 +42,8 @@ _COLUMN_COST = 200.0
 _PRODUCT_CALL_COST = 250.0
 # Time to subtract one product of two columns of a border from the entries of later columns.
 _UPDATE_COST = 1.0
-# Largest number of computed times that are kept in memory, because the same numbers of columns
-# occur again and again.
+# Largest number of computed times that the cache holds. A cache is useful because the same numbers
+# of columns occur again and again.
 _KEPT_COSTS = 4096
 
 
@@ -54,14 +56,16 @@ class ColumnGroup(NamedTuple):
     #: Columns of the group, shape (s,).
     columns: NDArray[np.intp]
     #: Columns eliminated later that are neighbours of the group, shape (m,): those that have a row
-    #: in common with a column of the group, or become neighbours by earlier eliminations.
+    #: in common with a column of the group, and those that become neighbours when earlier columns
+    #: are eliminated.
     border: NDArray[np.intp]
 
 
 class _Node(NamedTuple):
-    """Columns that are eliminated together, by their places in the order of elimination.
+    """Columns that are eliminated together, given by their places in the order of elimination.
 
-    Both fields are sets of places, as integers: bit k is set if place k belongs to the set.
+    Both fields are sets of places. Each set is stored as an integer whose bit k is set if place k
+    belongs to the set.
     """
 
     columns: int
@@ -86,13 +90,14 @@ def elimination_groups(pattern: NDArray[np.bool_], last: NDArray[np.intp]) -> li
     pattern
         Whether each element of the design matrix is not zero, shape (rows, columns).
     last
-        Indices of the columns that are eliminated after all others, in this order. Those that are
-        not neighbours may be in groups of their own.
+        Indices of the columns that are eliminated after all others, in this order. Columns of these
+        that are not neighbours of each other may be in different groups.
 
     Returns
     -------
     list of ColumnGroup
-        Every column is in one group. A group precedes those in which the columns of its border are.
+        Every column is in one group. A group precedes all groups that contain columns of its
+        border.
     """
     columns = pattern.astype(np.float32)
     neighbours = (columns.T @ columns) > 0.0
@@ -109,8 +114,8 @@ def elimination_groups(pattern: NDArray[np.bool_], last: NDArray[np.intp]) -> li
 def heights(groups: list[ColumnGroup]) -> list[int]:
     """Return the height of each group in the elimination tree: 0 for groups without children.
 
-    A group is higher than every group in whose border it is, so that groups of one height can be
-    eliminated at the same time. ``groups`` are in the order of elimination.
+    A group is higher than every group whose border contains columns of it, so that all groups of
+    the same height can be eliminated at the same time. ``groups`` are in the order of elimination.
     """
     group_of = {}
     for k, group in enumerate(groups):
@@ -145,8 +150,9 @@ def _members(bits: int) -> Iterator[int]:
 def _minimum_degree(neighbours: NDArray[np.bool_], last: NDArray[np.intp]) -> NDArray[np.intp]:
     """Return the columns that are not in ``last`` in an order that keeps neighbours few.
 
-    The column with the fewest neighbours comes next; of several, the first one.
-    ``neighbours`` (columns, columns) states which columns have a row in common.
+    The next column is always the one with the fewest neighbours; of several columns with equally
+    few neighbours, it is the first. ``neighbours`` (columns, columns) states which columns have a
+    row in common.
     """
     others = neighbours.copy()
     np.fill_diagonal(others, False)
@@ -171,8 +177,8 @@ def _single_nodes(neighbours: NDArray[np.bool_]) -> list[_Node]:
 
     ``neighbours`` (columns, columns) states which columns have a row in common; rows and columns of
     this matrix are in the order of elimination. When a column is eliminated, all its neighbours
-    become neighbours of each other. It is enough to add them to the border of the first of them,
-    because that column adds them to the border of the next one in turn.
+    become neighbours of each other. It is enough to add these neighbours to the border of the one
+    that is eliminated first, because its own elimination adds them to the border of the next one.
     """
     linked = _bit_sets(np.triu(neighbours, k=1))
     nodes = []
@@ -185,11 +191,11 @@ def _single_nodes(neighbours: NDArray[np.bool_]) -> list[_Node]:
 
 
 def _merge(single: list[_Node]) -> list[_Node]:
-    """Return the nodes that remain when every node is merged into its parent where this is faster.
+    """Return the nodes that remain after nodes are merged into their parents where this is faster.
 
-    The parent of a node contains the first column of its border. Nodes of equal shape are
-    eliminated together and share the time of function calls. Merging is repeated until no node is
-    merged any more.
+    The parent of a node is the node that contains the first column of its border. Nodes of equal
+    shape are eliminated together and share the time of function calls. Merging is repeated until no
+    node is merged any more.
     """
     nodes = dict(enumerate(single))
     node_of = list(range(len(single)))
@@ -197,8 +203,9 @@ def _merge(single: list[_Node]) -> list[_Node]:
     while merged:
         merged = False
         count = Counter(node.shape for node in nodes.values())
-        # A parent has as many copies after a merge as before, because copies of the node are merged
-        # into copies of the parent.
+        # Copies are nodes of the same shape. If a node is merged into its parent, its copies are
+        # merged into copies of the parent, so that the merged node has as many copies as the parent
+        # had.
         copies = {k: count[node.shape] for k, node in nodes.items()}
         for k in sorted(nodes):
             node = nodes[k]
@@ -222,9 +229,9 @@ def _merge(single: list[_Node]) -> list[_Node]:
 def _cost(shape: tuple[int, int], copies: int) -> float:
     """Return the time of eliminating a node, in units of one multiplication.
 
-    ``shape`` are the numbers of columns of the node and of its border. As many nodes as ``copies``
-    have this shape; they share the time of function calls and of subtracting their products from
-    later columns.
+    ``shape`` are the numbers of columns of the node and of its border. ``copies`` is the number of
+    nodes with this shape, which share the time of function calls and of subtracting their products
+    from later columns.
     """
     columns = shape[0]
     border = shape[1]

@@ -38,14 +38,14 @@ _DEPENDENT = 1e-7
 # A constraint u_j ≥ 0 counts as certain to hold if the mean of u_j is more than this many sd of u_j
 # above zero.
 _CERTAIN_SD = 12.0
-# No constraint counts as certain to hold if some constraint u_j ≥ 0 is improbable: if the mean of
-# the Gaussian variable u_j, divided by the sd of u_j, is below this.
+# No constraint counts as certain to hold if some constraint u_j ≥ 0 is improbable, which means that
+# the mean of the Gaussian variable u_j, divided by the sd of u_j, is below this number.
 _PUSHED_SD = -3.0
 # The probability P(u ≥ 0) is first computed without the constraints u_j ≥ 0 whose mean is at least
 # this many sd of u_j above zero.
 _NEAR_SD = 6.0
-# Largest error of ln P(u ≥ 0) from leaving out constraints that hardly ever fail, as a share of the
-# error tolerance. If the error is larger, all constraints are used.
+# Constraints that hardly ever fail are left out only if leaving them out changes ln P(u ≥ 0) by at
+# most this share of the error tolerance. If ln P changes more, all constraints are used.
 _LEFT_OUT_SHARE = 0.1
 # Largest number of proposals that the rejection sampler tries for one random draw.
 _MOST_PROPOSALS = 12_800
@@ -55,11 +55,11 @@ _MOST_TRIES = 64
 # Gaussian vectors u given u ≥ 0 are computed.
 _RULE_POINTS = 24
 # A probability P(u ≥ 0) is estimated independently from this many copies of one set of quasi-random
-# points, each with another random shift (here called a scramble). The scatter between the estimates
-# gives the stated error.
+# points. The points of each copy (here called a scramble) are shifted by a random vector of their
+# own. The scatter between the estimates gives the stated error.
 _SCRAMBLES = 8
-# Numbers of quasi-random points in each of these sets, tried in turn until the error of ln P(u ≥ 0)
-# is small enough.
+# Numbers of quasi-random points in a scramble (shifted copy of the set of points), tried in turn
+# until the error of ln P(u ≥ 0) is small enough.
 _SIZES = (32, 128, 512, 2048, 8192)
 # Factor (as Student's t) by which the standard error of a probability is enlarged, because it is
 # computed from the scatter of only eight estimates.
@@ -150,9 +150,10 @@ class _Points:
         """Return points in the unit cube for w problems, ``size`` in each scramble.
 
         The shape is (dimensions, scrambles · size, w), or (dimensions, scrambles · size, 1) if the
-        points are shared. The points of a problem are otherwise shifted once more, by an amount
-        that is computed from its bounds alone. The importance weights do not depend on the last
-        coordinate of x, so that there are no numbers for it.
+        points are shared. If the points are not shared, those of each problem are shifted by a
+        further amount, which is computed from the bounds of the problem's constraints alone. The
+        points have no coordinate for the last element of the problem's standard normal vector x,
+        because the importance weights do not depend on this element.
         """
         dimensions = max(len(tilted.bound) - 1, 1)
         points = _scrambled_lattice(dimensions, size, self.seed).reshape(dimensions, -1, 1)
@@ -218,8 +219,8 @@ class Orthant:
         """Return ln P(u ≥ 0) for w problems, from quasi-random points that differ between problems.
 
         The errors that come from the points, called noise, are independent. In a mean over many
-        problems they cancel to a large part, so that few points suffice for each. Otherwise this is
-        `log_probability`.
+        problems these errors cancel to a large part, so that few points suffice for each problem.
+        In all other respects, this method is `log_probability`.
 
         Parameters
         ----------
@@ -512,11 +513,11 @@ class Orthant:
 def _scramble_error(weight: Array) -> Array:
     """Return the error of the mean importance weight of each of w problems, shape (w,).
 
-    It is the standard error of the mean of eight independent estimates, times a factor because they
-    are so few, but at least a tenth of the standard error that plain random points would have.
-    ``weight`` holds the weights of all quasi-random points, shape (scrambles, points, w). Each
-    scramble (the same points with another random shift) gives one estimate: the mean of its
-    weights.
+    The error is the standard error of the mean of eight independent estimates, times a factor
+    because eight are few, but at least a tenth of the standard error that plain random points would
+    have. ``weight`` holds the weights of all quasi-random points, shape (scrambles, points, w).
+    Each scramble (a copy of the points with its own random shift) gives one estimate: the mean of
+    its weights.
     """
     scatter = weight.mean(axis=1).std(axis=0, ddof=1) / np.sqrt(_SCRAMBLES)
     points = weight.shape[0] * weight.shape[1]
@@ -534,7 +535,7 @@ def _bound_in_closed_form(
     tightest constraint alone, whose mean divided by its sd is smallest. P is at least this
     probability minus the probabilities that the other elements of u are negative. Where the two
     bounds differ, closer ones are computed from pairs of constraints. ln P is returned with the
-    largest error that the better bounds permit, which may be infinite.
+    largest error that the closer of the two kinds of bounds permit; this error may be infinite.
 
     Parameters
     ----------
@@ -654,7 +655,10 @@ def _scrambled_lattice(dimensions: int, size: int, seed: int) -> Array:
 
 
 def _shift_of_problem(tilted: Tilted) -> Array:
-    """Return a shift of the points of w problems from their bounds alone, shape (d, 1, w)."""
+    """Return the shift of the quasi-random points of each of w problems, shape (d, 1, w).
+
+    The shift is computed from the bounds of the problem's d constraints alone.
+    """
     return np.asarray(tilted.bound[:, None] * _DIGITS)
 
 

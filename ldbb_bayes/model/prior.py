@@ -146,8 +146,9 @@ def parameter_to_inside(parameter: str, value: float | str, words: str) -> float
 def settings_of_sd(parameter: str) -> tuple[str, ...]:
     """Return the names of the fields of `Prior` from which a parameter's prior sd follows.
 
-    For C_XXX it is ``direct_mm_per_N``; for its slope C_XXX_1 also ``slope_scale``. Entries for
-    the parameter alone (``overrides``, ``means``) are left out.
+    For C_XXX the only field is ``direct_mm_per_N``; for its slope C_XXX_1 there are also
+    ``slope_scale`` and ``slopes_of_estimate``. The fields for single parameters (``overrides``,
+    ``means``) are left out. The tuple is empty if no parameter can have the name.
     """
     kind = _kind_of(parameter)
     if kind is None:
@@ -194,9 +195,9 @@ class Prior(Shown):
 
     The prior mean is zero for every parameter that ``means`` does not name. The prior mean of a
     slope with force is always zero, because the model of constant compliance is the linear model
-    with all slopes at zero. If ``means`` names a compliance, the prior sd of this compliance in
-    ``overrides`` is how well it is known, not how large it may be; its slopes therefore keep the
-    prior sd that follows from the default for its kind.
+    with all slopes at zero. If ``means`` names a compliance, its prior sd in ``overrides`` states
+    how well the compliance is known, not how large it may be. The prior sds of its slopes therefore
+    follow from the default prior sd for this kind of compliance.
 
     Raises
     ------

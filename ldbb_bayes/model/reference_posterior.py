@@ -1,11 +1,12 @@
-"""Posterior of a machine at reference scales, from which the model of a campaign is linearised.
+"""Posterior of a machine's parameters, about whose mean the model of a campaign is linearised.
 
-Scales of the noise and of other effects (the hyper-parameters φ) are at their prior medians, and
-negative compliances are not excluded. The posterior of the compliances C at the reference force and
-of the geometric errors E is then Gaussian. Its mean and sd are the estimates Ĉ, Ê and the
-uncertainty u(Ĉ). The model itself depends on them: effects are linearised about Ĉ, Ê, and some
-prior sds are proportional to √(Ĉ² + u(Ĉ)²). The estimate is therefore a fixed point, found by three
-steps from the least-squares estimate. Every step linearises at the estimate of the last one.
+The posterior is computed at reference scales: the scales of the noise and of other effects (the
+hyper-parameters φ) are at their prior medians. Negative compliances are not excluded. The posterior
+of the compliances C at the reference force and of the geometric errors E is then Gaussian. Its mean
+and sd are the estimates Ĉ, Ê and the uncertainty u(Ĉ). The model itself depends on these: effects
+are linearised about Ĉ, Ê, and some prior sds are proportional to √(Ĉ² + u(Ĉ)²). The estimate is
+therefore a fixed point, found in three steps that start from the least-squares estimate. Each step
+linearises the model about the estimate of the step before.
 """
 
 from __future__ import annotations
@@ -37,13 +38,13 @@ __all__ = ["ReferencePosterior", "fixed_point"]
 
 # Number of steps from the least-squares estimate of a machine to the fixed point.
 _STEPS = 3
-# A flat prior of a nuisance coefficient counts as a Gaussian prior whose sd is this multiple of the
-# coefficient's uncertainty from the readings alone, all other coefficients known.
+# A flat prior of a nuisance coefficient counts as a Gaussian prior. Its sd is this multiple of the
+# uncertainty that the coefficient has from the readings alone if all other coefficients are known.
 _FLAT_SDS = 1e6
 
 
 class _SharedCoefficients(NamedTuple):
-    """Coefficients that all tests share: of nuisances, then the parameters of interest.
+    """Coefficients that all tests share: first those of nuisances, then parameters of interest.
 
     Nuisances are effects that are modelled but not of interest.
     """
@@ -55,7 +56,7 @@ class _SharedCoefficients(NamedTuple):
 
 
 class _StackedReadings(NamedTuple):
-    """Reduced readings of all tests, m of each test."""
+    """Reduced readings of all tests, m ≤ 25 numbers for each test."""
 
     #: Triangular factors of the Fourier functions, which turn Fourier coefficients into reduced
     #: readings, shape (tests, m, 25).
@@ -163,8 +164,8 @@ class ReferencePosterior:
     def _stacked(self) -> _StackedReadings:
         """Reduced readings of all tests in arrays of one shape.
 
-        Tests with fewer reduced readings than others get further ones that are zero, and that no
-        coefficient changes.
+        If a test has fewer reduced readings than another test, further reduced readings are added
+        to it, which are zero and which no coefficient changes.
         """
         most = max(len(test.factor) for test in self.reduced)
         factors = np.zeros((len(self.reduced), most, SIZE))
@@ -178,8 +179,8 @@ class ReferencePosterior:
     def _noise_covariance(self, terms: Sequence[Columns | BasisNoise]) -> Array:
         """Return the covariance of the m reduced readings of every test, (tests, m, m) [mm²].
 
-        It is that of the white noise, and of the effects in ``terms`` that differ from test to
-        test.
+        The noise consists of the white noise of the readings and of those effects in ``terms`` that
+        differ from test to test.
         """
         factors = self._stacked.factors
         tests = range(len(factors))
@@ -199,11 +200,11 @@ class ReferencePosterior:
 def fixed_point(
     posterior: ReferencePosterior, setting: Setting, start: MachineEstimate
 ) -> MachineEstimate:
-    """Return the estimate of a machine from a model that is linearised about that estimate.
+    """Return the estimate of a machine that results from the model linearised about this estimate.
 
     ``posterior`` is the posterior of the machine's parameters at reference scales, ``setting`` are
-    the conditions of all tests, and ``start`` is the estimate from which the first of three steps
-    starts.
+    the conditions of all tests, and ``start`` is the estimate about which the model is linearised
+    in the first of three steps.
     """
     estimate = start
     for _ in range(_STEPS):

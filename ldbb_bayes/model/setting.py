@@ -48,7 +48,7 @@ _SAME_TIME_H = 1e-9
 # Fourier coefficients of powers |u|^a of a component u of the bar's direction are set to zero if
 # they are below this size, because they are then rounding errors.
 _POWER_ROUNDING = 1e-12
-# Largest number of powers of components of the bar's direction that are kept.
+# Largest number of powers of components of the bar's direction that the cache holds.
 _KEPT_POWERS = 256
 # Fourier coefficients of rotated harmonics cos n(θ − ψ), sin n(θ − ψ) are set to zero if they are
 # below this size, because they are then rounding errors.
@@ -59,7 +59,7 @@ _SAME_CLOCKING = 1e-9
 
 
 class GroupOfTests(NamedTuple):
-    """Tests of a campaign that have the plane, the radius or the set-up in common."""
+    """Tests of a campaign that have the same plane, the same radius or the same set-up."""
 
     #: Plane (such as XY), radius [mm] or number of the set-up that the tests of the group have in
     #: common.
@@ -88,8 +88,8 @@ class Setting:
     tool_ball_rad: Array
     plane: Array  #: plane of each test, such as XY, shape (tests,)
     setup: Array  #: number of each test's set-up, from 1, shape (tests,)
-    #: direction of travel along each test's circle: +1 for clockwise or not stated, −1 for
-    #: counterclockwise, shape (tests,)
+    #: direction of travel along each test's circle, shape (tests,): +1 for clockwise, −1 for
+    #: counterclockwise; +1 too if the test states no direction
     travel: Array
     #: time of each test minus the mean time of the campaign, or of its pilot campaign [h], shape
     #: (tests,): as the tests state it, or else from the order in which they are listed; NaN if the
@@ -299,8 +299,8 @@ def _power_of_cosine(first_harmonics: bytes, power: float, *, signed: bool) -> A
     """Return Fourier coefficients of |u|^a for every test, as `Setting.along` does, (tests, 25).
 
     ``first_harmonics`` are the bytes of an array of shape (tests, 2): the coefficients of cos θ and
-    sin θ of u, which is a component of the unit vector along the bar. The models of a campaign ask
-    for the same powers hundreds of times.
+    sin θ of u, which is a component of the unit vector along the bar. Results are kept in a cache,
+    because the models of a campaign need the same powers hundreds of times.
     """
     first = int(signed)
     series = np.zeros(MAX_ORDER + 1)
@@ -330,8 +330,9 @@ class _MachineColumns(NamedTuple):
     geometric: Array
 
 
-# Cache of the effects of compliances and geometric errors on every campaign's readings, by the
-# names of the compliances. A comparison combines one campaign with hundreds of models.
+# Cache of the effects of compliances and geometric errors on every campaign's readings; the inner
+# keys are the names of the compliances. A cache is useful because a comparison combines one
+# campaign with hundreds of models.
 _MACHINE_COLUMNS: WeakKeyDictionary[Campaign, dict[tuple[ComplianceName, ...], _MachineColumns]] = (
     WeakKeyDictionary()
 )
@@ -363,8 +364,8 @@ def setting_of(
 ) -> Setting:
     """Return the conditions of the tests of a campaign or plan, as the model needs them.
 
-    Estimates of the machine and the names of separately scaled circles are not known here: these
-    fields are zero or empty until a model is bound and replaces them.
+    The fields for estimates of the machine are zero, and those for the names of circles' noise
+    factors are empty. They are filled in when a model is bound to the campaign.
 
     Parameters
     ----------
@@ -471,14 +472,15 @@ def _by_setup(campaign: Campaign, columns: Array) -> Array:
 def _time_h(campaign: Campaign, pilot: Campaign | None) -> Array:
     """Return the time of every test minus the mean time of the campaign [h], shape (tests,).
 
-    If all tests state their times, these count. Otherwise the tests count as run in the order in
-    which they are listed, one every six minutes. All values are NaN if the campaign states that
-    the tests were run in another order, and if all tests count as run at the same time.
+    If all tests state their times, these times are used. Otherwise the tests count as run in the
+    order in which they are listed, one every six minutes. If the campaign states that the tests
+    were run in another order, all values are NaN; likewise if all tests count as run at the same
+    time.
 
     If a pilot campaign is given whose tests state their times, the mean is that of the pilot, and
-    tests without times count as run at the mean. If the pilot's tests state no times, a plan that
-    begins with these tests takes the order in which the pilot lists them; all further tests without
-    times count as run at the mean.
+    tests without times count as run at the mean. If the pilot's tests state no times, a plan whose
+    first tests are those of the pilot takes the order in which the pilot lists them; all further
+    tests count as run at the mean.
     """
     stated_s = _recorded("time_s", campaign)
     relative_s = np.zeros(len(stated_s))

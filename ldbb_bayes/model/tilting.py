@@ -11,9 +11,10 @@ distribution function)
 is bounded by its value at the saddle point. With this bound rejection sampling is exact, and
 averages of weights are efficient, however small the probability of the constraints is (Botev, J. R.
 Statist. Soc. B 79, 125-148, 2017). The e_j are called edges: they are the lower limits of the
-shifted variables x_j − μ_j. Further constraints may be linear combinations of those above. Each of
-them bounds the last x_j on which it depends, from below or from above, and so only reduces the
-weights. Functions of this module treat w problems at once, that is, w sets of constraints.
+shifted variables x_j − μ_j. There may be further constraints, which are linear combinations of
+those above. Each further constraint bounds the last x_j on which it depends, from below or from
+above, and so only reduces the weights. Functions of this module treat w problems at once, that is,
+w sets of constraints.
 """
 
 from __future__ import annotations
@@ -187,10 +188,11 @@ class Tilted(NamedTuple):
         ----------
         uniform
             Random numbers, uniform between 0 and 1, shape (d, s, w), or (d, s, 1) to use the same
-            ones in all problems. If ``draw_last`` is false, the first d − 1 of the d suffice.
+            numbers in all problems. If ``draw_last`` is false, the numbers for the first d − 1
+            elements suffice: (d − 1, s, w).
         draw_last
-            Whether the last element of x is drawn; otherwise it is zero. Weights do not depend on
-            it.
+            Whether the last element of x is drawn; if not, the element is zero. Weights do not
+            depend on the last element.
         """
         d, w = self.bound.shape
         x = np.zeros((d, uniform.shape[1], w))
@@ -227,7 +229,7 @@ class Tilted(NamedTuple):
         The limits follow from the constraints on x. ``x`` holds s points for each of w problems,
         shape (d, s, w). Each limit has the shape (s, w), or (1, w) if it is the same for all
         points. Only the further constraints can bound x_j from above. The upper limit is None if
-        x_j is the last element in none of them.
+        there is no further constraint whose last element is x_j.
         """
         # The first constraint depends on x_0 alone, so its lower limit is the same for all points.
         explained = np.einsum("kw,ksw->sw", self.unit[j, :j], x[:j]) if j > 0 else 0.0
@@ -326,10 +328,11 @@ def find_saddle_point(unit: Array, bound: Array) -> SaddlePoint:
 def _edges_at_saddle_point(unit: Array, bound: Array) -> Array:
     """Return the lower limits (edges) of the shifted normal variables at w saddle points, (w, d).
 
-    The constraints of each problem are unit · x ≥ bound, with ``unit`` (w, d, d) and ``bound``
-    (w, d). Newton's method starts with the bounds as edges. Where it fails, it starts once more,
-    with the edges at the most probable x that meets the constraints. Raise an `InputError` where it
-    fails again, unless the probability of the constraints is too small to matter.
+    The constraints of each problem are unit · x ≥ bound, with ``unit`` (w, d, d) and ``bound`` (w,
+    d). Newton's method starts with the bounds as edges. Where the method fails, it is started a
+    second time, with the edges at the most probable x that meets the constraints. Raise an
+    `InputError` where the method fails again, unless the probability of the constraints is too
+    small to matter.
     """
     coupling = unit @ np.swapaxes(unit, 1, 2) - np.eye(bound.shape[1])
     edge, solved, _ = _solve_edges(coupling, bound, bound)
@@ -358,8 +361,8 @@ def _solve_edges(
 
     The edges are the lower limits of the d shifted normal variables of each problem, and m(e) their
     inverse Mills ratios. C is ``coupling``, shape (w, d, d). The search starts from the edges
-    ``start``; these and ``bound`` have the shape (w, d). Each step is halved until it reduces the
-    value of `_ConvexFunction` or the relative size of its gradient.
+    ``start``; ``start`` and ``bound`` have the shape (w, d). Each step is halved until it reduces
+    the value of `_ConvexFunction` or the relative size of its gradient.
     """
     edge = np.array(start)
     current = _evaluate_convex_function(coupling, bound, edge)
@@ -418,7 +421,7 @@ def _evaluate_convex_function(
     """Return the convex function whose minimum gives the saddle point, with its derivatives.
 
     The formula is that of `_ConvexFunction`, with C = ``coupling``, shape (w, d, d). ``edge`` holds
-    the lower limits of the shifted normal variables; it and ``bound`` have the shape (w, d).
+    the lower limits of the shifted normal variables; ``edge`` and ``bound`` have the shape (w, d).
     """
     mills = _inverse_mills(edge)
     coupled_mills = np.einsum("wij,wj->wi", coupling, mills)

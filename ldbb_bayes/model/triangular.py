@@ -96,7 +96,7 @@ def solve_columns(columns: Array, right: Array) -> Array:
     Parameters
     ----------
     columns
-        Matrices L, indexed by column, then row, shape (q, q, ...).
+        Matrices L, shape (q, q, ...); the first index is the column, the second the row.
     right
         Right-hand sides x, shape (q, ...).
     """

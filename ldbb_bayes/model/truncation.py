@@ -24,13 +24,14 @@ __all__ = ["Truncation"]
 # Gaussian vector is computed.
 _GRID = 1025
 # To compute the distribution of one coordinate, the density is integrated over the coordinates that
-# share a constraint with it. This is the number of grid points for each of these.
+# share a constraint with it. This is the number of grid points for each coordinate over which the
+# density is integrated.
 _COARSE_GRID = 257
 # The grid for a coordinate of a truncated Gaussian extends this many sd to both sides of the mean
-# before truncation, as far as the values are permitted.
+# before truncation, but not beyond the values that the truncation permits.
 _REACH = 9.0
-# Where all permitted values are far from the mean before truncation, the grid extends over this
-# many sd, as far as the values are permitted.
+# Where all values that the truncation permits are far from the mean before truncation, the grid
+# extends over this many sd, but not beyond the permitted values.
 _LEAST_WIDTH = 2.0
 
 
@@ -182,7 +183,8 @@ def _quantile_between(
     """Return quantiles of a standard normal variable restricted to an interval, shape (n,).
 
     ``level`` (n,) are the probabilities of the quantiles, and ``low`` and ``high`` the ends of the
-    interval. If the interval is above zero, its mirror image below zero is used, to avoid rounding.
+    interval. If the interval is above zero, its mirror image below zero is used, which reduces
+    rounding errors.
     """
     flip = low > 0.0
     lower_end = np.where(flip, -high, low)

@@ -42,11 +42,11 @@ _LAST_SPHERICITY_ORDER = 3
 
 
 class _TurnedBall(NamedTuple):
-    """Ball that contributes to a form error, and the angle by which it is turned in it [rad].
+    """Ball that contributes to a form error, and the ball's rotation in this form error [rad].
 
-    A form error is a Fourier series in the angle on one ball. In the sum of the forms of both
-    balls, this is the angle on the work ball; ``turned_rad`` is then its value where the angle on
-    this ball is zero. For the form of a single ball it is zero.
+    A form error is a Fourier series in the angle on one ball. For the form of a single ball,
+    ``turned_rad`` is zero. The sum of the forms of both balls is a series in the angle on the work
+    ball; ``turned_rad`` is then the angle on the work ball at which the angle on ``ball`` is zero.
     """
 
     ball: Ball
@@ -56,8 +56,8 @@ class _TurnedBall(NamedTuple):
 class _CoefficientPrior(NamedTuple):
     """Prior of the coefficients of a form, one entry for the cosine and the sine of each order."""
 
-    #: part of the prior variance that τ² (n/6)^(−2p) multiplies, with the hyper-parameters τ and p;
-    #: each ball whose form is not stated at the order contributes a half
+    #: factor of τ² (n/6)^(−2p) in the prior variance, with the hyper-parameters τ and p: 1/2 for
+    #: each ball whose form is not stated at the order n
     share_of_tau: Array
     sd_um: Array  #: part of the prior sd that no hyper-parameter scales [µm]
     mean_um: Array  #: prior mean, from certificates [µm]
@@ -67,8 +67,8 @@ class _Form(NamedTuple):
     """Form error of one ball, or the sum of the form errors of work ball and tool ball.
 
     The names of its coefficients begin with ``stem``. ``turned_rad`` (tests,) is the angle on the
-    circle at which the form's own angle is zero, in every test [rad]. ``balls`` are the ball, or
-    both balls, whose form it is.
+    circle at which the form's own angle is zero, in every test [rad]. ``balls`` contains the ball
+    to which the form belongs, or both balls for the sum.
     """
 
     stem: str
@@ -90,18 +90,18 @@ class BallForm(Term):
     θ is the angle on the circle and ψ the clocking angle, by which the ball is turned in its
     socket. Each ball adds to the prior variance of each coefficient. Let S be the ball's deviation
     from sphericity, peak to valley. If its certificate or grade states S, the ball adds
-    S²/24 · min(1, 3/n)²: what is stated bounds the form at every order. If nothing is stated of a
-    ball, it adds τ²/2 (n/6)^(−2p), and S²/24 at the orders 2 and 3, with ``sphericity_um`` for S.
-    The hyper-parameters are τ, the scale of the form of both balls at order 6, and p, the power
-    with which form error decreases as its order grows; they exist only if the form of a ball is not
-    stated. Harmonics that a certificate states have their mean and variance from the certificate.
-    If the field ``law`` is ``1/n``, as in the model's first edition (preset ``first``), the prior
-    sd is τ/n instead.
+    S²/24 · min(1, 3/n)², because what is stated bounds the form at every order. If nothing is
+    stated about a ball, it adds τ²/2 (n/6)^(−2p) at all orders, and also S²/24 at the orders 2 and
+    3, with ``sphericity_um`` for S. The hyper-parameters are τ, the scale of the form of both balls
+    at order 6, and p, the power with which form error decreases as its order grows; they exist only
+    if the form of at least one ball is not stated. Harmonics that a certificate states have their
+    mean and variance from the certificate. If the field ``law`` is ``1/n``, as in the model's first
+    edition (preset ``first``), the prior sd is τ/n instead.
 
-    As long as the clocking of no ball differs between tests, the forms of the two balls are
-    modelled as one sum. Otherwise each ball has its own form: the work ball at θ − ψ_work, and the
-    tool ball, which is touched on its far side, at θ + 180° − ψ_tool. Every plane has separate
-    forms, because its circles run over another great circle of the balls.
+    If both balls keep their clocking in all tests, the forms of the two balls are modelled as one
+    sum. If the clocking of a ball changes between tests, each ball has its own form: the work ball
+    at θ − ψ_work, and the tool ball, which is touched on its far side, at θ + 180° − ψ_tool. Every
+    plane has separate forms, because its circles run over another great circle of the balls.
 
     Examples
     --------
@@ -138,8 +138,8 @@ class BallForm(Term):
         """Return the columns of the balls' form for the tests of a campaign.
 
         A column is the reading per unit of one coefficient, and is zero for tests in other planes
-        than its own. There is one set of columns for every plane, and within a plane one for each
-        ball, or one for the sum of both.
+        than its own. Every plane has one set of columns for each ball, or one set for the sum of
+        both balls.
         """
         columns = []
         for group in setting.groups_by("plane"):
@@ -204,9 +204,10 @@ class BallForm(Term):
     def _sphericity_sd_um(self, ball: Ball, orders: Array) -> Array:
         """Return the prior sds of form coefficients from a ball's sphericity [µm], shape (n,).
 
-        ``orders``, shape (n,), are the orders of the coefficients, at least 2. If certificate or
-        grade of the ball state its deviation from sphericity S, the sd is S/√24 · min(1, 3/order).
-        Otherwise it is ``sphericity_um``/√24 at the orders 2 and 3, and zero at higher ones.
+        ``orders``, shape (n,), are the orders of the coefficients, at least 2. If the ball's
+        certificate or grade states its deviation from sphericity S, the sd is
+        S/√24 · min(1, 3/order). Otherwise it is ``sphericity_um``/√24 at the orders 2 and 3, and
+        zero at higher ones.
         """
         sphericity = ball.stated_sphericity_um
         relative = np.minimum(1.0, _LAST_SPHERICITY_ORDER / orders)
@@ -219,10 +220,10 @@ class BallForm(Term):
         """Yield what the term assumes about the form of each ball, order by order.
 
         The assumptions are the sds of the coefficients, and the amplitudes and sds that
-        certificates state. The orders are 2 to 12 if certificate or grade state the deviation from
-        sphericity; else they are 2, 3 and those of stated harmonics. The part of the sd from the
-        hyper-parameter τ, the scale of form, is not included. If the field ``law`` is ``1/n``,
-        nothing is yielded.
+        certificates state. The orders are 2 to 12 if a certificate or grade states the deviation
+        from sphericity. If none does, the orders are 2, 3 and those of the harmonics that a
+        certificate states. The part of the sd from the hyper-parameter τ, the scale of form, is not
+        included. If the field ``law`` is ``1/n``, nothing is yielded.
         """
         if self.law != "decay":
             return
@@ -247,8 +248,8 @@ class BallForm(Term):
     def is_stated(self, coefficient: str, campaign: Campaign) -> bool:
         """Return whether certificates state the size of a coefficient of form, given its name.
 
-        For the sum of both balls' forms, certificates or grades of both balls must do so.
-        ``campaign`` holds the certificates.
+        For a coefficient of the sum of both balls' forms, certificates or grades of both balls must
+        state the form. ``campaign`` holds the certificates.
         """
         instrument = campaign.instrument
         balls = [instrument.work, instrument.tool]
@@ -335,9 +336,9 @@ class MachinePattern(Term):
     hyper-parameters ω (scale at order 6) and p (decay with order, the same as for the form of the
     balls). The pattern is the same in all tests of one plane, direction of travel and radius. The
     term acts only if the clocking of a ball (angle by which it is turned in its socket) differs
-    between tests, or if certificate or grade of a ball state its form. Form and pattern can then be
-    separated, because the form turns with the ball and the pattern does not, or because the form is
-    known. Otherwise the form contains the pattern.
+    between tests, or if a certificate or grade states the form of a ball. Form and pattern can then
+    be separated, because the form turns with the ball and the pattern does not, or because the form
+    is known. Otherwise the form contains the pattern.
 
     Examples
     --------
@@ -369,7 +370,7 @@ class MachinePattern(Term):
 
 
 def _states_form(instrument: Instrument) -> bool:
-    """Return whether certificate or grade state the form of a ball, at least in part."""
+    """Return whether a certificate or grade states the form of a ball, at least in part."""
     for ball in (instrument.work, instrument.tool):
         if ball.stated_sphericity_um is not None or ball.harmonics_um:
             return True
@@ -381,9 +382,9 @@ def _patterns(setting: Setting, suffix: str, tests: NDArray[np.bool_]) -> list[C
 
     The pattern is an error of the machine that repeats with every turn: cosine and sine of several
     orders of the angle. A column is the reading per unit of one coefficient, zero in all other
-    tests. Each direction of travel in which the tests run has its own columns. The coefficients
-    have the common scale ω (``omega``), which falls with the order as the hyper-parameter ``decay``
-    says.
+    tests. Each direction of travel in which the tests run has its own columns. The prior sds of the
+    coefficients have the common scale ω (``omega``) and fall with the order by the power ``decay``,
+    which is a hyper-parameter too.
 
     Parameters
     ----------

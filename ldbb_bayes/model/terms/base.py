@@ -132,8 +132,8 @@ def assumption(
     """Return the record of what a term assumes about one of its coefficients.
 
     The unit follows from the name of the coefficient. The record also says whether a certificate of
-    the campaign states the uncertainty. The uncertainty itself is the argument ``sd``; it is not
-    read from the certificate.
+    the campaign states the uncertainty. The uncertainty itself is not read from the certificate: it
+    is the argument ``sd``.
 
     Parameters
     ----------
@@ -187,8 +187,8 @@ class Term(Shown):
     #: classes of all nuisance terms by their names, in the order in which models, results and model
     #: files list them
     kinds: ClassVar[dict[str, type[Term]]] = {}
-    #: text, or several texts, with which the names of the term's coefficients begin; by default
-    #: made from the class name, such as bar_length for BarLength
+    #: beginning of the names of the term's coefficients, or a tuple of several beginnings; by
+    #: default made from the class name, such as bar_length for BarLength
     stem: ClassVar[str | tuple[str, ...]]
     #: name of the term in reports; by default made from the class name, such as ball form for
     #: BallForm
@@ -197,7 +197,8 @@ class Term(Shown):
     unit: ClassVar[Unit] = Unit("mm", 1e-3, "µm")
     #: measurement that would determine the effect of the term (a noun phrase), used in advice
     calibration: ClassVar[str] = "a measurement of it"
-    #: advice (a sentence) to print with an uncertainty budget in which the term contributes most
+    #: advice (a sentence) that is printed with an uncertainty budget if the term contributes most
+    #: to the uncertainty
     remedy: ClassVar[str] = "Measure it, or narrow its prior."
     #: whether the effect of the term belongs to the instrument (bar, balls, mount or force device)
     instrument: ClassVar[bool] = False
@@ -334,9 +335,9 @@ class Term(Shown):
 
 @cache
 def _choices(kind: type[Term]) -> dict[str, tuple[Any, ...]]:
-    """Return the permitted values of each setting of a term that has a list of choices.
+    """Return the permitted values of those settings of a term that allow only listed values.
 
-    ``kind`` is the class of the term; the keys are the names of its settings.
+    ``kind`` is the class of the term. The keys of the result are the names of the settings.
     """
     return {
         name: get_args(hint)

@@ -19,8 +19,9 @@ from ldbb_bayes.model.terms.columns import BasisNoise, Columns, Hyper, Scale
 
 __all__ = ["CircleScale", "Covariate", "Discrepancy", "Drift", "Hysteresis", "Moves", "SetupShift"]
 
-# What shifts at random between circles: both the readings' zero and the circle's centre, with one
-# common sd (together) or with separate sds (apart), or only one of the two (zero, centre).
+# What shifts at random between circles. Both the readings' zero and the circle's centre shift, with
+# one common sd (together) or with separate sds (apart); or only one of the two shifts (zero,
+# centre).
 Moves = Literal["together", "apart", "zero", "centre"]
 # Quantities to which a drift of the bar's length and the circle's centre can be proportional.
 Covariate = Literal["time", "temperature"]
@@ -28,8 +29,8 @@ Covariate = Literal["time", "temperature"]
 # ``first``).
 _FIRST_EDITION_ORDERS = 4
 # Highest order n of the harmonics cos nθ, sin nθ of hysteresis in a plane whose circles all run in
-# one direction. There it looks exactly like bar length, geometric errors and compliances, which
-# have these orders.
+# one direction. There hysteresis cannot be distinguished from bar length, geometric errors and
+# compliances, whose effects have orders up to this one.
 _ONE_WAY_ORDERS = 3
 # Prior sd of the part of hysteresis that is proportional to force, in a plane whose circles all run
 # in one direction, divided by the prior sd in a plane with both directions.
@@ -55,7 +56,8 @@ class SetupShift(Term):
     """
 
     #: what shifts between circles: both the readings' zero and the circle's centre, with one common
-    #: sd (together) or with separate sds (apart), or only one of the two (zero, centre)
+    #: sd (``together``) or with separate sds (``apart``); or only the zero (``zero``) or only the
+    #: centre (``centre``)
     moves: Moves = "together"
     words = "set-up shift"
     remedy = "Run more circles: zero and centre move from one to the next."
@@ -183,8 +185,9 @@ class Hysteresis(Term):
     In a plane whose circles run in both directions, the orders are n = 0 … 12. The prior sds are
     η/n, with the hyper-parameter η, and ``proportional_um_per_kN``/n. If all circles of a plane run
     in one direction, or none states its direction, hysteresis cannot be separated from bar length,
-    geometric errors and compliances, and widens their intervals. Its orders are then n = 0 … 3, the
-    ones these have, and its prior sds are ``constant_um``/n and 0.6 ``proportional_um_per_kN``/n.
+    geometric errors and compliances; it then widens their intervals. In this case, the orders of
+    hysteresis are n = 0 … 3, which are also the orders of these effects, and the prior sds are
+    ``constant_um``/n and 0.6 ``proportional_um_per_kN``/n.
 
     If ``law`` is ``fixed``, as in the model's first edition (preset ``first``), the term acts only
     in planes with both directions, on the orders n = 0 … 4, and ``constant_um`` replaces η.
@@ -200,12 +203,12 @@ class Hysteresis(Term):
     'hysteresis in proportion to force (cos 2θ)'
     """
 
-    #: prior sd, at Fourier order 1, of the part of hysteresis that does not depend on force [µm];
-    #: used in planes with one direction of travel, and everywhere if the field ``law`` is
-    #: ``fixed``; else this sd is a hyper-parameter
+    #: prior sd, at Fourier order 1, of the part of hysteresis that does not depend on force [µm].
+    #: It is used in planes with one direction of travel, and in all planes if the field ``law`` is
+    #: ``fixed``. In all other cases this sd is the hyper-parameter η.
     constant_um: float = 2.0
     #: prior sd, at Fourier order 1, of the part of hysteresis that is proportional to force
-    #: [µm/kN]; in planes with one direction of travel, 0.6 of it
+    #: [µm/kN]; in planes with one direction of travel, the prior sd is 0.6 of this value
     proportional_um_per_kN: float = 2.0
     #: kind of prior of the part of hysteresis that does not depend on force, in planes with both
     #: directions: its sd at Fourier order 1 is the hyper-parameter η (``sampled``) or has the value
@@ -227,7 +230,7 @@ class Hysteresis(Term):
         """Return the columns of hysteresis in every plane of a campaign.
 
         A column is the reading per unit of one coefficient, in every test of a campaign. If the
-        field ``law`` is ``fixed``, only planes with circles in both directions have columns.
+        field ``law`` is ``fixed``, only planes whose circles run in both directions have columns.
         """
         columns: list[Columns] = []
         for plane in setting.groups_by("plane"):
@@ -238,7 +241,10 @@ class Hysteresis(Term):
         return tuple(columns)
 
     def _prior(self, *, both_ways: bool) -> _HysteresisPrior:
-        """Return the prior in a plane whose circles run both ways, or else in one direction."""
+        """Return the prior of the coefficients of hysteresis in one plane.
+
+        ``both_ways`` states whether circles of the plane run in both directions.
+        """
         constant_sd = self.constant_um * 1e-3
         proportional_sd = self.proportional_um_per_kN * 1e-6
         if self.law == "fixed":
@@ -253,7 +259,8 @@ class Hysteresis(Term):
     def unit_of(cls, coefficient: str) -> Unit:
         """Return the unit of a coefficient of hysteresis, given its name.
 
-        The unit is µm/kN for the part proportional to force, and µm for the other part.
+        The unit is µm/kN for the part proportional to force, and µm for the part that does not
+        depend on force.
         """
         if coefficient.startswith("hysteresis_force"):
             return Unit("mm/N", 1e-6, "µm/kN")
@@ -273,7 +280,7 @@ class Hysteresis(Term):
         """Return the harmonic of a coefficient of hysteresis in words, from its name.
 
         For example, hysteresis_force_cos2 gives `` in cos 2θ times force``. Reports append these
-        words to the name of the term. If the coefficient's name contains a plane, so do the words.
+        words to the name of the term. The words contain a plane if the coefficient's name does.
         """
         force = " times force" if coefficient.startswith("hysteresis_force") else ""
         return f" in {order_in_words(coefficient)}{force}{plane_in_words(coefficient)}"
@@ -284,8 +291,9 @@ def _columns_of_plane(
 ) -> list[Columns]:
     """Return the columns of hysteresis in one plane of a campaign.
 
-    The part that does not depend on force is first, then the part proportional to force. ``plane``
-    states which tests are in the plane, and ``prior`` is that of the coefficients.
+    First come the columns of the part that does not depend on force, then those of the part
+    proportional to force. ``plane`` states which tests are in the plane, and ``prior`` is the prior
+    of the coefficients.
     """
     suffixes = ["0"]
     for order in range(1, prior.last_order + 1):
@@ -315,14 +323,16 @@ class Drift(Term):
     """Drift of the bar's length and of the circle's centre with time or temperature.
 
     Let u be the time of each test in hours or its temperature in kelvins, as ``over`` states, minus
-    the mean of the campaign. A drift of the bar's length changes the reading by u per unit of its
-    coefficient. A drift of the centre's coordinates changes it by u B̂ per unit of theirs, where B̂
-    is the unit vector along the bar. ``length_um`` and ``centre_um`` are the prior sds of the
-    coefficients, per hour or kelvin; a steel bar of 150 mm grows by 1.7 µm/K.
+    the mean of the campaign. A drift of the bar's length changes the reading by u times its
+    coefficient. A drift of the centre's coordinates, with the vector c of their coefficients,
+    changes the reading by u B̂ · c, where B̂ is the unit vector along the bar. ``length_um`` and
+    ``centre_um`` are the prior sds of the coefficients, per hour or kelvin; a steel bar of 150 mm
+    grows by 1.7 µm/K.
 
     If some test states no time, all tests are taken to have been run in the order in which they are
-    listed, one every six minutes. A campaign may state another order (``order = "random"``), in
-    which case only times that all tests state count, or that nothing drifts (``drift = false``).
+    listed, one every six minutes. If the campaign states that the order was another one (``order =
+    "random"``), a drift with time is modelled only if all tests state their times. If the campaign
+    states that nothing drifts (``drift = false``), the term has no effect.
 
     Examples
     --------
@@ -346,9 +356,9 @@ class Drift(Term):
         """Return the columns of the drift of bar length and circle centre for a campaign's tests.
 
         A column is the reading per unit of one coefficient. The tuple is empty if the campaign
-        states that nothing drifts, or if times or temperatures of its tests do not differ or, with
-        times, are unknown. Raise an `InputError` if a test lacks the temperature to which the drift
-        is proportional.
+        states that nothing drifts. For a drift with time, it is also empty if the times of the
+        tests are unknown or all equal. Raise an `InputError` if a test lacks the temperature to
+        which the drift is proportional.
         """
         if not setting.drifts:
             return ()

@@ -188,7 +188,7 @@ class Columns(Shown):
     def sources(self) -> tuple[Source, ...]:
         """Factors from hyper-parameters that multiply the prior sds of the p coefficients.
 
-        They do not contain the noise factors λ of circles.
+        The factors do not contain the noise factors λ of circles.
         """
         if self.decay is None or self.orders is None:
             return (Source(self.hyper),) * len(self.names)
@@ -209,9 +209,9 @@ class Columns(Shown):
         """Return the prior sds of the p coefficients at given hyper-parameters, shape (..., p).
 
         ``value`` maps the names of the hyper-parameters to numbers, or to arrays of shape (w,) for
-        w values of each; lengths are in mm. The result has the shape (p,) or (w, p). It contains
-        the part ``stated`` and, for private columns, the noise factor λ of the circle of the test
-        with the index ``test``; without ``test``, it contains no λ.
+        w values of each; lengths are in mm. The result has the shape (p,) or (w, p). The sds
+        contain the part ``stated``. If ``test`` is given, the index of a test from 0, the sds of
+        private columns also contain the noise factor λ of this test's circle.
         """
         circle = None
         if test is not None:
@@ -270,8 +270,8 @@ class BasisNoise(Shown):
     def sources(self) -> tuple[Source, ...]:
         """Factors from hyper-parameters that multiply the noise, one for each test.
 
-        They contain the noise factors λ of the tests' circles. If circles have no noise factors,
-        there is a single factor for all tests.
+        The factors contain the noise factors λ of the tests' circles. If circles have no noise
+        factors, there is a single factor for all tests.
         """
         if not len(self.circle):
             return (Source(self.hyper),)

@@ -1,6 +1,7 @@
 """Nuisance terms (effects modelled but not of interest) of the first edition of the model.
 
-This is the model that the first edition of this software had; its preset is named ``first``.
+The first edition of the model is the one that the first edition of this software had; its preset is
+named ``first``.
 """
 
 from __future__ import annotations
@@ -18,8 +19,8 @@ def first_edition() -> tuple[Term, ...]:
 
     Nuisance terms are effects modelled but not of interest. The prior sd of the balls' form falls
     as 1/n with its order n (waves in a turn). Mount deflection and force error have no curvature.
-    All circles scatter alike. The part of hysteresis that does not depend on force has a fixed
-    prior sd.
+    The noise of all circles has the same scale. The part of hysteresis that does not depend on
+    force has a fixed prior sd.
     """
     return (
         BallForm(law="1/n"),

@@ -56,7 +56,8 @@ class BarLength(Term):
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """Return the columns of the bar's length error, one for each nominal radius of a campaign.
 
-        A column, the reading per unit of length error, is 1 in tests with this radius, else 0.
+        A column is the reading per unit of length error: 1 in tests with this radius, 0 in all
+        others.
         """
         names = []
         constants = []
@@ -96,10 +97,10 @@ class Mount(Term):
 
     The nominal deflection is proportional to the pressure (Eq. 32 of the paper). The first
     coefficient is the error of the deflection per pressure. Its prior sd follows from a
-    certificate, or else is the share ``relative_sd`` of the nominal value. The second coefficient,
-    the curvature, is multiplied by q(F) = 4 (F/F_max)(1 − F/F_max), where F is the force and F_max
-    the largest force of the campaign. Its prior sd is ``curvature_um``; if this is 0, there is no
-    curvature.
+    certificate; without a certificate, it is the nominal value times ``relative_sd``. The second
+    coefficient, the curvature, is multiplied by q(F) = 4 (F/F_max)(1 − F/F_max), where F is the
+    force and F_max the largest force of the campaign. Its prior sd is ``curvature_um``; if this is
+    0, there is no curvature.
 
     Examples
     --------
@@ -140,7 +141,7 @@ class Mount(Term):
         return _standard_uncertainty(instrument.mount_U_percent, self.relative_sd, 0.01)
 
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
-        """Yield the mount's deflection and curvature that the term assumes, with uncertainties.
+        """Yield the deflection and curvature of the mount that the term assumes, and their sds.
 
         The standard uncertainty of the deflection comes from the certificate in ``campaign``, if
         there is one.
@@ -245,8 +246,9 @@ class ForceError(Term):
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
         """Yield the errors of the force that the term models, with their standard uncertainties.
 
-        The errors are gain, curvature (unless ``curvature_sd`` is zero) and random error. The
-        uncertainties come from the certificate in ``campaign`` where it states them.
+        The errors are gain, curvature (unless ``curvature_sd`` is zero) and random error.
+        Uncertainties that the certificate in ``campaign`` states are used; the others come from the
+        fields of the term.
         """
         certificates = {
             "force_gain": "force_U_percent",
@@ -315,7 +317,8 @@ class Angle(Term):
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
         """Yield the standard uncertainties that the term assumes for angle reference and lag.
 
-        The uncertainties come from the certified value in ``campaign``, if there is one.
+        The uncertainties come from the certified uncertainty in ``campaign``, if there is one, and
+        from ``sd_deg`` if there is none.
         """
         sd = self._sd_rad(campaign.instrument)
         for name in ("angle_reference", "angle_lag"):

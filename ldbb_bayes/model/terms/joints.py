@@ -27,14 +27,14 @@ _CONTACT_POWER = 5.0 / 3.0
 
 
 class _LawInWords(NamedTuple):
-    """Name of an effect that makes an axis' compliance change with load, and of this load."""
+    """Names of an effect that changes the compliance of an axis under a load, and of the load."""
 
     effect: str
     load: str
 
 
 # Laws of the nonlinear deflection of an axis, in the order of its coefficients. The keys are the
-# ends of their names.
+# ends of the coefficients' names.
 _LAWS = {
     "slope": _LawInWords("stiffening", "its own load"),
     "contact": _LawInWords("contact", "its own load"),
@@ -48,12 +48,12 @@ class JointLoad(Term):
 
     u is the unit vector along the bar, F the bar's force, F0 the reference force and F_max the
     largest force of the campaign. The term has three columns (readings per unit coefficient) for
-    each axis: F u_a² (F |u_a| − F0)/F_max, for preload and rolling contact;
-    F^⅔ F0^⅓ |u_a|^(5/3) − F u_a², for bolted contact (deflection ~ load^⅔); and
-    (F^⅔ F0^⅓ − F) u_a², for a seat that yields to the bar's whole force. All are zero where the bar
-    is along the axis and F = F0. The direct compliance C_aa of the axis is therefore its deflection
-    per force there (secant compliance). The prior sd of each coefficient is ``relative_sd`` times
-    the size of C_aa: its estimate and the standard uncertainty of the estimate, added in
+    each axis: F u_a² (F |u_a| − F0)/F_max, for preload and rolling contact; F^⅔ F0^⅓ |u_a|^(5/3) −
+    F u_a², for bolted contact (deflection ~ load^⅔); and (F^⅔ F0^⅓ − F) u_a², for a seat that
+    yields to the bar's whole force. All columns are zero where F = F0 and the bar is along the
+    axis. The direct compliance C_aa of the axis is therefore the axis' deflection per force at this
+    force and direction (secant compliance). The prior sd of each coefficient is ``relative_sd``
+    times the size of C_aa: its estimate and the standard uncertainty of the estimate, added in
     quadrature.
 
     F0 must be positive: a contact that yields to its own load has no compliance at no load, and
@@ -101,10 +101,11 @@ class JointLoad(Term):
         return tuple(columns)
 
     def secants(self, setting: Setting, force_N: Array) -> Array:
-        """Return the change of an axis' compliance per unit of its coefficients, shape (n, 3).
+        """Return the change of an axis' compliance per unit of three coefficients, shape (n, 3).
 
-        The change is the nonlinear deflection, with the bar along the axis, divided by the force.
-        ``force_N`` holds n forces, none of them zero, shape (n,).
+        The coefficients are those of the axis in this term. The change is the nonlinear deflection,
+        with the bar along the axis, divided by the force. ``force_N`` holds n forces, none of them
+        zero, shape (n,).
         """
         deflections = self._deflections(setting, force_N, u_squared=1.0, u_cubed=1.0, u_contact=1.0)
         return deflections / force_N[:, None]
@@ -119,7 +120,8 @@ class JointLoad(Term):
         axis
             Index of the machine axis: X is 0, Y is 1, Z is 2.
         r
-            Index of a test. Only its circle counts: the forces need not be those tested.
+            Index of a test, from 0. Only the circle of this test is used; ``force_N`` need not
+            contain its force.
         force_N
             Forces of the bar, shape (n,) [N].
 
@@ -173,10 +175,10 @@ class JointLoad(Term):
 def joint_load_columns(
     setting: Setting, columns: Sequence[Columns | BasisNoise]
 ) -> dict[str, Columns]:
-    """Return the columns of `JointLoad` by letter of the axis, such as X.
+    """Return the columns of `JointLoad` for each axis; the keys are the axes' letters, such as X.
 
-    ``columns`` are those of the term, as the model bound to a campaign has them; without the term
-    there are none, and the result is empty.
+    ``columns`` are the columns of the term in the model bound to a campaign. If the model lacks the
+    term, ``columns`` and the result are empty.
     """
     shared = [block for block in columns if isinstance(block, Columns)]
     if not shared:
