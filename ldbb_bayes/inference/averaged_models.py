@@ -1,8 +1,8 @@
 """The single models of a posterior that is averaged over models, each with its own draws.
 
 Every draw of an averaged posterior comes from one of the models. The share of the draws that come
-from a model is its posterior probability. The draws of a model are zero for a parameter that the
-model lacks, and for no other.
+from a model is its posterior probability. In the draws of a model, the parameters that the model
+lacks are zero; all other parameters differ from zero.
 """
 
 from __future__ import annotations
@@ -26,14 +26,16 @@ __all__ = ["AveragedModel", "averaged_models"]
 class AveragedModel:
     """One of the models that a posterior is averaged over, with its share of the draws.
 
-    The average has p parameters: all those of its models.
+    The average has p parameters: every parameter that at least one of its models has.
     """
 
-    #: share of the model's draws among all draws: its posterior probability, rounded
+    #: share of the model's draws among all draws, which is about the posterior probability of the
+    #: model
     probability: float
     bound: BoundModel  #: the model, applied to the campaign
-    places: NDArray[np.intp]  #: indices of the model's parameters among those of the average
-    #: draws of all p parameters of the average, shape (n, p); those that the model lacks are zero
+    places: NDArray[np.intp]  #: indices of the model's parameters among the p parameters
+    #: draws of all p parameters of the average, shape (n, p); parameters that the model lacks are
+    #: zero
     beta: Array
     #: draws of the h hyper-parameters (scales of the noise and of other effects), shape (n, h);
     #: lengths are in mm
@@ -51,11 +53,13 @@ class AveragedModel:
 
 
 def averaged_models(posterior: xr.DataTree) -> list[AveragedModel]:
-    """Return the models of a posterior that have draws in it; a single model if it is no average.
+    """Return the models that a posterior averages over, each with its own draws.
+
+    The list has one item if the posterior is not an average. Models without draws are left out.
 
     In the average, a parameter has the mean Σ p_m mean_m and the variance Σ p_m (var_m + (mean_m −
     mean)²). p_m is the share of model m among the draws; mean_m and var_m are mean and variance of
-    the parameter in these.
+    the parameter in the draws of model m.
     """
     bound = bound_of(posterior)
     beta, phi = draws_of(posterior, bound)
@@ -86,9 +90,9 @@ def _bound_of_model(
 ) -> BoundModel:
     """Return one model of an average, applied to the campaign.
 
-    ``largest`` is the model with all parameters, and ``places`` are the indices among them of the
-    parameters that this model has. ``rivals`` are its rival explanations: effects that look like a
-    change of compliance with force.
+    ``largest`` is the model with all parameters of the average. ``places`` are the indices, among
+    these parameters, of those that the returned model has. ``rivals`` are the names of the rival
+    explanations in the returned model: effects that look like a change of compliance with force.
     """
     present = {largest.names[place] for place in places}
     absent = [name for name in largest.names if name not in present]

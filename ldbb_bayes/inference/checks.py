@@ -1,10 +1,10 @@
 """Posterior predictive checks: whether readings look like those that the posterior predicts.
 
-The basis consists of the harmonics of a circle at the orders 0 to 12, 25 coefficients in all. φ are
-the h hyper-parameters, the scales of the noise and of other effects; σ, one of them, is the
-standard deviation of white noise. β are the p parameters: compliances, their slopes and geometric
-errors. Shared nuisances are effects that are modelled but not of interest and that several tests
-have in common. Draws are random draws from the posterior. Index r counts the tests.
+The basis consists of the 25 harmonics of a circle: a constant, and cosine and sine for each of the
+orders 1 to 12. φ are the h hyper-parameters, the scales of the noise and of other effects; σ, one
+of them, is the standard deviation of white noise. β are the p parameters: compliances, their slopes
+and geometric errors. Shared nuisances are effects that are modelled but not of interest and that
+several tests have in common. Draws are random draws from the posterior. Index r counts the tests.
 """
 
 from __future__ import annotations
@@ -62,10 +62,10 @@ _DRAWS = 500
 # below this.
 _FAILS = 0.01
 # Posterior predictive checks are ranked by the logarithms of their p-values. p-values below this
-# are first raised to it, so that the logarithm is finite. It is also the smallest standard error of
-# a slope over force, so that nothing is divided by zero.
+# are first raised to it, so that the logarithm is finite. Standard errors of slopes over force are
+# raised to the same value, so that nothing is divided by zero.
 _SMALLEST_P = 1e-300
-# Largest number of readings of a test from which the autocorrelation of its noise is computed.
+# The autocorrelation of a test's noise is computed from at most this many readings of the test.
 _LONGEST_STRETCH = 100_000
 # The residuals of a test's readings after a fit of the Fourier orders 0 to 12 count as rounding
 # errors if their sum of squares is below this share of the readings' sum of squares.
@@ -100,7 +100,8 @@ class Check:
     kind: CheckKind
     test: str  #: name of the test that is checked
     p: float  #: posterior predictive p-value of the check
-    order: int | None = None  #: Fourier order that is checked; None except for `CheckKind.ORDER`
+    #: Fourier order that is checked; None unless ``kind`` is `CheckKind.ORDER`
+    order: int | None = None
 
 
 @dataclass(frozen=True)
@@ -110,13 +111,14 @@ class TestChecks(Result):
     ``orders_p`` refers to the residual of each Fourier order. The effects of the machine and of
     shared nuisances (effects that are modelled but not of interest and that several tests have in
     common, such as ball form) are subtracted first. The p-value is the probability that the
-    residual of a new circle is larger, averaged over the posterior. The other p-values are
-    two-sided. They and the autocorrelation are None if the test has no more than 25 readings.
+    residual of a new circle is larger, averaged over the posterior. The p-values ``noise_p`` and
+    ``autocorrelation_p`` are two-sided. Both and ``autocorrelation`` are None if the test has no
+    more than 25 readings.
     """
 
     __test__ = False
 
-    #: p-value of the residual at each Fourier order, by order from 0 to 12
+    #: p-value of the residual at each Fourier order; the keys are the orders from 0 to 12
     orders_p: dict[int, float]
     #: p-value of the sum of squares of the residuals after a fit of the Fourier orders 0 to 12,
     #: under the white noise of the model
@@ -126,7 +128,7 @@ class TestChecks(Result):
     autocorrelation_p: float | None  #: p-value of ``autocorrelation`` under white noise
 
     def of(self, test: str) -> list[Check]:
-        """Return each p-value of this test as a `Check`; ``test`` is the name of the test."""
+        """Return a list with one `Check` for each p-value; ``test`` is the name of the test."""
         checks = [Check(CheckKind.ORDER, test, p, order) for order, p in self.orders_p.items()]
         if self.noise_p is not None:
             checks.append(Check(CheckKind.NOISE, test, self.noise_p))
@@ -138,7 +140,7 @@ class TestChecks(Result):
 def all_checks(checks_by_test: Mapping[str, TestChecks]) -> list[Check]:
     """Return the posterior predictive checks of all tests in one list, the smallest p-value first.
 
-    ``checks_by_test`` holds the p-values of each test, by the name of the test.
+    ``checks_by_test`` holds the p-values of each test; its keys are the names of the tests.
     """
     checks: list[Check] = []
     for test, test_checks in checks_by_test.items():
@@ -151,7 +153,10 @@ def _surprise(check: Check) -> float:
 
 
 def failing_checks(checks: Sequence[Check]) -> tuple[Check, ...]:
-    """Return the checks that fail: p-value times number of checks (Bonferroni) is below 1 %."""
+    """Return the checks that fail.
+
+    A check fails if its p-value, times the number of checks (Bonferroni), is below 1 %.
+    """
     return tuple(check for check in checks if check.p * len(checks) < _FAILS)
 
 
@@ -160,19 +165,19 @@ def effects_of_failures(
 ) -> tuple[dict[str, float], float]:
     """Return how much the causes of failing checks could change parameters and widen intervals.
 
-    The first result holds, for each test with a failing Fourier order, the largest change of any
-    parameter when the test is left out. The change is in units of the parameter's posterior
-    standard deviation. This result is empty if no such check fails, if the campaign has one test
-    only, or if the prior is flat.
+    The keys of the first result are the names of the tests that fail the check of a Fourier order.
+    The value is the largest change of any parameter when the test is left out. The change is in
+    units of the parameter's posterior standard deviation. This result is empty if no check of a
+    Fourier order fails, if the campaign has one test only, or if the prior is flat.
 
-    The second result is the largest share by which a parameter's interval grows if tests with a
-    failing check of noise or autocorrelation are noisier than modelled. Their noise is taken to be
-    as strong as the readings show at the Fourier orders 13 to 16. The share is 0 if no such check
-    fails.
+    The second result is the largest share by which a parameter's interval grows if the tests that
+    fail a check of noise or autocorrelation are noisier than modelled. Their noise is assumed to be
+    as strong as their readings show at the Fourier orders 13 to 16. The share is 0 if no check of
+    noise or autocorrelation fails.
 
     Both results are computed at one value ``phi`` of the hyper-parameters (scales of the noise and
-    of other effects), shape (h,). ``checks`` holds the p-values of each test, by the name of the
-    test. ``bound`` is the model, applied to its campaign.
+    of other effects), shape (h,). ``checks`` holds the p-values of each test; its keys are the
+    names of the tests. ``bound`` is the model, applied to its campaign.
     """
     failing = failing_checks(all_checks(checks))
     of_order = [check.test for check in failing if check.kind == CheckKind.ORDER]
@@ -182,13 +187,13 @@ def effects_of_failures(
 
 
 def _shift_without(bound: BoundModel, phi: Array, tests: Sequence[str]) -> dict[str, float]:
-    """Return the largest change of any parameter when a test is left out, by the name of the test.
+    """Return the largest change of any parameter when one test is left out, for each of ``tests``.
 
-    ``tests`` are the names of the tests that are left out one at a time. The change is in units of
-    the parameter's posterior standard deviation. It is computed at one value ``phi`` of the
-    hyper-parameters (scales of the noise and of other effects), shape (h,). The result is empty if
-    the campaign has one test only or the prior is flat. ``bound`` is the model, applied to its
-    campaign.
+    ``tests`` are the names of the tests that are left out one at a time; they are the keys of the
+    result. The change is in units of the parameter's posterior standard deviation. It is computed
+    at one value ``phi`` of the hyper-parameters (scales of the noise and of other effects), shape
+    (h,). The result is empty if the campaign has one test only or the prior is flat. ``bound`` is
+    the model, applied to its campaign.
     """
     if len(bound.test_names) < 2 or bound.model.prior.flat:
         return {}
@@ -227,9 +232,10 @@ def _widening_by_noise(bound: BoundModel, phi: Array, tests: Sequence[str]) -> f
 def _power_beyond(bound: BoundModel) -> Array:
     """Return the variance of white noise that explains each test's readings at orders 13 to 16.
 
-    The orders are Fourier orders. The variances are in mm², shape (tests,). The mean of the Fourier
-    coefficients over tests of the same plane, radius and direction of travel is subtracted first: a
-    pattern that the machine repeats is not noise. ``bound`` is the model, applied to its campaign.
+    The orders are Fourier orders. The variances are in mm², shape (tests,). From the Fourier
+    coefficients of each test, their mean over all tests of the same plane, radius and direction of
+    travel is first subtracted: a pattern that the machine repeats is not noise. ``bound`` is the
+    model, applied to its campaign.
     """
     setting = bound.setting
     waves = np.array([_waves_beyond(test) for test in tests_in_order(bound)])
@@ -243,7 +249,7 @@ def _power_beyond(bound: BoundModel) -> Array:
             deviation = deviation - deviation.mean(axis=0)
             freedom = len(tests) - 1
         power[tests] = np.mean(deviation**2, axis=1) * (len(tests) / freedom)
-    # A Fourier coefficient of n readings has 2/n times the variance of their white noise.
+    # White noise of variance s² in n readings gives a Fourier coefficient the variance 2 s² / n.
     return power * np.array([reduced.readings for reduced in bound.reduced]) / 2.0
 
 
@@ -262,16 +268,17 @@ def _waves_beyond(test: CircularTest) -> Array:
 def centre_shift(bound: BoundModel, beta: Array) -> dict[str, float]:
     """Return the machine axes along which the circles' centre shifts in proportion to force.
 
-    The shift that one value ``beta`` of the parameters, shape (p,), explains is subtracted first.
-    The p-value is that of Student's t-test of the slope of the centre (Fourier coefficients of
-    order 1) over force, for each plane and each of its two axes. Only planes with at least four
-    tests and at least three different forces are checked. An axis is in the result if a p-value of
-    it, times the number of all these p-values (Bonferroni), is below 1 %. The result maps the axis
-    to its smallest p-value of all planes. ``bound`` is the model, applied to its campaign.
+    The shift that the parameters ``beta``, shape (p,), explain is subtracted first. For each plane
+    and each of its two axes, a p-value is then computed by Student's t-test of the slope of the
+    centre (Fourier coefficients of order 1) over force. Only planes with at least four tests and at
+    least three different forces are checked. An axis is reported if its smallest p-value in any
+    plane, times the number of all p-values (Bonferroni), is below 1 %. The keys of the result are
+    the axes reported, the values their smallest p-values. ``bound`` is the model, applied to its
+    campaign.
     """
     residuals = reduced_residuals(bound, machine_coefficients(bound, beta[None])[0])
     harmonics = [matrix_to_harmonics(bound, r) @ residual for r, residual in enumerate(residuals)]
-    p_values: dict[tuple[str, str], float] = {}  # by plane and axis
+    p_values: dict[tuple[str, str], float] = {}  # the keys are plane and axis
     for plane, _, in_plane in bound.setting.groups_by("plane"):
         force = bound.setting.force_N[in_plane]
         if len(force) < _FEWEST_TESTS or len(np.unique(force)) < _FEWEST_FORCES:
@@ -303,7 +310,7 @@ def _p_value_of_no_slope(force: Array, values: Array) -> float:
 def check_predictions(
     bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator
 ) -> dict[str, TestChecks]:
-    """Return posterior predictive p-values of every test, by the name of the test.
+    """Return posterior predictive p-values of every test; the keys are the names of the tests.
 
     Each p-value compares the readings of a test with those of a new circle that the posterior
     predicts. ``phi``, shape (draws, h), holds posterior draws of the hyper-parameters (scales of
@@ -330,11 +337,11 @@ def check_predictions(
 
 
 def _p_values_of_orders(draws: ModelDraws, r: int, shared: Array, sigma: Array) -> dict[int, float]:
-    """Return the posterior predictive p-value of test r at every Fourier order, by order 0 to 12.
+    """Return the posterior predictive p-values of test r; the keys are the Fourier orders 0 to 12.
 
     The residual is the part of the readings that the machine and the shared nuisances (effects that
-    are modelled but not of interest, such as ball form) do not explain. It is compared with the
-    scatter to expect from reading noise and from effects that act on one test only.
+    are modelled but not of interest, such as ball form) do not explain. The residual is compared
+    with the scatter that is expected from reading noise and from effects that act on one test only.
 
     Parameters
     ----------
@@ -397,8 +404,8 @@ def average_checks(
     """Return posterior predictive p-values of every test, averaged over several models.
 
     ``shares`` are the weights of the models, which sum to one. ``checks_by_model`` holds the
-    p-values under each model, by the name of the test. The autocorrelation and its p-value are the
-    same under all models.
+    p-values under each model. Its keys, and those of the result, are the names of the tests. The
+    autocorrelation and its p-value are the same under all models.
     """
     averaged = {}
     for name, first in checks_by_model[0].items():

@@ -1,20 +1,20 @@
 """Scatter of a new circle, learnt from the scatter of the measured circles.
 
 The factor λ multiplies the set-up shift (of zero and centre) and the discrepancy (unexplained
-deviations) of one circle. Its prior, λ² ~ InvGamma(a, a) with a = 3/2, has heavy tails, so that an
-odd circle among those measured does not move the compliances. But circles of one machine mostly
-scatter alike, and a band for a new circle would be too wide if its λ came from that prior. The
-shape a is therefore learnt: each posterior draw of the λ of R measured circles gives a few possible
-values of a the probabilities
+deviations) of one circle. Its prior, λ² ~ InvGamma(a, a) with a = 3/2, has heavy tails, so that one
+unusual circle among the measured ones hardly changes the compliances. But most circles of one
+machine scatter alike, and a band for a new circle would be too wide if the λ of the new circle were
+drawn from that prior. The shape a is therefore learnt: each posterior draw of the λ of R measured
+circles gives a few possible values of a the probabilities
 
     p(a | λ_1 … λ_R) ∝ p(a) Π InvGamma(λ_r²; a, a).
 
 A value of a is drawn with these probabilities, and then λ of the new circle from InvGamma(a, a).
-The model and its posterior remain as they are.
+The model and its posterior are not changed.
 
-The draws of λ are those of a posterior that assumes a = 3/2. Few circles say little of each λ, so
-that these probabilities lean towards 3/2, and bands are wider than they need be: by about a tenth
-where circles scatter alike (studies/92_peers).
+The draws of λ are those of a posterior that assumes a = 3/2. If there are few circles, the readings
+determine each λ poorly. The probabilities of a then favour 3/2, and bands are wider than necessary:
+by about a tenth if the circles scatter alike (studies/92_peers).
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ from ldbb_bayes.results import Array
 
 __all__ = ["draw_new_noise_factors", "shape_probabilities"]
 
-# Shapes a that are considered. The first is that of the model's prior; large ones mean circles that
-# scatter alike.
+# Values of the shape a that are considered. The first value is that of the model's prior. Large
+# values mean that circles scatter alike.
 _SHAPES = np.array([1.5, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0, 40.0])
-# Prior probability of the first shape; the others share the rest equally. Few circles can then not
-# rule out that the next one is odd.
+# Prior probability of the first value of the shape a; the other values have equal prior
+# probabilities. It is so large that a few circles cannot rule out that the next circle is unusual.
 _FIRST_PROBABILITY = 0.5
 
 
 def draw_new_noise_factors(noise_factors: Array, rng: np.random.Generator) -> Array:
-    """Return a noise factor λ of a new circle for each of n posterior draws, shape (n,).
+    """Return random noise factors λ of a new circle, one for each of n posterior draws, shape (n,).
 
     ``noise_factors``, shape (n, R), are the drawn factors of the R measured circles.
     """
@@ -47,7 +47,7 @@ def draw_new_noise_factors(noise_factors: Array, rng: np.random.Generator) -> Ar
 
 
 def shape_probabilities(noise_factors: Array) -> Array:
-    """Return the probability of every shape a for each of n posterior draws, shape (n, shapes).
+    """Return the probabilities of the values of a for each of n posterior draws, shape (n, values).
 
     ``noise_factors``, shape (n, R), are the drawn factors of the R measured circles.
     """

@@ -126,7 +126,7 @@ def machine_coefficients(bound: BoundModel, beta: Array) -> Array:
 def shared_terms(
     columns: Iterable[Columns | BasisNoise], *, private: bool = False
 ) -> list[Columns]:
-    """Return the columns of shared nuisances, or those of private nuisances if ``private``.
+    """Return the columns of shared nuisances, or those of private nuisances if ``private`` is True.
 
     Nuisances are effects that are modelled but not of interest. Shared ones are common to several
     tests; private ones belong to a single test. A column holds the effect of one nuisance
@@ -140,7 +140,7 @@ def shared_columns(bound: BoundModel, *, private: bool = False) -> Array:
     """Return the effects of q nuisance coefficients on every test [mm], shape (tests, 25, q).
 
     Nuisances are effects that are modelled but not of interest. The q coefficients are those that
-    tests share; if ``private``, they are those that belong to a single test. The array holds the
+    tests share or, if ``private`` is True, those that belong to a single test. The array holds the
     change of the 25 Fourier coefficients of each test per unit of each nuisance coefficient.
     ``bound`` is the model, applied to its campaign.
     """
@@ -152,10 +152,10 @@ def shared_columns(bound: BoundModel, *, private: bool = False) -> Array:
 def draw_shared(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator) -> Array:
     """Return random draws of the q nuisance coefficients that tests share, shape (draws, q).
 
-    Nuisances are effects that are modelled but not of interest, such as ball form. All q of them
-    are drawn once for each draw of the parameters ``beta``, shape (draws, p), and hyper-parameters
-    ``phi``, shape (draws, h), conditional on these and on the readings. ``bound`` is the model,
-    applied to its campaign.
+    Nuisances are effects that are modelled but not of interest, such as ball form. All q
+    coefficients are drawn once for each draw of the parameters ``beta``, shape (draws, p), and
+    hyper-parameters ``phi``, shape (draws, h), given the values of both and the readings. ``bound``
+    is the model, applied to its campaign.
     """
     draws = []
     for start in range(0, len(phi), CHUNK):
@@ -214,10 +214,11 @@ def elastic_draws(
 def elastic_draws_with(
     shared: Array, draws: ModelDraws, circles: Sequence[int], force_N: Array
 ) -> ElasticDraws:
-    """Return compliances and elastic deflections, as `elastic_draws` does, for drawn nuisances.
+    """Return what `elastic_draws` returns, but with shared nuisances that are already drawn.
 
     ``shared``, shape (draws, q), are the coefficients of the nuisances that tests share. They are
-    not used if the model has no term `JointLoad`.
+    not used if the model has no term `JointLoad` (joints that yield to their own load). The other
+    arguments are those of `elastic_draws`.
     """
     bound = draws.bound
     at_forces = np.stack([bound.compliance_at(force) for force in force_N])

@@ -107,7 +107,7 @@ def draw_parameters_given(
 
 
 def no_physical_draw() -> InputError:
-    """Return the error for readings that contradict compliances that are not negative."""
+    """Return the error for a posterior from which no draw without negative compliances is found."""
     return InputError(
         "the posterior must leave room where no compliance is negative, got no draw that falls"
         " there. The readings contradict non-negative compliance: check signs, mount compensation"

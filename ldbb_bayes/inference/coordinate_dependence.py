@@ -1,14 +1,14 @@
-"""Coordinates whose mean and width depend on others, as a proposal for importance sampling.
+"""Proposal for importance sampling in which mean and width of coordinates depend on earlier ones.
 
 A proposal is the density from which points are drawn. If a scale that is common to all circles is
-near zero, the readings determine other scales less, and these spread more. A correlation cannot
-express this. Let u be h coordinates that are not correlated. The mean m of each coordinate and the
-logarithm of its width s are therefore polynomials of degree two in the coordinates before it, among
-the first k, so that
+near zero, the readings determine the other scales less well, so that the densities of these are
+wider. A correlation cannot express this. Let u be h coordinates that are not correlated, with
+indices from 1 to h. The mean m of a coordinate and the logarithm of its width s are therefore
+polynomials of degree two in those of the first k coordinates that have a smaller index. Then
 
     z = (u − m) / s − offset
 
-has coordinates that are nearly independent. The matrix of the derivatives ∂z/∂u is triangular. Its
+are coordinates that are nearly independent. The matrix of the derivatives ∂z/∂u is triangular. Its
 determinant is the product of all 1 / s.
 """
 
@@ -23,15 +23,15 @@ from ldbb_bayes.results import Array
 
 __all__ = ["Dependence", "fit_dependence"]
 
-# Largest number k of coordinates on which the others may depend. The first hyper-parameters are the
-# scales that are common to all circles, at most seven.
+# Largest number k of coordinates on which coordinates with a larger index may depend. The first
+# hyper-parameters are the scales that are common to all circles, at most seven.
 _LEADING = 7
-# Coordinates farther than this from zero count as this far in the polynomials, so that these are
-# not extrapolated. Coordinates have the standard deviation one.
+# In the polynomials, values of coordinates are limited to this distance from zero, so that the
+# polynomials are not extrapolated. Coordinates have the standard deviation one.
 _FARTHEST = 5.0
-# The logarithm of a width is at most this, and at least its negative.
+# Largest absolute value of the logarithm of a width.
 _LARGEST_LOG_WIDTH = 1.0
-# A dependence counts only if it exceeds this number of standard errors.
+# A coefficient of the polynomials is zero unless it exceeds this number of standard errors.
 _SIGNIFICANT = 3.0
 # Number of scoring steps by which the widths are fitted.
 _STEPS = 4
@@ -48,13 +48,14 @@ class IndependentPoints(NamedTuple):
 class Dependence:
     """How mean and width of h coordinates u depend on the first k of them.
 
-    The rows of both coefficient matrices are for 1, for the first k coordinates, and for their
-    squares. A coordinate depends only on coordinates before it.
+    The rows of both matrices hold the coefficients of the constant 1, of the first k coordinates,
+    and of the squares of these coordinates. A coordinate depends only on coordinates with a smaller
+    index.
     """
 
     mean: Array  #: coefficients of the means, shape (1 + 2 k, h)
     log_width: Array  #: coefficients of the logarithms of the widths, shape (1 + 2 k, h)
-    offset: Array  #: coordinates subtracted after division by the widths, shape (h,)
+    offset: Array  #: numbers that are subtracted after division by the widths, shape (h,)
 
     @property
     def leading(self) -> int:
@@ -83,7 +84,10 @@ class Dependence:
 
 
 def _terms(leading: Array) -> Array:
-    """Return 1, the first k coordinates of n points, and their squares, shape (n, 1 + 2 k)."""
+    """Return 1, the first k coordinates of n points, and the squares of these coordinates.
+
+    ``leading``, shape (n, k), holds the coordinates. The result has the shape (n, 1 + 2 k).
+    """
     near = np.clip(leading, -_FARTHEST, _FARTHEST)
     return np.concatenate([np.ones((len(near), 1)), near, near**2], axis=1)
 
@@ -94,20 +98,22 @@ def _limited(log_width: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _Polynomials:
-    """Two orthonormal polynomials of each of k coordinates, of degree one and of degree two."""
+    """Orthonormal polynomials of degree one and of degree two of each of k coordinates."""
 
     mean: Array  # weighted means of the k coordinates, shape (k,)
-    sd: Array  # their weighted standard deviations, shape (k,)
-    skewness: Array  # their weighted skewness, shape (k,)
+    sd: Array  # weighted standard deviations of the k coordinates, shape (k,)
+    skewness: Array  # weighted skewness of the k coordinates, shape (k,)
     square_sd: Array  # standard deviation of the second polynomial before it is scaled, shape (k,)
     linear: Array  # first polynomial of each coordinate at n points, shape (n, k)
     square: Array  # second polynomial of each coordinate at n points, shape (n, k)
 
     def coefficients(self, of_linear: Array, of_square: Array) -> Array:
-        """Return coefficients of 1, of the k coordinates and of their squares, (1 + 2 k, h).
+        """Convert coefficients of the polynomials to coefficients of powers of the coordinates.
 
-        ``of_linear`` and ``of_square``, shape (k, h), are coefficients of the two polynomials. With
-        t = (u − mean) / sd these are t and (t² − 1 − skewness t) / square_sd.
+        ``of_linear`` and ``of_square``, shape (k, h), are the coefficients of the polynomials of
+        degree one and of degree two. The rows of the result, shape (1 + 2 k, h), are the
+        coefficients of 1, of the k coordinates u, and of their squares. With t = (u − mean) / sd,
+        the polynomial of degree one is t; that of degree two is (t² − 1 − skewness t) / square_sd.
         """
         mean = self.mean[:, None]
         sd = self.sd[:, None]
@@ -120,7 +126,10 @@ class _Polynomials:
 
 
 def _polynomials(leading: Array, weight: Array) -> _Polynomials:
-    """Return orthonormal polynomials of coordinates of n weighted points, shape (n, k)."""
+    """Return orthonormal polynomials of k coordinates of n weighted points.
+
+    ``leading``, shape (n, k), holds the coordinates, ``weight``, shape (n,), the weights.
+    """
     near = np.clip(leading, -_FARTHEST, _FARTHEST)
     mean = weight @ near
     sd = np.sqrt(weight @ (near - mean) ** 2)
@@ -132,10 +141,10 @@ def _polynomials(leading: Array, weight: Array) -> _Polynomials:
 
 
 def fit_dependence(u: Array, weight: Array) -> Dependence:
-    """Return how mean and width of coordinates depend on the first ones, fitted to n points.
+    """Return how mean and width of h coordinates depend on the first of them, fitted to n points.
 
-    A coefficient that does not exceed three standard errors is zero. The standard error is that of
-    as many independent points as the effective sample size of the weights.
+    A coefficient that does not exceed three standard errors is zero. The standard error is computed
+    as if the number of points were the effective sample size of the weights.
 
     Parameters
     ----------
@@ -165,12 +174,14 @@ def fit_dependence(u: Array, weight: Array) -> Dependence:
 def _fit_widths(
     deviation: Array, polynomials: _Polynomials, is_before: Array, weight: Array
 ) -> Array:
-    """Return coefficients of the log widths, of both polynomials of k coordinates, (2 k, h).
+    """Return the coefficients of the logarithms of the widths, shape (2 k, h).
 
-    ``deviation``, shape (n, h), holds the deviations of coordinates from their means.
-    ``is_before``, shape (k, h), states whether each of the first k coordinates is before each
-    coordinate. The likelihood of normal deviations is maximised by scoring steps (Harvey,
-    Econometrica 44 (1976) 461).
+    The first k rows are the coefficients of the ``polynomials`` of degree one, the other k rows
+    those of the polynomials of degree two. ``deviation``, shape (n, h), holds the deviations of h
+    coordinates of n points from their means, ``weight``, shape (n,), the weights of the points.
+    ``is_before``, shape (k, h), is True where the coordinate of the row has a smaller index than
+    the coordinate of the column. The likelihood of normal deviations is maximised by scoring steps
+    (Harvey, Econometrica 44 (1976) 461).
     """
     values = np.concatenate([polynomials.linear, polynomials.square], axis=1)
     counts = np.concatenate([is_before, is_before])

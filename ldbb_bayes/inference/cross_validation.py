@@ -1,10 +1,10 @@
-"""Densities of the readings of circles left out, arranged as ArviZ needs them to check models.
+"""Densities of the readings of tests that are left out, in the form that ArviZ needs.
 
 y_r are the readings of test r, y_−r those of all other tests. φ are the h hyper-parameters, the
-scales of the noise and of other effects; λ_r among them is the factor on the set-up shift and the
-discrepancy of circle r alone. β are the p parameters: compliances, their slopes and geometric
-errors. Truncation restricts β to compliances that are not negative. k̂ is the Pareto shape of the
-tail of importance weights.
+scales of the noise and of other effects; λ_r, one of them, is the factor by which set-up shift and
+discrepancy of circle r are multiplied. β are the p parameters: compliances, their slopes and
+geometric errors. Truncation restricts β to compliances that are not negative. k̂ is the Pareto
+shape of the tail of importance weights.
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ from ldbb_bayes.results import Array
 
 __all__ = ["log_likelihood_of_tests", "with_predictive"]
 
-# The integral over λ is computed as a sum over these values of ln λ. λ is the factor on two random
-# effects of one circle: its set-up shift (of zero and centre) and its discrepancy (unexplained
-# deviations of the orders 2 to 12). The steps are small compared with the width of the density of
-# ln λ.
+# The integral over λ is computed as a sum over these values of ln λ. λ is the factor by which two
+# random effects on one circle are multiplied: its set-up shift (of zero and centre) and its
+# discrepancy (unexplained deviations of the orders 2 to 12). The steps are small compared with the
+# width of the density of ln λ.
 _LOG_LAMBDA = np.arange(-1.5, 3.01, 0.25)
 # Error allowed in each log evidence, and in each log probability that no compliance is negative
 # [nat].
 _TOLERANCE = 1e-2
 # The densities of a test's readings at all posterior draws are tempered if the Pareto shape k̂ of
-# the inverse densities is above this. Tempering raises them to a power below one.
+# the inverse densities is above this. Tempering raises the densities to a power below one.
 _LARGE_K = 0.4
 # The power to which the densities of a test's readings are raised (tempering) is this value divided
 # by the Pareto shape k̂ of the inverse densities.
@@ -49,15 +49,15 @@ _LARGEST_K = 2.0
 
 @one_blas_thread
 def with_predictive(posterior: xr.DataTree, *, draws: int = 1000, seed: int = 1) -> xr.DataTree:
-    """Return the posterior with the groups by which ArviZ checks and compares models.
+    """Return a posterior with two added groups, which ArviZ needs to check and compare models.
 
     Parameters
     ----------
     posterior : DataTree
         Posterior from `sample` or `load`.
     draws : int
-        Largest number of draws used, all chains together. They are evenly spaced in each chain. The
-        groups posterior, sample_stats and log_prior of the result hold only these draws.
+        Largest number of draws used, in all chains together. They are evenly spaced in each chain.
+        The groups posterior, sample_stats and log_prior of the result hold only these draws.
     seed : int
         Seed of the random draws of new circles.
 
@@ -74,22 +74,22 @@ def with_predictive(posterior: xr.DataTree, *, draws: int = 1000, seed: int = 1)
     Notes
     -----
     ``posterior_predictive.reading_mm`` (chain, draw, reading) holds the readings of a new circle
-    for every test. If the model has a factor λ_r on set-up shift and discrepancy, the new circle
-    has that of the measured circle r. The measured readings are ``observed_data.reading_mm``.
-    ``per_test`` of both groups is the range of the readings of each test [mm], for
-    ``arviz_stats.loo_pit``.
+    for every test. If the model has factors λ_r that multiply set-up shift and discrepancy of
+    circle r, the new circle of test r has the factor of the measured circle r. The measured
+    readings are ``observed_data.reading_mm``. ``per_test`` of ``posterior_predictive`` and of
+    ``observed_data`` is the range of the readings of each test [mm], for ``arviz_stats.loo_pit``.
 
     ``log_likelihood.per_test`` (chain, draw, test) is ln p(y_r | y_−r, φ): the log density of the
     readings of test r, given those of all other tests and the hyper-parameters φ (scales of the
-    noise and of other effects). All unknowns that enter linearly are integrated out, under the
-    condition that no compliance is negative if the model requires it. The factor λ_r on the set-up
-    shift and discrepancy of circle r, if the model has one, is integrated out as well. The harmonic
-    mean of p over draws is the density of the readings of a circle left out (Bürkner, Gabry and
-    Vehtari 2021), so that ``arviz.loo`` estimates what `compare` computes. The Pareto shape k̂ of
-    the weights is low, as leaving a circle out changes only the weights of the hyper-parameters
-    that circles share. If it exceeds 0.4 nevertheless, p is raised to a power below one and scaled
-    so that its harmonic mean is the exact density. The sum of ln p over tests is not the log
-    likelihood of all readings; for the sensitivity of the posterior to the latter see
+    noise and of other effects). All unknowns on which the readings depend linearly are integrated
+    out. If the model requires it, the integral is only over values without negative compliances. If
+    the model has a factor λ_r, this factor is integrated out as well. The harmonic mean of p over
+    draws is the density of the readings of a circle left out (Bürkner, Gabry and Vehtari 2021), so
+    that ``arviz.loo`` estimates what `compare` computes. The Pareto shape k̂ of the weights 1 / p
+    of the draws is low, because the density of the hyper-parameters other than λ_r changes little
+    if circle r is left out. If k̂ exceeds 0.4 nevertheless, p is raised to a power below one and
+    scaled so that its harmonic mean is the exact density. The sum of ln p over tests is not the log
+    likelihood of all readings; the sensitivity of the posterior to that log likelihood is in
     ``Fit.sensitivity``.
 
     Examples
@@ -184,9 +184,10 @@ def _sampled_group(
 ) -> xr.DataTree:
     """Return a group of a DataTree from arrays of random draws, which are split into chains.
 
-    ``variables`` holds, by the name of each variable, the name of its second dimension and its
-    array, shape (chains × draws, length of that dimension). ``coordinates`` holds the labels along
-    each such dimension.
+    The keys of ``variables`` are names of variables. Its values are pairs of the name of the second
+    dimension and the array of draws, shape (chains × draws, length of the second dimension).
+    ``coordinates`` holds the labels along each second dimension; its keys are the names of the
+    dimensions.
     """
     data = {}
     draws = 0
@@ -203,9 +204,9 @@ def log_likelihood_of_tests(bound: BoundModel, phi: Array) -> Array:
 
     The density is p(y_r | y_−r, φ), with the readings y_r of test r and y_−r of all other tests. φ
     are the hyper-parameters (scales of the noise and of other effects); ``phi``, shape (w, h),
-    holds w values of them. If the model has a factor on the set-up shift (of zero and centre) and
-    discrepancy (unexplained deviations) of test r alone, this factor is integrated out. See
-    `with_predictive`. ``bound`` is the model, applied to its campaign.
+    holds w values of them. If the model has a factor by which the set-up shift (of zero and centre)
+    and the discrepancy (unexplained deviations) of test r are multiplied, this factor is integrated
+    out. See `with_predictive`. ``bound`` is the model, applied to its campaign.
     """
     log_evidence = in_chunks(partial(_log_evidence, bound), phi)
     log_density = np.empty((len(phi), len(bound.test_names)))
@@ -226,10 +227,11 @@ def _without_test(bound: BoundModel, name: str) -> BoundModel:
 def _without_circle_scale(bound: BoundModel, phi: Array, circle_scale: str) -> Array:
     """Return ln p(y | φ) with one hyper-parameter integrated out under its prior, shape (w,).
 
-    The hyper-parameter is the factor on the set-up shift (of zero and centre) and discrepancy
-    (unexplained deviations) of one circle; ``circle_scale`` is its name. y are the readings and φ
-    the other hyper-parameters (scales of the noise and of other effects). ``phi``, shape (w, h),
-    holds w values of all hyper-parameters. ``bound`` is the model, applied to its campaign.
+    The hyper-parameter with the name ``circle_scale`` is the factor by which the set-up shift (of
+    zero and centre) and the discrepancy (unexplained deviations) of one circle are multiplied. y
+    are the readings and φ the other hyper-parameters (scales of the noise and of other effects).
+    ``phi``, shape (w, h), holds w values of all hyper-parameters. ``bound`` is the model, applied
+    to its campaign.
     """
     grid = np.tile(phi[:, None], (1, len(_LOG_LAMBDA), 1))
     grid[:, :, bound.hyper_prior.names.index(circle_scale)] = np.exp(_LOG_LAMBDA)
@@ -246,10 +248,10 @@ def _with_moderate_tails(bound: BoundModel, log_density: Array) -> Array:
 
     ``log_density``, shape (w, tests), is the log density of the readings of each test given all
     other tests. It is given at w draws of the hyper-parameters (scales of the noise and of other
-    effects). The inverse densities are the importance weights of the draws if that test is left
-    out. If their Pareto shape k̂ is above 0.4, the densities of the test are tempered: they are
-    raised to a power below one, and scaled so that their harmonic mean over the draws is the exact
-    density. ``bound`` is the model, applied to its campaign.
+    effects). The inverse densities of a test are the importance weights of the draws if the test is
+    left out. If the Pareto shape k̂ of these weights is above 0.4, the densities of the test are
+    tempered: they are raised to a power below one, and scaled so that their harmonic mean over the
+    draws is the exact density. ``bound`` is the model, applied to its campaign.
     """
     large_k_by_test = {}
     for r in range(len(bound.test_names)):
@@ -283,9 +285,9 @@ def _log_evidence(bound: BoundModel, phi: Array) -> Array:
     """Return ln p(y | φ) of the readings y at w values of the hyper-parameters φ, shape (w,).
 
     φ are the scales of the noise and of other effects; ``phi`` has the shape (w, h). If the model
-    requires that no compliance is negative, the result is the log of the joint density of y and of
-    that condition given φ: it is not divided by the prior probability of the condition. ``bound``
-    is the model, applied to its campaign.
+    requires that no compliance is negative, the result is the logarithm of the joint density, given
+    φ, of y and of this condition. The density is not divided by the prior probability of the
+    condition. ``bound`` is the model, applied to its campaign.
     """
     if not bound.truncation.active:
         return bound.log_evidence(phi)

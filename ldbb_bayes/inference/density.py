@@ -128,7 +128,7 @@ class LogDensity(Shown):
         The coordinates are the parameters, then the hyper-parameters. A bound that does not exist
         is −inf or inf. The condition that no compliance is negative at any force tested
         (truncation) also restricts combinations of parameters, such as a compliance and its slope.
-        These bounds do not show that; `log_prior` accounts for it.
+        These bounds do not include this restriction; `log_prior` does.
         """
         return np.concatenate([self.bound.truncation.bounds, self.bound.hyper_prior.bounds])
 
@@ -162,8 +162,9 @@ class LogDensity(Shown):
         """Return the log prior density ln p(x) at x.
 
         x holds the parameters, then the hyper-parameters, shape (d,) or (n, d). If the model does
-        not allow negative compliances, the result is −inf where one is negative. If the parameters
-        have a flat prior, only the prior of the hyper-parameters counts.
+        not allow negative compliances, the result is −inf where a compliance is negative. If the
+        parameters have a flat prior, the result is the log prior density of the hyper-parameters
+        alone.
         """
         return self._evaluate(x, self._log_prior)
 
@@ -178,10 +179,10 @@ class LogDensity(Shown):
     def prior_transform(self, u: Array) -> Array:
         """Return the points x at cumulative prior probabilities u, for nested samplers.
 
-        x holds the parameters, then the hyper-parameters, shape (d,) or (n, d). u holds a number
-        between 0 and 1 for each of them: the prior probability of a smaller value, given the
-        coordinates before it. If the model does not allow negative compliances, none is negative at
-        any x returned.
+        x holds the parameters, then the hyper-parameters, shape (d,) or (n, d). u, of the same
+        shape, holds a number between 0 and 1 for each coordinate of x: the prior probability of a
+        smaller value of the coordinate, given the coordinates before it. If the model does not
+        allow negative compliances, no compliance is negative at any x returned.
 
         Raises
         ------
@@ -227,7 +228,7 @@ class LogDensity(Shown):
 
         A point holds the d coordinates: the parameters, then the hyper-parameters. The points
         spread a little wider than the posterior. If the model does not allow negative compliances,
-        none is negative at any point.
+        no compliance is negative at any point.
         """
         joint = JointDensity(self.bound)
         random = np.random.RandomState(seed)
@@ -260,11 +261,11 @@ class LogDensity(Shown):
         return points
 
     def _evaluate(self, x: Array, density: Callable[[Array, Array], Array]) -> Array:
-        """Return a log density at the points x; −inf where x is not finite or outside its bounds.
+        """Return a log density at points x, or −inf where x is not finite or not within the bounds.
 
-        x holds the parameters, then the hyper-parameters, shape (d,) or (n, d). Only the bounds of
-        the hyper-parameters count. ``density`` is a function that takes the parameters and the
-        hyper-parameters of m points, shapes (m, p) and (m, h), and returns their log densities,
+        x holds the parameters, then the hyper-parameters, shape (d,) or (n, d). The bounds are
+        those of the hyper-parameters only. ``density`` is a function that takes the parameters and
+        the hyper-parameters of m points, shapes (m, p) and (m, h), and returns their log densities,
         shape (m,).
         """
         values = self._check_points(x)
@@ -341,10 +342,10 @@ class JointDensity:
 class LinearRedraw:
     """Source of independent random draws of parameters β and hyper-parameters φ for a sampler.
 
-    The sampler proposes them as next points of its walkers. φ is drawn from a density fitted to
-    p(φ | y), where y are the readings. β is drawn from its exact Gaussian density given φ and y. If
-    compliances must not be negative, β is drawn from a shifted (tilted) density instead, which is
-    close to that Gaussian restricted to compliances that are not negative.
+    The sampler proposes the draws as the next points of its walkers. φ is drawn from a density
+    fitted to p(φ | y), where y are the readings. β is drawn from its exact Gaussian density given φ
+    and y. If compliances must not be negative, β is drawn from a shifted (tilted) density instead,
+    which is close to the Gaussian density restricted to compliances that are not negative.
     """
 
     density: JointDensity
@@ -383,8 +384,8 @@ class LinearRedraw:
 
         ``points``, shape (n, p + h), are in the coordinates of `JointDensity`. The weight of a
         point is its posterior density divided by the density from which `draw` would draw it, up to
-        a constant. If the model does not allow negative compliances, none may be negative at any of
-        the points.
+        a constant. If the model does not allow negative compliances, no compliance may be negative
+        at any of the points.
         """
         bound = self.density.bound
         beta, free = self.density.split(points)
@@ -401,16 +402,16 @@ class LinearRedraw:
 def starting_points(redraw: LinearRedraw, n: int, random: np.random.RandomState) -> Array:
     """Return n random starting points of a sampler, shape (n, p + h).
 
-    They are in the coordinates of `JointDensity`. The h hyper-parameters (scales of the noise and
-    of other effects) are drawn from a density a little wider than their posterior. The p parameters
-    (compliances, slopes, geometric errors) are drawn from their density given the hyper-parameters
-    and the readings. If the model does not allow negative compliances, none is negative. ``redraw``
-    is the source of the random draws.
+    The points are in the coordinates of `JointDensity`. The h hyper-parameters (scales of the noise
+    and of other effects) are drawn from a density a little wider than their posterior. The p
+    parameters (compliances, slopes, geometric errors) are drawn from their density given the
+    hyper-parameters and the readings. If the model does not allow negative compliances, no
+    compliance is negative at any point. ``redraw`` is the source of the random draws.
 
     Raises
     ------
     InputError
-        If hardly any of the draws is without a negative compliance.
+        If almost all draws have a negative compliance.
     """
     candidates = redraw.draw(_DRAWS_PER_START * n, random, temperature=_START_TEMPERATURE)
     inside = candidates.points[np.isfinite(candidates.log_target)]

@@ -1,21 +1,22 @@
-"""Integral of a density from its ratio to a similar density, at a sample of the other's nodes.
+"""Integral of a density g from its ratio to a similar density f, at a sample of the nodes of f.
 
-∫ f is known as a sum over n weighted nodes φ_i in h dimensions. For a similar density g
+∫ f is known as a sum over n weighted nodes φ_i (points) in h dimensions. With the mean E_f under
+the density f,
 
     ∫ g = ∫ f · E_f[g / f].
 
 The ratio g / f is smooth and varies little. A few hundred of the n nodes are therefore drawn, by
-systematic sampling with unequal probabilities, and ln(g / f) is evaluated there alone. A polynomial
-q(φ) of degree two is fitted to these values (of degree one, in many dimensions). The density f e^q
-is known at all nodes, and
+systematic sampling with unequal probabilities, and ln(g / f) is evaluated only at the nodes drawn.
+A polynomial q(φ) is fitted to these values; its degree is two, or one if there are many dimensions.
+The density f e^q is known at all nodes, and
 
     ∫ g = ∫ f e^q · E[g / (f e^q)],
 
 where the last factor is the weighted mean over the sample of ρ = g / (f e^q). The scatter of ρ,
 which is small, gives the error of the mean. This is the regression estimator of survey sampling
 (Cochran, Sampling Techniques, 1977, chapter 7; Särndal, Swensson and Wretman, Model Assisted Survey
-Sampling, 1992). It does not assume that q fits well: a poor fit only makes the error larger. As
-weights of the nodes under g, those of f e^q serve.
+Sampling, 1992). The estimator does not assume that q fits well: a poor fit only makes the error
+larger. The weights of the nodes under f e^q are used as their weights under g.
 """
 
 from __future__ import annotations
@@ -36,8 +37,8 @@ __all__ = ["LogValues", "RatioIntegral", "RatioSampler"]
 
 # Number of nodes in the largest sample, at which the density is evaluated.
 _LARGEST_SAMPLE = 4608
-# The density is first evaluated at every 24th node of the largest sample, then at every 8th and
-# last at all of them, until the error is small enough.
+# The density is first evaluated at every 24th node of the largest sample, then at every 8th node,
+# and at last at all its nodes. Evaluation stops as soon as the error is small enough.
 _STEPS = (24, 8, 1)
 # A sample is used only if the integral has at least this many times as many nodes as the sample.
 _NODES_PER_SAMPLE = 2
@@ -49,13 +50,14 @@ _LARGEST_SHARE_OF_COEFFICIENTS = 0.5
 _TAIL_POWER = 0.5
 # Polynomials count as linearly dependent if a singular value is below this share of the largest.
 _DEPENDENT = 1e-10
-# The mean of the ratios ρ is not trusted if they scatter by more than this share of it. A few
-# hundred of them may then lack the largest ones.
+# The mean of the ratios ρ is not trusted if their standard deviation exceeds this share of the
+# mean. The largest ratios may then be missing among a few hundred.
 _LARGEST_SCATTER = 0.4
-# Nor is it trusted if the logarithm of one of them exceeds that of their mean by more than this, as
-# its square might overflow.
+# The mean of the ratios ρ is not trusted either if the logarithm of a ratio exceeds the logarithm
+# of the mean by more than this, because the square of the ratio might overflow.
 _LARGEST_LOG_RATIO = 50.0
-# The tail of the ratios ρ cannot be heavy if none exceeds their mean by more than this share of it.
+# The tail of the ratios ρ is not heavy if no ratio exceeds their mean by more than this share of
+# the mean.
 _LARGEST_PLAIN_RESIDUAL = 1.0
 # The error of the mean ratio is this multiple of its standard error.
 _STANDARD_ERRORS = 3.5
@@ -69,11 +71,11 @@ class LogValues(NamedTuple):
     """
 
     log_density: Array
-    error: Array  #: error that need not cancel in a mean over nodes
+    error: Array  #: error that does not necessarily cancel in a mean over nodes
 
 
 class RatioIntegral(NamedTuple):
-    """Integral of a density over the nodes of another, and the numerical error of its values."""
+    """Integral of a density as a sum over the nodes of another density, and its two errors."""
 
     integral: Integral
     value_error: float  #: weighted mean error of the logarithm of the density at the nodes [nat]
@@ -91,9 +93,9 @@ class RatioIntegral(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Sample:
-    """Some nodes of an integral ∫ f, drawn at random, and what is fitted to values there.
+    """Random sample of m nodes of an integral ∫ f, and polynomials fitted to values at these nodes.
 
-    The m nodes are different from each other.
+    No node is in the sample more than once.
     """
 
     nodes: Index  #: indices of the m nodes among all n nodes, shape (m,)
@@ -117,14 +119,16 @@ class _Sample:
 
     @cached_property
     def leverage(self) -> Array:
-        """Share of each value in its own fitted value, shape (m,)."""
+        """Leverage of each node: the share of the value there in the fitted value, shape (m,)."""
         leverage = (self._decomposition.left**2).sum(axis=1)
         return np.asarray(np.minimum(leverage, 1.0 - np.finfo(float).eps))
 
     def fit(self, values: Array) -> Array:
-        """Return the polynomial that is fitted to values at the m nodes, at all n nodes, (n,).
+        """Fit a polynomial to values at the m nodes; return its values at all n nodes, shape (n,).
 
-        It is kept within three times the range of the values, lest it be extrapolated too far.
+        ``values``, shape (m,), are the values to fit. The result is limited to an interval three
+        times as wide as the range of ``values``, so that the polynomial is not extrapolated too
+        far.
         """
         projected = self._decomposition.left.T @ (values * np.sqrt(self.weight))
         fitted = self.polynomials @ (self._decomposition.scaled_right @ projected)
@@ -153,11 +157,12 @@ class _MeanRatio(NamedTuple):
 
 
 def _mean_ratio(sample: _Sample, log_ratio: Array, fitted: Array) -> _MeanRatio:
-    """Return the mean of ρ and its error, from ln(g / f) and the fitted q at the m nodes.
+    """Return the mean of ρ and its error.
 
-    Residuals of a fit are smaller than those of new values. Each one is therefore divided by one
-    minus its leverage, which makes the error rather too large (MacKinnon and White, Journal of
-    Econometrics 29 (1985) 305).
+    ``log_ratio`` and ``fitted``, shape (m,), are ln(g / f) and the fitted polynomial q at the m
+    nodes. Residuals at the nodes to which q is fitted are smaller than residuals at other nodes.
+    Each residual is therefore divided by one minus the leverage of its node. This makes the error
+    rather too large than too small (MacKinnon and White, Journal of Econometrics 29 (1985) 305).
     """
     share = sample.weight * np.exp(fitted - fitted.max())
     share = share / share.sum()
@@ -174,7 +179,7 @@ def _mean_ratio(sample: _Sample, log_ratio: Array, fitted: Array) -> _MeanRatio:
 
 
 def _is_trusted(share: Array, residual: Array, log_residual: Array) -> bool:
-    """Return whether the mean of ρ can be trusted: ρ scatters little, without a heavy tail.
+    """Return whether the mean of ρ can be trusted: ρ scatters little and has no heavy tail.
 
     ``share`` are the weights of the m nodes, ``residual`` is ρ divided by its mean, minus one, and
     ``log_residual`` is ln ρ, each of shape (m,).
@@ -185,7 +190,7 @@ def _is_trusted(share: Array, residual: Array, log_residual: Array) -> bool:
 
 
 class RatioSampler:
-    """Integrals of densities from their ratios to a similar density, at some of its nodes.
+    """Integrals of densities g from their ratios to a similar density f, at some nodes of f.
 
     Parameters
     ----------
@@ -201,7 +206,7 @@ class RatioSampler:
 
     @cached_property
     def _samples(self) -> list[_Sample]:
-        """Samples of the nodes, the smallest first; each one contains those before it."""
+        """Samples of the nodes, the smallest first; each sample contains all smaller samples."""
         weight = self._integral.weight
         probability = _probabilities(weight)
         drawn = _systematic_sample(probability, np.random.default_rng(self._seed))
@@ -222,8 +227,7 @@ class RatioSampler:
         Parameters
         ----------
         evaluate : callable
-            Function that returns ln g and its error, at the nodes with the indices that it is
-            given.
+            Function that takes indices of nodes, and returns ln g and its error at these nodes.
         tolerance : float
             Error allowed in ln ∫ g [nat].
 
@@ -259,17 +263,17 @@ class RatioSampler:
 
 
 def _probabilities(weight: Array) -> Array:
-    """Return the probability of each of the n nodes in one random draw, shape (n,)."""
+    """Return the probability that a random draw picks each of the n nodes, shape (n,)."""
     tempered = weight**_TAIL_POWER
     return 0.5 * weight + 0.5 * tempered / tempered.sum()
 
 
 def _systematic_sample(probability: Array, rng: np.random.Generator) -> Index:
-    """Return the indices of the nodes of the largest sample; some may occur several times.
+    """Return the indices of the nodes of the largest sample; a node may occur several times.
 
     The nodes are put in random order and picked at equally spaced levels of their cumulative
-    ``probability``. Every 8th, or every 24th, of the picked nodes are a smaller sample of this
-    kind.
+    ``probability``. Every 8th of the picked nodes, and every 24th, are smaller samples that are
+    drawn in the same way.
     """
     order = rng.permutation(len(probability))
     levels = (rng.random() + np.arange(_LARGEST_SAMPLE)) / _LARGEST_SAMPLE

@@ -1,7 +1,7 @@
 """Convergence, importance weights and sensitivity of random draws, computed by ArviZ.
 
 ESS is the effective sample size. The Pareto shape k̂ is the shape of the Pareto distribution fitted
-to the largest weights; if it is large, averages with these weights cannot be trusted. ArviZ is
+to the largest weights; if k̂ is large, averages with these weights cannot be trusted. ArviZ is
 imported inside the functions that use it: it loads scipy.stats, which takes a long time, and most
 commands need no diagnostics.
 """
@@ -25,12 +25,13 @@ __all__ = [
     "power_sensitivity",
 ]
 
-# The two powers, near one, to which the prior or the likelihood is raised to find how sensitive the
-# posterior is to it (Kallioinen et al. 2023; they are ArviZ's defaults).
+# The prior or the likelihood is raised to each of these two powers, which are near one. The change
+# of the posterior states how sensitive the posterior is to the prior or to the likelihood
+# (Kallioinen et al. 2023). The powers are ArviZ's defaults.
 _LOWER_POWER = 0.99
 _UPPER_POWER = 1.01
-# The effective sample size for the tails of a parameter is the smaller of the two for its quantiles
-# at these probabilities (Vehtari et al. 2021).
+# The effective sample size for the tails of a parameter is the smaller of two effective sample
+# sizes, those for its quantiles at these probabilities (Vehtari et al. 2021).
 _TAILS = (0.05, 0.95)
 # Smallest number of importance weights whose tail can be judged: ArviZ fits a Pareto distribution
 # to a fifth of the weights and needs at least five of them.
@@ -76,16 +77,18 @@ def diagnose(chain: Array) -> Diagnostics:
 def power_sensitivity(
     draws: Mapping[str, Array], log_densities: Mapping[str, Array]
 ) -> dict[str, dict[str, float]]:
-    """Return how sensitive the posterior of each parameter is to the prior and other factors.
+    """Return how sensitive the posterior of each parameter is to each factor of the density.
 
-    The factors of the posterior density are, for example, the prior and the likelihood. Each is
-    raised to a power near one (power-scaling, Kallioinen et al. 2023). The sensitivity is the
+    The factors of the posterior density are, for example, the prior and the likelihood. Each factor
+    is raised to a power near one (power-scaling, Kallioinen et al. 2023). The sensitivity is the
     cumulative Jensen-Shannon distance by which the posterior of the parameter then moves, scaled to
-    a doubling of the power. A parameter counts as sensitive above 0.05. A constant factor has
-    sensitivity 0. ``draws`` holds the posterior draws of each parameter by name, ``log_densities``
-    the logarithm of each factor at these draws, by the name of the factor, each of shape (chains,
-    draws). Keys of the result are the parameter, then the factor. The draws are weighted to
-    represent the posterior at another power. These weights are so even that they are not smoothed.
+    a doubling of the power. A parameter counts as sensitive if its sensitivity is above 0.05. The
+    sensitivity to a constant factor is 0. ``draws`` holds the posterior draws of each parameter;
+    its keys are the names of the parameters. ``log_densities`` holds the logarithm of each factor
+    at these draws; its keys are the names of the factors. All arrays have the shape (chains,
+    draws). The first key of the result is the parameter, the second key the factor. The draws are
+    weighted to represent the posterior at another power. These weights are so even that they are
+    not smoothed.
     """
     from arviz_stats.base import array_stats
 
@@ -149,7 +152,7 @@ def pareto_smooth(log_ratio: Array) -> SmoothedWeights:
     k = np.inf
     try:
         smoothed, shape = _smooth_tail(log_ratio)
-    except ValueError:  # ArviZ refuses tails that are too short or all equal
+    except ValueError:  # from ArviZ if the tail has too few weights or only equal ones
         pass
     else:
         if not np.isnan(smoothed).any():
@@ -171,7 +174,7 @@ def pareto_k(log_weight: Array) -> float:
     """
     try:
         shape = _smooth_tail(log_weight)[1]
-    except ValueError:  # ArviZ refuses tails that are too short or all equal
+    except ValueError:  # from ArviZ if the tail has too few weights or only equal ones
         if len(log_weight) < _FEWEST_WEIGHTS:
             return np.inf
         return -np.inf

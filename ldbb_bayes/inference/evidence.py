@@ -35,8 +35,8 @@ __all__ = [
 _LARGEST_LOG_PROBABILITY = 0.1
 
 # A log probability that no compliance is negative may be computed from a few values of the
-# hyper-parameters if it is above this. Values that were not picked then change it little, because
-# none of them has a probability above one.
+# hyper-parameters if it is above this. The other values of the hyper-parameters then change the
+# result little, because the probability given any of them is at most one.
 _LEAST_COARSE_LOG_PROBABILITY = -2.0
 
 
@@ -199,12 +199,13 @@ def log_bayes_factor(evidence: Evidence, other: Evidence) -> tuple[float, float]
 def log_prob_truncation(truncated: HyperPosterior, tolerance: float = 0.02) -> tuple[float, float]:
     """Return the log posterior probability that no compliance is negative, and its error [nat].
 
-    The probability is that under the posterior which allows negative compliances. It is the mean of
-    the probabilities given the hyper-parameters (scales of the noise and of other effects), first
-    over at least 256 of their values. If the error of this mean exceeds ``tolerance``, or if ln P
-    is below −2, so that a few values may decide it, the probability is a ratio of two integrals
-    over the hyper-parameters: of the posterior density with, and without, the condition that no
-    compliance is negative.
+    The probability P is that under the posterior which allows negative compliances. It is first
+    computed as a mean, over at least 256 values of the hyper-parameters (scales of the noise and of
+    other effects), of the probability given these values. The mean suffices if its error is at most
+    ``tolerance`` and ln P is above −2. Otherwise a few values may decide the result, and P is
+    computed as a ratio of two integrals over the hyper-parameters: that of the posterior density
+    with the condition that no compliance is negative, and that of the density without the
+    condition.
 
     Parameters
     ----------

@@ -1,12 +1,12 @@
-"""Evidences of many models of one campaign, and of the campaign without one test.
+"""Evidences of many models for the readings of one campaign, with all tests or without one test.
 
 The evidence Z(y) is the density of the readings y under a model. Without test r the readings are
 y_−r, and ln p(y_r | y_−r) = ln Z(y) − ln Z(y_−r) states how well the other tests predict test r.
 Properties of the campaign, such as its reference force, are still computed from all tests. Whole
-tests are left out, as the readings of one circle are not independent. They share the random shift
-of the circle's zero and centre (set-up shift) and its unexplained deviations (discrepancy). φ are
-the hyper-parameters, the scales of the noise and of other effects. Nodes are weighted points that
-represent p(φ | y).
+tests are left out, as the readings of one circle are not independent. The readings of a circle
+share the random shift of the circle's zero and centre (set-up shift) and its unexplained deviations
+(discrepancy). φ are the hyper-parameters, the scales of the noise and of other effects. Nodes are
+weighted points that represent p(φ | y).
 """
 
 from __future__ import annotations
@@ -31,10 +31,11 @@ from ldbb_bayes.results import Array, Shown
 __all__ = ["Evidences", "leave_one_out", "left_out_log_densities"]
 
 # Error allowed in a log evidence [nat] that only serves to decide whether a model is rejected. If
-# the tolerance of the other evidences is larger, it is used instead.
+# the tolerance of the other evidences is larger, that tolerance is used instead.
 _ROUGH_TOLERANCE = 0.1
-# If a campaign has at least this many tests, nodes without one test are computed from the nodes of
-# all tests. With fewer tests that would not be faster than computing them anew.
+# If a campaign has at least this many tests, nodes (weighted values of the hyper-parameters) for
+# the readings without one test are computed from the nodes for the readings of all tests. With
+# fewer tests, this would not be faster than computing the nodes anew.
 _FEWEST_TESTS = 16
 
 
@@ -43,7 +44,7 @@ def _silent() -> None:
 
 
 class Evidences(Shown):
-    """Nodes and evidences of models of one campaign, each computed once.
+    """Nodes and evidences of models for the readings of one campaign, each computed only once.
 
     Nodes are weighted points that represent the posterior of the hyper-parameters, the scales of
     the noise and of other effects. `compare` and `average` take an object of this class, so that
@@ -56,7 +57,7 @@ class Evidences(Shown):
     tolerance : float
         Error allowed in every log evidence [nat].
     progress : callable, optional
-        Function called without arguments after each model.
+        Function called without arguments each time that a model has been computed.
     keep_tests : sequence of str, optional
         Names of the tests to keep. Default: all.
 
@@ -91,7 +92,7 @@ class Evidences(Shown):
         self._posteriors: dict[str, HyperPosterior] = {}
 
     def of_campaign(self, campaign: Campaign) -> Evidences:
-        """Return this object if it is of the given campaign.
+        """Return this object if its readings are those of the given campaign.
 
         Raise an `InputError` if the readings of the campaign differ from those of this object.
         """
@@ -151,9 +152,9 @@ class Evidences(Shown):
         """Return new ``Evidences`` of the readings without one test, with no model computed yet.
 
         ``test`` is the name of the test left out, ``tests`` are the names of all tests. ``modes``
-        holds modes of posteriors, by the names of their hyper-parameters (scales of the noise and
-        of other effects). The search for the mode of a model's posterior starts at the entry for
-        the model's hyper-parameters.
+        holds modes of posteriors. Its keys are tuples with the names of the hyper-parameters
+        (scales of the noise and of other effects) of these posteriors. The search for the mode of a
+        model's posterior starts at the mode whose key is the model's hyper-parameters.
         """
         remaining = [name for name in tests if name != test]
         return self._with_modes(self.tolerance, remaining, modes, self.progress)
@@ -180,7 +181,7 @@ class Evidences(Shown):
         return rough
 
     def posterior(self, model: HybridModel) -> HyperPosterior:
-        """Return the posterior of a model's hyper-parameters, made once for equal models."""
+        """Return the posterior of a model's hyper-parameters, which equal models share."""
         key = model_to_toml(model)
         if key not in self._posteriors:
             check_comparable(model, self.campaign)
@@ -208,7 +209,7 @@ class Evidences(Shown):
 
 
 def _largest_first(model: HybridModel) -> list[int]:
-    """Return a key by which models sort from the largest to the smallest.
+    """Return a sort key that puts larger models before smaller ones.
 
     A model is larger if its compliances are polynomials of a higher degree in the force. Among
     models of equal degree, the one with fewer parameters fixed at zero is larger. If these numbers
@@ -219,7 +220,7 @@ def _largest_first(model: HybridModel) -> list[int]:
 
 
 def _family(model: HybridModel) -> str:
-    """Return the text, as TOML, of what related models have in common.
+    """Return a description, as TOML text, of what a model has in common with related models.
 
     The text describes the model without slopes (changes of compliance with force), without rival
     explanations of slopes, and without the condition that compliances are not negative. Models for
@@ -235,7 +236,7 @@ def leave_one_out(
     tolerance: float = 1e-2,
     progress: Callable[[], object] = _silent,
 ) -> dict[str, dict[str, Nodes]]:
-    """Return the quadrature nodes of every model with each test left out in turn.
+    """Return the quadrature nodes of every model for the readings with each test left out in turn.
 
     Nodes are weighted values of the hyper-parameters (scales of the noise and of other effects),
     from which the evidence of the model follows. The campaign must have at least two tests.
@@ -243,7 +244,7 @@ def leave_one_out(
     Parameters
     ----------
     nodes_by_model : mapping of str to Nodes
-        Nodes of each model from all tests, by the name of the model.
+        Nodes of each model for the readings of all tests. The keys are names of the models.
     tolerance : float
         Error allowed in every log evidence [nat].
     progress : callable
@@ -252,7 +253,7 @@ def leave_one_out(
     Returns
     -------
     dict of str to dict of str to Nodes
-        Nodes by the name of the model, then by the name of the test left out.
+        Nodes. The first key is the name of the model, the second key the name of the test left out.
     """
     models = {name: nodes.bound.model for name, nodes in nodes_by_model.items()}
     # The search for the modes without a test begins at the modes of all tests.
@@ -261,7 +262,8 @@ def leave_one_out(
         modes[nodes.bound.hyper_prior.names] = nodes.posterior.plain.mode
     bound = next(iter(nodes_by_model.values())).bound
     all_tests = Evidences(bound.campaign, tolerance=tolerance, progress=progress)
-    # Of many tests, one more or less hardly changes the weights of the nodes: these are used again.
+    # If there are many tests, leaving out one of them hardly changes the posterior of the
+    # hyper-parameters. The nodes for all tests are then used again with other weights.
     of_all_tests = {}
     if len(bound.test_names) >= _FEWEST_TESTS:
         of_all_tests = {
@@ -285,11 +287,13 @@ def leave_one_out(
 def left_out_log_densities(
     nodes_by_model: Mapping[str, Nodes], left_out_nodes: Mapping[str, Mapping[str, Nodes]]
 ) -> dict[str, Array]:
-    """Return the log density of every test r given the other tests, shape (tests,), by model.
+    """Return the log density of the readings of every test given those of the other tests.
 
     ln p(y_r | y_−r) = ln Z(y) − ln Z(y_−r), where Z(y) is the evidence for the readings of all
-    tests and Z(y_−r) that for all tests but r. ``nodes_by_model`` holds Z(y) by model, and
-    ``left_out_nodes`` Z(y_−r) by model and test r. Arrays are empty if no test is left out.
+    tests and Z(y_−r) that for all tests but r. ``nodes_by_model`` gives Z(y); its keys are the
+    names of the models. ``left_out_nodes`` gives Z(y_−r); its keys are the name of the model, then
+    the name of test r. The result holds an array of shape (tests,) for each model. If no test was
+    left out for a model, its array is empty.
     """
     log_densities = {}
     for name, nodes in nodes_by_model.items():

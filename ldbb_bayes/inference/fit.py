@@ -89,7 +89,7 @@ class ConcernKind(StrEnum):
 class Concern(Result):
     """Warning that a fit gives, with two numbers, ``value`` and ``limit``, that state the reason.
 
-    For each ``kind``, ``value`` and then ``limit`` are:
+    For each ``kind``, the list states first what ``value`` is, then what ``limit`` is:
 
     - NOT_CONVERGED: number of steps after which the sampler gave up; effective sample size that was
       asked for.
@@ -98,8 +98,8 @@ class Concern(Result):
       compliances as polynomials in the force.
     - HYPER: posterior median of the hyper-parameter ``name`` [mm]; quantile of its prior at 99.9 %.
     - CENTRE: p-value of the hypothesis that the circles' centre does not shift along the machine
-      axis ``name`` in proportion to force; limit of this p-value times the number of axes in all
-      planes, below which the shift is reported.
+      axis ``name`` in proportion to force; number below which this p-value, times the number of
+      axes in all planes, must be for the shift to be reported.
     - PRIOR: distance of the posterior mean of the parameter ``name`` from the prior mean that the
       user stated; the largest distance expected. Both are in units of the standard deviation of
       this distance if the prior is right.
@@ -116,9 +116,9 @@ class Fit(Result):
     """How well a model fits the readings, and the warnings that the fit gives."""
 
     rmse_um: float  #: root-mean-square residual over all readings [µm] (Eq. 34 of the paper)
-    #: fitness of each test [%] (Eq. 35 of the paper), by name of the test: 100 % minus the
-    #: root-mean-square residual in per cent of the range of the readings; NaN if these are all
-    #: equal
+    #: fitness of each test [%] (Eq. 35 of the paper): 100 % minus the root-mean-square residual in
+    #: per cent of the range of the readings, or NaN if all readings are equal. The keys are the
+    #: names of the tests.
     fitness_percent: dict[str, float]
     #: log probability that no compliance is negative, under the posterior that allows negative ones
     log_prob_truncation: float
@@ -131,7 +131,8 @@ class Fit(Result):
     #: exact geometry predicts, at the posterior mean of the parameters [µm]
     linearisation_error_um: float
     concerns: tuple[Concern, ...]  #: warnings of the fit, each with a value and a limit
-    predictive_checks: dict[str, TestChecks]  #: posterior predictive checks, by name of the test
+    #: posterior predictive checks of each test; the keys are the names of the tests
+    predictive_checks: dict[str, TestChecks]
     #: sensitivity of the posterior of each parameter and hyper-parameter: how much this posterior
     #: moves if a prior density or the likelihood is raised to a power near one (power-scaling).
     #: Keys are the name of the parameter, then ``prior``, ``hyper_prior`` or ``likelihood``.
@@ -190,9 +191,10 @@ class Fit(Result):
     def state(self) -> State:
         """Return whether the results of the fit can be used.
 
-        The results are unusable if the sampler did not converge. Otherwise they are doubtful if a
-        failing check of the readings matters (see `misfits`), or if the readings contradict the
-        condition that no compliance is negative. Otherwise they are usable.
+        The results are unusable if the sampler did not converge. If it converged, the results are
+        doubtful if a failing check of the readings matters (see `misfits`), or if the readings
+        contradict the condition that no compliance is negative. In all other cases the results are
+        usable.
         """
         kinds = {concern.kind for concern in self.concerns}
         if ConcernKind.NOT_CONVERGED in kinds:
@@ -205,8 +207,9 @@ class Fit(Result):
     def sensitive(self) -> tuple[str, ...]:
         """Return the names of the parameters whose posterior is sensitive to the prior.
 
-        The most sensitive one is first. A parameter is listed if its power-scaling sensitivity (how
-        much its posterior moves if the prior is raised to a power near one) is above 0.05.
+        The most sensitive parameter is first. A parameter is listed if its power-scaling
+        sensitivity (how much its posterior moves if the prior is raised to a power near one) is
+        above 0.05.
         """
         names = [name for name in self.parameters if self._prior_sensitivity(name) > _SENSITIVE]
         return tuple(ranked(names, self._prior_sensitivity))
@@ -242,8 +245,9 @@ def assess_fit(
     draws_by_model : sequence of ModelDraws
         The posterior draws in ``groups``, separately for each model.
     groups : mapping
-        Groups ``posterior``, ``log_prior`` and ``sample_stats`` of the posterior: arrays of shape
-        (chains, draws), by group and by name.
+        Groups ``posterior``, ``log_prior`` and ``sample_stats`` of the posterior, with arrays of
+        shape (chains, draws). The first key is the name of the group, the second key that of the
+        array.
     truncation : pair
         Log posterior probability that no compliance is negative, and its error [nat].
     concerns : sequence of Concern
@@ -251,10 +255,10 @@ def assess_fit(
     rng : Generator
         Generator of the random draws of new circles.
     prior_level : float or array
-        Expected value, under the prior, of the log prior density of the parameters. It is that of
-        the model of each draw, shape (chains, draws), or one number for all draws. It is subtracted
-        from the log prior density, so that differences of this level between models do not count as
-        sensitivity.
+        Expected value, under the prior, of the log prior density of the parameters. It is an array,
+        shape (chains, draws), with the value for the model of each draw, or one number for all
+        draws. It is subtracted from the log prior density, so that differences of this level
+        between models do not count as sensitivity.
 
     Returns
     -------
@@ -309,10 +313,11 @@ def _average_quality(
 def _average_checks(
     draws_by_model: Sequence[ModelDraws], shares: Array, rng: np.random.Generator
 ) -> dict[str, TestChecks]:
-    """Return the posterior predictive p-values of each test, by the name of the test.
+    """Return the posterior predictive p-values of each test, averaged over several models.
 
-    The p-values are averaged over the models, weighted by ``shares``, which sum to one. ``rng``
-    generates the random draws of new circles.
+    The p-values are averaged over the models with the weights ``shares``, which sum to one. The
+    keys of the result are the names of the tests. ``rng`` generates the random draws of new
+    circles.
     """
     checks = []
     for share, draws in zip(shares, draws_by_model, strict=True):
@@ -324,7 +329,8 @@ def _average_checks(
 def _stack(group: Mapping[str, Array], names: Sequence[str]) -> Array:
     """Return draws of the named variables in one array, shape (chains, draws, variables).
 
-    ``group`` holds the draws of each variable by its name, shape (chains, draws).
+    ``group`` holds the draws of each variable, shape (chains, draws); its keys are the names of the
+    variables.
     """
     return np.stack([group[str(name)] for name in names], axis=-1)
 
@@ -332,15 +338,15 @@ def _stack(group: Mapping[str, Array], names: Sequence[str]) -> Array:
 def _log_densities(
     bound: BoundModel, groups: Mapping[str, Mapping[str, Array]], prior_level: Array | float
 ) -> dict[str, Array]:
-    """Return the log densities of priors and likelihood at every posterior draw, by name.
+    """Return the log densities of priors and likelihood at every posterior draw.
 
-    Each log density has the shape (chains, draws). They serve to examine how sensitive the
-    posterior is to the priors and to the readings. The entry ``prior`` is the log prior density of
-    the parameters minus ``prior_level``; see `assess_fit`. The entry ``hyper_prior`` is the log
-    prior density of the hyper-parameters (scales of the noise and of other effects). The entry
-    ``likelihood`` is the log density of the readings given parameters and hyper-parameters.
-    ``groups`` holds the arrays of the posterior, by group and by name. ``bound`` is the model,
-    applied to its campaign.
+    Each log density has the shape (chains, draws). The log densities are used to examine how
+    sensitive the posterior is to the priors and to the readings. The entry ``prior`` is the log
+    prior density of the parameters minus ``prior_level``; see `assess_fit`. The entry
+    ``hyper_prior`` is the log prior density of the hyper-parameters (scales of the noise and of
+    other effects). The entry ``likelihood`` is the log density of the readings given parameters and
+    hyper-parameters. ``groups`` holds the arrays of the posterior; see `assess_fit`. ``bound`` is
+    the model, applied to its campaign.
     """
     phi = _stack(groups["posterior"], bound.hyper_prior.names)
     log_prior = groups["log_prior"]["parameters"]

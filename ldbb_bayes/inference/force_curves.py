@@ -18,10 +18,11 @@ from ldbb_bayes.results import Array
 
 __all__ = ["CurveDraws", "ForceCurves", "force_curves", "prior_changes"]
 
-# C(F) is a deflection divided by the force F. If the reference force is zero, C there is the limit
-# for small forces, computed at this force [N].
+# C(F) is a deflection divided by the force F. If the reference force is zero, C(F) is computed at
+# this small force [N] instead, to avoid a division by zero.
 _SMALLEST_FORCE_N = 1e-9
-# Name of the rival explanation that the term `JointLoad` is.
+# Name of the term `JointLoad` among the rival explanations of a model, that is, the effects that
+# look like a change of compliance with force.
 _JOINT_LOAD = "joint load"
 
 
@@ -41,22 +42,24 @@ class CurveDraws(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ForceCurves:
-    """Posterior draws of the compliances that change with force, and the forces they are for."""
+    """Posterior draws of the compliances that may change with force, at three forces."""
 
     smallest_force_N: float  #: smallest force tested, F_min [N]
     reference_force_N: float  #: reference force of the model, F0 [N]
     largest_force_N: float  #: largest force tested, F_max [N]
-    compliances: dict[str, CurveDraws]  #: draws of each compliance C(F) by name, such as C_XXX
+    #: draws of each compliance C(F); keys are names such as C_XXX
+    compliances: dict[str, CurveDraws]
 
 
 @kept
 def force_curves(posterior: xr.DataTree) -> ForceCurves:
     """Return posterior draws of every compliance C(F) that may change with force.
 
-    C(F) is the compliance at the reference force with its slopes, and for direct compliances with
-    what the term `JointLoad` adds; see `curves_of`. The compliances are those with a slope, or with
-    a part of `JointLoad`. There are none if all tests have one force. In an average over models, a
-    compliance that is constant in the model of a draw has the same value at all forces.
+    C(F) follows from the compliance at the reference force and its slopes. Direct compliances also
+    contain what the term `JointLoad` (joints that yield to their own load) adds; see `curves_of`. A
+    compliance may change with force if it has a slope or if `JointLoad` adds to it. The result
+    holds no compliances if all tests have the same force. For an average over models, a draw has
+    the same value at all forces if the compliance is constant in the model of the draw.
     """
     bound = bound_of(posterior)
     tested_N = bound.setting.force_N
@@ -79,9 +82,10 @@ def prior_changes(posterior: xr.DataTree) -> dict[str, Array]:
     """Return prior draws of the change C(F_max) − C(F_min) of every compliance that may change.
 
     The keys are the names of the compliances, as in `force_curves`. For an average over models, the
-    prior draws come from all models, also from those without slopes. The part of `JointLoad` is
-    added to as large a share of the draws as models have this term. The result is empty for a flat
-    prior, and if all tests have one force.
+    prior draws come from all models, also from those without slopes. What the term `JointLoad`
+    (joints that yield to their own load) adds is drawn for a share of the draws that is equal to
+    the share of models with this term. The result is empty if the prior is flat or if all tests
+    have the same force.
     """
     bound = bound_of(posterior)
     tested_N = bound.setting.force_N
@@ -107,7 +111,7 @@ def prior_changes(posterior: xr.DataTree) -> dict[str, Array]:
 
 
 def _share_with_joint_load(posterior: xr.DataTree) -> float:
-    """Return the share of models with the term `JointLoad`; one for a single model."""
+    """Return the share of models that have the term `JointLoad`, or 1 for a single model."""
     averaged = record_of(posterior).get("averaged")
     if averaged is None:
         return 1.0
@@ -115,9 +119,11 @@ def _share_with_joint_load(posterior: xr.DataTree) -> float:
 
 
 def _joint_load_sd_of_change(bound: BoundModel, ends_N: Array) -> dict[str, float]:
-    """Return the prior sd of what `JointLoad` adds to the change of each axis' compliance.
+    """Return the prior standard deviation of what `JointLoad` adds to the change of compliances.
 
-    ``ends_N`` are the smallest and the largest force tested. The keys are letters of axes.
+    The change is that of the direct compliance along a machine axis from the smallest to the
+    largest force tested; ``ends_N`` are these two forces [N]. The keys of the result are the
+    letters of the axes.
     """
     columns_by_axis = joint_load_columns(bound.setting, bound.columns_of.get(JointLoad, ()))
     sd_by_axis: dict[str, float] = {}
@@ -130,7 +136,7 @@ def _joint_load_sd_of_change(bound: BoundModel, ends_N: Array) -> dict[str, floa
 
 
 def _changing_compliances(bound: BoundModel) -> set[str]:
-    """Return the names of the compliances with a slope or with a part of `JointLoad`."""
+    """Return the names of the compliances that have a slope or to which `JointLoad` adds."""
     changing = {parameter.compliance for parameter in bound.parameters if parameter.degree > 0}
     of_joints = joint_load_columns(bound.setting, bound.columns_of.get(JointLoad, ()))
     for compliance in bound.compliances:

@@ -6,8 +6,8 @@ times (scrambles). The proposal is a mixture of split Student-t distributions, w
 differ (Geweke, Econometrica 57, 1317-1339, 1989). In every round it is fitted to the weighted
 points of the rounds before.
 
-The weights of a round use the proposal from which its points were drawn. If they used a proposal
-fitted to these same points, ln ∫ f would be too small, by 0.1 nat in 45 dimensions.
+The weights of a round use the proposal from which its points were drawn. If the weights used a
+proposal fitted to the same points, ln ∫ f would be too small, by 0.1 nat in 45 dimensions.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from ldbb_bayes.results import Array
 __all__ = ["importance_sample"]
 
 # The density to integrate is evaluated at these distances from a mode, on both sides along every
-# direction. They are in standard deviations of the Gaussian fitted at the mode.
+# direction. The distances are in standard deviations of the Gaussian fitted at the mode.
 _ALONG_AXIS = np.array([0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.5, 8.0, 10.0])
 # Number of independent randomisations (scrambles) of the Sobol sequence; the scatter between them
 # gives the error of an integral.
@@ -50,8 +50,8 @@ _EFFICIENT = 0.4
 # Weights of a round are very even if their effective sample size exceeds this share of its number
 # of points. A proposal fitted anew would hardly be better.
 _VERY_EFFICIENT = 0.7
-# A round is not extended if its error exceeds this multiple of the tolerance, unless it is already
-# large. A proposal that is fitted anew, to more points, then takes fewer points in all.
+# A round is not extended if its error exceeds this multiple of the tolerance, unless the round is
+# already large. A proposal that is fitted anew, to more points, then takes fewer points in all.
 _REACHABLE = 2.0
 # Before a proposal (the density drawn from) is fitted to weighted points, weights are evened out by
 # raising them to a power below one. In h dimensions, their effective sample size must then reach
@@ -77,12 +77,12 @@ def importance_sample(
     Points are drawn in rounds from a proposal, a density much like f, and weighted by f divided by
     the proposal. The proposal of the first round is fitted to f along directions through every
     mode. The proposal of a later round is fitted to the points of all rounds before. If the weights
-    of a round are even enough, the round is extended by as many points again. Of the later rounds,
-    the earliest that reaches the tolerance with weights that can be trusted is returned. If there
-    is none, the one with the smallest error is returned; ``trusted`` of the result states whether
-    its weights can be trusted. If they cannot, other seeds are tried, as a round may miss a tail of
-    f by chance. If no seed gives weights that can be trusted, the result of the first seed is
-    returned.
+    of a round are even enough, its number of points is doubled. The earliest round, except the
+    first, that reaches the tolerance with weights that can be trusted is returned. If there is no
+    such round, the one with the smallest error is returned; ``trusted`` of the result states
+    whether its weights can be trusted. If they cannot, other seeds are tried, as a round may miss a
+    tail of f by chance. If no seed gives weights that can be trusted, the result of the first seed
+    is returned.
 
     Parameters
     ----------
@@ -277,7 +277,7 @@ def _fit_to_rounds(
 
 
 def _even_out(log_weight: Array, h: int) -> Array:
-    """Return weights of n points in h dimensions, evened out if too few points dominate.
+    """Return weights of n points in h dimensions, evened out if few points have most weight.
 
     The weights sum to one; ``log_weight``, shape (n,), holds the logarithms of the original
     weights. Weights are evened out by raising them to a power below one. The power is lowered until

@@ -2,8 +2,8 @@
 
 y are the readings; φ are the h hyper-parameters, the scales of the noise and of other effects; β
 are the p parameters: compliances, their slopes and geometric errors. Truncation T restricts β to
-compliances that are not negative; values of β that meet it are inside. Free coordinates are φ
-transformed to be unbounded.
+compliances that are not negative; values of β without negative compliances are called inside. Free
+coordinates are φ transformed to be unbounded.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["JointDraws", "TooRoughError", "draw_jointly"]
 
-# The rejection sampler gives up after this many blocks of proposals for each block of 256 draws
-# asked for.
+# The rejection sampler gives up if, for each block of 256 draws asked for, it has proposed this
+# number of blocks of draws.
 _MOST_ROUNDS = 50
 # If the posterior probability that no compliance is negative is below this, rejection of draws with
 # negative compliances would lose too many draws. The parameters are then drawn from a density that

@@ -103,8 +103,9 @@ class Integral:
     #: difference between ln ∫ f from the two grids of the lattice, before the distance between its
     #: nodes was last shortened [nat]; zero if it was not shortened, and for a sample
     coarser_difference: float = 0.0
-    #: error of ln ∫ f [nat] because the density was evaluated at some of the nodes only, and
-    #: computed from these at the others (`density_ratio`); zero if it was evaluated at all
+    #: error of ln ∫ f [nat] that arises if the density was evaluated at some nodes only, and its
+    #: values at the other nodes were inferred (`density_ratio`); zero if the density was evaluated
+    #: at all nodes
     ratio_error: float = 0.0
 
     @cached_property
@@ -153,10 +154,10 @@ class Integral:
     def _lattice_error(self) -> float:
         """Return the error of the log integral ln ∫ f from a lattice [nat].
 
-        It is the sum of two errors: that of the mean of the two grids (see `_LARGEST_LINEAR`), and
-        the share of the integral beyond the outermost nodes. A difference between the grids counts
-        as at least 0.35 of the difference before the step was last shortened, because it may be
-        small by chance.
+        The error is the sum of two parts: the error of the mean of the two grids (see
+        `_LARGEST_LINEAR`), and the share of the integral that may lie beyond the outermost nodes. A
+        difference between the grids counts as at least 0.35 of the difference before the step was
+        last shortened, because it may be small by chance.
         """
         difference = max(self.grid_difference, _DECLINE * self.coarser_difference)
         of_mean = max(difference**2, _MEAN_OF_TWO * min(difference, _LARGEST_LINEAR))
@@ -165,10 +166,10 @@ class Integral:
     def _sample_error(self) -> float:
         """Return the error of the log integral ln ∫ f from a sample [nat].
 
-        It is twice the standard error from the scatter between independently randomised
-        quasi-random sequences. It is at least half the standard error that plain random points
-        would give, as a few sequences may agree by luck. It is enlarged if the Pareto shape k̂ of
-        the weights is above 0.4.
+        The error is twice the standard error, which is computed from the scatter between
+        independently randomised quasi-random sequences. The error is at least half the standard
+        error that plain random points would give, because a few sequences may agree by chance. The
+        error is enlarged if the Pareto shape k̂ of the weights is above 0.4.
         """
         share = np.bincount(self.estimate, self.weight)
         plain_error = np.sqrt(max(1.0 / self.ess - 1.0 / len(self.weight), 0.0))
@@ -256,8 +257,8 @@ class Integral:
         log_factor : callable
             Function that takes indices of nodes, shape (k,), and returns ln g there, shape (k,).
         spare : float
-            Largest share of ∫ f in the nodes that are left out. Their part of ∫ f g, with g at its
-            largest value, is added to the error.
+            Largest share of ∫ f in the nodes at which g is not evaluated. The part of ∫ f g in
+            these nodes is estimated with the largest value of g and added to the error.
         """
         heavy = self._heavy_nodes(spare)
         values = np.full(len(self.free), -np.inf)

@@ -1,8 +1,9 @@
-"""Results of a posterior that several tables, figures and files state, each worked out once.
+"""Cache for results of posteriors that several tables, figures and files need.
 
 A report asks for the verdicts, the curves C(F) and the summary of one posterior many times. The
-results asked for last are kept. A posterior is recognised by its contents, so that one that was
-changed, or read from a file, gets the results that belong to it.
+cache holds the results that were computed last, so that each is computed only once. A posterior is
+identified by its contents: if it was changed, its results are computed anew; if it was read from a
+file, its results are found in the cache.
 """
 
 from __future__ import annotations
@@ -20,25 +21,28 @@ __all__ = ["kept"]
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-# Groups of a posterior's tree whose numbers identify it, beside its record.
+# Groups of a posterior's tree whose numbers, together with its record, identify the posterior.
 _IDENTIFYING_GROUPS = ("posterior", "prior", "sample_stats", "constant_data", "observed_data")
-# Largest number of results that are kept: those of the fit and of the average of a report.
+# Largest number of results that the cache holds. It is enough for a report, which needs results of
+# a fit and of an average over models.
 _MOST_RESULTS = 32
-# Results that were asked for last, the oldest first, by function, posterior and other arguments.
+# Results that the cache holds, the oldest first. A key consists of the function, the digest of the
+# posterior and the other arguments of the function.
 _RESULTS: dict[Hashable, Any] = {}
 
 
 def kept(work: F) -> F:
-    """Return a function of a posterior whose last results are kept.
+    """Return ``work``, a function of a posterior, with a cache for its results.
 
-    Each call returns a shallow copy, so that a caller may add entries to a dictionary. The other
-    arguments of the function must be hashable.
+    Each call returns a shallow copy of the result, so that a caller may add entries to a
+    dictionary. All arguments of ``work`` except the posterior must be hashable.
     """
 
     @functools.wraps(work)
     def work_once(posterior: xr.DataTree, *args: Any, **kwargs: Any) -> Any:
         if not isinstance(posterior, xr.DataTree) or "provenance" not in posterior.children:
-            # The function itself says what is wrong with such a posterior.
+            # Call ``work`` without the cache: it raises an error for an argument that is no
+            # posterior.
             return work(posterior, *args, **kwargs)
         key = (work, _fingerprint(posterior), args, tuple(sorted(kwargs.items())))
         if key not in _RESULTS:

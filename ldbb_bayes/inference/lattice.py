@@ -162,7 +162,7 @@ def _points(centre: Array, cell: Array, places: Array) -> Array:
 
 
 class _Grid(NamedTuple):
-    """Nodes of one of the two regular grids that form a lattice, and the density there."""
+    """Nodes of one of the two regular grids that form a lattice, and the density at these nodes."""
 
     #: positions of the grid's n nodes in h dimensions, relative to the centre of the lattice and in
     #: multiples of the grid's steps, shape (n, h)
@@ -182,7 +182,7 @@ def _grow_grid(
     depth: float,
     max_nodes: int,
 ) -> _Grid:
-    """Return one grid of a lattice, grown from the modes until all neighbours added are negligible.
+    """Return one grid of a lattice, grown from the modes until all nodes added last are negligible.
 
     A node is negligible if the log density there is below its highest value by ``depth`` [nat] or
     more. Growing also stops at ``max_nodes`` nodes. The grid's steps are the columns of ``cell``,
@@ -219,8 +219,9 @@ def _first_front(starts: Sequence[Array], offset: float) -> Array:
     """Return the grid points next to the starting points of a grid's growth, shape (n, h).
 
     Starting points and grid points are in multiples of the grid's steps. ``offset`` is the part of
-    a step by which the grid is moved; it is not included in the grid points. If it is zero, the
-    nearest grid point of each starting point is returned, otherwise the 2^h points around it.
+    a step by which the grid is moved; it is not included in the grid points. If ``offset`` is zero,
+    the grid point nearest to each starting point is returned. If it is 0.5, the 2^h grid points
+    around each starting point are returned.
     """
     along_axis = [0.0]
     if offset:

@@ -7,10 +7,10 @@ every draw of φ. Its quantiles scatter less from seed to seed than those of the
 themselves (Rao-Blackwell theorem).
 
 Truncation, if it is active, restricts β to A β ≥ 0: compliances that are not negative. Parameter j
-is then no longer Gaussian. But let each draw of β move along the column V_j of V, which changes β_j
-and leaves all combinations of parameters that are independent of β_j as drawn. Given these
-combinations, β_j has the density N(m_j, V_jj) between the two values beyond which an element of A β
-is negative. These truncated Gaussians are the components of the mixture.
+is then no longer Gaussian. But each draw of β can be moved along the column V_j of V. This changes
+β_j, but not the combinations of parameters that are independent of β_j. Given these combinations,
+β_j has the density N(m_j, V_jj) between the two values beyond which an element of A β is negative.
+These truncated Gaussians are the components of the mixture.
 """
 
 from __future__ import annotations
@@ -30,10 +30,11 @@ __all__ = ["MarginalMixtures", "marginal_mixtures"]
 
 # Largest number of posterior draws, and so of components of each mixture.
 _COMPONENTS = 8192
-# Number of bisections in the search for a quantile; they leave 1e-12 of the range of the draws.
+# Number of bisections in the search for a quantile. They determine the quantile to less than 1e-12
+# of the range of the draws.
 _BISECTIONS = 42
 # The components are divided into this number of batches of successive draws. The scatter between
-# batches shows the standard error of a quantile, also where successive draws are correlated.
+# batches gives the standard error of a quantile, even if successive draws are correlated.
 _BATCHES = 16
 
 
@@ -51,13 +52,13 @@ class MarginalMixtures(NamedTuple):
     high: Array  #: upper bounds of the parameters, shape (n, p)
 
     def cdf(self, x: Array) -> Array:
-        """Return the probability of values up to x of each parameter; x and result: shape (p,)."""
+        """Return the probability that each parameter is at most ``x``; both have shape (p,)."""
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             low = (self.low - self.mean) / self.sd
             high = (self.high - self.mean) / self.sd
             z = np.clip((x - self.mean) / self.sd, low, high)
-            # Probabilities in the upper tail are computed from the mirrored density, where they are
-            # not lost beside one.
+            # Probabilities in the upper tail are computed from the mirrored density, because a
+            # small difference from one would lose digits.
             sign = np.where(low > 0.0, -1.0, 1.0)
             at_low = ndtr(sign * low)
             total = ndtr(sign * high) - at_low
@@ -66,7 +67,7 @@ class MarginalMixtures(NamedTuple):
         return np.asarray(share.mean(axis=0))
 
     def quantiles(self, levels: Array) -> Array:
-        """Return quantiles of the p parameters at some probabilities, shape (levels, p)."""
+        """Return quantiles of the p parameters at n probabilities ``levels``, shape (n, p)."""
         lowest = self.beta.min(axis=0)
         highest = self.beta.max(axis=0)
         margin = highest - lowest
@@ -96,7 +97,7 @@ def marginal_mixtures(posterior: xr.DataTree) -> MarginalMixtures:
     """Return the marginal densities of all parameters of a posterior, with at most 8192 components.
 
     In an average over models, every model has its share of the components. A parameter that a model
-    lacks is zero there.
+    lacks is zero in the components of this model.
     """
     models = averaged_models(posterior)
     total = sum(len(model.phi) for model in models)
@@ -110,9 +111,10 @@ def marginal_mixtures(posterior: xr.DataTree) -> MarginalMixtures:
 
 
 def _of_model(model: AveragedModel, draws: Index) -> MarginalMixtures:
-    """Return the mixtures from the draws of one model with the given indices, for p parameters.
+    """Return the mixtures for p parameters from some draws of one model.
 
-    Parameters that the model lacks are zero, with a standard deviation of zero.
+    ``draws`` holds the indices of the draws. Parameters that the model lacks are zero, with a
+    standard deviation of zero.
     """
     beta = model.beta[draws]
     mean = np.zeros(beta.shape)

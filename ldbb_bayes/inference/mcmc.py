@@ -3,7 +3,7 @@
 A walker is a point that moves at random through the d coordinates; the points that it visits are
 the draws. The sampler is emcee. Steps are run in blocks. After each block the effective sample size
 (ESS) and R-hat of the draws are assessed. A redraw replaces the point of a walker by an independent
-one.
+point.
 """
 
 from __future__ import annotations
@@ -37,12 +37,13 @@ __all__ = [
 _BLOCKS_PER_LENGTH = 4
 # Largest number of times that the sampler's blocks of steps double in length.
 _LARGEST_DOUBLING = 5
-# When a block of the sampler doubles in length, up to this number of times, it also stores twice as
-# many draws. At every later doubling it stores as many draws as before, and the number of steps
-# from one stored draw to the next doubles.
+# The first times, up to this number, that a block of the sampler doubles in length, the number of
+# draws that it stores doubles too. At every later doubling, the number of stored draws stays the
+# same, and the number of steps from one stored draw to the next doubles.
 _DOUBLINGS_STORED = 2
-# A walker moves by differential evolution: by a factor times the difference of two other walkers.
-# In this share of such moves the factor is one, so that walkers can jump between modes.
+# In a move by differential evolution, the step of a walker is a factor times the difference between
+# the points of two other walkers. In this share of such moves, the factor is one, so that walkers
+# can jump between modes.
 _JUMP_SHARE = 0.1
 # Share of the moves of walkers that propose independent points, drawn from a density near the
 # posterior, if there is a source of such points.
@@ -67,9 +68,9 @@ class StoppingRule(Shown):
     """Rule that decides when sampling stops.
 
     Sampling stops when every parameter has bulk and tail ESS ≥ ``ess`` and R-hat ≤ ``rhat``, and
-    the draws span ``lengths`` autocorrelation times. It also stops when another block of steps
-    would exceed ``max_steps``. ESS is the effective sample size. R-hat compares the variance of all
-    draws with that within each chain, and is one after convergence.
+    the draws span ``lengths`` autocorrelation times. Sampling also stops when another block of
+    steps would exceed ``max_steps``. ESS is the effective sample size. R-hat compares the variance
+    of all draws with that within each chain, and is one after convergence.
 
     Examples
     --------
@@ -390,8 +391,8 @@ class RedrawMove:
     def __init__(self, redraw: Redraw) -> None:
         self._redraw = redraw
         self._stock: WeightedPoints | None = None
-        # Coordinates of all walkers after the last move of this kind, and their log importance
-        # weights there.
+        # Coordinates of all walkers after the last `RedrawMove`, and the log importance weights of
+        # these points.
         self._last_coordinates = np.zeros(0)
         self._last_log_weight = np.zeros(0)
 
@@ -415,8 +416,9 @@ class RedrawMove:
     def _log_weight_of(self, coordinates: Array) -> Array:
         """Return the log importance weights of all walkers, shape (walkers,).
 
-        ``coordinates`` has the shape (walkers, d). The weights are those of the last move of this
-        kind; they are computed anew only for walkers that another kind of move has displaced since.
+        ``coordinates`` has the shape (walkers, d). The weights are known from the last
+        `RedrawMove`. They are computed anew only for walkers that a move of another kind has
+        displaced since then.
         """
         displaced = np.ones(len(coordinates), dtype=bool)
         if self._last_coordinates.size:

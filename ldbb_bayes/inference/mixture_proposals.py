@@ -63,7 +63,7 @@ class SplitT:
     """Distribution of x = centre + root z, where each of h elements of z follows its own split t.
 
     The elements of z are independent, unless a ``dependence`` is stated: mean and width of each
-    element then depend on the first ones (`coordinate_dependence`). A split t is a Student-t
+    element then depend on the first elements (`coordinate_dependence`). A split t is a Student-t
     distribution with different scales and degrees of freedom on its two sides. Its density is
     continuous, as the two sides have the same height at z = 0. The columns of the matrix ``root``
     are the directions of the elements of z in the space of x.
@@ -80,7 +80,8 @@ class SplitT:
     #: degrees of freedom of the distribution along each of h directions; first below the centre,
     #: then above it, shape (2, h)
     freedom: Array
-    #: how mean and width of each coordinate z depend on the first ones; None if they do not
+    #: how mean and width of each coordinate in z depend on the first coordinates; None if they do
+    #: not
     dependence: Dependence | None = None
 
     def log_density(self, points: Array) -> Array:
@@ -107,7 +108,8 @@ class SplitT:
         masses = _side_masses(self.scale, self.freedom)
         side_probability = masses / masses.sum(axis=0)
         below = uniform < side_probability[0]
-        # Each side of a split Student-t distribution is one half of an ordinary one.
+        # Each side of a split Student-t distribution is one half of an ordinary Student-t
+        # distribution.
         probability_within_side = np.where(
             below, uniform / side_probability[0], (1.0 - uniform) / side_probability[1]
         )
@@ -244,11 +246,12 @@ def _refit_component(component: SplitT, points: Array, weight: Array) -> SplitT:
 def _shrink_correlation(correlation: Array, ess: float) -> Array:
     """Return a correlation matrix whose coefficients are shrunk towards zero, shape (h, h).
 
-    A coefficient computed from ``ess`` independent points scatters by 1 / √ess. All are multiplied
-    by the same factor, one minus the share of this scatter in their sum of squares. In the mean it
-    brings them closest to the true ones (Schäfer and Strimmer, Statistical Applications in Genetics
-    and Molecular Biology 4 (2005) 32). If few points carry the weight in many dimensions, hardly
-    any correlation is left, which is much better than correlations by chance.
+    A coefficient computed from ``ess`` independent points scatters by 1 / √ess. All coefficients
+    are multiplied by the same factor: one minus the share of their sum of squares that is due to
+    this scatter. On average, this factor brings the coefficients closest to their true values
+    (Schäfer and Strimmer, Statistical Applications in Genetics and Molecular Biology 4 (2005) 32).
+    If few points carry most of the weight in many dimensions, hardly any correlation is left. This
+    is much better than correlations that arise by chance.
     """
     h = len(correlation)
     sum_of_squares = (correlation**2).sum() - h

@@ -1,10 +1,11 @@
 """Posterior p(φ | y) of the hyper-parameters: modes, weighted nodes, and averages over nodes.
 
-y are the readings; φ are the h hyper-parameters, the scales of the noise and of other effects;
-β are the p parameters: compliances, their slopes and geometric errors. β and the effects that are
+y are the readings; φ are the h hyper-parameters, the scales of the noise and of other effects; β
+are the p parameters: compliances, their slopes and geometric errors. β and the effects that are
 modelled but not of interest are integrated out exactly, as readings depend linearly on them.
-Truncation T restricts β to compliances that are not negative; P(T | y, φ) is the probability that
-β meets it. Free coordinates are φ transformed to be unbounded, mostly ln(φ − lower bound).
+Truncation T restricts β to compliances that are not negative; P(T | y, φ) is the probability that β
+meets this condition. Free coordinates are φ transformed to be unbounded, mostly ln(φ − lower
+bound).
 """
 
 from __future__ import annotations
@@ -59,12 +60,13 @@ _NEGLIGIBLE_DEPTH = 12.0
 # Maxima of the posterior density are also sought with the normal score of one scale held at this
 # number of standard deviations below its value at the mode, that is, with the scale near zero.
 _BELOW_MODE = 4.0
-# Such a maximum is not sought if the log density, where the search would start, is lower than at
-# the mode by more than ``_NEGLIGIBLE_START`` [nat]. It is negligible if it is lower than the mode
-# by at least ``_NEGLIGIBLE_CORNER`` [nat].
+# A maximum with one scale near zero is not sought if the log density, where the search would start,
+# is lower than at the mode by more than ``_NEGLIGIBLE_START`` [nat]. The maximum is negligible if
+# it is lower than the mode by at least ``_NEGLIGIBLE_CORNER`` [nat].
 _NEGLIGIBLE_START = 12.0
 _NEGLIGIBLE_CORNER = 8.0
-# The search for such a maximum ends when a step raises the log density by no more than this [nat].
+# The search for a maximum with one scale near zero ends when a step raises the log density by no
+# more than this [nat].
 _CORNER_GAIN = 1e-2
 # Coarse nodes are weighted values of the hyper-parameters that serve where a rough integral
 # suffices. ``_COARSE_TOLERANCE`` is the error allowed in the log integral from them [nat].
@@ -79,27 +81,29 @@ _PARTS_OF_TOLERANCE = 20.0
 # Largest share of the integral in nodes at which the probability that no compliance is negative is
 # not computed, whatever the tolerance.
 _LARGEST_LEFT_OUT = 5e-4
-# The log probability that no compliance is negative is computed to a quarter of the tolerance, but
-# never better than this [nat].
+# The error allowed in the log probability that no compliance is negative is a quarter of the
+# tolerance of the log evidence, but at least this [nat].
 _FINEST_TOLERANCE = 1e-3
-# This probability is computed from quasi-random points that differ between nodes (values of the
-# hyper-parameters). The error that the points cause at one node may be this multiple of the
-# tolerance, because it cancels in the mean over hundreds of nodes.
+# The probability that no compliance is negative is computed from quasi-random points that differ
+# between nodes (values of the hyper-parameters). The error that the points cause at one node may be
+# this multiple of the tolerance, because it cancels in the mean over hundreds of nodes.
 _NOISE_PER_TOLERANCE = 2.0
 # If nodes (weighted values of the hyper-parameters) miss the tolerance only because of the error of
-# the probability that no compliance is negative, new nodes are computed to this share of the
-# tolerance.
+# the probability that no compliance is negative, new nodes are computed with the tolerance
+# multiplied by this.
 _NODES_SHARE = 0.7
-# The posterior probability that no compliance is negative is a mean over at first so many nodes
-# (values of the hyper-parameters), and over ``_PICKED_GROWTH`` times as many if its error is too
-# large.
+# The posterior probability that no compliance is negative is first computed as a mean over
+# ``_FEWEST_PICKED`` nodes (values of the hyper-parameters). If its error is too large, it is
+# computed from ``_PICKED_GROWTH`` times as many nodes.
 _FEWEST_PICKED = 256
 _PICKED_GROWTH = 4
 # Error allowed in the logarithm of the posterior probability that no compliance is negative [nat],
-# where a rough one suffices.
+# where a rough value suffices.
 _PROBABILITY_TOLERANCE = 0.02
-# Least logarithm of a probability that no compliance is negative, given the hyper-parameters, and
-# least share of the largest of these probabilities. They keep the logarithms of means finite.
+# A mean of probabilities that no compliance is negative, each given one value of the
+# hyper-parameters, is computed relative to the largest of them. The logarithm of the largest counts
+# as at least ``_LEAST_LOG_PROBABILITY``, and the relative mean as at least ``_LEAST_SHARE_INSIDE``,
+# so that the logarithm of the mean is finite.
 _LEAST_LOG_PROBABILITY = -700.0
 _LEAST_SHARE_INSIDE = 1e-300
 # Means and variances of parameters are averages over nodes, that is, weighted values of the
@@ -115,7 +119,7 @@ _LEAST_SD_SHARE = 1e-6
 
 
 class ProbabilityInside(NamedTuple):
-    """Posterior probability that no compliance is negative, where negative ones are allowed."""
+    """Probability that no compliance is negative, under a posterior that allows negative ones."""
 
     log_value: float  #: logarithm of the probability
     error: float  #: error of ``log_value`` [nat]
@@ -133,7 +137,7 @@ class HyperPosterior:
         The model applied to its campaign.
     truncated : bool
         Whether the density is multiplied by P(T | y, φ), the probability, given y and φ, of the
-        condition T that no compliance is negative. This need not be what the model requires.
+        condition T that no compliance is negative. The model itself may require otherwise.
     seed : int
         Seed of the starting points of the search for modes, and of the quasi-random points from
         which P(T | y, φ) is computed.
@@ -234,8 +238,8 @@ class HyperPosterior:
         """Return weighted values of the hyper-parameters φ (nodes) that represent this density.
 
         φ are the scales of the noise and of other effects. ``tolerance`` is the error allowed in
-        the logarithm of the integral of the density [nat], which is the log evidence; the nodes may
-        miss it, and state their error.
+        the logarithm of the integral of the density [nat], which is the log evidence; if the nodes
+        miss it, their ``error`` is larger.
 
         If this density is ``truncated``, the nodes are first those of the density that allows
         negative compliances, with weights multiplied by the probability, given φ, that no
@@ -327,8 +331,8 @@ class HyperPosterior:
 
         spare = min(tolerance / _PARTS_OF_TOLERANCE, _LARGEST_LEFT_OUT)
         truncated = integral.times(log_factor_in_chunks, spare)
-        # Errors of analytical bounds need not cancel between nodes. Noise is independent between
-        # them, so that its squares are summed.
+        # Errors of analytical bounds do not necessarily cancel between nodes and are added. Noise
+        # is independent between nodes, so that its squares are added.
         counts = truncated.weight > 0.0
         weight = truncated.weight[counts]
         error = float(weight @ errors[counts] + np.linalg.norm(weight * noise[counts]))
@@ -337,9 +341,11 @@ class HyperPosterior:
     def probability_inside(self, integral: Integral, tolerance: float) -> ProbabilityInside:
         """Return the posterior probability that no compliance is negative, from a few nodes.
 
-        It is the mean of P(T | y, φ), the probability given the readings y and the hyper-parameters
-        φ, over nodes picked from ``integral`` in proportion to their weights: at first 256 nodes,
-        then four times as many as long as the error exceeds the tolerance.
+        P(T | y, φ) is the probability, given the readings y and the hyper-parameters φ, of the
+        condition T that no compliance is negative. The result is the mean of P(T | y, φ) over nodes
+        that are picked from ``integral`` in proportion to their weights. At first 256 nodes are
+        picked. As long as the error exceeds the tolerance, the number is multiplied by four, but it
+        does not exceed the number of nodes of ``integral``.
 
         Parameters
         ----------
@@ -357,10 +363,12 @@ class HyperPosterior:
                 return found
 
     def _mean_probability(self, free: Array, tolerance: float) -> ProbabilityInside:
-        """Return the mean of P(T | y, φ) over values of the hyper-parameters φ, shape (n, h).
+        """Return the mean of P(T | y, φ) over n values of the hyper-parameters φ, with its error.
 
-        Its error is twice the standard error from the scatter between these values, plus the mean
-        error of P(T | y, φ) itself. ``tolerance`` is the error allowed in ln P(T | y) [nat].
+        P(T | y, φ) is the probability, given the readings y and φ, that no compliance is negative.
+        ``free``, shape (n, h), holds the values of φ in unbounded coordinates. The error of the
+        mean is twice the standard error from the scatter between these values, plus the mean error
+        of P(T | y, φ) itself. ``tolerance`` is the error allowed in ln P(T | y) [nat].
         """
         log_values = []
         errors = []
@@ -466,11 +474,11 @@ class HyperPosterior:
 
     @cached_property
     def _corners(self) -> list[tuple[Array, Array]]:
-        """Maxima of the density if one scale at a time is held near zero, each as in `modes`.
+        """Maxima of the density with one scale at a time held near zero, in the form of `modes`.
 
-        The density may extend far towards the value zero of a scale, and the other hyper-parameters
-        differ there from those at the mode. A proposal that is also fitted at these maxima covers
-        that region. Negligible maxima are left out.
+        The density may extend far towards the value zero of a scale. The other hyper-parameters
+        then have other values than at the mode. A proposal that is also fitted at these maxima
+        covers that region. Negligible maxima are left out.
         """
         mode, root = self.modes[0]
         prior = self.bound.hyper_prior
@@ -494,9 +502,9 @@ class HyperPosterior:
         return corners
 
     def _derivatives_at_fixed(self, axis: int) -> Callable[[Array], tuple[Array, Array]]:
-        """Return a function that gives gradient and Hessian at a point, zero along one axis.
+        """Return a function that gives gradient and Hessian at a point, with zeros along one axis.
 
-        The axis is that of a normal score that a search for a maximum must not change.
+        ``axis`` is the index of a normal score that the search for a maximum must not change.
         """
         may_change = np.arange(len(self.bound.hyper_prior.names)) != axis
 
@@ -514,8 +522,9 @@ class HyperPosterior:
     def _derivatives(self, point: Array, *, exact: bool = False) -> tuple[Array, Array]:
         """Return gradient and Hessian of the smooth log density at a point, (h,) and (h, h).
 
-        The noise factors of two circles hardly depend on each other. Unless ``exact``, their mixed
-        derivatives are not computed, so that the work grows in proportion to the number of circles.
+        The noise factors of two circles hardly depend on each other. Unless ``exact`` is True,
+        mixed second derivatives with respect to two noise factors are not computed, so that the
+        work grows in proportion to the number of circles.
         """
         of_circle = np.array([law == "circle" for law in self.bound.hyper_prior.laws])
         coupled = np.ones((len(point), len(point)), dtype=bool)
@@ -528,10 +537,11 @@ def _log_probability(orthant: Orthant, tolerance: float, seed: int) -> NoisyLogP
     """Return ln P(T | y, φ) at some nodes φ, with errors.
 
     P(T | y, φ) is the probability, given the readings y and the hyper-parameters φ of a node, that
-    no compliance is negative; ``orthant`` holds the Gaussian densities that it is an integral of.
-    ``tolerance`` is the error allowed in the logarithm of its mean over many nodes [nat]. An error
-    that all nodes have in common may be a quarter of it; noise that differs between nodes may be
-    larger, because it cancels in the mean.
+    no compliance is negative; it is an integral of the Gaussian density of the parameters.
+    ``orthant`` holds this density for every node. ``tolerance`` is the error allowed in the
+    logarithm of the mean of P over many nodes [nat]. An error that all nodes have in common may be
+    a quarter of the tolerance. Noise that differs between nodes may be larger, because it cancels
+    in the mean.
     """
     return orthant.log_probability_with_noise(
         max(tolerance / 4.0, _FINEST_TOLERANCE),
@@ -623,7 +633,7 @@ class Nodes:
 
     @property
     def bound(self) -> BoundModel:
-        """The model of which these are nodes, applied to its campaign."""
+        """The model whose hyper-parameters the nodes are values of, applied to its campaign."""
         return self.posterior.bound
 
     @property
@@ -640,7 +650,7 @@ class Nodes:
         return error + self.bound.truncation_prior[1]
 
     def meet(self, tolerance: float) -> bool:
-        """Return whether the nodes are fine enough for this tolerance of the log evidence [nat].
+        """Return whether the nodes are fine enough for a tolerance of the log evidence [nat].
 
         The error of the integral over the nodes must not exceed the tolerance minus the truncation
         error, which is the error of the log probability that no compliance is negative. If the
@@ -719,9 +729,9 @@ class Nodes:
         ``levels``, shape (n,), holds the probabilities. The quantiles are those of a mixture of
         Gaussians: the densities of a parameter given each of ``components`` values of the
         hyper-parameters, which are picked from the nodes by their weights. If compliances must not
-        be negative, this restricts the parameters along some directions. Their components along
-        these directions are then drawn at random with the given ``seed``, and each Gaussian is also
-        conditional on them.
+        be negative, this restricts the parameters along some directions. The coordinates of the
+        parameters along these directions are then drawn at random with the given ``seed``, and each
+        Gaussian is also conditional on the drawn coordinates.
         """
         rng = np.random.default_rng(seed)
 

@@ -4,7 +4,7 @@
 that represent p(φ | y), where y are the readings. If a campaign has many tests, its posterior of φ
 hardly changes when one test is left out. The nodes of the whole campaign, weighted by the density
 without the test, then represent the posterior without it, and the ratio of the two densities needs
-to be known at a few hundred of them only (`density_ratio`).
+to be known at a few hundred of these nodes only (`density_ratio`).
 
 The noise factor λ of the test left out is an exception. Without the test's readings, λ has its
 prior, which is much wider than its posterior. The density without the test is therefore multiplied
@@ -36,15 +36,15 @@ _LEAST_SD = 1e-6
 
 @dataclass(frozen=True)
 class GaussianFactor:
-    """Gaussian density of one coordinate given the others, fitted to weighted nodes.
+    """Gaussian density of one of h coordinates given all others, fitted to weighted nodes.
 
     The mean of the coordinate is linear in the other h − 1 coordinates.
     """
 
-    axis: int  #: index of the coordinate among all h
+    axis: int  #: index of the coordinate among all h coordinates
     slopes: Array  #: change of the mean per unit of each other coordinate, shape (h − 1,)
-    intercept: float  #: mean where all other coordinates are zero
-    sd: float  #: standard deviation about the mean
+    intercept: float  #: mean of the coordinate where all other coordinates are zero
+    sd: float  #: standard deviation of the coordinate about its mean
 
     def log_density(self, free: Array) -> Array:
         """Return the log density at points of shape (w, h), shape (w,)."""
@@ -54,7 +54,11 @@ class GaussianFactor:
 
 
 def fit_factor(integral: Integral, axis: int) -> GaussianFactor:
-    """Return the Gaussian density of one coordinate given the others, by weighted regression."""
+    """Return the Gaussian density of one coordinate given all other coordinates.
+
+    The density is fitted by weighted regression to the nodes of ``integral``. ``axis`` is the index
+    of the coordinate.
+    """
     others = np.delete(integral.free, axis, axis=1)
     coordinate = integral.free[:, axis]
     centre = integral.weight @ others
@@ -69,12 +73,14 @@ def fit_factor(integral: Integral, axis: int) -> GaussianFactor:
 
 
 class NodesWithoutTest:
-    """Nodes of one model for its campaign without any one of the tests.
+    """Source of the nodes of one model for a campaign without any one of its tests.
+
+    Nodes are weighted values of the hyper-parameters (scales of the noise and of other effects).
 
     Parameters
     ----------
     nodes : Nodes
-        Nodes of the model from all tests.
+        Nodes of the model for the campaign with all its tests.
     tolerance : float
         Error allowed in every log evidence [nat].
     """
@@ -86,9 +92,10 @@ class NodesWithoutTest:
         self._tolerance = tolerance
 
     def nodes(self, posterior: HyperPosterior, test: str) -> Nodes | None:
-        """Return the nodes without the named test; None if they would miss the tolerance.
+        """Return the nodes for the campaign without one test; None if they miss the tolerance.
 
-        ``posterior`` is the posterior density of the hyper-parameters without the test.
+        ``test`` is the name of the test left out. ``posterior`` is the posterior density of the
+        hyper-parameters, given the readings of the other tests.
         """
         noise_factor = f"lambda_{test}"
         if noise_factor in self._prior.names:
@@ -103,7 +110,11 @@ class NodesWithoutTest:
         return Nodes(posterior, sampled.integral, sampled.value_error)
 
     def _nodes_with_noise_factor(self, posterior: HyperPosterior, axis: int) -> Nodes | None:
-        """Return the nodes without a test that has a noise factor, the coordinate ``axis``."""
+        """Return the nodes without one test, for a model with a noise factor of this test.
+
+        ``axis`` is the index of the noise factor among the hyper-parameters. The result is None if
+        the nodes would miss the tolerance.
+        """
         factor = fit_factor(self._integral, axis)
 
         def evaluate(index: Index) -> LogValues:
@@ -121,7 +132,8 @@ class NodesWithoutTest:
     def _with_prior_of_noise_factor(self, integral: Integral, factor: GaussianFactor) -> Integral:
         """Return the integral with a noise factor that is drawn from its prior at every node.
 
-        Weights of the nodes, and the integral, do not change.
+        The noise factor is that of the test left out; ``factor`` is the Gaussian density that
+        replaced its prior. The weights of the nodes and the integral do not change.
         """
         rng = np.random.default_rng(_SEED)
         log_noise = np.log(self._prior.draw_noise_factor(len(integral.free), rng))

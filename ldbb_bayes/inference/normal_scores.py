@@ -4,8 +4,8 @@ The hyper-parameters φ are the scales of the noise and of other effects. Under 
 score z of a hyper-parameter is standard normal: Φ(z) is its prior probability of a smaller value.
 The logarithm of a scale that the readings hardly determine extends far towards minus infinity, with
 an exponential tail. Its normal score has a Gaussian tail, so that the posterior of all φ together
-resembles a Gaussian more closely, and fewer nodes suffice. Noise factors of circles keep their
-logarithms, which are nearly normal.
+resembles a Gaussian more closely, and fewer nodes suffice. Noise factors of circles are transformed
+to their logarithms instead, which are nearly normal.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["NormalScores"]
 
-# Smallest distance of a hyper-parameter from its bounds that is reckoned with, so that the
-# logarithm of the distance is finite.
+# The distance of a hyper-parameter from its bounds counts as at least this, so that the logarithm
+# of the distance is finite.
 _LEAST_DISTANCE = 1e-300
 # A value of a hyper-parameter counts as near to a bound if the logarithm of the prior probability
 # of values between it and the bound is below this. Its distance from the bound is then computed
@@ -81,13 +81,19 @@ class NormalScores:
         return self._log_probability_above(self._bounds[0])
 
     def _log_probability_above(self, values: Array) -> Array:
-        """Return ln P(φ between ``values`` and b) under the unrestricted priors, (..., k)."""
+        """Return the log probability of φ between ``values`` and b, shape (..., k).
+
+        The probability is that under the unrestricted priors.
+        """
         log_tail = log_ndtr(-(values - self._mean) / self._sd)
         log_share = np.minimum(self._log_above - log_tail, _LARGEST_LOG_PROBABILITY)
         return np.asarray(log_tail + np.log(-np.expm1(log_share)))
 
     def _values(self, scores: Array) -> Array:
-        """Return the k hyper-parameters with restricted normal priors at given scores, (..., k)."""
+        """Return the k hyper-parameters with restricted normal priors, shape (..., k).
+
+        ``scores``, shape (..., h), are the normal scores of all hyper-parameters.
+        """
         log_probability = log_ndtr(-scores[..., self._restricted]) + self._log_mass
         log_tail = np.logaddexp(log_probability, self._log_above)
         return np.asarray(self._mean - self._sd * ndtri_exp(log_tail))
@@ -100,7 +106,11 @@ class NormalScores:
         return np.asarray(log_normal - np.log(self._sd) - self._log_mass)
 
     def _log_distances(self, scores: Array) -> tuple[Array, Array]:
-        """Return ln(φ − a), and ln(b − φ) or zero where b is infinite, each of shape (..., k)."""
+        """Return ln(φ − a) and ln(b − φ), each of shape (..., k).
+
+        Where b is infinite, the second result is zero. ``scores``, shape (..., h), are the normal
+        scores.
+        """
         lower, upper = self._bounds
         values = self._values(scores)
         restricted = scores[..., self._restricted]
@@ -138,10 +148,11 @@ class NormalScores:
         return scores
 
     def _log_probabilities_near_bounds(self, free: Array) -> tuple[Array, Array]:
-        """Return log prior probabilities of values nearer to a, and to b, than given values.
+        """Return log prior probabilities that φ is nearer to a, and nearer to b, than given values.
 
-        They are computed as if the prior density were the same as at the bound, which holds near to
-        it. Each has the shape (..., k). The second is infinite where b is infinite.
+        The probabilities are computed as if the prior density were the same everywhere as at the
+        bound, which is accurate near the bound. Both arrays have the shape (..., k). The second
+        array is infinite where b is infinite.
         """
         lower, upper = self._bounds
         restricted = free[..., self._restricted]
@@ -156,9 +167,9 @@ class NormalScores:
     def log_jacobian(self, scores: Array) -> Array:
         """Return the log volume of unbounded coordinates per volume of scores, shape (...).
 
-        It follows from the prior density p of a hyper-parameter: the standard normal density of its
-        score z times dz is p(φ) dφ, and dφ is (φ − a) times the change of the unbounded coordinate,
-        or (φ − a) (b − φ) / (b − a) times it if b is finite.
+        The log volume follows from the prior density p of a hyper-parameter φ. The standard normal
+        density of the score z times dz is p(φ) dφ. If u is the unbounded coordinate, dφ is (φ − a)
+        du, or (φ − a) (b − φ) / (b − a) du if b is finite.
         """
         values = self._values(scores)
         above, below = self._log_distances(scores)

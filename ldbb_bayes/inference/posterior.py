@@ -55,8 +55,8 @@ __all__ = [
 
 # Groups of arrays that the tree of a posterior, or a file of one, must have.
 _GROUPS = ("posterior", "sample_stats", "observed_data", "constant_data", "provenance")
-# Dimensions of the arrays in the tree of a posterior that are not random draws, by name of the
-# array. ``test`` counts the tests, ``reading`` the readings of all tests.
+# Dimensions of the arrays in the tree of a posterior that are not random draws. The keys are the
+# names of the arrays. ``test`` counts the tests, ``reading`` the readings of all tests.
 _DIMENSIONS = {
     "force_N": ["test"],
     "pressure_bar": ["test"],
@@ -70,7 +70,7 @@ _DIMENSIONS = {
     "reading_mm": ["reading"],
     "reference_force_N": [],
 }
-# Units of arrays in the tree of a posterior, by name of the array.
+# Units of arrays in the tree of a posterior. The keys are the names of the arrays.
 _UNITS = {
     "force_N": "N",
     "pressure_bar": "bar",
@@ -88,14 +88,15 @@ _ANY_CIRCLE_DEG = np.arange(0.0, 360.0, 10.0)
 # ``_LARGEST_EXPANSION`` times the size of the file plus ``_SMALL_FILE_BYTES``.
 _LARGEST_EXPANSION = 20
 _SMALL_FILE_BYTES = 2**20
-# Edition of the default model. The record of a posterior states it, because draws of another
-# edition do not fit the columns and priors of this one. The presets ``first`` and ``paper`` do not
-# change.
+# Edition of the default model. The record of a posterior states the edition, because draws from
+# another edition do not fit the terms and priors of the present edition. The presets ``first`` and
+# ``paper`` are the same in all editions.
 MODEL_EDITION = 3
-# Campaigns of the posteriors that were built or read last, the oldest first, by what the posterior
-# states of them. Analyses of a posterior thus share one campaign, and what is worked out of it.
+# Cache of campaigns of posteriors, the oldest first. A key is all that a posterior states of its
+# campaign. Because of the cache, all analyses of a posterior use the same `Campaign` object and the
+# results that are stored in it.
 _CAMPAIGNS: dict[tuple[str | bytes, ...], Campaign] = {}
-# Largest number of campaigns that are kept.
+# Largest number of campaigns that the cache holds.
 _KEPT_CAMPAIGNS = 8
 # Largest number of characters that are quoted from a library's error message on an unreadable file.
 _LONGEST_REASON = 120
@@ -106,9 +107,9 @@ def build_tree(
 ) -> xr.DataTree:
     """Return a DataTree with groups of arrays, and a record as JSON in the group ``provenance``.
 
-    ``groups`` holds arrays by group and by name. Arrays of random draws have the shape (chains,
-    draws, …). ``bound``, the model applied to its campaign, gives names and units. ``record``
-    states what was fitted and how.
+    ``groups`` holds the arrays; the first key is the name of the group, the second key that of the
+    array. Arrays of random draws have the shape (chains, draws, …). ``bound``, the model applied to
+    its campaign, gives names and units. ``record`` states what was fitted and how.
     """
     from arviz_base import from_dict  # imported here, because it loads Matplotlib
 
@@ -131,7 +132,9 @@ def build_tree(
 
 
 def save(posterior: xr.DataTree, path: str | os.PathLike[str]) -> Path:
-    """Write a posterior to one netCDF file (h5netcdf), whole or not at all.
+    """Write a posterior to one netCDF file (h5netcdf).
+
+    If an error occurs, no file is written and an existing file is not changed.
 
     Parameters
     ----------
@@ -159,7 +162,7 @@ def save(posterior: xr.DataTree, path: str | os.PathLike[str]) -> Path:
     True
     """
     target = Path(path)
-    record_of(posterior)  # refuses a posterior without a record
+    record_of(posterior)  # raises an error for a posterior without a record
     tree = posterior.copy()
     tree["provenance"].attrs["sha256"] = _digest(tree)
     with _no_lock_of_dask():
@@ -241,7 +244,7 @@ def _require_edition(tree: xr.DataTree, source: Path) -> None:
     """Raise an `InputError` for a fit of another edition of the default model.
 
     Everything that is computed from a posterior uses the model of this edition, and would be wrong
-    for draws of another one. ``source`` is the name of the file for the message.
+    for draws from another edition. ``source`` is the name of the file for the message.
     """
     record = record_of(tree)
     edition = record.get("model_edition", "an earlier one")
@@ -388,7 +391,8 @@ def fit_of(posterior: xr.DataTree) -> Fit:
 def campaign_of(posterior: xr.DataTree) -> Campaign:
     """Return the campaign from whose readings a posterior was computed, readings included.
 
-    Posteriors of the same campaign, such as a fit and an average, share one.
+    Posteriors of the same campaign, such as a fit and an average over models, share one `Campaign`
+    object.
     """
     _require_record(posterior)
     key = _campaign_key(posterior)
@@ -414,7 +418,10 @@ def _campaign_text(record_json: str) -> str:
 
 
 def _keep_campaign(key: tuple[str | bytes, ...], campaign: Campaign) -> None:
-    """Keep a campaign for the posteriors that state the same of it, and forget the oldest ones."""
+    """Add a campaign to the cache, and remove the oldest campaigns if the cache holds too many.
+
+    ``key`` is all that a posterior states of the campaign, as `_campaign_key` returns it.
+    """
     _CAMPAIGNS[key] = campaign
     for oldest in list(_CAMPAIGNS)[:-_KEPT_CAMPAIGNS]:
         _CAMPAIGNS.pop(oldest, None)

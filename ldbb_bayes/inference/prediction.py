@@ -41,8 +41,8 @@ __all__ = ["band_um", "new_circles", "predict", "readings_drawn", "replicate_lef
 
 # Largest number of posterior draws from which the readings of new circles are predicted.
 _DRAWS = 4000
-# Circles that other tests predict are drawn for this many draws of the parameters and of shared
-# nuisances at each value of the hyper-parameters.
+# To predict the circle of a test from the other tests, the parameters and the shared nuisances are
+# drawn this many times for each value of the hyper-parameters.
 _DRAWS_PER_NODE = 8
 
 
@@ -58,9 +58,9 @@ def predict(
     from the posterior. Set-up shift (of zero and centre), discrepancy (unexplained deviations of a
     circle), random force error and white noise are drawn anew. Shift and discrepancy scatter as
     much from circle to circle as those of the measured circles. Effects that the campaign does not
-    show, such as the length of the bar at another radius, are drawn from their prior. Where times
-    are not stated, the new circles count as run after the measured ones; state ``time_s`` of all
-    tests to predict a circle that was run among them.
+    show, such as the length of the bar at another radius, are drawn from their prior. If times are
+    not stated, the new circles count as run after the measured ones. To predict a circle that is
+    run between measured ones, state ``time_s`` of all tests.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ def new_circles(
 def _noise_factors(draws: ModelDraws) -> Array:
     """Return the drawn noise factors λ of the R measured circles, shape (draws, R).
 
-    There are none if the model has no factor for each circle.
+    R is zero if the model has no noise factors of single circles.
     """
     names = draws.bound.hyper_prior.names
     factors = [str(name) for name in draws.bound.setting.circle if str(name) in names]
@@ -221,7 +221,7 @@ class _MeasuredAndPlanned(NamedTuple):
 
 
 def _bind_with_plan(bound: BoundModel, plan: Campaign) -> _MeasuredAndPlanned:
-    """Return a model applied to the measured tests, and the same one applied to planned tests.
+    """Return a model applied to the measured tests, and the same model applied to planned tests.
 
     Both results are made as if all these tests were of one campaign. They therefore have the same
     nuisances (effects that are modelled but not of interest), such as ball forms and bar lengths.
@@ -309,9 +309,9 @@ def _with_new_noise_factor(
 ) -> Array:
     """Return hyper-parameters with a new noise factor λ of the test left out, shape (n, h).
 
-    Without the test's readings, λ is independent of all else and has its prior density. A new draw
-    for every circle represents its heavy tail better than the few values at the nodes. ``r`` is the
-    index of the test, and ``phi``, shape (n, h), are the hyper-parameters.
+    Without the test's readings, λ is independent of all other unknowns and has its prior density. A
+    new draw for every circle represents its heavy tail better than the few values at the nodes.
+    ``r`` is the index of the test, and ``phi``, shape (n, h), are the hyper-parameters.
     """
     name = str(bound.setting.circle[r])
     if name not in bound.hyper_prior.names:

@@ -1,4 +1,4 @@
-"""Readings that a model expects before it has seen any: circles drawn from the prior.
+"""Readings of circles that are drawn from the prior of a model.
 
 Parameters are compliances, slopes and geometric errors; hyper-parameters are the scales of the
 noise and of other effects; nuisances are effects that are modelled but not of interest.
@@ -20,12 +20,13 @@ __all__ = ["prior_circles"]
 
 
 def prior_circles(bound: BoundModel, size: int, rng: np.random.Generator) -> Iterator[Array]:
-    """Yield circles of each test that the prior predicts [mm], shape (size, n) for n readings.
+    """Yield random readings that the prior predicts for each test in turn [mm], shape (size, n).
 
-    Each draw from the prior of parameters, hyper-parameters and nuisances gives one circle, with
-    white noise. If the model requires it, no compliance is negative in any draw. The readings are
-    used for one thing only: some prior standard deviations are proportional to an estimate Ĉ of the
-    compliances. ``bound`` is the model, applied to its campaign; its prior must not be flat.
+    A test has n readings. Each draw from the prior of parameters, hyper-parameters and nuisances
+    gives one circle, with white noise. If the model requires it, no compliance is negative in any
+    draw. The measured readings are used for one purpose only: some prior standard deviations are
+    proportional to an estimate Ĉ of the compliances. ``bound`` is the model, applied to its
+    campaign; its prior must not be flat.
     """
     beta, phi = prior_draws_of(bound, size, rng)
     value = dict(zip(bound.hyper_prior.names, phi.T, strict=True))

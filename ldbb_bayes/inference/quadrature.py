@@ -1,4 +1,7 @@
-"""Integrals of a density with known modes, by a lattice or by sampling: the one that is faster."""
+"""Integrals of a density with known modes, from a lattice or by importance sampling.
+
+Of the two methods, the faster one is used.
+"""
 
 from __future__ import annotations
 

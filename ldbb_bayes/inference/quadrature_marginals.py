@@ -57,8 +57,8 @@ def marginalize(
     tolerance : float
         Relative error of the integrals behind means and standard deviations, between 0 and 1.
     seed : int
-        Seed of the random points from which quantiles are computed. The cumulative probability of a
-        quantile has a standard error of at most 0.6 % from these draws.
+        Seed of the random points from which quantiles are computed. Because the number of points is
+        finite, the cumulative probability at a quantile has a standard error of at most 0.6 %.
 
     Returns
     -------

@@ -67,7 +67,7 @@ def groups_of(
     prior: tuple[Array, Array],
     densities: Mapping[str, Array],
 ) -> dict[str, dict[str, Array]]:
-    """Return the arrays of a posterior, by group and by name.
+    """Return the arrays of a posterior: the first key is the group, the second the array's name.
 
     Parameters
     ----------
@@ -106,10 +106,11 @@ def groups_of(
 
 
 def _by_name(bound: BoundModel, beta: Array, phi: Array) -> dict[str, Array]:
-    """Return random draws by name, one array (chains, draws) per parameter and hyper-parameter.
+    """Return a dict with the random draws of each parameter and hyper-parameter.
 
     ``beta``, shape (chains, draws, p), holds the draws of the p parameters, ``phi``, shape (chains,
-    draws, h), those of the h hyper-parameters. ``bound`` is the model, applied to its campaign.
+    draws, h), those of the h hyper-parameters. The keys of the result are the names; the arrays
+    have the shape (chains, draws). ``bound`` is the model, applied to its campaign.
     """
     arrays = {}
     for column in range(beta.shape[2]):

@@ -4,8 +4,8 @@
 that represent p(φ | y), where y are the readings. Related models have the same hyper-parameters:
 they differ in slopes, in rival explanations of slopes (effects that look like a change of
 compliance with force), and in truncation, which restricts compliances to values that are not
-negative. Their posteriors of φ are much alike. The nodes of one of them, weighted by the density of
-another, therefore represent the posterior of the other as well.
+negative. Their posteriors of φ are much alike. The nodes of one model, weighted with the density of
+another model, therefore represent the posterior of that other model as well.
 """
 
 from __future__ import annotations

@@ -115,8 +115,9 @@ def sample(
         Campaign with readings.
     sampler : {"joint", "independent"}
         ``joint``: emcee samples all parameters and hyper-parameters. ``independent``: independent
-        draws by rejection from a density fitted to the posterior of the hyper-parameters; if its
-        weights cannot be trusted, ``joint`` is used instead and the record states it.
+        draws by rejection from a density fitted to the posterior of the hyper-parameters; if the
+        importance weights of this density cannot be trusted, ``joint`` is used instead, and the
+        record states this.
     seed : int
         Seed of all random numbers.
     ensembles : int
@@ -125,8 +126,9 @@ def sample(
         Number of walkers of each ensemble, even and at least twice the number d of parameters and
         hyper-parameters; only for ``joint``. Default: 4 d, but at least 128.
     rule : StoppingRule, optional
-        When to stop. Default: every parameter has bulk and tail ESS (effective sample size) ≥ 1000
-        and R-hat ≤ 1.01, and the further conditions of `StoppingRule` are met.
+        Rule that decides when sampling stops. Default: every parameter has bulk and tail ESS
+        (effective sample size) ≥ 1000 and R-hat ≤ 1.01, and the further conditions of
+        `StoppingRule` are met.
     progress : callable, optional
         Function called with a report of the run each time that convergence is assessed.
 
@@ -202,12 +204,12 @@ def sampler_named(name: str, *, stacklevel: int = 5) -> str:
 class FittedModel(NamedTuple):
     """Posterior draws of a model and a campaign, and how well the model fits.
 
-    Most analyses need the draws as a DataTree (`tree`). It is built only on request because that
-    takes time, which counts where many campaigns are fitted.
+    Most analyses need the draws as a DataTree (`tree`). The DataTree is built only on request,
+    because building it takes time, which matters if many campaigns are fitted.
     """
 
-    draws: ModelDraws  #: posterior draws of all chains, joined, with the model of the campaign
-    #: arrays of the posterior, by group and by name, as `groups_of` returns them
+    draws: ModelDraws  #: model applied to its campaign, with the draws of all chains, joined
+    #: arrays of the posterior, as `groups_of` returns them
     groups: Mapping[str, Mapping[str, Array]]
     fit: Fit
     #: how the sampler ran: the entry ``sampler`` of a posterior's record
@@ -295,10 +297,11 @@ def run_sampler(
 ) -> SampledDraws:
     """Return posterior draws of parameters and hyper-parameters by the named sampler.
 
-    The draws meet the stopping rule, unless the sampler gave up; the run states which. If
-    independent draws are asked for but their weights cannot be trusted, emcee samples parameters
-    and hyper-parameters jointly instead. For independent draws, ``steps`` of the run is the number
-    of draws of one chain, ``walkers`` is 1, and ``acceptance`` is the share of proposals accepted.
+    The draws meet the stopping rule, unless the sampler gave up; ``converged`` of the run states
+    whether they do. If independent draws are asked for but their weights cannot be trusted, emcee
+    samples parameters and hyper-parameters jointly instead. For independent draws, ``steps`` of the
+    run is the number of draws of one chain, ``walkers`` is 1, and ``acceptance`` is the share of
+    proposals accepted.
 
     Parameters
     ----------

@@ -2,8 +2,8 @@
 
 β are the p parameters: compliances, their slopes and geometric errors. φ are the hyper-parameters,
 the scales of the noise and of other effects. Nuisances are effects that are modelled but not of
-interest; u are the q coefficients of those that are the same in all tests. Given φ and the readings
-y, the joint density p(u, β | y, φ) is Gaussian, so that several draws cost little more than one.
+interest; u are the q coefficients of the nuisances that tests share. Given φ and the readings y,
+the joint density p(u, β | y, φ) is Gaussian, so that several draws cost little more than one.
 Truncation restricts β to compliances that are not negative.
 """
 
@@ -21,8 +21,9 @@ from ldbb_bayes.results import Array
 
 __all__ = ["SharedDraws", "draw_with_shared"]
 
-# Number of times that parameters are drawn without regard to truncation, and kept if no compliance
-# is negative. Those that remain are drawn from a density that is shifted towards such compliances.
+# A draw of the parameters with a negative compliance is first replaced, up to this number of times,
+# by a draw from the density without truncation. If a compliance is still negative, the parameters
+# are drawn from a density that is shifted towards compliances that are not negative.
 _PLAIN_TRIES = 4
 # Largest number of times that a draw from the shifted density is repeated if it was not accepted.
 _REPEATS = 20
@@ -65,7 +66,8 @@ def _draw_standard(
     """Return random draws of the parameters in standard coordinates, shape (w, repeats, p).
 
     In standard coordinates the density of the parameters given each of w values of the
-    hyper-parameters is N(0, I). No compliance of ``conditional.physical`` is negative in any draw.
+    hyper-parameters is N(0, I). No compliance that ``conditional.physical`` restricts is negative
+    in any draw.
     """
     w, p = conditional.mean.shape
     standard = rng.standard_normal((w * repeats, p))

@@ -178,7 +178,7 @@ def _entry(draws: Array, unit: str, prior_sd: float | None, prob: float) -> dict
 
 
 def priors_of(posterior: xr.DataTree) -> tuple[dict[str, float | None], dict[str, float]]:
-    """Return prior standard deviations and prior means, each by the name of the parameter.
+    """Return prior standard deviations and prior means; the keys are the names of the parameters.
 
     Standard deviations are those of parameters and hyper-parameters, before compliances are
     restricted to values that are not negative; they are None for parameters with a flat prior.
@@ -189,7 +189,7 @@ def priors_of(posterior: xr.DataTree) -> tuple[dict[str, float | None], dict[str
 
 
 def interval_numbers(draws: Array, prob: float) -> dict[str, float]:
-    """Return mean, sd, median and the ends of the equal-tailed interval of random draws, by name.
+    """Return a dict with mean, sd, median and the ends of the equal-tailed interval of draws.
 
     ``prob`` is the probability of the interval, between 0 and 1.
     """
