@@ -3,19 +3,21 @@
 Every source in the budget of a parameter has one of three origins. A source is *stated* if a
 certificate, or a prior that the user gave, states its size. It is *measured here* if the readings
 of this campaign alone, with a flat prior of the source, determine it with a standard uncertainty of
-less than half of its prior standard deviation. Otherwise nobody measured it, and its size is
+less than half of its prior standard deviation. A source that is neither stated nor measured here is
 *assumed*.
 
-The question is asked coefficient by coefficient, at the very Fourier order of the coefficient: a
-form error of the balls that the readings show at the orders 5 to 12, and that a prior carries on to
-the orders 2 and 3, is not measured at 2 and 3. The priors of the parameters of interest
-(compliances, slopes, geometric errors) are flattened, too. Otherwise the narrow prior of a
-squareness would count as a measurement of the form error that looks like it. All other effects keep
-their priors.
+The origin is determined for each coefficient alone, at the Fourier order of the coefficient. For
+example, the readings may show a form error of the balls at the orders 5 to 12, and its prior may
+extend this knowledge to the orders 2 and 3. At the orders 2 and 3, the form error is still not
+measured here. The priors of the parameters of interest (compliances, slopes, geometric errors) are
+made flat, too. If they were not, the narrow prior of a squareness error would count as a
+measurement of a form error that changes the readings in the same way. All other effects keep their
+priors.
 
-Scatter has no coefficients that several readings share. Reading noise, set-up shift and discrepancy
-are measured here, because their sizes are hyper-parameters that the readings determine. Scatter of
-a fixed size, such as the random error of the force, is stated or assumed.
+Scatter differs from reading to reading, or from circle to circle, and has no coefficients that
+several circles share. Reading noise, set-up shift and discrepancy are measured here, because their
+sizes are hyper-parameters that the readings determine. Scatter of a fixed size, such as the random
+error of the force, is stated or assumed.
 """
 
 from __future__ import annotations
@@ -34,8 +36,8 @@ from ldbb_bayes.model.terms.columns import NOISE, OWN
 
 __all__ = ["MAJORITY", "Origin", "edition_terms", "is_prior_stated", "is_size_stated", "origins"]
 
-# Sources have most of a parameter's variance if their share of it is above this. Knowing them would
-# then reduce the standard uncertainty of the parameter by 30 % or more.
+# Sources have most of a parameter's variance if their share of the variance is above this. Knowing
+# them would then reduce the standard uncertainty of the parameter by 30 % or more.
 MAJORITY = 0.5
 # An effect counts as measured here if the readings alone, with a flat prior of the effect, give it
 # a standard uncertainty below this share of its prior standard deviation.
@@ -53,9 +55,9 @@ class Origin(StrEnum):
 def origins(bound: BoundModel, information: Information) -> dict[tuple[str, str], Origin]:
     """Return the origin of every source of uncertainty of a model's parameters.
 
-    The keys are those of `Information.shares`: the name of the coefficient or noise, and that of
-    the model term to which it belongs. The parameters' own priors (key ``(OWN, OWN)``) are assumed
-    here; `is_prior_stated` tells for one parameter whether the user gave its prior.
+    The keys are those of `Information.shares`: the name of the coefficient or noise, and the name
+    of the model term to which it belongs. The parameters' own priors (key ``(OWN, OWN)``) are
+    assumed here; `is_prior_stated` returns for one parameter whether the user gave its prior.
 
     Parameters
     ----------
@@ -85,10 +87,11 @@ def origins(bound: BoundModel, information: Information) -> dict[tuple[str, str]
 def is_size_stated(bound: BoundModel, coefficient: str, term: Term | None) -> bool:
     """Return whether the size of a nuisance coefficient is stated.
 
-    The size is stated by a certificate, or by the user: if the prior sd of the coefficient is not
-    the package's own, or the term is a class of the user. Other settings of the term do not state
-    it: a mount without curvature deflects by as uncertain an amount as one with it. ``term`` is the
-    model term that the coefficient belongs to; the answer is false if it is None (not modelled).
+    The size is stated if a certificate states it, if the user has changed the prior sd of the
+    coefficient, or if the user has added the term to the model with ``with_term``. Other settings
+    of the term do not state the size: for example, if the user removes the curvature from a mount's
+    deflection, the size of the deflection stays uncertain. ``term`` is the model term that the
+    coefficient belongs to. Return False if it is None, because the model then has no such term.
     """
     if term is None:
         return False
@@ -120,9 +123,11 @@ def _with_usual_sizes(bound: BoundModel, term: Term) -> Term:
 
 
 def _prior_size(term: Term, bound: BoundModel, coefficient: str) -> tuple[object, ...] | None:
-    """Return what determines the prior sd of a coefficient; None if the term does not have it.
+    """Return what determines the prior sd of a coefficient.
 
-    These are the sd or its factor, the hyper-parameters that multiply it and the stated part.
+    The values returned are the sd or a factor of the sd, the hyper-parameters that multiply this
+    factor, and the part of the sd that is stated. Return None if the term has no coefficient of
+    this name.
     """
     for columns in term.columns(bound.setting):
         if isinstance(columns, Columns) and coefficient in columns.names:
@@ -155,7 +160,7 @@ def edition_terms(bound: BoundModel) -> dict[type[Term], Term]:
 
 
 def _edition(bound: BoundModel) -> HybridModel:
-    """Return the model of the preset that a model was made from, as the package has it.
+    """Return the model of the preset that a model was made from, with the package's own values.
 
     For the preset ``paper``, whose model has no nuisances, it is the model of the preset ``first``.
     """
@@ -180,7 +185,7 @@ def _term_named(bound: BoundModel, owner: str) -> Term | None:
 def _origin_of_noise(bound: BoundModel, name: str) -> Origin:
     """Return the origin of a scatter between readings or circles.
 
-    ``name`` is the class name of the model term that causes the scatter, or that of the reading
+    ``name`` is the class name of the model term that causes the scatter, or the name of the reading
     noise.
     """
     if name == NOISE:

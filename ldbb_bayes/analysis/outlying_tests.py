@@ -4,12 +4,12 @@ Each test r is compared with replicates: circles simulated from p(y_r | y_−r),
 its readings y_r given the readings y_−r of the other tests. If there are several models, each
 simulates a share of the replicates equal to its posterior probability given the other tests. For
 each Fourier order, the p-value of a test is the share of replicates that deviate at least as much
-as the test. The smallest of the 13 p-values of a test may be small by chance. It is therefore
-compared with the smallest p-values of the replicates.
+as the test. A test has 13 p-values, one for each Fourier order from 0 to 12. The smallest of them
+may be small by chance, and is therefore compared with the smallest p-values of the replicates.
 
 Holm's method bounds the family-wise error: the probability that any test is flagged although all
 agree. A flagged test is taken out before the remaining tests are judged again, because it would
-make the tests at neighbouring forces look odd.
+make the tests at neighbouring forces seem to deviate.
 """
 
 from __future__ import annotations
@@ -58,22 +58,22 @@ _CIRCLES_PER_DRAW_AGAIN = 2
 
 @dataclass(frozen=True)
 class JudgedTest:
-    """One test compared with what the other tests, except flagged ones, predict for it.
+    """One test compared with its prediction from the other tests, except flagged tests.
 
     If a campaign has only two tests and they disagree, both have small p-values. Neither is
-    flagged, because nothing tells which of them is wrong.
+    flagged, because nothing shows which of them is wrong.
     """
 
-    #: probability that another circle of the same machine deviates as much, in any Fourier order,
-    #: from what the other tests predict
+    #: probability that another circle of the same machine deviates at least as much from the
+    #: prediction in any Fourier order
     p_value: float
     family_wise_p_value: float  #: p-value adjusted for the number of tests (Holm)
     order_p_values: tuple[float, ...]  #: p-value of each single Fourier order, 0 … 12
     worst_order: int  #: Fourier order in which the test deviates most
     #: whether the family-wise p-value is below 2 % and more than half of the tests remain unflagged
     flag: bool
-    #: deviation in the worst Fourier order, as −ln of the probability that χ² is larger; of tests
-    #: with equal p-values, the one with the largest deviation is flagged first
+    #: deviation in the worst Fourier order, stated as −ln of the probability of a larger χ². Among
+    #: tests with equal p-values, the test with the largest deviation is flagged first.
     distance: float
 
 
@@ -86,12 +86,12 @@ def find_outlying_tests(
     tolerance: float = 1e-2,
     replicates: int | None = None,
 ) -> pd.DataFrame:
-    """Find the tests that do not agree with the others, under one or several models.
+    """Find the tests that do not agree with the other tests, under one or several models.
 
     Each test is compared with circles simulated from what the other tests predict. Its p-value is
-    the probability that a circle of the same machine deviates as much from the prediction in any
-    Fourier order. A test is flagged if its family-wise p-value (Holm) is below 2 %, and more than
-    half of the tests remain unflagged.
+    the probability that a circle of the same machine deviates at least as much from the prediction
+    in any Fourier order. A test is flagged if its family-wise p-value (Holm) is below 2 %, and more
+    than half of the tests remain unflagged.
 
     Parameters
     ----------
@@ -105,8 +105,8 @@ def find_outlying_tests(
         Error allowed in every log evidence [nat].
     replicates : int, optional
         Number of circles that are simulated at first for each test. A test with a p-value of at
-        most 5 % is judged again with twice as many. Default: 20,000, or 400 per test if that is
-        more.
+        most 5 % is judged again with twice as many circles. Default: 20,000, or 400 times the
+        number of tests if this is more.
 
     Returns
     -------
@@ -211,8 +211,8 @@ def judge_tests(
 def _any_nodes(nodes_by_model: Mapping[str, Nodes]) -> Nodes:
     """Return the quadrature nodes of the first model's posterior.
 
-    Nodes are weighted values of the hyper-parameters. The first model is as good as any other for
-    properties of the campaign that are the same in all models.
+    Nodes are weighted values of the hyper-parameters. The first model is used for properties of the
+    campaign that are the same in all models.
     """
     return next(iter(nodes_by_model.values()))
 
@@ -220,7 +220,7 @@ def _any_nodes(nodes_by_model: Mapping[str, Nodes]) -> Nodes:
 def _most_outlying(judged: Mapping[str, JudgedTest]) -> str:
     """Return the name of the test with the smallest p-value.
 
-    Among tests with equal p-values it is the one with the largest ``distance`` (of `JudgedTest`).
+    Among tests with equal p-values, it is the test with the largest ``JudgedTest.distance``.
     """
     return min(judged, key=lambda name: (judged[name].p_value, -judged[name].distance))
 
@@ -332,8 +332,9 @@ def judge_circle(observed: Array, replicates: Array) -> JudgedTest:
         nearer_counts.append(int(np.sum(distances < distance)))
         replicate_distances.append(distances)
         tails.append(_minus_log_tail(float(distance), components))
-    # In its worst Fourier order, the circle deviates more than ``most_nearer`` replicates do. Count
-    # the replicates that, in any order, deviate more than ``most_nearer`` other replicates do.
+    # ``most_nearer`` is the number of replicates that deviate less than the circle in its worst
+    # Fourier order. Count the replicates that, in any order, deviate more than this number of other
+    # replicates.
     most_nearer = max(nearer_counts)
     edge = np.full((MAX_ORDER + 1, 1), -np.inf)
     if most_nearer:

@@ -1,4 +1,4 @@
-"""Pairs of cures for parameters that the best single cure leaves confounded."""
+"""Pairs of cures for parameters that stay confounded after the best single cure."""
 
 from __future__ import annotations
 
@@ -12,21 +12,23 @@ from ldbb_bayes.units import ranked
 
 __all__ = ["PairedRemedy", "paired_remedies"]
 
-# Second cures whose ratios of standard uncertainties differ by less than this count as equal, and
-# the cheaper one is taken.
+# Second cures with which a parameter's standard uncertainty is nearly the same count as equal, and
+# the cheaper one is taken. The uncertainties are divided by that without any cure, and may differ
+# by less than this.
 _EQUAL_RATIOS = 0.02
 
 
 @dataclass(frozen=True)
 class PairedRemedy(Result):
-    """Two cures together for a parameter that the better of them alone leaves confounded."""
+    """Two cures together for a parameter that stays confounded after the first cure alone."""
 
-    first: CureStep  #: the cheapest cure by itself
-    second: CureStep  #: the cure that narrows the parameter most beside the first
+    first: CureStep  #: cheapest cure, if only one cure is used
+    #: cure that, added to the first, reduces the parameter's standard uncertainty most
+    second: CureStep
     circles: int  #: number of circles that both add to those of the campaign
-    sd: float  #: standard uncertainty of the parameter with both cures, in internal units
-    ratio: float  #: ``sd`` divided by the standard uncertainty without them
-    is_confounded: bool  #: whether the parameter is confounded even so
+    sd: float  #: standard uncertainty of the parameter after both cures, in internal units
+    ratio: float  #: ``sd`` divided by the standard uncertainty without any cure
+    is_confounded: bool  #: whether the parameter stays confounded after both cures
 
 
 def paired_remedies(
@@ -35,16 +37,16 @@ def paired_remedies(
     sd: Mapping[str, float],
     confounded: Collection[str],
 ) -> dict[str, PairedRemedy]:
-    """Return the best second cure where the best single one leaves a parameter confounded.
+    """Return pairs of cures for parameters that stay confounded after the best single cure.
 
-    The first cure is the cheapest one by itself. The second is the one with which the standard
-    uncertainty becomes smallest if the first cure is taken too. A pair counts only if this standard
-    uncertainty is less than 90 % of that with the first cure alone.
+    The first cure is the parameter's cheapest cure from `remedies`. The second cure is the one
+    that, added to the first, makes the standard uncertainty of the parameter smallest. A pair
+    counts only if this standard uncertainty is less than 90 % of that with the first cure alone.
 
     Parameters
     ----------
     tried
-        The campaign with each cure.
+        The campaign, with its uncertainties after each cure.
     chosen
         The cheapest cure of every parameter by name, from `remedies`.
     sd
@@ -55,7 +57,7 @@ def paired_remedies(
     Returns
     -------
     dict of PairedRemedy
-        By name of the parameter; others are left out.
+        The keys are names of parameters. Parameters without a useful pair are left out.
     """
     pairs = {}
     for name in confounded:
@@ -71,12 +73,17 @@ def paired_remedies(
 
 
 def _best_pair(tried: TriedCures, name: str, first: CureStep, sd: float) -> PairedRemedy | None:
-    """Return the first cure with the one that narrows a parameter most beside it, if any does."""
+    """Return the first cure together with the best second cure for a parameter.
+
+    The best second cure is the one that, added to the first, makes the parameter's standard
+    uncertainty smallest. ``sd`` is the standard uncertainty without any cure. Return None if no
+    second cure reduces the standard uncertainty to less than 90 % of that with the first cure.
+    """
     before = tried.sd_with()[name]
     ratio_of: dict[CureStep, float] = {}
     for step in tried.steps:
-        # All cures are tried: one that has no effect by itself may have one together with the
-        # first.
+        # All cures are tried, because a cure that has no effect by itself may have an effect
+        # together with the first cure.
         if step == first:
             continue
         after = tried.sd_with(first, step)

@@ -76,8 +76,8 @@ def decompose_deviation(
         plane, radius_mm, force_N and source; and, in µm, maximum, minimum, peak_to_peak, sd, ci_low
         and ci_high. The values maximum and minimum are those of the posterior mean contribution.
         The posterior of the peak-to-peak value has the median peak_to_peak, the standard deviation
-        sd and the interval from ci_low to ci_high. What the uncertainty of the contribution adds to
-        its peak-to-peak value is removed.
+        sd and the interval from ci_low to ci_high. The uncertainty of the contribution makes its
+        peak-to-peak value too large; this excess is removed.
 
     Raises
     ------

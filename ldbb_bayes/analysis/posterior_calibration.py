@@ -1,17 +1,18 @@
-"""Simulation-based calibration where the posterior is: ranks among draws of an enlarged campaign.
+"""Simulation-based calibration for machines like the measured one, with enlarged campaigns.
 
 Calibration over the prior (`calibrate`) tests the computation for all machines that the prior
-allows. Here it is tested for machines like the one that was measured (Säilynoja, Schmitt, Bürkner
-and Vehtari, Posterior SBC, 2025). With y the readings measured and θ all unknowns:
+allows. Here the computation is tested for machines like the one that was measured (Säilynoja,
+Schmitt, Bürkner and Vehtari, Posterior SBC, 2025). With y the readings measured and θ all unknowns:
 
 1. A true θ' is drawn from the posterior p(θ | y).
-2. Readings y' of the same tests, run once more, are simulated from θ'.
+2. Readings y' of a repetition of the same tests are simulated from θ'.
 3. The posterior p(θ | y, y') of both campaigns together is computed. If it is computed correctly,
-   θ' is a draw from it as well, and its ranks among other draws are uniformly distributed.
+   θ' is a draw from this posterior as well, and its ranks among other draws from this posterior are
+   uniformly distributed.
 
 Bar, balls, mount and force device are the same in both campaigns; set-up shift, discrepancy, random
-force error and white noise are new. All effects are linearised at the estimate Ĉ of the measured
-campaign, which is that of the posterior.
+force error and white noise are drawn anew. All effects are linearised at the estimate Ĉ of the
+compliances from the measured campaign, as in the posterior.
 """
 
 from __future__ import annotations
@@ -57,13 +58,14 @@ def calibrate_posterior(
     executor: Executor | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Validation:
-    """Return the ranks of posterior draws among those of a campaign enlarged by simulated readings.
+    """Return the ranks of true values among posterior draws of campaigns enlarged by simulation.
 
     In every replicate, true parameters and hyper-parameters (the scales of the noise and of other
-    effects) are drawn from the posterior, the tests are simulated once more, and the posterior of
-    measured and simulated readings together is computed. If it is computed correctly, the ranks of
-    the true values among its draws are uniformly distributed (posterior SBC, Säilynoja et al.
-    2025).
+    effects) are drawn from the posterior, a repetition of the tests is simulated from them, and the
+    posterior of measured and simulated readings together is computed. The rank of a true value is
+    the number of draws from this posterior that are below it. If it is computed correctly, the
+    ranks of the true values among its draws are uniformly distributed (posterior SBC, Säilynoja et
+    al. 2025).
 
     Parameters
     ----------
@@ -80,7 +82,7 @@ def calibrate_posterior(
         Seed of all random numbers.
     executor : Executor, optional
         Executor of ``concurrent.futures`` that runs the replicates in parallel. Default: this
-        process, one after the other. The result does not depend on it.
+        process runs them one after the other. The result does not depend on the executor.
     progress : callable, optional
         Function called with the number of replicates done and their total.
 
@@ -138,7 +140,7 @@ class _EnlargedCampaigns(NamedTuple):
 
     ``beta``, shape (replicates, p), and ``phi``, shape (replicates, h), are posterior draws of the
     parameters and hyper-parameters, one for each replicate. ``draws`` is the number of draws among
-    which they are ranked.
+    which these true values are ranked.
     """
 
     model: HybridModel
@@ -149,10 +151,12 @@ class _EnlargedCampaigns(NamedTuple):
 
 
 def _rank_replicate(study: _EnlargedCampaigns, seed: np.random.SeedSequence) -> Ranks | str:
-    """Return the ranks of one posterior draw among draws of the campaign enlarged by its readings.
+    """Return the ranks of the true values in one replicate.
 
-    ``seed`` is that of the random numbers; its last spawn key is the index of the replicate. Return
-    an error message if no posterior draws can be made.
+    The true values are one posterior draw of the measured campaign. Readings are simulated from
+    them, the campaign is enlarged by these readings, and the true values are ranked among posterior
+    draws of the enlarged campaign. ``seed`` is the seed of the random numbers; its last spawn key
+    is the index of the replicate. Return an error message if no posterior draws can be made.
     """
     i = seed.spawn_key[-1]
     simulation_seed, sampling_seed = seed.spawn(2)
@@ -175,10 +179,10 @@ def _rank_replicate(study: _EnlargedCampaigns, seed: np.random.SeedSequence) -> 
 
 
 def _with_times(campaign: Campaign) -> Campaign:
-    """Return a campaign whose tests state their times where a drift follows the listed order.
+    """Return a campaign with times of its tests if its drift follows the listed order.
 
-    Tests that are run once more have the same times, so that the drift is measured from the same
-    mean time.
+    A repetition of the tests has the same times, so that the drift is measured from the same mean
+    time.
     """
     if time_source(campaign) != TimeSource.LISTED:
         return campaign
@@ -189,14 +193,15 @@ def _with_times(campaign: Campaign) -> Campaign:
 
 
 def _enlarge(campaign: Campaign, truth: ModelDraws, rng: np.random.Generator) -> Campaign:
-    """Return a campaign with its tests run once more, with readings simulated from true values.
+    """Return a campaign enlarged by a repetition of its tests, simulated from true values.
 
     ``truth`` holds one draw of the model's parameters and hyper-parameters.
     """
     plan = campaign.plan()
     tests = list(campaign.tests)
-    # The enlarged campaign is analysed by the model, so the model must simulate it: circles that
-    # are as alike as those measured would not be what the analysis expects.
+    # The readings must be simulated by the model that analyses them. The noise factors λ of the
+    # simulated circles are therefore drawn from the model's prior, and not learnt from the scatter
+    # of the measured circles.
     circles = new_circles(truth, plan, rng, learn_spread=False)
     for test, readings_mm in zip(plan.tests, circles, strict=True):
         simulated = test.with_reading_um(readings_mm[0] * 1e3)

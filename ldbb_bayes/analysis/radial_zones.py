@@ -12,7 +12,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["Zone", "least_squares_zone", "minimum_zone_width"]
 
-# Least number of angles from which a circle is computed: three determine its centre and radius.
+# Least number of angles from which a circle is computed: three points determine its centre and
+# radius.
 _FEWEST_ANGLES = 3
 
 
@@ -37,7 +38,7 @@ def least_squares_zone(angle_rad: Array, deviation: Array) -> Zone:
     """Return the zone of radial deviations about the centre of the least-squares circle.
 
     ``deviation``, shape (n,), are the radial deviations at the angles ``angle_rad``, shape (n,).
-    They may have any unit; the zone has the same.
+    They may have any unit; the zone has the same unit.
     """
     columns = _circle_columns(angle_rad, deviation)
     mean, *centre = np.linalg.lstsq(columns, deviation, rcond=None)[0].tolist()

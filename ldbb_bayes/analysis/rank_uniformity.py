@@ -3,8 +3,8 @@
 A rank is the number of posterior draws below the true value in a simulated campaign. The method is
 that of Säilynoja, Bürkner and Vehtari, Graphical test for discrete uniformity, Statistics and
 Computing 32:32 (2022). The band consists of a binomial interval at every rank. All intervals have
-the same probability, chosen so that together they hold with the probability of the band. This joint
-probability is computed exactly.
+the same probability. It is chosen so that the distribution stays inside all intervals together with
+the probability of the band. This joint probability is computed exactly.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["ecdf", "simultaneous_band"]
 
-# Number of bisections in the search for the probability of the binomial intervals. It leaves an
-# error of that probability below 1e-12.
+# Number of bisections in the search for the probability of the binomial intervals. With this
+# number, the error of the probability is below 1e-12.
 _BISECTIONS = 40
 
 

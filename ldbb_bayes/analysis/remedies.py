@@ -1,17 +1,18 @@
 """The cheapest cure for the uncertainty of every parameter, and the uncertainty with the cure.
 
-A cure is a change of the plan (another order, the other direction of travel, turned balls, more
-circles, a second radius) or a certificate of the instrument. Each one is tried: the longer plan, or
-the certified campaign, is bound to the same model, and its `Information` gives the standard
-uncertainty of every parameter. Hyper-parameters φ (the scales of the noise and of other effects)
-are carried over by name (`HyperPrior.carried`). The estimate of the machine that some effects need
-stays that of the readings.
+A cure is a change of the plan (another order of the circles, the other direction of travel, turned
+balls, more circles, a second radius) or a certificate of the instrument. Each cure is tried: the
+longer plan, or the certified campaign, is bound to the same model, and its `Information` gives the
+standard uncertainty of every parameter. Hyper-parameters φ (the scales of the noise and of other
+effects) are carried over by name (`HyperPrior.carried`). Some effects need an estimate of the
+machine; for them, the estimate from the readings is kept.
 
 Changes of a plan that add circles double the number of circles. A part of their benefit comes from
-this number alone: it is that of taking all readings twice at the same times. Another order,
-direction, clocking or radius counts as a cure only if it helps more than that. More circles are
-advised only if sources that are measured here, such as scatter between readings and circles, have
-most of the variance. An assumed effect is the same in every circle, and does not average out.
+this number alone, and would also result if all readings were taken twice at the same times. Another
+order, direction of travel, angle of the balls or radius counts as a cure only if it helps more than
+taking all readings twice. More circles are advised only if sources that are measured here, such as
+scatter between readings and circles, have most of the variance. An assumed effect is the same in
+every circle, and does not average out.
 """
 
 from __future__ import annotations
@@ -29,20 +30,21 @@ from ldbb_bayes.units import ranked
 
 __all__ = ["CURED_RATIO", "NARROWER", "Remedy", "remedies"]
 
-# A cure is enough if the standard uncertainty with it is at most this share of that without it:
-# half of the variance is then removed.
+# A cure is enough if the standard uncertainty with the cure, divided by that without it, is at most
+# this: at least half of the variance is then removed.
 CURED_RATIO = 0.5**0.5
-# A change counts as a cure only if the standard uncertainty with it is less than this share of that
-# without it.
+# A change counts as a cure only if the standard uncertainty with the change, divided by that
+# without it, is less than this.
 NARROWER = 0.9
-# A change of the plan that adds circles counts as a cure only if the standard uncertainty with it
-# is less than this share of that from taking all readings twice.
+# A change of the plan that adds circles counts as a cure only if it is better than taking all
+# readings twice: the standard uncertainty with the change, divided by that from taking all readings
+# twice, must be less than this.
 _BETTER_THAN_REPETITION = 0.9
 
 
 @dataclass(frozen=True)
 class Remedy(Result):
-    """The cheapest cure for one parameter, and the uncertainty that it would leave."""
+    """The cheapest cure for one parameter, and the parameter's uncertainty with this cure."""
 
     kind: RemedyKind  #: kind of cure
     #: what is certified, by its key in ``CERTIFICATES``, such as "mount ± 2 %"; empty for a change
@@ -50,7 +52,7 @@ class Remedy(Result):
     certificate: str
     circles: int  #: number of circles that the cure adds to those of the campaign
     sd: float  #: standard uncertainty of the parameter with the cure, in internal units
-    ratio: float  #: ``sd`` divided by the standard uncertainty without it
+    ratio: float  #: ``sd`` divided by the standard uncertainty without the cure
 
 
 @dataclass(frozen=True)
@@ -68,26 +70,27 @@ class _Trial:
 
 
 def remedies(tried: TriedCures, sd: Array, measured_share: Array) -> dict[str, Remedy | None]:
-    """Return the cheapest cure of every parameter and change with force.
+    """Return the cheapest cure of every parameter and of every change with force, by name.
 
-    It is None where no cure narrows the parameter by a tenth. Changes are those of compliances over
-    the tested forces (`curve_changes`). They follow the parameters, under names such as "change of
-    C_XXX".
+    The cure is None if no cure reduces the standard uncertainty by more than 10 %. Changes with
+    force are those of compliances over the tested forces (`curve_changes`). They follow the
+    parameters, under names such as "change of C_XXX".
 
-    The cures are tried in the order of `RemedyKind`, certificates in that of ``CERTIFICATES``. The
-    first one that leaves at most 71 % of the standard uncertainty (half of the variance) is
-    returned; if none does, the one that leaves least, if that is less than 90 %.
+    The cures are tried in the order of `RemedyKind`, and certificates in the order of
+    ``CERTIFICATES``. The first cure that reduces the standard uncertainty to at most 71 % (the
+    variance to half) is returned. If there is no such cure, the cure that reduces the standard
+    uncertainty most is returned, provided that it reduces it to less than 90 %.
 
     Parameters
     ----------
     tried
-        The campaign with each cure.
+        The campaign, with its uncertainties after each cure.
     sd
         Standard uncertainties of the p parameters and changes without any cure, shape (p,), in
         internal units.
     measured_share
-        Share of what is measured here, such as scatter between readings and circles, in the
-        variance of each of them, shape (p,).
+        Share of the sources that are measured here, such as scatter between readings and circles,
+        in the variance of each of these p quantities, shape (p,).
     """
     bound = tried.bound
     once = tried.sd_with()
@@ -110,13 +113,13 @@ def remedies(tried: TriedCures, sd: Array, measured_share: Array) -> dict[str, R
 
 
 def _helps(trial: _Trial, i: int, repetition: float, measured_share: float) -> bool:
-    """Return whether a cure narrows the parameter with index i by itself.
+    """Return whether a cure by itself reduces the standard uncertainty of parameter i enough.
 
-    Ratios are of the parameter's standard uncertainty with a change over that without it.
-    ``repetition`` is the ratio if all readings are taken twice, with nothing else changed. A cure
-    that adds circles under other conditions must narrow the parameter more than that. More circles
-    of the same kind help only if most of the variance comes from effects whose size these readings
-    tell; ``measured_share`` is the share of the variance that does.
+    The standard uncertainty with the cure must be less than 90 % of that without it. A cure that
+    adds circles under other conditions must also be better than taking all readings twice with
+    nothing else changed; ``repetition`` is the standard uncertainty after the latter, divided by
+    the present one. More circles under the same conditions help only if most of the variance comes
+    from sources that are measured here; ``measured_share`` is the share of these sources.
     """
     ratio = float(trial.ratio[i])
     if not ratio < NARROWER:
@@ -129,7 +132,12 @@ def _helps(trial: _Trial, i: int, repetition: float, measured_share: float) -> b
 
 
 def _cheapest(helpful: Sequence[_Trial], i: int, sd: float) -> Remedy | None:
-    """Return the first cure that suffices for parameter i, else the one that narrows it most."""
+    """Return the first cure that is enough for parameter i; if none is, return the best cure.
+
+    ``helpful`` are the cures that help, the cheapest first. A cure is enough if it removes at least
+    half of the variance; the best cure leaves the smallest standard uncertainty. ``sd`` is the
+    standard uncertainty without any cure. Return None if no cure helps.
+    """
     if not helpful:
         return None
     enough = [trial for trial in helpful if trial.ratio[i] <= CURED_RATIO]

@@ -62,8 +62,8 @@ class Explanations:
         """Names of the rival explanations that make slopes unnecessary; empty if there are none.
 
         Slopes are changes of compliance with force. Rivals make them unnecessary if the readings
-        support slopes in models without rivals, but not on the average over rivals. The names are
-        those of the rivals in the most probable combination without slopes.
+        support slopes in models without rivals, but not on the average over rivals. The names
+        returned are those of the rivals in the most probable combination without slopes.
         """
         if self.alone.log_bayes_factor > _ASKING > self.averaged.log_bayes_factor:
             return next(model.by for model in self.models if _SLOPES not in model.by)
@@ -81,10 +81,10 @@ def compare_explanations(pair: Mapping[str, HybridModel], evidences: Evidences) 
 
     Slopes are changes of compliance with force; rivals are other effects, such as a nonlinear
     mount, that change the readings in the same way. A model includes the slopes or not, and each
-    rival explanation or not, so that r rivals give 2^(1 + r) models. All have the same prior
-    probability. The probability of an explanation is the sum of those of the models that include
-    it. The Bayes factor of slopes over no slopes is computed twice: from the models without rivals,
-    and from the evidences averaged over the combinations of rivals.
+    rival explanation or not, so that r rivals give 2^(1 + r) models. All models have the same prior
+    probability. The probability of an explanation is the sum of the probabilities of the models
+    that include it. The Bayes factor of slopes over no slopes is computed twice: from the models
+    without rivals, and from the evidences averaged over the combinations of rivals.
 
     Parameters
     ----------

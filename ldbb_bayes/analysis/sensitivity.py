@@ -140,8 +140,8 @@ def under(
     assumptions : mapping of str to sequence of HybridModel
         The two models by assumption, from `changed`.
     weigh : callable
-        Function that takes models and returns the quadrature nodes of each model's posterior, which
-        hold its evidence.
+        Function that takes models and returns the quadrature nodes (weighted values of the
+        hyper-parameters) of each model's posterior. The nodes hold the evidence of the model.
     """
     names = tuple(names)
     comparisons = []

@@ -1,10 +1,10 @@
-"""Cures that are tried: a campaign bound to the same model with one cure, or with several.
+"""Trial of cures: the same model is bound to a campaign with one cure or several cures.
 
-A cure is a change of the plan (another order, the other direction of travel, turned balls, more
-circles, a second radius) or a certificate of the instrument. The longer plan, or the certified
-campaign, is bound to the model. Hyper-parameters φ (the scales of the noise and of other effects)
-are carried over by name (`HyperPrior.carried`). The estimate of the machine that some effects need
-stays that of the readings.
+A cure is a change of the plan (another order of the circles, the other direction of travel, turned
+balls, more circles, a second radius) or a certificate of the instrument. The longer plan, or the
+certified campaign, is bound to the model. Hyper-parameters φ (the scales of the noise and of other
+effects) are carried over by name (`HyperPrior.carried`). Some effects need an estimate of the
+machine; for them, the estimate from the readings is kept.
 """
 
 from __future__ import annotations
@@ -32,17 +32,18 @@ from ldbb_bayes.units import ranked
 
 __all__ = ["CureStep", "RemedyKind", "TriedCures", "longer_plans", "sd_by_name"]
 
-# Angle by which both balls are turned in the further circles [°]. At one angle the form error of
-# orders 2, 3 and 4 already turns by 90, 135 and 180°.
+# Angle by which both balls are turned in the further circles [°]. One angle is enough, because it
+# turns the phase of the form error of the orders 2, 3 and 4 by 90, 135 and 180°.
 _TURN_DEG = 45.0
-# Number of random orders of which the one least correlated with force is taken.
+# Number of random orders of the circles that are tried. The order that is least correlated with
+# force is taken.
 _ORDERS_TRIED = 200
 
 
 class RemedyKind(StrEnum):
-    """Kind of cure, in the order of what it costs, the cheapest first."""
+    """Kinds of cure in the order of their cost, the cheapest first."""
 
-    ORDER = "order"  #: the same circles in an order that has nothing to do with force
+    ORDER = "order"  #: the same circles in an order that is not correlated with force
     DIRECTION = "direction"  #: every circle also in the other direction of travel
     BALLS = "balls"  #: every circle also with both balls turned in their sockets
     CIRCLES = "circles"  #: every circle twice
@@ -60,7 +61,7 @@ class CureStep(Result):
 
 
 class TriedCures:
-    """A campaign with each cure that could be tried, alone or several together.
+    """A campaign, and its uncertainties after each cure alone or after several cures together.
 
     Parameters
     ----------
@@ -86,9 +87,10 @@ class TriedCures:
         return tuple(steps)
 
     def bound_with(self, *steps: CureStep) -> BoundModel | None:
-        """Return the model bound to the campaign with these cures, one after the other.
+        """Return the model bound to the campaign after these cures, applied one after the other.
 
-        It is None if a cure cannot follow the others: a certificate of what is certified already.
+        Return None if a cure cannot be applied after the others, for example because the instrument
+        already has the certificate.
         """
         if steps not in self._bound_with:
             before = self.bound_with(*steps[:-1])
@@ -99,10 +101,10 @@ class TriedCures:
         return self._bound_with[steps]
 
     def sd_with(self, *steps: CureStep) -> dict[str, float]:
-        """Return the standard uncertainty of every parameter and change with these cures, by name.
+        """Return the standard uncertainty of every parameter and change after these cures, by name.
 
-        The names are those of `sd_by_name`; the result is empty if the cures cannot follow each
-        other.
+        The names are those of `sd_by_name`; the result is empty if the cures cannot be applied one
+        after the other.
         """
         if steps not in self._sd_with:
             changed = self.bound_with(*steps)
@@ -112,7 +114,7 @@ class TriedCures:
         return self._sd_with[steps]
 
     def confounded_with(self, *steps: CureStep) -> set[str]:
-        """Return the names of the parameters that are confounded with these cures."""
+        """Return the names of the parameters that stay confounded after these cures."""
         if steps not in self._confounded_with:
             names = set()
             changed = self.bound_with(*steps)
@@ -137,9 +139,10 @@ class TriedCures:
 
 
 def _with_cure(bound: BoundModel, step: CureStep) -> BoundModel | None:
-    """Return a model bound to a campaign or plan with one more cure.
+    """Return the model bound to the campaign or plan after one further cure.
 
-    It is None if the instrument has the certificate, or the plan is as the cure would make it.
+    Return None if the instrument already has the certificate, or if the plan does not need the
+    change.
     """
     if step.certificate:
         statements = missing_certificates(bound.campaign.instrument).get(step.certificate)
@@ -175,11 +178,12 @@ def sd_by_name(
 
 
 def longer_plans(bound: BoundModel) -> Mapping[RemedyKind, Campaign]:
-    """Return the plans that the cures by a change of the plan lead to, the cheapest first.
+    """Return, by kind of cure, the plan after each cure that changes the plan, the cheapest first.
 
-    A cure that the campaign does not need is left out: another order where nothing drifts, the
-    other direction where every plane is run both ways. A plan is run in another order; a campaign
-    that has been run is run once more in it.
+    Cures that the campaign does not need are left out: another order if the model has no drift, and
+    the other direction if every plane is run in both directions. For another order, the circles of
+    a plan are reordered. If the campaign has been run already, its circles are repeated in the new
+    order.
     """
     plan = bound.campaign.plan()
     tests = _timed(plan)
@@ -200,10 +204,10 @@ def longer_plans(bound: BoundModel) -> Mapping[RemedyKind, Campaign]:
 
 
 def _timed(plan: Campaign) -> tuple[CircularTest, ...]:
-    """Return the circles of a plan with their times, as drift in it is modelled.
+    """Return the circles of a plan with the times from which drift is computed.
 
-    Where not all circles state their times, they are run as listed, one every six minutes. No
-    circle has a time if the plan states that its order is random.
+    If not all circles state their times, they are taken to be run as listed, one every six minutes.
+    No circle has a time if the plan states that its order is random.
     """
     if None not in [test.time_s for test in plan.tests]:
         return tuple(plan.tests)
@@ -215,10 +219,10 @@ def _timed(plan: Campaign) -> tuple[CircularTest, ...]:
 def _extended(
     plan: Campaign, before: Sequence[CircularTest], added: Sequence[CircularTest]
 ) -> Campaign:
-    """Return a plan of these circles: those before, then the added ones under new names.
+    """Return a plan with the circles ``before``, followed by the circles ``added`` under new names.
 
-    The added circles are run one every six minutes after the last one before, if those before have
-    times.
+    If the circles ``before`` have times, the added circles follow the last of them, one every six
+    minutes.
     """
     times = [test.time_s for test in before if test.time_s is not None]
     later = []
@@ -231,10 +235,10 @@ def _extended(
 
 
 def _shuffled(tests: Sequence[CircularTest]) -> tuple[CircularTest, ...]:
-    """Return the tests in an order that has as little as possible to do with their forces.
+    """Return the tests in an order that is nearly uncorrelated with their forces.
 
-    Of random orders with a fixed seed, it is the one with the smallest correlation of place and
-    force. The k-th test of the new order is run at the k-th time.
+    Of 200 random orders with a fixed seed, it is the one with the smallest correlation between
+    place in the order and force. The k-th test of the new order is run at the k-th time.
     """
     forces = np.array([float(test.force_N or 0.0) for test in tests])
     place = np.arange(len(tests)) - 0.5 * (len(tests) - 1)

@@ -16,9 +16,9 @@ from ldbb_bayes.results import Result
 __all__ = ["Judgement", "Reason", "ReasonKind", "Use", "state_of", "undetermined_parameters"]
 
 
-# The limit of the ratio of a parameter's posterior and prior standard deviation, above which the
-# readings hardly determine it, lies between these two values. Where exactly depends on the
-# campaign: in the widest gap, on a logarithmic scale, between the ratios of its parameters, so that
+# If the ratio of a parameter's posterior and prior standard deviation is above a limit, the
+# readings hardly determine the parameter. The limit lies between these two values. It is placed in
+# the widest gap, on a logarithmic scale, between the ratios of the campaign's parameters, so that
 # parameters that are known equally well are judged alike.
 _LEAST_RATIO = 0.25
 _LARGEST_RATIO = 0.4
@@ -71,10 +71,11 @@ class Judgement(Result):
 def undetermined_parameters(verdicts: Mapping[str, ParameterIdentifiability]) -> frozenset[str]:
     """Return the names of the parameters that the readings hardly determine.
 
-    A parameter with the verdict identified, or with a flat prior, is determined. Another one is
-    not, if the ratio of its posterior and prior standard deviation is above a limit between 0.25
-    and 0.4. The limit lies in the widest gap between the ratios of these parameters, so that of two
-    parameters with nearly the same ratio both are determined, or neither is.
+    A parameter with the verdict identified, or with a flat prior, is determined. Any other
+    parameter is hardly determined if the ratio of its posterior and prior standard deviation is
+    above a limit between 0.25 and 0.4. The limit lies in the widest gap between the ratios of the
+    other parameters, so that of two parameters with nearly the same ratio both are determined, or
+    neither is.
 
     Parameters
     ----------
@@ -111,12 +112,12 @@ def state_of(
     """Return whether the values on a certificate can be used, with reasons against their use.
 
     The values cannot be used if the sampler missed its target, the readings do not fit the model,
-    or the readings speak against non-negative compliances. Otherwise, they can be used with
-    reservation if one of these holds: the readings hardly determine a stated parameter; a result
-    depends on the prior; the noise, or the scale of another effect, is larger than its prior
-    expects; the tests have too few different forces for the degree of the model; the evidences of
-    the compared models are not precise enough; or the result of the comparison depends on
-    assumptions.
+    or the readings speak against non-negative compliances. If none of these holds, the values can
+    be used with reservation if one of the following does: the readings hardly determine a stated
+    parameter; a result depends on the prior; the noise, or the scale of another effect, is larger
+    than its prior expects; the tests have too few different forces for the degree of the model; the
+    evidences of the compared models are not precise enough; or the result of the comparison depends
+    on assumptions.
 
     Parameters
     ----------

@@ -23,7 +23,7 @@ __all__ = [
 ]
 
 # Certificates that the instrument could have, and the fields of the instrument that each states.
-# Those of a single ball are for instruments of which the other ball is stated.
+# The certificate of a single ball is for instruments whose other ball already has a certificate.
 CERTIFICATES: Mapping[str, Mapping[str, Any]] = {
     "balls of grade G10": {"work": Ball(grade="G10"), "tool": Ball(grade="G10")},
     "work ball of grade G10": {"work": Ball(grade="G10")},
@@ -38,17 +38,17 @@ CERTIFICATES: Mapping[str, Mapping[str, Any]] = {
     "angle ± 0.05°": {"angle_U_deg": 0.05},
 }
 # Largest number of values of the hyper-parameters at which the uncertainties with certificates are
-# computed. More values are replaced by a systematic sample of this size.
+# computed. If there are more values, a systematic sample of this size replaces them.
 _MOST_VALUES = 1024
 
 
 def uncertainty_with(bound: BoundModel, instrument: Instrument, weight: Array, phi: Array) -> Array:
     """Return the standard uncertainty of every parameter, given an instrument's certificates.
 
-    The variance of each parameter is the mean, over values of the hyper-parameters φ (the scales of
-    the noise and of other effects), of its variance given φ, plus the variance of its mean given φ.
-    These values are those for the instrument of ``bound``, not for ``instrument``; they are carried
-    over by name (`HyperPrior.carried`).
+    The variance of each parameter is the sum of two parts: its variance given φ, averaged over
+    values of φ, and the variance of its mean given φ over these values. The hyper-parameters φ are
+    the scales of the noise and of other effects. The values are those for the instrument of
+    ``bound``; they are carried over to ``instrument`` by name (`HyperPrior.carried`).
 
     Parameters
     ----------
@@ -84,8 +84,9 @@ class Moments(NamedTuple):
 def averaged_moments(bound: BoundModel, combinations: Array, weight: Array, phi: Array) -> Moments:
     """Return mean and standard uncertainty of combinations of coefficients, averaged over φ.
 
-    As in `uncertainty_with`, the variance is the mean variance given the hyper-parameters φ plus
-    the variance of the mean given φ.
+    The hyper-parameters φ are the scales of the noise and of other effects. As in
+    `uncertainty_with`, the variance of a combination is the sum of two parts: its variance given φ,
+    averaged over φ, and the variance of its mean given φ.
 
     Parameters
     ----------
@@ -100,7 +101,7 @@ def averaged_moments(bound: BoundModel, combinations: Array, weight: Array, phi:
     """
     sample = _few_values(weight, phi)
     number = len(bound.names)
-    # The parameters are the last of the coefficients in the density.
+    # In the density, the parameters come after the nuisance coefficients.
     rows = np.concatenate([combinations[:, number:], combinations[:, :number]], axis=1)
     density = bound.collapsed.conditional(sample.phi)[1]
     mean = density.mean @ rows.T + combinations[:, :number] @ bound.centre
@@ -110,14 +111,17 @@ def averaged_moments(bound: BoundModel, combinations: Array, weight: Array, phi:
 
 
 class _ScaleValues(NamedTuple):
-    """Weights (w,) and values (w, h) of the hyper-parameters over which is averaged."""
+    """Values of the hyper-parameters over which results are averaged, with their weights.
+
+    ``weight`` has the shape (w,), and ``phi`` the shape (w, h).
+    """
 
     weight: Array
     phi: Array
 
 
 def _few_values(weight: Array, phi: Array) -> _ScaleValues:
-    """Return values of the hyper-parameters with their weights, no more than 1024 of them."""
+    """Return at most 1024 values of the hyper-parameters, with their weights."""
     if len(weight) <= _MOST_VALUES:
         return _ScaleValues(weight, phi)
     return _ScaleValues(np.full(_MOST_VALUES, 1.0 / _MOST_VALUES), phi[_systematic_sample(weight)])
@@ -130,7 +134,7 @@ def worth_of_certificates(
 
     The uncertainties of all parameters are computed for the instrument as it is, then with each
     missing certificate alone, and finally with all missing certificates. Missing certificates are
-    those of `CERTIFICATES` that the instrument does not have yet.
+    those in `CERTIFICATES` that the instrument does not have yet.
 
     Parameters
     ----------
@@ -165,10 +169,11 @@ def worth_of_certificates(
 
 
 def missing_certificates(instrument: Instrument) -> dict[str, Mapping[str, Any]]:
-    """Return the certificates of `CERTIFICATES` that the instrument does not have yet.
+    """Return the certificates in `CERTIFICATES` that the instrument does not have yet.
 
-    The result holds, by name of the certificate, the fields of the instrument that it states. No
-    field is in two of them: the certificate of one ball is missing only if the other is stated.
+    The keys are names of certificates. The values are the fields of the instrument that the
+    certificate states. No field is in two of the certificates: that of a single ball is included
+    only if the other ball already has a certificate.
     """
     uncertified = Instrument()
     missing = {}
@@ -185,7 +190,8 @@ def missing_certificates(instrument: Instrument) -> dict[str, Mapping[str, Any]]
 def _systematic_sample(weight: Array) -> NDArray[np.intp]:
     """Return indices of values drawn in equal steps of the cumulative weight, shape (1024,).
 
-    The number of times that each index occurs is its weight times 1024, rounded up or down.
+    The number of times that an index occurs is 1024 times its share of the total weight, rounded up
+    or down.
     """
     steps = (np.arange(_MOST_VALUES) + 0.5) / _MOST_VALUES
     cumulative = np.cumsum(weight) / np.sum(weight)

@@ -6,10 +6,10 @@ prior of a parameter. Each source has a share in the quantity's variance, and an
 measured here, stated or assumed (`origins`).
 
 In an average over models m with probabilities p_m, the variance of a quantity is
-Σ p_m (var_m + (mean_m − mean)²). The first part is shared out among the sources of every model, as
-under that model alone. The second part is a source of its own, the choice between the models
-(`MODEL_CHOICE`). It is measured here, because the readings give the probabilities. The variances
-var_m are those of the posterior draws.
+Σ p_m (var_m + (mean_m − mean)²). The part Σ p_m var_m is shared out among the sources of every
+model, as for a single model. The part Σ p_m (mean_m − mean)² is a source of its own, the choice
+between the models (`MODEL_CHOICE`). This source counts as measured here, because the readings
+determine the probabilities of the models. The variances var_m are those of the posterior draws.
 """
 
 from __future__ import annotations
@@ -46,23 +46,24 @@ MODEL_CHOICE = "ModelChoice"
 class VarianceSource(Result):
     """A source of the uncertainty of one parameter, with its share of the variance.
 
-    ``name`` is the class name of a model term, such as ``Mount``, ``ReadingNoise``, the name of
-    another parameter (its prior), ``Parameters`` for the prior of the parameter itself, or
-    ``ModelChoice`` for the spread between the models of an average.
+    ``name`` is the class name of a model term, such as ``Mount``, or ``ReadingNoise``. For the
+    prior of another parameter it is the name of that parameter, for the prior of the parameter
+    itself it is ``Parameters``, and for the spread between the models of an average it is
+    ``ModelChoice``.
     """
 
     name: str
-    origin: Origin  #: where its size comes from: measured here, stated or assumed
+    origin: Origin  #: where the size of the source comes from: measured here, stated or assumed
     share: float  #: share of the source in the parameter's variance
 
 
 class SourcesOfVariance(NamedTuple):
     """Sources of the variance of one parameter.
 
-    ``sources`` are all sources, the largest share first. An assumed source that causes an error of
-    this parameter causes errors of the other parameters too, which form a vector. ``likeness`` is
-    the squared cosine of the angle between the vectors of two assumed sources, by their names: it
-    is 1 if both act on the same combination of parameters.
+    ``sources`` are all sources, the largest share first. Together with an error of this parameter,
+    an assumed source causes errors of the other parameters. The errors of all parameters form a
+    vector. ``likeness`` holds, by the names of two assumed sources, the squared cosine of the angle
+    between their vectors. It is 1 if both sources act on the same combination of parameters.
     """
 
     sources: tuple[VarianceSource, ...]
@@ -71,17 +72,17 @@ class SourcesOfVariance(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ModelVariance:
-    """The variance of q quantities under one model, and what it comes from."""
+    """The variances of q quantities under one model, and the sources of these variances."""
 
     probability: float  #: probability of the model in the average; one for a single model
-    bound: BoundModel  #: the model, applied to a campaign or plan
+    bound: BoundModel  #: the model, bound to a campaign or plan
     information: Information  #: information of the bound model, given the hyper-parameters
-    #: weights of the model's m coefficients, divided by their prior sds, in each quantity, in the
-    #: quantity's internal unit, shape (q, m); zero for a quantity that the model lacks
+    #: change of each quantity, in its internal unit, if one of the model's m coefficients changes
+    #: by its prior sd, shape (q, m); zero for a quantity that the model lacks
     weights: Array
     mean: Array  #: means of the quantities under this model, shape (q,)
     #: standard deviations of the quantities under this model, shape (q,): those of posterior draws,
-    #: which may differ from those of the linear Gaussian model by the bounds on compliances
+    #: which may differ from those of the linear Gaussian model because compliances are bounded
     sd: Array
 
     @cached_property
@@ -97,9 +98,9 @@ class ModelVariance:
     def errors(self) -> dict[tuple[str, Origin], Array]:
         """Return the covariance (q, q) of the errors of all quantities due to every source.
 
-        The keys are names of sources with their origins. The name of a source is that of a model
-        term, or that of the parameter whose prior it is. The covariances are scaled so that they
-        add up to the variances ``sd``².
+        The keys are names of sources with their origins. A source is a model term or the prior of a
+        parameter. Its name is that of the term or of the parameter. The covariances are scaled so
+        that they add up to the variances ``sd``².
         """
         drawn = self.sd / np.sqrt(np.where(self.gaussian_variance > 0.0, self.gaussian_variance, 1))
         scale = np.outer(drawn, drawn)
@@ -121,16 +122,16 @@ class ModelVariance:
         return errors
 
     def variance_if_known(self, names: Sequence[str]) -> Array:
-        """Return the variances that the quantities would have if some effects were known, (q,).
+        """Return the variances of the quantities if some effects were known exactly, shape (q,).
 
-        ``names`` are those of model terms or single coefficients.
+        ``names`` are the names of these effects: model terms or single coefficients.
         """
         return self._scaled(self._variance(self.information, names))
 
     def variance_without_assumed(self, partners: Sequence[str]) -> Array:
-        """Return the variances (q,) if what is assumed of some effects were known exactly.
+        """Return the variances if the assumed coefficients of some effects were known, shape (q,).
 
-        Coefficients of an effect that are measured or stated stay uncertain. For example, if a
+        Coefficients of these effects that are measured or stated stay uncertain. For example, if a
         certificate states the mount's deflection, only the curvature of this deflection, which is
         assumed, becomes known. ``partners`` are names of model terms, or of parameters whose priors
         are meant.
@@ -148,7 +149,7 @@ class ModelVariance:
         return np.einsum("qi,ij,qj->q", self.weights, covariance, self.weights)
 
     def _scaled(self, variance: Array) -> Array:
-        """Return variances (q,) of the linear Gaussian model, scaled to those of the draws."""
+        """Return variances of the linear model, scaled to those of the draws, shape (q,)."""
         before = np.where(self.gaussian_variance > 0.0, self.gaussian_variance, 1.0)
         return np.clip(variance / before, 0.0, 1.0) * self.sd**2
 
@@ -157,8 +158,8 @@ class ModelVariance:
 class AveragedVariance:
     """The variance of q quantities, averaged over models, and its sources.
 
-    ``models`` are the models, a single one if nothing is averaged. The first ``number`` quantities
-    are the parameters of all models together.
+    ``models`` are the models of the average, or a single model. The first ``number`` quantities are
+    the parameters; a parameter is included if at least one of the models has it.
     """
 
     models: tuple[ModelVariance, ...]
@@ -199,12 +200,12 @@ class AveragedVariance:
 
     @cached_property
     def _divisor(self) -> Array:
-        """Variances of the quantities by which shares are divided, one where they are zero."""
+        """Divisors of shares: the variances of the quantities, or one where they are zero."""
         return np.where(self.variance > 0.0, self.variance, 1.0)
 
     @cached_property
     def shares_by_term(self) -> dict[str, Array]:
-        """Share of every term in the variances of the quantities, shape (q,), by its class name.
+        """Share of every term in the variances of the quantities, shape (q,), by class name.
 
         The priors of the parameters count as one term, and so does the choice between the models of
         an average.
@@ -233,9 +234,10 @@ class AveragedVariance:
         return {term: np.clip(share, 0.0, 1.0) for term, share in removed.items()}
 
     def sd_without_assumed(self, partners: Sequence[str]) -> Array:
-        """Return the standard uncertainties (q,) if what is assumed of some effects were known.
+        """Return the standard uncertainties if assumed coefficients were known, shape (q,).
 
-        ``partners`` are model terms or parameters, see `ModelVariance.variance_without_assumed`.
+        These coefficients are the assumed ones of the effects ``partners``, which are names of
+        model terms or parameters; see `ModelVariance.variance_without_assumed`.
         """
         variance = np.diag(self.spread).copy()
         for model in self.models:
@@ -245,9 +247,9 @@ class AveragedVariance:
     def sources(self, i: int, own: Sequence[str]) -> SourcesOfVariance:
         """Return the sources of the variance of one quantity, the largest share first.
 
-        ``i`` is the index of the quantity. ``own`` are names of parameters whose priors count as
-        the prior of the quantity itself: the name of a parameter, or of the slopes from which a
-        change with force follows.
+        ``i`` is the index of the quantity. ``own`` are the names of the parameters whose priors
+        count as the prior of the quantity itself. If the quantity is a parameter, this is its own
+        name. If it is a change with force, these are the names of the slopes that it depends on.
         """
         sd = np.sqrt(self._divisor)
         shares: dict[tuple[str, Origin], float] = {}
@@ -296,11 +298,14 @@ def weights_of_parameters(information: Information) -> Array:
 
 
 def _without_noise(information: Information, known: Sequence[str]) -> Information:
-    """Return the information of readings without the noise of some terms, by their class names."""
+    """Return the information of readings without the noise of some terms.
+
+    ``known`` are the class names of these terms.
+    """
     if not known:
         return information
-    # Tests with the same noise share one dictionary of its sources, and share one in the result
-    # too.
+    # Tests with the same noise share one dictionary of sources of noise. They share one dictionary
+    # in the result too.
     remaining: dict[int, dict[str, Array]] = {}
     for sources in information.noise:
         remaining[id(sources)] = {name: sources[name] for name in sources if name not in known}
@@ -310,8 +315,9 @@ def _without_noise(information: Information, known: Sequence[str]) -> Informatio
 def _likeness(patterns: Mapping[str, Array]) -> dict[tuple[str, str], float]:
     """Return the squared cosine of the angle between every two patterns of errors, by names.
 
-    A pattern, shape (p,), holds the errors of all parameters that one source causes together with
-    an error of a given parameter. For a pattern of zeros the result is zero.
+    A pattern, shape (p,), holds the errors of all p parameters that one source causes together with
+    an error of the quantity considered. The keys of the result are pairs of names of sources. For a
+    pattern of zeros the result is zero.
     """
     if not patterns:
         return {}

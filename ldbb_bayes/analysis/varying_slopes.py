@@ -2,9 +2,9 @@
 
 A slope is the change of a compliance with force. Every compliance may have a slope or none, and
 each subset of slopes is a model with its own evidence. Curves of compliance against force are
-averaged over these models. If there are too many subsets, a search considers some only. It starts
-from no slopes and from all slopes, and goes on to the neighbours of the best subset, which differ
-from it in one slope.
+averaged over these models. If there are too many subsets, only some of them are considered. A
+search starts from no slopes and from all slopes, and goes on to the subsets that differ from the
+best subset in one slope.
 """
 
 from __future__ import annotations
@@ -41,13 +41,14 @@ __all__ = [
 # number of forces at which each curve is computed.
 _DRAWS = 4000
 _CURVE_POINTS = 41
-# Curves of a model are drawn for at most this many draws of the parameters at each value of the
-# hyper-parameters, and for fewer if there would be less than ``_FEWEST_NODES`` values.
+# The curves of a model are computed from draws of the parameters at several values of the
+# hyper-parameters. There are at most ``_DRAWS_PER_NODE`` draws at each value, and fewer if there
+# would be less than ``_FEWEST_NODES`` values.
 _DRAWS_PER_NODE = 8
 _FEWEST_NODES = 64
 # In a subset of slopes, some compliances change with force and others do not. If there are at most
-# ``_ALL_SUBSETS`` subsets, the evidences of all are computed; otherwise those of
-# ``_SEARCHED_SUBSETS`` only.
+# ``_ALL_SUBSETS`` subsets, the evidences of all subsets are computed; if there are more, only those
+# of ``_SEARCHED_SUBSETS`` subsets.
 _ALL_SUBSETS = 729
 _SEARCHED_SUBSETS = 100
 
@@ -168,11 +169,11 @@ def _slope_names(model: HybridModel, campaign: Campaign) -> dict[str, str]:
 
 
 def _best_first(slopes: int, weigh: Callable[[Choice], Nodes]) -> dict[Choice, Nodes]:
-    """Search for the subsets of slopes with the largest evidence; return the nodes of all tried.
+    """Search for the subsets of slopes with the largest evidence.
 
-    The nodes are the quadrature nodes of the posterior, which hold its evidence; ``weigh`` returns
-    them for a subset. ``slopes`` is the number of possible slopes. The search ends after
-    ``_SEARCHED_SUBSETS`` subsets.
+    Return, for every subset tried, the quadrature nodes (weighted values of the hyper-parameters)
+    of its posterior, which hold its evidence. ``weigh`` returns the nodes for a subset. ``slopes``
+    is the number of possible slopes. The search ends after ``_SEARCHED_SUBSETS`` subsets.
     """
     weighed: dict[Choice, Nodes] = {}
     for choice in ((False,) * slopes, (True,) * slopes):
@@ -198,7 +199,7 @@ def averaged_curves(
     """Return compliances C(F) over the tested forces F, averaged over models, by compliance.
 
     Each curve has 41 equally spaced forces, from the lowest to the highest force tested. If all
-    tests were run at one force, it has this force only.
+    tests were run at one force, each curve has this force only.
 
     Parameters
     ----------

@@ -9,14 +9,15 @@ modelled but not of interest.
 
 Shares, origins and degeneracies are computed for the linear Gaussian model, in which compliances
 may be negative, at one value of the hyper-parameters φ (the scales of the noise and of other
-effects). For a campaign with readings, this value is the posterior mean of φ; for a plan, which can
-thus be judged before it is run, it is the mean given its pilot, or the prior median. Standard
-uncertainties, also those with further certificates, are averaged over p(φ | y) instead: the
-variance is the mean of the variances given φ plus the variance of the means given φ. For a
-posterior they are those of its draws, for a plan those of its forecast.
+effects). For a campaign with readings, this value is the posterior mean of φ. For a plan, it is the
+posterior mean given the readings of the plan's pilot or, without a pilot, the prior median; a plan
+can thus be judged before it is run. Standard uncertainties, also those with further certificates,
+are averaged over p(φ | y) instead: the variance is the mean of the variances given φ plus the
+variance of the means given φ. If a posterior is judged, standard uncertainties are those of its
+draws; if a plan is judged, they are those of its forecast.
 
-In an average over models, shares and uncertainties are averaged with the probabilities of the
-models (`variance_sources`), and the same rules give the verdicts.
+In an average over models, shares and uncertainties are averaged over the models, weighted with the
+models' probabilities (`variance_sources`). The same rules give the verdicts.
 """
 
 from __future__ import annotations
@@ -86,7 +87,7 @@ __all__ = [
 ]
 
 # A parameter β is prior-limited where its contraction, 1 − Var(β | y) / Var(β) for readings y, is
-# below this: its posterior sd is more than half of its prior sd.
+# below this limit: its posterior sd is more than half of its prior sd.
 CONTRACTION_LIMIT = 0.75
 # A change of a parameter's least-squares estimate below this share of the parameter's prior
 # standard deviation is a rounding error.
@@ -101,16 +102,17 @@ class Verdict(StrEnum):
     origin, and the priors of the parameters. sd is the standard deviation. The rules apply in this
     order:
 
-    1. *confounded*, when one assumed effect holds more than half of the parameter's variance, or
-       several that act on the same combination do so together: those with the largest shares, none
-       below 5 %. An effect is a term of the model, or another parameter through its prior. With an
-       error of this parameter, an effect causes errors of all parameters; two effects act on the
-       same combination if these errors, in posterior sds, are proportional, or nearly so (squared
-       cosine of the angle between them at least 0.95). Knowing the effects would remove at least
-       their share of the variance, and so cut the parameter's standard uncertainty by 30 % or
-       more.
-    2. *prior-limited*, when the posterior sd is more than half of the prior sd.
-    3. *identified* otherwise.
+    1. *confounded*, if one assumed effect has more than half of the parameter's variance, or if
+       several assumed effects that act on the same combination of parameters have more than half
+       together. The effects with the largest shares are taken, and none with a share below 5 %. An
+       effect is a term of the model, or another parameter through its prior. Together with an
+       error of this parameter, an effect causes errors of all parameters. Two effects act on the
+       same combination if the vectors of these errors, in units of posterior sds, are nearly
+       proportional: the squared cosine of the angle between the vectors is at least 0.95. Knowing
+       the effects would remove at least their share of the variance, and so reduce the parameter's
+       standard uncertainty by 30 % or more.
+    2. *prior-limited*, if the posterior sd is more than half of the prior sd.
+    3. *identified*, if neither of these rules applies.
 
     Shares within 1e-6 of one half count as one half, which is no majority. Effects whose shares
     agree within 1e-6 are ranked in the order of the model's terms.
@@ -146,13 +148,13 @@ class ParameterIdentifiability(Result):
     #: share of each effect in ``partners`` in the parameter's variance, by name of the effect
     partner_shares: dict[str, float]
     #: standard uncertainty that the parameter would have if the effects in ``partners`` were known
-    #: exactly; None if there are none
+    #: exactly; None if ``partners`` is empty
     sd_if_known: float | None
-    #: cheapest cure: what would narrow the parameter, and its standard uncertainty then; None where
-    #: none narrows it by a tenth, or where none was looked for
+    #: cheapest cure, with the parameter's standard uncertainty after it; None if no cure reduces
+    #: the standard uncertainty by more than 10 %, or if no cures were looked for
     remedy: Remedy | None
-    #: two cures together, where ``remedy`` alone leaves the parameter confounded; None elsewhere,
-    #: and where no second cure narrows it by a further tenth
+    #: two cures together, if the parameter stays confounded after ``remedy`` alone; None if it does
+    #: not, or if no second cure reduces the standard uncertainty by a further 10 %
     paired_remedy: PairedRemedy | None
     unit: str  #: internal unit of the parameter (of mm, N, rad)
     prior_mean: Number  #: prior mean of the parameter; not a number for a flat prior
@@ -170,9 +172,10 @@ class ParameterIdentifiability(Result):
     #: name of the term
     confounding: dict[str, float]
     #: shares of model terms, reading noise and the parameters' own priors in the parameter's
-    #: variance, as in `budget_uncertainty`; they sum to one
+    #: variance, as in `budget_uncertainty`; the shares sum to one
     shares: dict[str, float]
-    #: share of all sources of one origin in the parameter's variance, by origin; they sum to one
+    #: sum of the shares of all sources of one origin in the parameter's variance, by origin; the
+    #: sums add up to one
     origin_shares: dict[Origin, float]
 
 
@@ -198,13 +201,15 @@ class ChangeIdentifiability(Result):
     largest_force_N: float  #: largest force tested, F_max [N]
     verdict: Verdict  #: verdict on the change C(F_max) − C(F_min)
     held_by: VarianceSource  #: source with the largest share of the change's variance
-    #: share of each assumed effect that the change is confounded with, by name of the effect
+    #: share of each assumed effect with which the change is confounded in the change's variance, by
+    #: name of the effect
     partner_shares: dict[str, float]
-    #: cheapest cure, as for a parameter; None where none narrows the change by a tenth
+    #: cheapest cure, as for a parameter; None if no cure reduces ``sd`` by more than 10 %
     remedy: Remedy | None
     prior_sd: Finite  #: prior standard deviation of the change; infinite for a flat prior
     sd: float  #: posterior standard deviation of the change
-    #: share of all sources of one origin in the change's variance, by origin; they sum to one
+    #: sum of the shares of all sources of one origin in the change's variance, by origin; the sums
+    #: add up to one
     origin_shares: dict[Origin, float]
 
 
@@ -230,8 +235,8 @@ class Identifiability(Result):
     #: remedies for each item of ``degeneracies``: further tests that resolve it when added to the
     #: plan, or a calibration
     cures: tuple[tuple[Cure, ...], ...]
-    #: class names of the terms of the model's preset that the user switched off: no interval covers
-    #: these effects
+    #: class names of the terms of the model's preset that the user switched off. The intervals do
+    #: not cover the effects of these terms.
     not_modelled: tuple[str, ...]
     #: number of parameters that the readings determine: the sum of the contractions, or for a flat
     #: prior the number of all parameters
@@ -243,14 +248,14 @@ class Identifiability(Result):
     #: posterior correlations of the parameters, and of the nuisances (effects not of interest) that
     #: act in several tests
     correlation: ByRow
-    #: standard uncertainty to expect with further certificates of the instrument, by certificate,
-    #: then by parameter: without any, with each one that the instrument lacks, and with all of
-    #: these; empty for a flat prior
+    #: standard uncertainties to expect with further certificates of the instrument, by certificate,
+    #: then by parameter. They are stated for no further certificate, for each certificate that the
+    #: instrument lacks, and for all these certificates together. Empty for a flat prior.
     certificates: dict[str, dict[str, float]]
     #: hyper-parameters (scales of the noise and of other effects) at which the verdicts are
     #: computed; lengths in µm, λ and decay are pure numbers
     hyper_um: dict[str, float]
-    #: whether the hyper-parameters and the means come from readings, not from priors
+    #: whether the hyper-parameters and the means come from readings; if not, they come from priors
     measured: bool
 
 
@@ -258,8 +263,8 @@ def _scales_before(bound: BoundModel, plan: Campaign) -> tuple[Array, Array]:
     """Return weights, shape (w,), and values, shape (w, h), of the hyper-parameters of a plan.
 
     Hyper-parameters are the scales of the noise and of other effects. The values represent their
-    posterior given the readings of the plan's pilot. If there are none, the only value is the prior
-    median.
+    posterior given the readings of the plan's pilot. If the plan has no pilot, the only value is
+    the prior median.
     """
     pilot = plan.pilot
     if pilot is None or pilot.is_plan:
@@ -270,9 +275,9 @@ def _scales_before(bound: BoundModel, plan: Campaign) -> tuple[Array, Array]:
 
 
 def _expected_sd(bound: BoundModel, plan: Campaign) -> SampledSd | None:
-    """Return the prior and the expected sds of all parameters of a plan; None for flat priors.
+    """Return prior and expected sds of all parameters of a plan; None for a flat prior.
 
-    The expected ones are those of the forecast that `design` makes too.
+    The expected standard deviations are those of the forecast that `design` also makes.
     """
     if bound.model.prior.flat:
         return None
@@ -283,11 +288,12 @@ def _expected_sd(bound: BoundModel, plan: Campaign) -> SampledSd | None:
 def _relative_to(
     expected: SampledSd, bound: BoundModel, certificates: Mapping[str, Mapping[str, float]]
 ) -> dict[str, dict[str, float]]:
-    """Return standard uncertainties with further certificates, in proportion to a plan's forecast.
+    """Return standard uncertainties with further certificates, scaled to a plan's forecast.
 
-    ``certificates`` are standard uncertainties by certificate, then by parameter; those under the
-    first key are without any certificate. All those of a parameter are multiplied by the factor
-    that makes the first one equal to ``expected``.
+    ``certificates`` holds standard uncertainties by certificate, then by parameter. Those under the
+    first key are without a further certificate. For each parameter, all standard uncertainties are
+    multiplied by the factor that makes the one without a further certificate equal to the forecast
+    ``expected``.
     """
     without = next(iter(certificates.values()))
     scaled = {}
@@ -302,8 +308,8 @@ def _relative_to(
 class SampledSd(NamedTuple):
     """Prior and posterior standard deviations of all p parameters, shape (p,) each.
 
-    The standard deviations are those of random draws or, if there are no draws, of the linear
-    Gaussian model, averaged over the hyper-parameters or given them.
+    The standard deviations are those of random draws. If there are no draws, they are those of the
+    linear Gaussian model, either averaged over the hyper-parameters or at one value of them.
     """
 
     prior: Array
@@ -312,16 +318,16 @@ class SampledSd(NamedTuple):
 
 @one_blas_thread
 def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
-    """Return how well a campaign, or a plan once run, determines the parameters of a model.
+    """Return how well a campaign or a plan determines the parameters of a model.
 
     Each parameter is identified, prior-limited (the readings hardly narrow its prior) or confounded
     (an effect that nobody measured holds most of its variance). No readings are needed, so that a
-    plan can be judged before it is run. All is computed for the linear Gaussian model, in which
-    compliances may be negative. Shares of the variance are those at the posterior mean of the
-    hyper-parameters (the scales of the noise and of other effects); for a plan at the mean that its
-    pilot leaves, or at their prior median. Standard uncertainties are averaged over the
-    hyper-parameters. Those of a plan are what its analysis is expected to state; `design` states
-    the same.
+    plan can be judged before it is run. All results are those of the linear Gaussian model, in
+    which compliances may be negative. Shares of the variance are those at the posterior mean of the
+    hyper-parameters (the scales of the noise and of other effects). For a plan, they are those at
+    the posterior mean given the readings of its pilot or, without a pilot, at the prior median.
+    Standard uncertainties are averaged over the hyper-parameters. For a plan, they are those that
+    the analysis of its readings is expected to state; `design` forecasts the same values.
 
     Parameters
     ----------
@@ -411,8 +417,9 @@ def _averaged_over_scales(
 ) -> AveragedVariance:
     """Return the variance of all parameters and changes with force of one model, and its sources.
 
-    The sources are those at the mean of the hyper-parameters, the uncertainties are averaged over
-    their values ``phi``, shape (w, h), with the weights ``weight``, shape (w,).
+    The shares of the sources are those at the mean of the hyper-parameters. The uncertainties are
+    averaged over the values ``phi`` of the hyper-parameters, shape (w, h), with the weights
+    ``weight``, shape (w,).
     """
     weights = _weights_of_quantities(information, changes)
     moments = averaged_moments(bound, weights / information.scale, weight, phi)
@@ -426,7 +433,11 @@ def _averaged_over_scales(
 
 
 def _weights_of_quantities(information: Information, changes: Mapping[str, CurveChange]) -> Array:
-    """Return all parameters, then all changes, per prior sd of the m coefficients, (q, m)."""
+    """Return the change of every quantity if one of the m coefficients changes by its prior sd.
+
+    The q quantities are all parameters, then all changes of compliances with force. The result has
+    the shape (q, m).
+    """
     rows = [change.weights for change in changes.values()]
     return np.concatenate([weights_of_parameters(information), *(row[None] for row in rows)])
 
@@ -449,8 +460,8 @@ def judge_posterior(posterior: xr.DataTree) -> dict[str, ParameterIdentifiabilit
     If the posterior is an average over models (`average`), the variance of a parameter is the sum
     of two parts: its mean variance within the models, and the variance of its means between them.
     The second part is a source of uncertainty of its own, ``ModelChoice``. The share of every other
-    source in the first part is averaged over the models, with the weight probability of the model
-    times variance within it.
+    source in the first part is averaged over the models. The weight of a model is its probability
+    times the variance of the parameter within it.
 
     Parameters
     ----------
@@ -493,12 +504,14 @@ def judge_quantities(posterior: xr.DataTree) -> JudgedQuantities:
     """Return the verdicts on the parameters of a posterior, and on the changes with force.
 
     The verdicts on the parameters are those of `judge_posterior`. Those on the changes C(F_max) −
-    C(F_min) follow by the same rules from posterior draws of the curves C(F). In an average, the
-    prior variance of a change is the mean of those under all models that have draws.
+    C(F_min) follow by the same rules from posterior draws of the curves C(F). In an average over
+    models, the prior variance of a change is the mean of its prior variances under all models that
+    have draws.
     """
     bound = bound_of(posterior)
     models = averaged_models(posterior)
-    # The model with all parameters has every change, and says on which slopes it depends.
+    # The model with all parameters has every change, and states on which slopes each change
+    # depends.
     phi = np.concatenate([model.phi for model in models]).mean(axis=0)
     all_changes = curve_changes(bound, information_of(bound, phi))
     variances = [_variance_of_model(model, all_changes) for model in models]
@@ -518,8 +531,8 @@ def judge_quantities(posterior: xr.DataTree) -> JudgedQuantities:
 def _variance_of_model(model: AveragedModel, changes: Mapping[str, CurveChange]) -> ModelVariance:
     """Return the variance of all parameters, then of changes with force, under one model.
 
-    ``changes`` are those of all models together, by name of the compliance. A change that the model
-    lacks has no variance.
+    ``changes`` are those of all models together, by name of the compliance. The variance of a
+    change that the model lacks is zero.
     """
     bound = model.bound
     information = information_of(bound, model.phi.mean(axis=0))
@@ -568,10 +581,10 @@ def _sampled_sd(posterior: xr.DataTree, bound: BoundModel, variance: AveragedVar
 
 
 def confounded_parameters(bound: BoundModel, phi: Array) -> dict[str, tuple[str, ...]]:
-    """Return the effects with which each confounded parameter is confounded, by its name.
+    """Return the effects with which each confounded parameter is confounded, by parameter.
 
-    Parameters that are not confounded are left out. The effects are those of the verdicts of
-    `judge_posterior`; finding them alone takes less time than the verdicts.
+    Parameters that are not confounded are left out. The effects are those in the verdicts of
+    `judge_posterior`, but this function takes less time.
 
     Parameters
     ----------
@@ -591,8 +604,9 @@ def confounded_parameters(bound: BoundModel, phi: Array) -> dict[str, tuple[str,
 def confounded_in(posterior: xr.DataTree) -> dict[str, tuple[str, ...]]:
     """Return the effects with which each confounded parameter of a posterior is confounded.
 
-    Parameters that are not confounded are left out. The effects are those of the verdicts of
-    `judge_posterior`, averaged where the posterior is; finding them alone takes less time.
+    Parameters that are not confounded are left out. The effects are those in the verdicts of
+    `judge_posterior`, also if the posterior is an average over models, but this function takes less
+    time.
     """
     names = bound_of(posterior).names
     variances = [_variance_of_model(model, {}) for model in averaged_models(posterior)]
@@ -661,8 +675,9 @@ def judge(
     contraction
         One minus the ratio of posterior and prior variance; not a number for a flat prior.
     likeness
-        How alike the errors are that two sources cause, from 0 to 1, by names of the sources.
-        Default: all sources act on the same combination of parameters.
+        Squared cosine of the angle between the vectors of parameter errors that two sources cause,
+        by the names of the two sources. Default: all sources act on the same combination of
+        parameters.
     """
     partners = confounding_sources(sources, likeness)
     if partners:
@@ -710,8 +725,8 @@ def _judge_average(
 ) -> dict[str, ParameterIdentifiability]:
     """Return the verdict on every parameter of one model, or of an average over models.
 
-    ``bound`` is the model with all parameters. ``variance`` is that of the parameters under each
-    model.
+    ``bound`` is the model with all parameters. ``variance`` holds the variances of the parameters
+    under each model. ``sampled_sd`` are the standard deviations that the verdicts state.
     """
     entries = {}
     for i, parameter in enumerate(bound.parameters):
@@ -755,8 +770,8 @@ def _judge_changes(
 ) -> dict[str, ChangeIdentifiability]:
     """Return the verdict on the change of every compliance with force, without cures.
 
-    ``variance`` is that of all parameters, then of the changes, under each model. ``prior_sd`` are
-    the prior standard deviations of the changes, one for each of ``changes``.
+    ``variance`` holds the variances of all parameters, then of the changes, under each model.
+    ``prior_sd`` are the prior standard deviations of the changes, one for each of ``changes``.
     """
     entries = {}
     for k, (name, change) in enumerate(changes.items()):
@@ -786,9 +801,10 @@ def _remedies_of(
     parameters: Mapping[str, ParameterIdentifiability],
     changes: Mapping[str, ChangeIdentifiability],
 ) -> dict[str, Remedy | None]:
-    """Return the cheapest cure of every parameter and change, by names as those of `remedies`.
+    """Return the cheapest cure of every parameter and of every change with force, by name.
 
-    ``tried`` is the campaign with each cure.
+    The names are those of `remedies`. ``tried`` holds the campaign and its uncertainties after each
+    cure.
     """
     entries: list[ParameterIdentifiability | ChangeIdentifiability] = []
     entries += parameters.values()

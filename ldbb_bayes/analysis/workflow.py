@@ -5,8 +5,8 @@ The checks are those of Gelman et al., Bayesian Workflow (2020), as far as they 
 1. Prior prediction: is the prior wide enough for the circles measured?
 2. Sampling: do the chains agree, and are there enough effective draws?
 3. Sensitivity: does the posterior depend on the prior (power-scaling)?
-4. Leave one circle out: does every circle look like what the other circles predict?
-5. Calibration where the posterior is (posterior SBC): is the posterior computed correctly?
+4. Leave one circle out: does every circle agree with its prediction from the other circles?
+5. Calibration for machines like this one (posterior SBC): is the posterior computed correctly?
 6. Stacking: which mixture of constant and linear compliance predicts circles left out best?
 """
 
@@ -37,13 +37,13 @@ from ldbb_bayes.results import Array, Result
 
 __all__ = ["LeftOutCircle", "PriorRange", "Workflow", "check_workflow"]
 
-# Number of circles drawn from the prior, of which the ranges are compared with those measured.
+# Number of circles drawn from the prior. Their ranges are compared with the measured ranges.
 _PRIOR_CIRCLES = 2000
-# Probability of the interval of the ranges of circles that the prior expects.
+# Probability of the interval in which the prior expects the range of a circle.
 _PRIOR_PROB = 0.95
 # Error allowed in every log evidence [nat].
 _TOLERANCE = 1e-2
-# p-value of all circles left out together below which they do not scatter as predicted.
+# If the p-value of all circles left out together is below this, they do not scatter as predicted.
 _UNIFORM = 0.05
 # Number of steps by which the weights of stacking are found; each step raises the mean log density.
 _STACKING_STEPS = 500
@@ -55,24 +55,24 @@ class PriorRange:
 
     measured_um: float
     low_um: float  #: lower end of the interval of ranges of circles drawn from the prior
-    high_um: float  #: upper end of the interval
+    high_um: float  #: upper end of the interval that begins at ``low_um``
     #: probability of a range as large or larger under the prior, not adjusted for the number of
-    #: circles; a small one means that the prior is too narrow for this machine
+    #: circles; a small value means that the prior is too narrow for this machine
     p_value: float
 
 
 @dataclass(frozen=True)
 class LeftOutCircle:
-    """One circle compared with what the other circles predict for it."""
+    """One circle compared with its prediction from the other circles."""
 
-    p_value: float  #: probability that a circle of the same machine deviates as much
+    p_value: float  #: probability that a circle of the same machine deviates at least as much
     family_wise_p_value: float  #: p-value adjusted for the number of circles (Holm)
     worst_order: int  #: Fourier order in which the circle deviates most
 
 
 @dataclass(frozen=True, eq=False)
 class Workflow(Result):
-    """What the checks of a Bayesian workflow say of one model and campaign.
+    """Results of the checks of a Bayesian workflow for one model and campaign.
 
     Examples
     --------
@@ -87,15 +87,17 @@ class Workflow(Result):
     rhat_max: float  #: largest R-hat of all parameters and hyper-parameters
     ess_bulk_min: float  #: smallest effective sample size for a mean
     ess_tail_min: float  #: smallest effective sample size for a quantile at 5 % or 95 %
-    converged: bool  #: whether the sampler reached what it aims at
-    #: parameters whose posterior depends on the prior (power-scaling above 0.05), with that
-    #: sensitivity, the most sensitive first
+    converged: bool  #: whether the sampler reached its targets
+    #: sensitivity to the prior (by power-scaling) of the parameters whose sensitivity is above
+    #: 0.05, by name, the most sensitive first
     prior_sensitivity: dict[str, float]
-    left_out: dict[str, LeftOutCircle]  #: every circle left out, by name of the test
-    calibration: Validation  #: ranks of posterior draws in the campaign enlarged by simulation
+    #: comparison of every circle with its prediction from the other circles, by name of the test
+    left_out: dict[str, LeftOutCircle]
+    #: ranks of true values among posterior draws of campaigns enlarged by simulation
+    calibration: Validation
     #: weights with which the models together predict circles left out best, by name of the model
     stacking_weights: dict[str, float]
-    #: sum over the tests of the log density of each test given the others [nat], by model
+    #: sum over the tests of the log density of each test given the other tests [nat], by model
     elpd: dict[str, float]
 
     @property
@@ -120,7 +122,7 @@ class Workflow(Result):
 
     @property
     def outlying_circles(self) -> tuple[str, ...]:
-        """Names of the circles that the others do not predict (family-wise p below 2 %)."""
+        """Names of the circles that the other circles do not predict (family-wise p below 2 %)."""
         names = []
         for name, circle in self.left_out.items():
             if circle.family_wise_p_value < FALSE_ALARMS:
@@ -131,8 +133,9 @@ class Workflow(Result):
     def uniformity_p_value(self) -> float:
         """p-value of all circles left out together: whether their single p-values are uniform.
 
-        They depend on one another, which the test allows for. A small value with no outlying circle
-        means that many deviate a little more, or less, than the others predict.
+        The single p-values depend on one another; the test allows for this. A small value with no
+        outlying circle means that many circles deviate a little more, or a little less, than the
+        other circles predict.
         """
         p_values = np.array([circle.p_value for circle in self.left_out.values()])
         return float(uniformity_p_value(p_values))
@@ -141,7 +144,7 @@ class Workflow(Result):
     def scatter_as_predicted(self) -> bool:
         """Whether the p-values of all circles left out are uniform (p not below 5 %).
 
-        It is stated and does not count in ``passed``.
+        This result is for information only, and does not count in ``passed``.
         """
         return self.uniformity_p_value >= _UNIFORM
 
@@ -166,10 +169,10 @@ def check_workflow(
     executor: Executor | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Workflow:
-    """Return what the checks of a Bayesian workflow say of one model and campaign.
+    """Return the results of the checks of a Bayesian workflow for one model and campaign.
 
     The checks are prior prediction, convergence of the sampler, sensitivity to the prior, leaving
-    one circle out, calibration where the posterior is, and stacking of constant and linear
+    one circle out, calibration for machines like this one, and stacking of constant and linear
     compliance.
 
     Parameters
@@ -186,7 +189,7 @@ def check_workflow(
         Seed of all random numbers.
     executor : Executor, optional
         Executor of ``concurrent.futures`` that runs the calibration in parallel. Default: this
-        process. The result does not depend on it.
+        process runs it. The result does not depend on the executor.
     progress : callable, optional
         Function called with the number of replicates of the calibration done and their total.
 
@@ -272,7 +275,7 @@ def _left_out_circles(
     left_out_nodes: Mapping[str, Mapping[str, Nodes]],
     seed: int,
 ) -> dict[str, LeftOutCircle]:
-    """Return every circle compared with what the other circles predict, by name of the test."""
+    """Return the comparison of every circle with its prediction from the others, by test."""
     judged = judge_tests(nodes_by_model, left_out_nodes, seed=seed, tolerance=_TOLERANCE)
     circles = {}
     for name, test in judged.items():
