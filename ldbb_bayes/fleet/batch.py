@@ -35,8 +35,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Batch", "run_batch"]
 
-# Largest number of campaigns that the result of a batch lists as failed, and largest number that it
-# lists as doubtful. Further campaigns are only counted.
+# Largest number of failed campaigns, and largest number of doubtful campaigns, that the result of a
+# batch lists. Further campaigns are only counted.
 _LONGEST_NAMED = 10_000
 
 
@@ -68,13 +68,15 @@ class Batch(Result):
     #: number of fitted campaigns whose readings do not fit the model, or contradict the condition
     #: that no compliance is negative
     doubtful: int
-    #: file path of each campaign that could not be fitted (key ``campaign``), and why (``reason``);
-    #: 10 000 campaigns at most
+    #: one dictionary for each campaign that could not be fitted, with its file path (key
+    #: ``campaign``) and the reason (key ``reason``); at most 10 000 campaigns
     failed: tuple[dict[str, str], ...]
-    #: file path (key ``campaign``) and verdict (``verdict``) of each campaign whose fit is doubtful
-    #: or whose sampler did not converge; 10 000 campaigns at most
+    #: one dictionary for each campaign whose fit is doubtful or whose sampler did not converge,
+    #: with its file path (key ``campaign``) and the verdict (key ``verdict``); at most 10 000
+    #: campaigns
     doubts: tuple[dict[str, str], ...]
-    #: number of campaigns that this run of the batch tried to fit; earlier runs tried the others
+    #: number of campaigns that this run of the batch tried to fit; earlier runs tried the remaining
+    #: campaigns
     fitted: int
     seconds: float  #: duration of this run of the batch [s]
     resumed: bool  #: whether this run continued an earlier run of the same batch
@@ -104,12 +106,12 @@ def run_batch(
     force: bool = False,
     progress: Callable[[int, int, int], None] | None = None,
 ) -> Batch:
-    """Fit every campaign by itself and write the results as the rows of one table.
+    """Fit every campaign separately and write the results as the rows of one table.
 
     The row of a campaign that cannot be fitted states the reason. Every row is saved as soon as it
-    is computed. Whatever stops a batch (Ctrl-C, kill -9, a full disk), the same call with
-    ``resume`` fits the remaining campaigns; the table is the same as that of an uninterrupted
-    batch.
+    is computed. If a batch is stopped for any reason (Ctrl-C, kill -9, a full disk), the same call
+    with ``resume=True`` fits the remaining campaigns. The table is then the same as that of an
+    uninterrupted batch.
 
     Parameters
     ----------
@@ -121,7 +123,7 @@ def run_batch(
     model : HybridModel, optional
         Model of the fits. Default: the default model with compliance linear in force.
     sampler : {"independent", "joint"}
-        Method of drawing from the posterior, as for `sample`.
+        Method of drawing from the posterior; see `sample`.
     executor : Executor, or callable that starts one, optional
         Where campaigns are fitted. Default: in this process, one after the other. A function that
         starts an executor, such as ``process_executor``, is called after this run has locked
@@ -129,18 +131,20 @@ def run_batch(
     seed : int
         Seed of the random draws, a whole number from 0 to 2^63 − 1.
     ess : float
-        Effective number of draws that each fit aims at.
+        Effective number of draws at which each fit aims.
     prob : float
         Probability of the credible intervals in the rows.
     compare : bool
-        Whether to compare linear with constant compliance by their evidences.
+        Whether to compare the evidence of linear compliance with that of constant compliance.
     table : mapping, optional
-        Fields of `Campaign` for tidy CSV files, which have no campaign.toml to state them.
+        Fields of `Campaign` for campaigns in tidy CSV files, which cannot state these fields. The
+        keys are the names of the fields.
     certificates : mapping, optional
-        Fields of `Instrument` for all campaigns; they replace those in campaign.toml.
+        Fields of `Instrument` for all campaigns; they replace the fields in campaign.toml. The keys
+        are the names of the fields.
     tolerances : mapping of str to str, optional
-        Limits by quantity for all campaigns, see `assess_conformity`; they replace those in
-        campaign.toml.
+        Limits of quantities for all campaigns, see `assess_conformity`; they replace the limits in
+        campaign.toml. The keys are the names of the quantities.
     resume : bool
         Whether to continue an earlier run in ``out``. If there is none, a new batch begins.
     retry : bool
@@ -148,8 +152,8 @@ def run_batch(
     force : bool
         Whether to replace an earlier batch in ``out``.
     progress : callable, optional
-        Function called with the number of finished campaigns, of all campaigns, and of failed
-        campaigns.
+        Function that is called with three numbers: those of finished campaigns, of all campaigns,
+        and of failed campaigns.
 
     Returns
     -------
@@ -160,8 +164,9 @@ def run_batch(
     ------
     InputError
         If there are no campaigns, an option is out of range, pyarrow is not installed, or ``out``
-        cannot be written. Also if ``out`` holds a batch without ``resume`` or ``force``, or, with
-        ``resume``, a batch of other campaigns, options or versions.
+        cannot be written. Also if ``out`` holds a batch and neither ``resume`` nor ``force`` is
+        true. Also if ``resume`` is true and the batch in ``out`` has other campaigns, options or
+        versions.
 
     Examples
     --------
@@ -283,9 +288,9 @@ def _fit_campaigns(
     """Fit the campaigns of a batch that have no row yet, and return how many these are.
 
     The rows are kept in the ``journal``, a database in the folder of the batch, in which each new
-    row is saved. If ``retry``, campaigns that failed in an earlier run are fitted again as well.
-    ``executor`` runs the fits in other processes; if it is None, they run in this one. ``progress``
-    is called with the numbers of finished, of all and of failed campaigns.
+    row is saved. If ``retry`` is true, campaigns that failed in an earlier run are fitted again as
+    well. ``executor`` runs the fits in other processes; if it is None, they run in this one.
+    ``progress`` is called with the numbers of finished, of all and of failed campaigns.
     """
     jobs = _pending_jobs(journal, retry)
     (campaigns,) = journal.execute("SELECT count(*) FROM campaigns").fetchone()
@@ -329,7 +334,9 @@ def _saved_rows(journal: sqlite3.Connection) -> Iterator[dict[str, Any]]:
 
 
 def _count_by_state(journal: sqlite3.Connection) -> dict[str, int]:
-    """Return the number of campaigns of a batch in each state of the fit, such as doubtful.
+    """Return the number of campaigns for each state of the fit.
+
+    The keys of the result are the states, such as doubtful.
 
     A campaign that could not be fitted has no state and is counted as "failed". ``journal`` is the
     database with the rows of the batch.
@@ -341,7 +348,7 @@ def _count_by_state(journal: sqlite3.Connection) -> dict[str, int]:
 def _named_campaigns(
     journal: sqlite3.Connection, column: str, states: Sequence[str]
 ) -> tuple[dict[str, str], ...]:
-    """Return the file path, and the value in ``column``, of the campaigns in the given states.
+    """Return the file path and the value in ``column`` of each campaign in one of the given states.
 
     ``states`` are states of the fit, such as doubtful; "failed" stands for campaigns that could not
     be fitted. ``column`` is a column of the batch's table, such as ``verdict``. ``journal`` is the

@@ -1,4 +1,4 @@
-"""Row of one campaign in the table of a batch: its fit, or why it could not be fitted."""
+"""Row of one campaign in the table of a batch: results of the fit, or the reason why it failed."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class Settings:
 
     @property
     def model(self) -> HybridModel:
-        """Return the model of the fits, which the TOML text ``model_toml`` describes."""
+        """Model of the fits, which the TOML text ``model_toml`` describes."""
         return _cached_model(self.model_toml)
 
 
@@ -77,7 +77,7 @@ _cached_model = lru_cache(maxsize=4)(model_from_toml)
 class Job(NamedTuple):
     """One campaign to be fitted: its number in the batch, from 0, and its file path.
 
-    ``path`` is the file path as the user gave it, ``absolute_path`` the same path made absolute.
+    ``path`` is the file path as the user gave it, ``absolute_path`` the same path in absolute form.
     """
 
     number: int
@@ -96,9 +96,10 @@ def fit_row(settings: Settings, job: Job) -> dict[str, Any]:
 
     Returns
     -------
-    Values by column. ``parameters`` holds the unit, moments and interval of each parameter by its
-    name; ``stiffness`` the same of the stiffness by direction; ``conformity`` holds the probability
-    and decision of each quantity with a tolerance. The row of a campaign that cannot be fitted has
+    Dictionary of the values in the row; the keys are names of columns. The entry ``parameters``
+    holds the unit, moments and credible interval of each parameter, and the entry ``stiffness``
+    those of each stiffness by direction. The entry ``conformity`` holds the probability and
+    decision of each quantity with a tolerance. The row of a campaign that cannot be fitted has
     status "failed" and a reason.
     """
     origin: dict[str, Any] = {}
@@ -137,9 +138,10 @@ def _read(settings: Settings, path: str) -> Campaign:
 
 
 def _reason(error: Exception, job: Job) -> str:
-    """Return one line of text on why a campaign could not be fitted, from the error raised.
+    """Return one line of text that states why a campaign could not be fitted.
 
-    In the text, the file path of the campaign is written as the user gave it.
+    ``error`` is the error that the fit raised. In the text, the file path of the campaign is
+    written as the user gave it.
     """
     reason = plain_reason(error)
     if reason is None:
@@ -167,7 +169,7 @@ def _settings_columns(settings: Settings, job: Job) -> dict[str, Any]:
 def _origin_columns(campaign: Campaign) -> dict[str, Any]:
     """Return the columns of a campaign's row that describe it: machine, date, tests, forces.
 
-    The result holds values by the names of the columns in the table of a batch.
+    The keys of the result are the names of the columns in the table of a batch.
     """
     columns: dict[str, Any] = {name: getattr(campaign, name) for name in _CAMPAIGN_COLUMNS}
     return columns | {
@@ -183,8 +185,9 @@ def _origin_columns(campaign: Campaign) -> dict[str, Any]:
 def _fit_columns(settings: Settings, campaign: Campaign) -> dict[str, Any]:
     """Fit a campaign, and return the columns of the fit and of further quantities.
 
-    Further quantities are the Bayes factor, sufficient statistics and conformity. If one of them
-    cannot be computed, a warning in the row names it.
+    Further quantities are the Bayes factor, the sufficient statistics, the stiffness by direction
+    and conformity. If a further quantity cannot be computed, a warning in the row names this
+    quantity.
     """
     density = HyperPosterior(settings.model.bind(campaign), truncated=True, seed=settings.seed)
     rule = StoppingRule(ess=settings.ess)
@@ -217,12 +220,15 @@ def _fit_columns(settings: Settings, campaign: Campaign) -> dict[str, Any]:
 def _functions_of_further_columns(
     settings: Settings, campaign: Campaign, density: HyperPosterior, fitted: FittedModel
 ) -> dict[str, Callable[[], dict[str, Any]]]:
-    """Return functions that compute further columns of a campaign's row, by name of the quantity.
+    """Return functions that compute further columns of a campaign's row.
 
-    The Bayes factor is computed if the settings ask for it, the compliances of the model depend on
+    The keys are the names of the quantities in these columns.
+
+    The Bayes factor is computed if the settings request it, the compliances of the model depend on
     force, and the campaign has several forces. Sufficient statistics are computed from every fit.
-    If the priors are flat, neither of the two is computed. The stiffness by direction is computed
-    from every fit, and conformity if the campaign has tolerances.
+    If the priors are flat, neither the Bayes factor nor sufficient statistics are computed. The
+    stiffness by direction is computed from every fit, and conformity if the campaign has
+    tolerances.
     """
     model = settings.model
     steps: dict[str, Callable[[], dict[str, Any]]] = {}
@@ -239,9 +245,9 @@ def _functions_of_further_columns(
 def _bayes_factor_columns(density: HyperPosterior) -> dict[str, Any]:
     """Return the log Bayes factor of linear over constant compliance, and its error [nat].
 
-    One model has compliance linear in force, the other constant compliance. The result has the
-    names of the columns as keys. ``density`` is the posterior density of the hyper-parameters under
-    the model of the fit.
+    The Bayes factor compares a model with compliance linear in force and a model with constant
+    compliance. The keys of the result are the names of the columns. ``density`` is the posterior
+    density of the hyper-parameters under the model of the fit.
     """
     value, error = linear_over_constant(density, tolerance=_EVIDENCE_TOLERANCE)
     return {"log_bayes_factor": value, "log_bayes_factor_error": error}
@@ -252,10 +258,12 @@ def _statistics_columns(density: HyperPosterior) -> dict[str, Any]:
 
 
 def _stiffness_columns(fitted: FittedModel, prob: float) -> dict[str, Any]:
-    """Return the stiffness by direction at the reference force, by name of the quantity.
+    """Return a dictionary with the stiffness by direction at the reference force.
 
-    Where a stiffness has only a lower limit, the other numbers are missing; a direction that the
-    readings do not determine has none.
+    Its entry ``stiffness`` holds the unit and numbers of each quantity; the keys are the names of
+    the quantities. If a stiffness has only a lower limit, its other numbers are None. If the
+    readings do not determine a direction, all numbers of this direction are None. If the reference
+    force is zero, the dictionary is empty.
     """
     reference_N = fitted.draws.bound.setting.reference_force_N
     if not reference_N > 0.0:
@@ -265,7 +273,7 @@ def _stiffness_columns(fitted: FittedModel, prob: float) -> dict[str, Any]:
     numbers: dict[str, dict[str, Any]] = {}
     for row in table.to_dict(orient="records"):
         if row["quantity"] in fitted.draws.bound.names:
-            continue  # a cross compliance, which is among the parameters
+            continue  # the quantity is a cross compliance, which is among the parameters
         name = str(row["quantity"]).replace("−", "minus").replace(" ", "_")
         if row["plane"] in planes:
             name = name_in_plane(name, row["plane"], planes)
@@ -274,7 +282,11 @@ def _stiffness_columns(fitted: FittedModel, prob: float) -> dict[str, Any]:
 
 
 def _determined_numbers(row: Mapping[Hashable, Any]) -> dict[str, float | None]:
-    """Return the numbers of a row of `DirectionalStiffness.table` that the readings determine."""
+    """Return the numbers in a row of `DirectionalStiffness.table`, None if not determined.
+
+    If the readings do not determine the quantity of the row, all its numbers are None. The
+    exception is the lower end of the interval of a stiffness, which is its lower limit.
+    """
     numbers: dict[str, float | None] = {name: row[name] for name in PARAMETER_COLUMNS}
     if not row["is_determined"]:
         numbers = dict.fromkeys(numbers)
@@ -293,8 +305,9 @@ def _conformity_columns(fitted: FittedModel) -> dict[str, Any]:
 def _parameter_numbers(fitted: FittedModel, prob: float) -> dict[str, dict[str, Any]]:
     """Return unit, mean, sd, median and interval of every parameter and hyper-parameter of a fit.
 
-    Hyper-parameters are the scales of the noise and of other effects. The result maps the name of
-    each parameter to its unit and numbers. ``prob`` is the probability of the credible interval.
+    Hyper-parameters are the scales of the noise and of other effects. The keys of the result are
+    the names of the parameters and hyper-parameters. ``prob`` is the probability of the credible
+    interval.
     """
     bound = fitted.draws.bound
     units = {parameter.name: parameter.unit for parameter in bound.parameters}

@@ -21,8 +21,8 @@ from ldbb_bayes.results import Array
 __all__ = ["SufficientStatistics", "mixture_covariance", "sufficient_statistics"]
 
 # Number of nodes for which the parameters' moments are computed in one block. Nodes are values of
-# the hyper-parameters, the scales of the noise and of other effects. For each of them all other
-# unknowns are Gaussian.
+# the hyper-parameters, the scales of the noise and of other effects. Given a node, all other
+# unknowns have a Gaussian distribution.
 _NODES_AT_ONCE = 256
 # Moments of the parameters are averages over this number of nodes, picked in proportion to their
 # weights. The error of a mean is then a small share of the parameter's standard uncertainty.
@@ -50,7 +50,9 @@ class SufficientStatistics:
     prior_sd: Array
 
     def columns(self) -> dict[str, list[Any]]:
-        """Return the statistics as lists, by the name of their column in a batch's table.
+        """Return the statistics as lists.
+
+        The keys of the result are the names of the columns in a batch's table.
 
         Of the covariance matrix, only the lower triangle is listed, row by row.
         """

@@ -11,10 +11,11 @@ campaigns. In units of the prior's sd:
 c ~ N(0, I), b ~ N(0, I), w_t ~ N(0, r² I), r ~ HalfNormal(repeatability), Δ ~ N(0, change_scale²)
 
 There is one step or none. If there is one, all p (n − 1) pairs of a parameter j and a campaign k
-from 2 to n are equally probable a priori. A hypothesis is one choice of r, k and j, or of r and no
-step. Under each hypothesis all distributions are Gaussian: w_t is integrated out in each campaign,
-and the result follows from sums over t ≥ k and one small linear system. The likelihood of a
-campaign has a precision matrix (inverse covariance) Λ of (c, b), which may be singular.
+from 2 to n are equally probable a priori. A hypothesis states a value of r, and either the
+parameter j and the campaign k of a step, or that there is no step. Under each hypothesis all
+distributions are Gaussian: w_t is integrated out in each campaign, and the posterior follows from
+sums over t ≥ k and one small linear system. The likelihood of a campaign has a precision matrix
+(inverse covariance) Λ of (c, b), which may be singular.
 
 In the shapes of arrays, r has another meaning: it is the number of nodes (values) of the scatter.
 n is the number of campaigns, p that of parameters, s that of instrument errors, and q = p + s.
@@ -50,7 +51,7 @@ _HIGHEST_RATIO = 8.0
 _LOG_STEP = 0.12
 # A hypothesis states which parameter of a machine changed by a step and just before which campaign,
 # or that no parameter changed. Quantiles are computed without those hypotheses whose probability,
-# divided by that of the most probable hypothesis, is at most this.
+# divided by the probability of the most probable hypothesis, is at most this number.
 _NEGLIGIBLE_WEIGHT = 1e-7
 
 
@@ -59,7 +60,8 @@ def scatter_rule(repeatability: float) -> tuple[Array, Array]:
 
     The scatter r is the standard deviation of a machine's parameters from campaign to campaign;
     nodes are the values used for integration over r. The weights are those of the trapezoidal rule
-    in ln r. The lowest node also has the probability of all smaller values.
+    in ln r. The weight of the lowest node includes the prior probability of all smaller values of
+    r.
 
     Parameters
     ----------
@@ -151,10 +153,10 @@ def hypothesis_probabilities(
 def instrument_moments(posteriors: Gaussian, probabilities: Array) -> tuple[Array, Array]:
     """Return the posterior mean (s,) and covariance (s, s) of the instrument's s errors.
 
-    They are those of the mixture of all hypotheses, weighted by their probabilities. A hypothesis
-    assumes one of r values of the machine's scatter from campaign to campaign. It also assumes that
-    one of the p parameters changed by a step just before one of the campaigns 2 to n, or that none
-    changed. Mean and covariance are in units of the errors' prior sd.
+    Mean and covariance are those of the mixture of all hypotheses, weighted by their probabilities.
+    A hypothesis assumes one of r values of the machine's scatter from campaign to campaign. It also
+    assumes that one of the p parameters changed by a step just before one of the campaigns 2 to n,
+    or that none changed. Mean and covariance are in units of the errors' prior sd.
 
     Parameters
     ----------
@@ -175,11 +177,13 @@ def instrument_moments(posteriors: Gaussian, probabilities: Array) -> tuple[Arra
 class Levels(NamedTuple):
     """Values of p parameters of a machine at the last campaign, in units of their prior sd.
 
-    It is uncertain whether a parameter has changed, which, and just before which campaign. Every
-    possibility counts with its probability.
+    It is uncertain whether a parameter has changed, which parameter this is, and just before which
+    campaign. The values are those of the mixture of all possibilities, weighted by their
+    probabilities.
     """
 
-    #: posterior means of the p parameters at the last campaign, in units of their prior sd, (p,)
+    #: posterior means of the p parameters at the last campaign, in units of their prior sd, shape
+    #: (p,)
     mean: Array
     #: posterior standard deviations of the p parameters at the last campaign, in units of their
     #: prior sd, shape (p,)

@@ -18,14 +18,14 @@ from ldbb_bayes.model.prior import Prior
 __all__ = ["Meaning", "same_meaning", "stands_for"]
 
 # A fitted compliance stands for a weighted sum of the compliances of single joints. Its meaning is
-# the weight of each joint's compliance in this sum, by the label of the joint's compliance.
+# this sum: the keys are the labels of the joints' compliances, and the values are their weights.
 Meaning = Mapping[str, float]
 # A fitted compliance stands for a weighted sum of joints' compliances. This is the number of
 # significant digits to which the weights are rounded.
 _DIGITS = 7
 # A fitted compliance stands for a weighted sum of joints' compliances. Two such sums count as the
-# same if they differ by no more than this, in units of the compliance's default prior sd. It is a
-# quarter of the default prior standard deviation of a change in a trend.
+# same if they differ by no more than this, in units of the compliance's default prior sd. The limit
+# is a quarter of the default prior standard deviation of a change in a trend.
 _NEGLIGIBLE = 0.05
 
 
@@ -36,7 +36,7 @@ def stands_for(campaign: Campaign) -> dict[str, dict[str, float]]:
 
     Parameters
     ----------
-    campaign : campaign or plan whose circles decide which sums these are.
+    campaign : campaign or plan whose circles determine the sums.
 
     Returns
     -------

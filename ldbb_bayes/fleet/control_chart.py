@@ -24,8 +24,8 @@ __all__ = ["draw_control_chart"]
 _VISIBLE_PROBABILITY = 0.05
 # Largest number of campaigns whose dates label the horizontal axis of a control chart.
 _LABELLED_CAMPAIGNS = 6
-# Layout of a control chart: largest number of panels beside one another, height of a panel [inch],
-# and height of the figure beyond its panels [inch].
+# Layout of a control chart: largest number of panels side by side, height of a panel [inch], and
+# height of the part of the figure without panels [inch].
 _COLUMNS = 2
 _PANEL_HEIGHT = 2.0
 _MARGIN = 0.9
@@ -99,9 +99,10 @@ class _PanelData(NamedTuple):
 
     @property
     def edges(self) -> Array:
-        """Return the borders of the n campaigns on the panel's horizontal axis, shape (n + 1,).
+        """Borders between the n campaigns on the panel's horizontal axis, shape (n + 1,).
 
-        The borders are midway between the campaigns.
+        The borders are midway between campaigns; the first and the last are at the ends of the
+        axis.
         """
         return np.append(self.place - 0.5, self.place[-1] + 0.5)
 
@@ -147,7 +148,7 @@ def _draw_panel(axes: Axes, trend: Trend, name: str) -> None:
 def _draw_limits(axes: Axes, data: _PanelData) -> None:
     """Shade the range between the control limits of the parameter in a panel of a control chart.
 
-    Every campaign but the first has such limits.
+    Every campaign except the first has control limits.
     """
     steps = [np.append(limit, limit[-1]) for limit in data.limits]
     label = f"limits from those before, {100 * LIMITS:g} %"
@@ -173,9 +174,10 @@ def _draw_points(
 def _vertical_range(data: _PanelData) -> tuple[float, float]:
     """Return the lower and upper end of the vertical axis of a panel of a control chart.
 
-    All credible intervals of the panel's estimates are within these ends. Control limits beyond the
-    intervals widen the range, by up to half of the range of the intervals on each side. If all
-    intervals are one value, their range counts as large as this value, or as 1 if it is zero.
+    The axis shows all credible intervals of the panel's estimates. Control limits outside the range
+    of these intervals extend the axis on each side, by at most half of this range. If all intervals
+    consist of the same single value, the range is taken to be the absolute value of this number, or
+    1 if the number is zero.
     """
     low = float(data.interval[0].min())
     high = float(data.interval[1].max())
@@ -194,8 +196,8 @@ def _vertical_range(data: _PanelData) -> tuple[float, float]:
 def _panel_title(trend: Trend, name: str, factor: float) -> str:
     """Return the title of a parameter's panel: the probability of a change of the parameter.
 
-    If the estimates from all campaigns have an uncertainty in common, a second line states it.
-    ``factor`` converts the internal unit of the parameter to the unit shown.
+    If the estimates from all campaigns have an uncertainty in common, a second line states this
+    uncertainty. ``factor`` converts the internal unit of the parameter to the unit shown.
     """
     parameter = trend.parameters[name]
     probability = probability_words(parameter.probability)

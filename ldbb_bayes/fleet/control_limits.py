@@ -1,9 +1,9 @@
 """Points and limits of a control chart.
 
-A point is the estimate of a parameter from one campaign alone. Its limits are those of the interval
-that the earlier campaigns predict for this estimate. In the shapes of arrays, n is the number of
-campaigns, p that of parameters, s that of instrument errors, and q = p + s. r is the number of
-nodes (values) of the machine's scatter from campaign to campaign.
+A point is the estimate of a parameter from one campaign alone. Its limits are the ends of the
+interval in which this estimate should lie according to the earlier campaigns. In the shapes of
+arrays, n is the number of campaigns, p that of parameters, s that of instrument errors, and q = p +
+s. r is the number of nodes (values) of the machine's scatter from campaign to campaign.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def chart_points(
     *,
     limits: float = LIMITS,
 ) -> ChartPoints:
-    """Return the points of a control chart, and the limits that earlier campaigns predict for each.
+    """Return the points of a control chart, and the limits of each point from earlier campaigns.
 
     A point is the estimate of a parameter from one campaign alone. The machine's scatter is the
     standard deviation of its parameters from campaign to campaign. In the shapes of arrays, n is
@@ -70,8 +70,8 @@ def chart_points(
     ----------
     series : likelihoods of parameters and instrument errors from the campaigns in order of time,
         shape (n, q).
-    carried : the same likelihoods for each value of the scatter, with the deviations that it causes
-        integrated out, shape (r, n, q).
+    carried : the same likelihoods for each value of the scatter, with the deviations due to the
+        scatter integrated out, shape (r, n, q).
     scatter, scatter_weight : values of the scatter and their prior probabilities, each of shape
         (r,).
     instrument : posterior mean (s,) and covariance (s, s) of the errors of the instrument.

@@ -42,32 +42,37 @@ PART = f".{DATASET}.part"
 # state it.
 _SCHEMA = 4
 _METADATA_KEY = b"ldbb_bayes"
-# Numbers that a batch's table holds of every parameter. Each number has a column of its own, such
-# as C_XXX.mean.
+# Numbers that a batch's table holds for every parameter. Each number has a separate column, such as
+# C_XXX.mean.
 PARAMETER_COLUMNS = ("mean", "sd", "median", "ci_low", "ci_high")
-# Names of the stiffnesses by direction in a batch's table: least, greatest and principal ones,
-# their ratio, directions and the difference of the axes, with the plane if there are several.
+# Pattern of the names of stiffness quantities in a batch's table. In a plane, these are the least
+# and the greatest stiffness, their ratio, their directions, the principal axis, and the difference
+# between the direct compliances of the two axes. If there are several planes, the plane follows the
+# name, as in k_min_YZ. The principal stiffnesses of a machine tested in three planes are k_1, k_2
+# and k_3.
 STIFFNESS_NAME = re.compile(
     r"(k_min|k_max|k_ratio|softest_direction|stiffest_direction|principal_axis|C_..._minus_C_...)"
     r"(_[XYZ]{2})?|k_[123]"
 )
-# Values that a batch's table holds of every quantity with a tolerance, and their Arrow types. Each
-# value has a column of its own, such as C_XXX.decision.
+# Values that a batch's table holds for every quantity with a tolerance, and their Arrow types. Each
+# value has a separate column, such as C_XXX.decision.
 _CONFORMITY_TYPES = {"probability": "double", "decision": "string"}
 # Number of rows in one row group of the Parquet file with a batch's table. The rows of a group are
 # written together.
 _ROWS_PER_GROUP = 1024
-# Largest number of characters that a message on an unreadable file quotes from a library's error.
+# Largest number of characters of a library's error message that the message on an unreadable file
+# quotes.
 _LONGEST_REASON = 120
-# Contents of columns.toml: the names of the columns of a batch's table, and their Arrow types.
+# Contents of columns.toml: the names of the columns of a batch's table, and the Arrow types of the
+# columns.
 _TABLE: Mapping[str, Any] = tomllib.loads(
     Path(__file__).with_name("columns.toml").read_text(encoding="utf-8")
 )
-# Arrow types of the first columns of a batch's table, by name of the column. These columns describe
-# a campaign and its fit.
+# Arrow types of the first columns of a batch's table; the keys are the names of the columns. These
+# columns describe a campaign and its fit.
 COLUMN_TYPES: Mapping[str, str] = _TABLE["columns"]
-# Arrow types of the last columns of a batch's table, by name of the column. These columns hold a
-# campaign's sufficient statistics (means, covariance).
+# Arrow types of the last columns of a batch's table; the keys are the names of the columns. These
+# columns hold a campaign's sufficient statistics (means, covariance).
 STATISTICS_TYPES: Mapping[str, str] = _TABLE["gaussian"]
 # Names of the columns of a batch's table that the analyses of many campaigns (trend of one machine,
 # population of machines) need.
@@ -162,7 +167,7 @@ def _field(name: str, kind: str, unit: str = "") -> pa.Field:
 
 
 def _unit_in(column: str) -> str:
-    """Return the unit at the end of a column's name, N or um; empty if it ends in neither.
+    """Return the unit N or um at the end of a column's name, or an empty string if there is none.
 
     The column ``force_min_N``, for example, has the unit N.
     """
@@ -171,12 +176,12 @@ def _unit_in(column: str) -> str:
 
 
 def _flatten(row: dict[str, Any]) -> dict[str, Any]:
-    """Return a campaign's row in which each number of each parameter has a column of its own.
+    """Return a campaign's row in which each number of each parameter has a separate column.
 
-    In the given row, the entries ``parameters`` and ``stiffness`` hold the numbers of each
-    parameter and of each stiffness by direction, and the entry ``conformity`` the probability and
-    decision of each quantity with a tolerance. The columns are called, for example, C_XXX.mean and
-    C_XXX.decision.
+    In the given row, the entry ``parameters`` holds the numbers of each parameter, and the entry
+    ``stiffness`` those of each stiffness by direction. The entry ``conformity`` holds the
+    probability and decision of each quantity with a tolerance. The columns of the result are
+    called, for example, C_XXX.mean and C_XXX.decision.
     """
     flat = dict(row)
     for name, numbers in _numbers_of(row).items():
@@ -189,7 +194,7 @@ def _flatten(row: dict[str, Any]) -> dict[str, Any]:
 
 
 def _numbers_of(row: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
-    """Return the numbers of each parameter and of each stiffness by direction, by name."""
+    """Return the numbers of each parameter and each stiffness by direction; the keys are names."""
     return {**row.get("parameters", {}), **row.get("stiffness", {})}
 
 
@@ -204,30 +209,30 @@ def read_batch(
     path: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
     columns: Sequence[str] | None = None,
 ) -> pd.DataFrame:
-    """Return the rows of one batch, or of several batches one below the other.
+    """Return the rows of one batch or of several batches as one table.
 
     The columns are: campaign, name, sha256, machine_id, date, status ("done" or "failed"), reason,
-    topology, planes, compliances (JSON: each fitted compliance as a sum of joint compliances),
-    tolerances (JSON), tests, readings, force_min_N, force_max_N, reference_force_N, degree, terms,
-    model_sha256, sampler, seed, versions, converged, state, kinds, verdict, misfits, warnings,
-    log_prob_truncation [nat] (log probability that no compliance is negative), rmse_um,
+    topology, planes, compliances (JSON text that states each fitted compliance as a sum of joint
+    compliances), tolerances (JSON), tests, readings, force_min_N, force_max_N, reference_force_N,
+    degree, terms, model_sha256, sampler, seed, versions, converged, state, kinds, verdict, misfits,
+    warnings, log_prob_truncation [nat] (log probability that no compliance is negative), rmse_um,
     log_bayes_factor (linear over constant compliance) and log_bayes_factor_error [nat].
 
     Every parameter and hyper-parameter (scale of the noise or of another effect) has NAME.mean,
     NAME.sd, NAME.median, NAME.ci_low and NAME.ci_high in internal units (mm, N, rad), which
     ``attrs["units"]`` states. Every quantity with a tolerance has NAME.probability (of conformance)
-    and NAME.decision. Stiffnesses by direction at the reference force have the columns of
-    parameters: k_min, k_max, k_ratio, softest_direction, stiffest_direction, principal_axis [deg],
-    C_XXX_minus_C_YYY, with the plane if there are several (k_min_YZ), and k_1 to k_3 of three
-    planes; see `stiffness`. Columns ``gaussian_…`` hold the posterior and prior moments of
-    parameters and instrument errors, which `find_trend` and `fit_population` use. The posterior is
-    the one without truncation (compliances may be negative). The covariance is given by its lower
-    triangle, row by row.
+    and NAME.decision. Stiffnesses by direction at the reference force have the same five columns as
+    parameters. Their names are k_min, k_max, k_ratio, softest_direction [deg], stiffest_direction
+    [deg], principal_axis [deg] and C_XXX_minus_C_YYY, followed by the plane if there are several
+    planes (k_min_YZ). If three planes were tested, there are also k_1, k_2 and k_3; see
+    `stiffness`. Columns ``gaussian_…`` hold the posterior and prior moments of parameters and
+    instrument errors, which `find_trend` and `fit_population` use. This posterior allows negative
+    compliances. Of the covariance matrix, the lower triangle is listed row by row.
 
     Parameters
     ----------
     path : path, or sequence of path
-        Folder of a batch, its campaigns.parquet, or several such folders and files.
+        Folder of a batch, its file campaigns.parquet, or a sequence of such folders and files.
     columns : sequence of str, optional
         Names of the columns to read, in this order. Default: all.
 
@@ -259,10 +264,11 @@ def read_batch(
 def read_fleet(
     path: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
 ) -> pd.DataFrame:
-    """Return what a trend needs of batches: columns for fleets, and stiffnesses by direction.
+    """Return the columns that a trend or a population needs, for the campaigns of batches.
 
-    Batches that were written without stiffnesses by direction lack these columns. ``path`` and the
-    errors raised are those of `read_batch`.
+    These are the columns `FLEET_COLUMNS`, and the columns of the stiffnesses by direction if the
+    batches have these columns. ``path`` has the same meaning as for `read_batch`, and the same
+    errors are raised.
     """
     return _read(path, FLEET_COLUMNS, STIFFNESS_NAME)
 
@@ -272,9 +278,10 @@ def _read(
     columns: Sequence[str] | None,
     further: re.Pattern[str] | None,
 ) -> pd.DataFrame:
-    """Return rows of batches with the given columns, and with those of quantities so named.
+    """Return the rows of batches with the given columns and the columns of further quantities.
 
-    ``further`` matches the names of quantities whose columns are read, too, where they exist.
+    ``columns`` are names of columns; None requests all columns. ``further`` is a pattern: if it
+    matches the name of a quantity, the columns of this quantity are returned, too.
     """
     check_pyarrow()
     import pyarrow as pa  # an optional dependency
@@ -327,7 +334,7 @@ def _dataset_of(path: Path) -> Path:
 
 
 def _columns_of_quantities(schema: pa.Schema, names: re.Pattern[str]) -> list[str]:
-    """Return the columns, such as k_min.mean, of the quantities whose names match."""
+    """Return the columns, such as k_min.mean, of the quantities whose names match a pattern."""
     columns = []
     for column in schema.names:
         name, dot, _ = column.rpartition(".")
@@ -348,8 +355,9 @@ def _read_table(
 ) -> _Dataset:
     """Return the requested columns of a batch's table; raise an `InputError` for any other file.
 
-    Columns that the table does not have are left out; None requests all columns. Columns of
-    quantities whose names match ``further`` are requested, too.
+    ``columns`` are the names of the requested columns; None requests all columns. Columns that the
+    table does not have are left out. ``further`` is a pattern: if it matches the name of a
+    quantity, the columns of this quantity are requested, too.
     """
     import pyarrow as pa  # an optional dependency
     import pyarrow.parquet as pq

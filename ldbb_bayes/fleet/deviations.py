@@ -1,4 +1,4 @@
-"""Gaussian likelihoods of campaigns or machines that deviate from their common level.
+"""Gaussian likelihoods of campaigns or machines whose parameters deviate from a common level.
 
 Each campaign or machine has a likelihood g(c + w, b), w ~ N(0, diag s²). Here c is the common level
 of the parameters, b are the errors of the instrument, w is the deviation of this campaign or
@@ -25,7 +25,7 @@ __all__ = ["Estimates", "deviating", "estimate_separately", "whitened"]
 
 
 def whitened(likelihood: Gaussian, spread: Array, *, inverse: bool = False) -> Array:
-    """Return the matrix (Lᵀ | L⁻¹ s (Λ_c, η_c)), which serves to integrate out the deviations w.
+    """Return the matrix (Lᵀ | L⁻¹ s (Λ_c, η_c)), by which the deviations w are integrated out.
 
     w are the deviations of a campaign's or machine's c parameters from their common level, with the
     standard deviations s; in the formulae s stands for diag s, and the vertical bar puts matrices
@@ -43,7 +43,7 @@ def whitened(likelihood: Gaussian, spread: Array, *, inverse: bool = False) -> A
 
     Returns
     -------
-    Array of shape (c, c + q + 1, k, n); with the inverse (c, 2 c + q + 1, k, n).
+    Array of shape (c, c + q + 1, k, n), or of shape (c, 2 c + q + 1, k, n) if ``inverse`` is true.
     """
     c = spread.shape[1]
     q = likelihood.shift.shape[1]

@@ -1,18 +1,18 @@
-"""Gaussian likelihoods: what each campaign of a batch states about its machine.
+"""Gaussian likelihoods of the parameters of machines, one from each campaign of a batch.
 
 ln p(y_i | c_i, b) = −½ (c_i, b)ᵀ Λ_i (c_i, b) + η_iᵀ (c_i, b) + const
 
-y_i are the readings of campaign i. c_i are the chosen parameters of its machine, compliances at one
-reference force for all campaigns. b are the errors of the instrument (mount, force gain) that all
-campaigns share. Λ_i is a precision matrix (inverse of a covariance matrix), η_i the shift, that is,
-Λ_i times the estimate.
+y_i are the readings of campaign i. c_i are the chosen parameters of its machine; the compliances of
+all campaigns are stated at one reference force. b are the errors of the instrument (mount, force
+gain) that all campaigns share. Λ_i is a precision matrix (inverse of a covariance matrix), η_i the
+shift, that is, Λ_i times the estimate.
 
 All other unknowns are integrated out in each campaign separately, as if they were independent of
-the other campaigns. They are slopes, geometric errors not chosen, ball form, bar length, and the
-hyper-parameters (scales of the noise and of other effects). For campaigns of one machine or with
-one bar this overstates the uncertainty of changes and differences. It understates the uncertainty
-of levels and of a population's mean: ball form and bar length are the same in all campaigns and do
-not average out.
+the other campaigns. These unknowns are slopes, geometric errors not chosen, ball form, bar length,
+and the hyper-parameters (scales of the noise and of other effects). If campaigns have the machine
+or the bar in common, this treatment overstates the uncertainty of changes and differences. It
+understates the uncertainty of levels and of a population's mean: ball form and bar length are the
+same in all campaigns and do not average out.
 """
 
 from __future__ import annotations
@@ -73,8 +73,8 @@ class FleetStatistics:
     #: such range, the first number exceeds the second
     forces_N: tuple[float, float]
     topology: str
-    #: weighted sum of joint compliances that each fitted compliance stands for, by its name; empty
-    #: if the batch does not state it
+    #: weighted sum of joint compliances for which each fitted compliance stands; the keys are the
+    #: names of the fitted compliances; empty if the batch does not state the sums
     compliances: Mapping[str, Meaning] = field(default_factory=dict)
 
     def __len__(self) -> int:
@@ -82,10 +82,10 @@ class FleetStatistics:
 
     @property
     def caveats(self) -> list[Caveat]:
-        """Return a list with a caveat if compliances are extrapolated in force, else an empty list.
+        """List with one caveat if compliances are extrapolated in force; empty if they are not.
 
-        They are extrapolated if the reference force is outside the range of the tests' forces in
-        some campaign.
+        Compliances are extrapolated if the reference force is outside the range of the tests'
+        forces in at least one campaign.
         """
         lowest, highest = self.forces_N
         if lowest <= self.reference_force_N <= highest:
@@ -207,7 +207,8 @@ def _instrument_errors(rows: pd.DataFrame) -> tuple[str, ...]:
     """Return the names of the instrument errors in the model of at least one campaign.
 
     Instrument errors, such as those of mount and force gain, may be the same in several campaigns.
-    They are in the order of the model's terms. ``rows`` are rows of the table of a batch.
+    The names are in the order of the kinds of the model's terms. ``rows`` are rows of the table of
+    a batch.
     """
     names = set[str]().union(*rows["gaussian_names"])
     errors = [name for name in sorted(names) if Term.owner(name) is not Term]
@@ -335,9 +336,9 @@ def _divide_out_prior(
 
     All three are Gaussian functions of q quantities. Posterior and prior are given by their means,
     shape (q,), and covariances, shape (q, q). The precision (inverse covariance) of the likelihood
-    is that of the posterior minus that of the prior. Negative eigenvalues of it are set to zero: in
-    these directions the readings add nothing to the prior. The shift is the precision times the
-    estimate.
+    is that of the posterior minus that of the prior. Negative eigenvalues of this difference are
+    set to zero: in the directions of their eigenvectors the readings add nothing to the prior. The
+    shift is the precision times the estimate.
     """
     scale = np.sqrt(np.diag(prior_covariance))
     squared_scale = scale[:, None] * scale
@@ -366,8 +367,8 @@ def _map_to_force(names: Sequence[str], wanted: Sequence[str], force_change_N: f
 
     Its rows are for the quantities ``wanted``, its columns for the quantities ``names`` that the
     campaign has. The reference force changes by ``force_change_N``. A compliance then changes by
-    its slope times this change, plus its curvature times the square of this change. ``wanted`` has
-    no slopes and curvatures: they would change too.
+    its slope times this change, plus its curvature times the square of this change. ``wanted`` must
+    not contain slopes and curvatures, because they depend on the reference force, too.
     """
     matrix = np.zeros((len(wanted), len(names)))
     for i, name in enumerate(wanted):
@@ -383,7 +384,7 @@ def _meanings(rows: pd.DataFrame, chosen: Sequence[str]) -> dict[str, Meaning]:
     The keys of the result are the names of the compliances. ``rows`` are rows of the table of a
     batch, which states the sums of each campaign. Raise an `InputError` if the sums of a compliance
     differ between campaigns. A campaign that does not state a sum is assumed to agree with the
-    others.
+    campaigns that state it.
     """
     meanings: dict[str, Meaning] = {}
     first_campaigns: dict[str, str] = {}

@@ -17,15 +17,15 @@ _LARGEST_LIST = 2**30
 
 
 def gather(given: Iterable[str | os.PathLike[str]]) -> tuple[str, ...]:
-    """Return the file paths of the campaigns that folders, files and lists stand for, each once.
+    """Return the file paths of the campaigns for which the given paths stand, each path once.
 
     Parameters
     ----------
-    given : file paths. A campaign folder, a campaign.toml or a tidy CSV stands for itself. Any
-        other folder stands for its direct subfolders that hold a campaign.toml, sorted by name.
-        ``@FILE`` or a .txt file stands for the paths in it, one per line; lines that begin with #
-        are comments. A path that does not exist is kept: its row in the table states that it does
-        not exist.
+    given : paths of folders, files and lists. A campaign folder, a campaign.toml or a tidy CSV
+        stands for itself. Any other folder stands for its direct subfolders that hold a
+        campaign.toml, sorted by name. ``@FILE`` or a .txt file stands for the paths in it, one per
+        line; lines that begin with # are comments. A path that does not exist is kept; the row of
+        this campaign in the table of the batch states that the path does not exist.
 
     Returns
     -------
@@ -56,7 +56,7 @@ def gather(given: Iterable[str | os.PathLike[str]]) -> tuple[str, ...]:
 
 
 def _expand_all(entries: Iterable[str | os.PathLike[str]]) -> Iterator[str]:
-    """Yield the file path of every campaign that the entries of the user stand for.
+    """Yield the file path of every campaign for which the entries of the user stand.
 
     An entry is the path of a campaign, of a folder of campaigns, or of a text file that lists such
     paths (``@FILE`` or .txt).
@@ -90,8 +90,8 @@ def _read_list(file: Path) -> list[str]:
 def _expand_folder(path: str) -> list[str]:
     """Return the sorted file paths of the campaigns directly in a folder of campaigns.
 
-    If the path is not a folder, is itself the folder of a campaign, or contains no campaigns, it is
-    returned unchanged as the only one. Raise an `InputError` if the folder cannot be read.
+    If the path is not a folder, is itself the folder of a campaign, or contains no campaigns, the
+    list contains only this path, unchanged. Raise an `InputError` if the folder cannot be read.
     """
     if not os.path.isdir(path) or _has_toml(path):
         return [path]

@@ -30,7 +30,7 @@ __all__ = ["batch_identity", "begin_batch", "open_journal", "save_row"]
 # batch.
 _LIST = "campaigns.txt"
 # Names of all files that the folder of a batch may hold: the journal, SQLite's temporary files for
-# the journal, the list of campaigns, and the table, finished or not.
+# the journal, the list of campaigns, and the finished and the unfinished table.
 _BATCH_FILES = (
     JOURNAL,
     f"{JOURNAL}-wal",
@@ -95,7 +95,7 @@ def open_journal(out: Path) -> Iterator[sqlite3.Connection]:
 
 
 def _check_folder(out: Path) -> None:
-    """Raise an `InputError` if the folder ``out`` cannot be that of a batch.
+    """Raise an `InputError` if ``out`` cannot be the folder of a batch.
 
     The folder need not exist. If it exists, it must hold nothing but the files of a batch.
     """
@@ -127,7 +127,7 @@ def batch_identity(settings: Settings) -> dict[str, Any]:
 
     Returns
     -------
-    Options and versions of software, by the name under which a difference is reported.
+    Options and versions of software. The keys are the names under which differences are reported.
     """
     identity: dict[str, Any] = {"model": model_sha256(settings.model)[:12]}
     for name in ("sampler", "seed", "ess", "prob", "compare"):
@@ -162,8 +162,8 @@ def begin_batch(
     out : folder of the batch.
     jobs : campaigns of the batch, in order of their numbers.
     identity : options and versions of the present run, see `batch_identity`.
-    resume : continue the batch in the folder, if there is one.
-    force : replace the batch in the folder, if there is one.
+    resume : whether to continue the batch in the folder, if there is a batch.
+    force : whether to replace the batch in the folder, if there is a batch.
 
     Returns
     -------
@@ -172,9 +172,9 @@ def begin_batch(
     Raises
     ------
     InputError
-        If the folder holds a batch that is neither to be continued nor replaced, or, with
-        ``resume``, a different batch. Also if it holds a table without a journal, unless ``force``
-        is true.
+        If the folder holds a batch and neither ``resume`` nor ``force`` is true. Also if ``resume``
+        is true and the batch in the folder has other campaigns, options or versions. Also if the
+        folder holds a table without a journal and ``force`` is false.
     """
     saved = journal.execute("SELECT record FROM batch").fetchone()
     has_table = (out / DATASET).exists()
@@ -237,13 +237,13 @@ def _check_same_campaigns(journal: sqlite3.Connection, out: Path, jobs: Sequence
 
 
 def save_row(journal: sqlite3.Connection, number: int, row: Mapping[str, Any]) -> None:
-    """Save the row of a campaign in the journal, in a transaction of its own.
+    """Save the row of a campaign in the journal, in a separate transaction.
 
     Parameters
     ----------
     journal : open journal, see `open_journal`.
     number : number of the campaign in the batch, from 0.
-    row : values by column, see `fit_row`.
+    row : values of the row; the keys are the names of the columns, see `fit_row`.
     """
     journal.execute(
         "UPDATE campaigns SET status = ?, state = ?, row = ? WHERE number = ?",

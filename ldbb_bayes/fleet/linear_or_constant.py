@@ -1,8 +1,8 @@
 """Bayes factor of linear over constant compliance, from the nodes of one fit.
 
-φ are the hyper-parameters, the scales of the noise and of other effects; nodes are weighted values
-of φ. Truncation T restricts compliances to values that are not negative. The evidence of a model
-with truncation is ln Z + ln P(T | y) − ln P(T): Z is the density of the readings y if compliances
+φ are the hyper-parameters, the scales of the noise and of other effects. Nodes are weighted values
+of φ. T is the condition that no compliance is negative (truncation). The log evidence of a model
+with truncation is ln Z + ln P(T | y) − ln P(T). Z is the density of the readings y if compliances
 may be negative, P(T | y) and P(T) are the posterior and the prior probability of T. The models of
 linear and of constant compliance have the same φ, so that one set of nodes serves both.
 """
@@ -35,10 +35,11 @@ def linear_over_constant(density: HyperPosterior, *, tolerance: float) -> Eviden
 
     Parameters
     ----------
-    density : posterior density of the hyper-parameters under the model of a fit, whose compliances
-        depend on force. Its nodes serve both models if they are linear in force.
+    density : posterior density of the hyper-parameters under the model of a fit, in which
+        compliances depend on force. If they depend linearly on force, the nodes of this fit serve
+        both models.
     tolerance : error allowed in each of the two log evidences [nat]. The error of the result is the
-        sum of those that were reached.
+        sum of the errors of both log evidences.
     """
     model = density.bound.model
     plain = density.plain
@@ -61,7 +62,10 @@ def linear_over_constant(density: HyperPosterior, *, tolerance: float) -> Eviden
 
 
 def _log_evidence_from(nodes: Nodes, truncated: HyperPosterior, tolerance: float) -> _LogEvidence:
-    """Return the log evidence of a model from nodes of the density without truncation.
+    """Return the log evidence of a model, computed from nodes of the density without truncation.
+
+    Truncation is the condition that no compliance is negative. Nodes are weighted values of the
+    hyper-parameters.
 
     ``truncated`` is the posterior density of the hyper-parameters under truncation; ``tolerance``
     is the error allowed in the probability that no compliance is negative [nat].

@@ -1,4 +1,4 @@
-"""Detection of machines that do not belong to the population of the others.
+"""Detection of machines that do not belong to the population of the other machines.
 
 Every machine is left out in turn and compared with what the other machines predict for it. The
 prediction is averaged over random draws of the spreads s (standard deviations of the machines about
@@ -37,13 +37,14 @@ from ldbb_bayes.results import Array
 __all__ = ["JudgedMachines", "judge_machines"]
 
 # Spreads are the standard deviations of machines about the mean of their population. Random draws
-# of them from the posterior of all machines are weighted to leave out one machine. If the weights
-# cannot be trusted, this number of new draws is made from the posterior of the other machines.
+# of the spreads from the posterior given all machines are weighted to leave out one machine. If the
+# weights cannot be trusted, this number of new draws is made from the posterior given the other
+# machines.
 _DRAWS_WITHOUT = 512
 # New random draws of the spreads without one machine are made for at most this number of machines,
-# the most outlying ones first.
+# the most outlying machines first.
 _MOST_REDRAWN = 200
-# p-values of a machine's parameters are raised to at least this. For smaller ones, the
+# p-values of a machine's parameters are raised to at least this. For smaller p-values, the
 # corresponding quantile of the normal distribution would not be finite.
 _SMALLEST_P = 1e-300
 
@@ -52,7 +53,7 @@ _SMALLEST_P = 1e-300
 class JudgedMachines:
     """Comparison of each of n machines with the other machines, by their c parameters.
 
-    It shows which machines do not belong to the population of the others.
+    It shows which machines do not belong to the population of the other machines.
     """
 
     #: p-value of each of n machines, corrected for the numbers of parameters (Bonferroni) and of
@@ -84,8 +85,8 @@ def judge_machines(
     The spreads s are the standard deviations of the machines' parameters about the mean μ of the
     population. Random draws of s are made from their posterior given all machines. For each
     machine, weights turn them into draws from the posterior given the other machines. If these
-    weights cannot be trusted, new draws are made from that posterior. This is done for at most 200
-    machines, the most outlying ones first.
+    weights cannot be trusted, new draws are made from that posterior. New draws are made for at
+    most 200 machines, the most outlying machines first.
 
     Parameters
     ----------
@@ -142,11 +143,13 @@ class _LeftOut(NamedTuple):
 def _leave_out_each(
     likelihood: Gaussian, separate: Estimates, spread: Array, shared: Gaussian
 ) -> _LeftOut:
-    """Return how each of n machines agrees with all others, for k draws of the spreads.
+    """Compare each of n machines with all other machines, for each of k draws of the spreads.
 
-    ``likelihood`` is that of each machine's campaigns. ``separate`` are the estimates of each
-    machine alone. ``spread``, shape (k, c), are standard deviations of the c parameters among
-    machines. ``shared`` is the posterior of what all machines share, given each spread.
+    ``likelihood`` holds the likelihood of each machine from its campaigns. ``separate`` holds the
+    estimates from each machine alone. ``spread``, shape (k, c), holds the draws of the spreads,
+    which are the standard deviations of the c parameters about the mean of the population.
+    ``shared`` is the posterior of the population's mean and the instrument's errors, given each
+    draw of the spreads and all machines.
     """
     k, c = spread.shape
     n, q = likelihood.shift.shape
@@ -200,7 +203,7 @@ def _draw_without(
 def _compare(
     separate: Estimates, precision: Array, shift: Array, spread: Array
 ) -> tuple[Array, Array]:
-    """Return a log integral for the other machines, and z of each machine left out.
+    """Return a log integral for the other machines, and the deviation z of each machine left out.
 
     For each of n machines left out and each of k draws of the spreads, the other machines give a
     Gaussian of the population's mean μ and the instrument's errors b. The first result, shape
@@ -242,10 +245,10 @@ def _two_sided_p_value(weights: Array, z: Array) -> tuple[Array, Array]:
     """Return two-sided p-values of c parameters of n machines, and the sides of the deviations.
 
     ``z``, shape (c, k, n), holds the deviations from the prediction, divided by their standard
-    deviations. Their tail probabilities are averaged over k random draws of the machines' spreads.
-    ``weights``, shape (n, k), holds the weights of the draws for each machine. A p-value is twice
-    the smaller of the two averages. The side is 1 above and −1 below the prediction. Both results
-    have the shape (n, c).
+    deviations. The tail probabilities above and below these deviations are averaged over k random
+    draws of the machines' spreads. ``weights``, shape (n, k), holds the weights of the draws for
+    each machine. A p-value is twice the smaller of the two averages. The side is 1 for a deviation
+    above the prediction, and −1 for a deviation below it. Both results have the shape (n, c).
     """
     above = np.einsum("mk,jkm->mj", weights, ndtr(-z))
     below = np.einsum("mk,jkm->mj", weights, ndtr(z))

@@ -8,7 +8,7 @@ of the machines about μ; j is the index of a parameter. b are the errors of the
 the same in all campaigns.
 
 The estimate for each machine also depends on the readings of the other machines. The smaller the
-spread is, the more it depends on them (partial pooling). The likelihoods of the campaigns are
+spread is, the stronger is this dependence (partial pooling). The likelihoods of the campaigns are
 Gaussian in c_m and b (`FleetStatistics`), so that all unknowns but s are integrated out exactly
 (`spread_density`). Each machine is compared with what the other machines predict for it
 (`outlying_machines`).
@@ -70,10 +70,11 @@ from ldbb_bayes.units import (
 
 __all__ = ["PooledMachine", "PooledParameter", "Population", "fit_population", "pool"]
 
-# Smallest number of machines in a population for which each machine is compared with the others.
+# Smallest number of machines of a population for which each machine is compared with the other
+# machines.
 _FEWEST_MACHINES = 6
 # p-value below which a machine is flagged as not belonging to the population. If all machines
-# belong to it, the probability that any of them is flagged is at most this value.
+# belong to the population, the probability that any of them is flagged is at most this value.
 _FALSE_ALARMS = 0.05
 # Pattern of the names of compliances at the reference force, without their slopes.
 _CONSTANT_COMPLIANCE = re.compile(r"C_...")
@@ -128,7 +129,7 @@ class PooledParameter(Result):
     #: prediction of the parameter for a machine of the population that was not measured
     next: Summary
     #: part of the posterior sd of the parameter's mean, in ``unit``, that is due to errors of the
-    #: instrument that all campaigns used; measuring more machines does not reduce it
+    #: instrument that all campaigns used; measurements of more machines do not reduce this part
     instrument_sd: float
 
 
@@ -139,23 +140,23 @@ class PooledMachine(Result):
     #: machine_id of the machine; if its campaign states none, the file path of the campaign
     name: Annotated[str, Field(exclude=True)]
     campaigns: int  #: number of campaigns of this machine
-    #: estimates of the machine's parameters from its own campaigns and from the population, by name
-    #: of the parameter
+    #: estimates of the machine's parameters from its own campaigns and from the population; the
+    #: keys are the names of the parameters
     estimate: dict[str, Summary]
     #: estimates of the machine's parameters from its own campaigns and the prior N(0, prior_sd²),
-    #: without the population, by name of the parameter; only the instrument's errors are estimated
-    #: from the campaigns of all machines
+    #: without the population; the keys are the names of the parameters. Only the instrument's
+    #: errors are estimated from the campaigns of all machines.
     alone: dict[str, Summary]
-    #: p-value of the hypothesis that the machine belongs to the population of the others, corrected
-    #: for the numbers of parameters (Bonferroni) and of machines (Holm). If all machines belong to
-    #: one population, the probability that any of them stands out this much is at most this
-    #: p-value. None if there are fewer than six machines.
+    #: p-value of the hypothesis that the machine belongs to the population of the other machines,
+    #: corrected for the numbers of parameters (Bonferroni) and of machines (Holm). If all machines
+    #: belong to one population, the probability that any of them stands out this much is at most
+    #: this p-value. None if there are fewer than six machines.
     p_value: float | None = None
-    #: whether the machine stands out from the others: its corrected p-value is below 5 %
+    #: whether the machine stands out from the other machines: its corrected p-value is below 5 %
     flag: bool = False
-    #: deviation of each parameter of the machine from what the other machines predict, by name of
-    #: the parameter: the quantile of the normal distribution with the same two-sided p-value.
-    #: Empty if there are fewer than six machines.
+    #: deviation of each parameter of the machine from what the other machines predict, as the
+    #: quantile of the normal distribution with the same two-sided p-value. The keys are the names
+    #: of the parameters. Empty if there are fewer than six machines.
     z: dict[str, float] = field(default_factory=dict)
 
 
@@ -164,7 +165,7 @@ class Population(Result):
     """Population of machines of one kind, and the estimates for each machine.
 
     If ``judged`` is false, a machine that does not stand out may still not belong to the
-    population: not every machine could be reliably compared with the others.
+    population: not every machine could be reliably compared with the other machines.
 
     Examples
     --------
@@ -176,9 +177,10 @@ class Population(Result):
     """
 
     #: distribution of each parameter over the machines (mean, spread, prediction for a further
-    #: machine), by name of the parameter
+    #: machine); the keys are the names of the parameters
     parameters: dict[str, PooledParameter]
-    #: estimates for each machine, by its machine_id or else the file path of its campaign
+    #: estimates for each machine; the key is the machine_id or, if there is none, the file path of
+    #: the campaign
     machine: dict[str, PooledMachine]
     campaigns: int  #: number of campaigns of all machines in the population
     reference_force_N: float  #: force at which the compliances are stated [N]
@@ -186,8 +188,8 @@ class Population(Result):
     #: such range, the first number exceeds the second
     forces_N: tuple[float, float]
     topology: str  #: topology of the machines: the chain of joints from workpiece to tool
-    #: weighted sum of joint compliances that each fitted compliance stands for, by its name; empty
-    #: if the batch does not state it
+    #: weighted sum of joint compliances for which each fitted compliance stands; the keys are the
+    #: names of the fitted compliances; empty if the batch does not state the sums
     compliances: Mapping[str, Meaning]
     #: names of the instrument errors that all campaigns have in common, such as that of the mount
     instrument: tuple[str, ...]
@@ -203,17 +205,18 @@ class Population(Result):
     trusted: bool
     caveats: tuple[Caveat, ...]  #: limitations of the population and of its campaigns
     prob: Annotated[float, Field(exclude=True)]  #: probability of the credible intervals
-    #: whether every machine could be reliably compared with the others, to see if it belongs to
-    #: their population
+    #: whether every machine could be reliably compared with the other machines, to see if it
+    #: belongs to their population
     judged: Annotated[bool, Field(exclude=True)]
-    #: SHA-256 of the readings of each campaign and of the conditions under which they were taken.
-    #: It shows whether a campaign is part of the population. Such a campaign is not fitted with a
-    #: prior from this population, because its readings would count twice.
+    #: SHA-256 digests, one for each campaign, of its readings and of the conditions under which
+    #: they were taken. The digests show whether a campaign is part of the population. A campaign
+    #: that is part of the population is not fitted with a prior from this population, because its
+    #: readings would count twice.
     readings: Annotated[tuple[str, ...], Field(alias="readings_sha256")] = ()
 
     @property
     def not_belonging(self) -> tuple[str, ...]:
-        """Return the name of each machine that stands out from the others.
+        """Names of the machines that stand out from the other machines.
 
         A machine stands out if its corrected p-value is below 5 %. The machine with the largest
         deviation of a parameter comes first.
@@ -285,7 +288,7 @@ def _population_record(result: Population) -> dict[str, Any]:
 
 @parts_of.register
 def _population_parts(result: Population) -> tuple[Table | str, ...]:
-    """Return what to print of a population: a table of its parameters, then sentences.
+    """Return what ``print`` shows of a population: a table of its parameters, then sentences.
 
     The table has a row per parameter; the sentences state the findings and the limitations.
     """
@@ -347,7 +350,8 @@ def fit_population(
 ) -> Population:
     """Return the population that the machines of a batch come from.
 
-    The result predicts the next machine and states which machines do not belong to the population.
+    The result also predicts the parameters of a further machine, and states which machines do not
+    belong to the population.
 
     Parameters
     ----------
@@ -379,13 +383,15 @@ def fit_population(
     seed : int
         Seed of the random draws.
     progress : callable, optional
-        Function called while machines are compared with the others, with two numbers of machines:
-        those for which new spreads have been drawn, and all those for which new spreads are needed.
+        Function that is called while machines are compared with the other machines. It is called
+        with two numbers: the number of machines for which new spreads have been drawn, and the
+        number of all machines for which new spreads are needed.
 
     Returns
     -------
     Population
-        Mean and spread of every parameter, the next machine, and the estimates for each machine.
+        Mean and spread of every parameter, the prediction for a further machine, and the estimates
+        for each machine.
 
     Raises
     ------
@@ -502,7 +508,7 @@ def _mix(weight: Array, mean: Array, sd: Array, tails: tuple[float, float]) -> _
     """Return moments and intervals of Gaussians averaged over weighted draws of the spreads.
 
     Spreads are the standard deviations of the machines about the mean of their population. For each
-    of k draws of them, a parameter has a Gaussian distribution. ``mean`` and ``sd`` hold the
+    of k draws of the spreads, a parameter has a Gaussian distribution. ``mean`` and ``sd`` hold the
     moments of these Gaussians, shape (k, c), or (k, n, c) for n machines; ``weight``, shape (k,),
     holds the weights of the draws. ``tails`` are the cumulative probabilities of the two ends of
     the credible intervals.
@@ -531,9 +537,10 @@ def _pool_parameters(
     shared: Gaussian,
     tails: tuple[float, float],
 ) -> dict[str, PooledParameter]:
-    """Return the distribution of every parameter over the machines, by name of the parameter.
+    """Return the distribution of every parameter over the machines.
 
-    Each distribution is given by its mean, its spread and the prediction for a further machine.
+    The keys of the result are the names of the parameters. Each distribution is given by its mean,
+    its spread and the prediction for a further machine.
 
     Parameters
     ----------
@@ -613,9 +620,10 @@ def _pool_machines(
     judged: JudgedMachines | None,
     tails: tuple[float, float],
 ) -> dict[str, PooledMachine]:
-    """Return estimates for every machine and its comparison with the others, by its name.
+    """Return the estimates for every machine and its comparison with the other machines.
 
-    One set of estimates uses the population, another only the machine's own campaigns.
+    The keys of the result are the names of the machines. A machine has two sets of estimates: one
+    uses the population, and the other uses only the campaigns of the machine itself.
 
     Parameters
     ----------
@@ -630,7 +638,7 @@ def _pool_machines(
     shared
         Gaussian of the mean and the instrument's errors for each draw.
     judged
-        Comparison of each machine with the others; None if there are too few machines.
+        Comparison of each machine with the other machines; None if there are too few machines.
     tails
         Cumulative probabilities of the two ends of the credible intervals.
     """
@@ -709,8 +717,8 @@ def _caveats(
 ) -> list[Caveat]:
     """Return the limitations that a reader of a population must know before using its numbers.
 
-    ``judged`` is None if there are too few machines to compare each with the others; ``machines``
-    are the names of all machines.
+    ``judged`` is the comparison of each machine with the other machines; it is None if there are
+    too few machines. ``machines`` are the names of all machines.
     """
     caveats = list(statistics.caveats)
     if not spreads.trusted:
@@ -732,9 +740,9 @@ def _instrument_caveat(
 ) -> Caveat:
     """Return a caveat that names the parameter most affected by the instrument's errors.
 
-    Of all ``parameters``, it is the one for which these errors cause the largest share of the
-    variance of the population's mean. The caveat also states this share in per cent. ``statistics``
-    holds the likelihoods of the campaigns.
+    For this parameter, these errors cause the largest share of the variance of the population's
+    mean. The caveat also states this share in per cent. ``statistics`` holds the likelihoods of the
+    campaigns.
     """
     shares = {}
     for name, parameter in parameters.items():

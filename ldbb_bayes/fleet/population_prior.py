@@ -48,21 +48,24 @@ class PopulationPrior(Shown):
     reference_force_N: float  #: force at which the compliances of the prior are stated [N]
     machines: int  #: number of machines in the population from which the prior was made
     campaigns: int  #: number of campaigns in the population from which the prior was made
-    #: prior mean of each compliance, by name, in internal units (mm, N, rad)
+    #: prior mean of each compliance in internal units (mm, N, rad); the keys are the names of the
+    #: compliances
     means: Mapping[str, float]
-    #: prior standard deviation of each compliance, by name, in internal units (mm, N, rad)
+    #: prior standard deviation of each compliance in internal units (mm, N, rad); the keys are the
+    #: names of the compliances
     sds: Mapping[str, float]
     #: SHA-256 of the content of population.json, the result from which the prior was made
     sha256: str
     topology: str  #: topology of the machines: the chain of joints from workpiece to tool
-    #: weighted sum of joint compliances that each compliance stands for, by name; a compliance
-    #: without entry is taken to have the same sum as in the campaign to be fitted
+    #: weighted sum of joint compliances for which each compliance stands; the keys are the names of
+    #: the compliances. A compliance without an entry is assumed to stand for the same sum as in the
+    #: campaign to be fitted.
     compliances: Mapping[str, Meaning] = field(default_factory=dict)
-    #: machine_id, or else file path of the campaign, of each machine in the population from which
-    #: the prior was made
+    #: one text for each machine in the population from which the prior was made: its machine_id or,
+    #: if there is none, the file path of its campaign
     machine_ids: frozenset[str] = frozenset()
-    #: SHA-256 of the readings, and of the conditions under which they were taken, of each campaign
-    #: in the population from which the prior was made
+    #: SHA-256 digests, one for each campaign in the population from which the prior was made. Each
+    #: digest is that of the readings and of the conditions under which they were taken.
     readings: frozenset[str] = frozenset()
     #: sentences on the limitations of the population from which the prior was made
     population_doubts: tuple[str, ...] = ()
@@ -110,12 +113,12 @@ class PopulationPrior(Shown):
         return replace(model, reference_force_N=self.reference_force_N, prior=prior)
 
     def doubts(self, campaign: Campaign) -> tuple[str, ...]:
-        """Return sentences on reasons to doubt the population's prior for a given campaign.
+        """Return sentences that state reasons to doubt the population's prior for a campaign.
 
         Parameters
         ----------
         campaign : Campaign
-            Campaign, or plan, that the prior shall be used for.
+            Campaign or plan for which the prior shall be used.
 
         Returns
         -------
@@ -142,10 +145,11 @@ class PopulationPrior(Shown):
         return tuple(doubts)
 
     def _check_machine(self, campaign: Campaign) -> None:
-        """Refuse a campaign to which the population's prior does not apply.
+        """Raise an `InputError` if the population's prior does not apply to a campaign.
 
-        Its machine must have the population's topology, its compliances must be the same sums of
-        joint compliances, and its readings must not be among those of the population.
+        The campaign's machine must have the population's topology. The campaign's compliances must
+        stand for the same sums of joint compliances as those of the population. The campaign must
+        not be part of the population.
         """
         if campaign.topology != self.topology:
             raise InputError(
@@ -209,7 +213,7 @@ def read_population_prior(path: str | os.PathLike[str]) -> PopulationPrior:
     Raises
     ------
     InputError
-        If there is no population.json, or it was edited.
+        If there is no file population.json, or the file was edited.
 
     Examples
     --------
@@ -251,7 +255,8 @@ def digest_of(record: Mapping[str, Any]) -> str:
 
     Parameters
     ----------
-    record : content of the file, by key; the digest is that of compact JSON with sorted keys.
+    record : content of the file as a dictionary; the digest is that of compact JSON with sorted
+        keys.
     """
     content = {name: value for name, value in record.items() if name != "sha256"}
     text = json.dumps(content, sort_keys=True, separators=(",", ":"))

@@ -96,9 +96,10 @@ def choose(
     By default, campaigns whose readings do not fit the model are left out: those in which a Fourier
     order of a circle's readings fails its check, and those whose readings contradict the condition
     that no compliance is negative. Readings a thousand times too large, for example, would move the
-    mean of a population and widen its spread. They would also hide a change of their machine. Also
-    left out are campaigns that could not be fitted, whose row lacks sufficient statistics, that the
-    user excludes, or whose readings are those of a campaign listed before.
+    mean of a population and widen its spread. They would also hide a change of their machine.
+    Further campaigns are left out, too: those that could not be fitted, those whose row lacks
+    sufficient statistics, those that the user excludes, and those whose readings are the same as
+    those of an earlier row.
 
     Parameters
     ----------
@@ -106,8 +107,8 @@ def choose(
     exclude : campaigns (file path as given, its last part, or the name) and machines (machine_id)
         to leave out.
     since : date (ISO 8601); campaigns that are earlier or have no date are left out.
-    include_misfits : keep campaigns whose readings do not fit the model.
-    among : table of the whole batch, in which the names in ``exclude`` are looked up; default:
+    include_misfits : whether to keep campaigns whose readings do not fit the model.
+    among : table of the whole batch; every name in ``exclude`` must be in this table. Default:
         ``rows``.
 
     Returns
@@ -173,7 +174,7 @@ def _note(kind: CaveatKind, rows: pd.DataFrame, caveats: list[Caveat], text: str
 
 
 def _has_kind(rows: pd.DataFrame, kinds: frozenset[str]) -> pd.Series[bool]:
-    """Return for each campaign whether its fit has a warning or failed check of one of the kinds.
+    """Return for each campaign whether its fit has a warning or failed check of the given kinds.
 
     An example of a kind is "order". ``rows`` are rows of the table of a batch, one per campaign.
     """
@@ -184,7 +185,7 @@ def _has_kind(rows: pd.DataFrame, kinds: frozenset[str]) -> pd.Series[bool]:
 
 
 def labels(rows: pd.DataFrame) -> list[str]:
-    """Return the label of each campaign: its name if unique in the rows, else its file path.
+    """Return the label of each campaign: its name, or its file path if the name is not unique.
 
     Parameters
     ----------
@@ -203,8 +204,8 @@ def _is_text(value: Any) -> bool:
 def _is_named(rows: pd.DataFrame, exclude: Sequence[str], batch: pd.DataFrame) -> pd.Series[bool]:
     """Return for each campaign whether the user excluded it or its machine by name.
 
-    ``exclude`` are the names that the user gave. Raise an `InputError` if one of them is not the
-    name of a campaign or machine in the table ``batch``. ``rows`` has one row per campaign.
+    ``exclude`` are the names that the user gave. Raise an `InputError` if one of these names is not
+    that of a campaign or machine in the table ``batch``. ``rows`` has one row per campaign.
     """
     excluded = [exclude] if isinstance(exclude, str) else list(exclude)
     known_names = _names(batch)
@@ -222,8 +223,8 @@ def _is_named(rows: pd.DataFrame, exclude: Sequence[str], batch: pd.DataFrame) -
 def _names(rows: pd.DataFrame) -> pd.DataFrame:
     """Return a table of the names by which a user can exclude each campaign or its machine.
 
-    It has one row per campaign, with the columns name, machine_id, path (of the file) and last (the
-    last part of the path).
+    The table has one row per campaign and the columns name, machine_id, path (the file path of the
+    campaign) and last (the last part of this path).
     """
     paths = rows["campaign"].astype(str)
     last_parts = paths.map(_last_part)

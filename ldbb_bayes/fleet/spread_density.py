@@ -68,8 +68,9 @@ _EFFECTIVE_SHARE = 0.2
 # A second set of random draws of the machines' spreads has the covariance of the first set, plus
 # this share of the covariance that follows from the curvature at the mode of the density.
 _ADDED_VARIANCE = 0.05
-# Eigenvalues of the curvature matrix at the mode of the density of ln s count as at least this. s
-# are the spreads, that is, the standard deviations of machines about the mean of their population.
+# Eigenvalues of the curvature matrix at the mode of the density of ln s are raised to at least
+# this. s are the spreads, that is, the standard deviations of machines about the mean of their
+# population.
 _SMALLEST_CURVATURE = 1e-3
 # Coordinates of quasi-random points are kept at least this far from 0 and from 1, where the
 # quantile of the normal distribution would be infinite.
@@ -268,7 +269,7 @@ class SpreadDensity:
         s are the spreads of the c parameters, that is, the standard deviations of the machines
         about the mean of their population. ``start``, shape (c,), is the value of ln s at which the
         search begins. The curvature is the negative Hessian of the log density. Negative
-        eigenvalues of it are made positive, and eigenvalues near zero are increased.
+        eigenvalues of the curvature are made positive, and eigenvalues near zero are increased.
         """
         t = newton(self.log, self.derivatives, start, gain=_MODE_GAIN)
         _, hessian = self.derivatives(t)
@@ -300,12 +301,12 @@ class Spreads:
 
     @property
     def trusted(self) -> bool:
-        """Return whether Pareto's k̂ of the weights is low enough for the draws to be trusted."""
+        """Whether Pareto's k̂ of the weights is low enough for the draws to be trusted."""
         return self.pareto_k <= self.good_k
 
     @property
     def effective(self) -> float:
-        """Return the effective number of random draws, 1 / Σ w², with weights w that sum to one."""
+        """Effective number of random draws, 1 / Σ w², with weights w that sum to one."""
         return 1.0 / float(np.sum(self.weight**2))
 
     def first(self, size: int) -> Spreads:
@@ -358,9 +359,9 @@ def draw_spreads(
 def _better(first: Spreads, second: Spreads) -> Spreads:
     """Return the better of two sets of weighted random draws of the machines' spreads.
 
-    A set whose weights can be trusted is better than one whose weights cannot. Of two trusted sets,
-    the better has the larger effective number of draws. Of two sets that cannot be trusted, the
-    better has the smaller Pareto's k̂ of its weights.
+    A set whose weights can be trusted is better than a set whose weights cannot be trusted. Of two
+    trusted sets, the better has the larger effective number of draws. Of two sets that cannot be
+    trusted, the better has the smaller Pareto's k̂ of its weights.
     """
     if first.trusted != second.trusted:
         second_is_better = second.trusted

@@ -1,7 +1,8 @@
 """Stiffness by direction of one machine over time, from each campaign alone.
 
-The stiffnesses are those of a batch's table. The model of a change does not follow them: each is a
-function of several compliances, whose changes a trend looks for.
+The stiffnesses are taken from a batch's table. The model of a change does not include the
+stiffnesses, because each of them is a function of several compliances, whose changes the model
+already describes.
 """
 
 from __future__ import annotations
@@ -17,16 +18,17 @@ from ldbb_bayes.units import plus_minus
 
 __all__ = ["StiffnessOfVisit", "stiffness_series", "stiffness_table"]
 
-# Text of a cell whose quantity the readings do not determine.
+# Text of a table cell if the readings do not determine its quantity.
 _NOT_DETERMINED = "not determined"
 
 
 @dataclass(frozen=True)
 class StiffnessOfVisit(Result):
-    """A stiffness by direction at the reference force of one campaign, from this campaign alone.
+    """One stiffness by direction at the reference force of a campaign, from this campaign alone.
 
-    Numbers that the readings do not determine are None: all of a direction, and all but the lower
-    end of the interval of a stiffness that has no upper limit.
+    Numbers that the readings do not determine are None. If a direction is not determined, all its
+    numbers are None. If a stiffness has no upper limit, all its numbers except the lower end of the
+    interval are None.
     """
 
     campaign: str  #: label of the campaign
@@ -40,7 +42,7 @@ class StiffnessOfVisit(Result):
 
     @property
     def text(self) -> str:
-        """Value ± U with its unit, or what is determined of it."""
+        """Text for the stiffness: value ± U with its unit, its lower limit, or "not determined"."""
         low, high = self.interval
         if self.mean is not None and self.sd is not None and low is not None and high is not None:
             return plus_minus(self.mean, self.sd, (low, high), self.unit).rstrip()
@@ -52,7 +54,7 @@ class StiffnessOfVisit(Result):
 def stiffness_series(
     rows: pd.DataFrame, campaigns: Sequence[str]
 ) -> dict[str, tuple[StiffnessOfVisit, ...]]:
-    """Return the stiffness by direction of every campaign, by quantity such as ``k_min``.
+    """Return the stiffness by direction of every campaign; the keys are names such as ``k_min``.
 
     Parameters
     ----------

@@ -1,15 +1,15 @@
-"""Trend of one machine: whether a parameter has changed, which, when and by how much.
+"""Trend of one machine: whether a parameter has changed, which parameter, when and by how much.
 
 The model of a change is stated in `change_point`. A change is reported if its posterior probability
 exceeds a threshold p*. If there is no change, the Bayes factor B of a change has the expectation 1,
 so that B > x has a probability of at most 1 / x (Markov's inequality). Hence a false alarm has a
 probability of at most (1 − p*) / p* · p / (1 − p), with the prior probability p of a change.
 
-A trend does not use the fact that compliances cannot be negative (truncation). Parameters not
-chosen, ball form and bar length are integrated out in each campaign separately, as if they were
-independent of the other campaigns, although they are the same for one machine and one bar. This
-overstates the uncertainty of changes, above all of geometric errors, but understates the
-uncertainty of levels.
+A trend does not use the fact that compliances cannot be negative (truncation). Parameters that are
+not analysed, ball form and bar length are integrated out in each campaign separately, as if their
+values in different campaigns were independent. In fact they are the same for one machine and one
+bar. This treatment overstates the uncertainty of changes, above all of geometric errors, but
+understates the uncertainty of levels.
 """
 
 from __future__ import annotations
@@ -71,8 +71,8 @@ from ldbb_bayes.units import (
 __all__ = ["ParameterChange", "Trend", "Visit", "find_trend"]
 
 # The printed table of a trend states the size of a parameter's change if the probability of the
-# change is at least this. The table shows probabilities with three decimals; smaller ones would
-# appear as zero.
+# change is at least this. The table shows probabilities with three decimals; smaller probabilities
+# would appear as zero.
 _UNLIKELY = 5e-4
 # The change of a parameter is also stated in per cent of the level before the change, if the ratio
 # of this level to its standard uncertainty is above this. The percentage neglects the uncertainty
@@ -94,7 +94,7 @@ class ParameterChange(Result):
     """
 
     unit: str  #: internal unit of the parameter, made of mm, N and rad
-    #: posterior probability that a parameter has changed and that it is this one
+    #: posterior probability that this parameter has changed; at most one parameter changes
     probability: float
     #: index, from 0 and in order of time, of the campaign just before which the parameter most
     #: probably changed, if it changed
@@ -106,9 +106,10 @@ class ParameterChange(Result):
     #: uncertain by more than 20 %
     percent: float | None
     level_before: float  #: mean level of the parameter before the step, if this parameter changed
-    #: level of the parameter at the last campaign; it is uncertain whether a parameter has changed,
-    #: which, and just before which campaign, and every possibility counts with its probability; the
-    #: uncertainty includes the errors of the instrument
+    #: level of the parameter at the last campaign. It is uncertain whether a parameter has changed,
+    #: which parameter this is, and just before which campaign; the level is that of the mixture of
+    #: all possibilities, weighted by their probabilities. The uncertainty includes the errors of
+    #: the instrument.
     level_now: Summary
     #: standard uncertainty of the parameter due to the errors of the instrument, which shift the
     #: estimates from all campaigns together; the points and limits of the control chart do not
@@ -142,9 +143,9 @@ class Trend(Result):
     campaign alone; limit_low and limit_high, the 99.7 % control limits that the earlier campaigns
     predict if nothing changes (NaN for the first campaign); outside, whether the estimate is
     outside these limits; change_here, the probability that the parameter changed just before this
-    campaign; change_by_here, the probability that it changed then or earlier. The instrument's
-    errors are fixed at their posterior mean throughout the table. The JSON record does not contain
-    the table.
+    campaign; change_by_here, the probability that the parameter changed just before this campaign
+    or earlier. The instrument's errors are fixed at their posterior mean throughout the table. The
+    JSON record does not contain the table.
 
     Examples
     --------
@@ -157,9 +158,9 @@ class Trend(Result):
 
     machine: str | None  #: machine_id of the machine; None if its campaigns state none
     reference_force_N: float  #: force at which the compliances are stated [N]
-    #: options of `find_trend` by name: change_scale and repeatability (in units of the parameter's
-    #: reference sd), probability (prior probability of a change), threshold, ci (probability of the
-    #: credible intervals), one_instrument
+    #: values of the options of `find_trend`; the keys are change_scale and repeatability (in units
+    #: of the parameter's reference sd), probability (prior probability of a change), threshold, ci
+    #: (probability of the credible intervals), one_instrument
     assumptions: Mapping[str, Any]
     #: posterior probability that one parameter of the machine has changed once
     probability: Annotated[float, Field(alias="probability_of_change")]
@@ -168,25 +169,27 @@ class Trend(Result):
     #: upper bound on the probability that a change is reported if there is none
     false_alarm: float
     campaigns: tuple[Visit, ...]  #: campaigns of the machine in order of time
-    #: possible step of each parameter and its present level, by name of the parameter
+    #: possible step of each parameter and its present level; the keys are the names of the
+    #: parameters
     parameters: Mapping[str, ParameterChange]
     #: name of the parameter that most probably changed, whether or not a change is reported
     most_probable: str
     caveats: tuple[Caveat, ...]  #: limitations of the trend and of its campaigns
     #: table of the estimates from each campaign alone, one row per campaign and parameter
     estimates: Annotated[pd.DataFrame, Field(exclude=True)]
-    #: decisions on conformity with tolerances, by quantity with a tolerance, then by campaign; each
-    #: decision is from one campaign alone, with a normal distribution of the estimate
+    #: decisions on conformity with tolerances: one dictionary for each quantity with a tolerance,
+    #: whose keys are the campaigns. Each decision follows from one campaign alone, with a normal
+    #: distribution of the estimate.
     conformity: Mapping[str, Mapping[str, Conformity]]
-    #: stiffness by direction, by quantity such as k_min, of every campaign in the order of time and
-    #: from it alone; empty if the batches were written without it
+    #: stiffness by direction from each campaign alone, in the order of time; the keys are names
+    #: such as k_min. Empty if the batches have no stiffness by direction.
     stiffness: Mapping[str, tuple[StiffnessOfVisit, ...]]
     #: probability that the estimate from one campaign lies within its control limits if the machine
     #: did not change
     limits_probability: float = LIMITS
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the findings of the trend for JSON, by name, in internal units (mm, N, rad).
+        """Return the findings as a dictionary for JSON, in internal units (mm, N, rad).
 
         The keys of credible intervals state the probability, such as ci95. The table ``estimates``
         is left out.
@@ -197,11 +200,12 @@ class Trend(Result):
 
 @parts_of.register
 def _trend_parts(trend: Trend) -> tuple[Table | str, ...]:
-    """Return what to print of a trend: tables of its quantities, then sentences.
+    """Return what ``print`` shows of a trend: tables of its quantities, then sentences.
 
-    The tables are of parameters, of conformity and of stiffness by direction. That of conformity
-    holds the decisions from the newest campaign and is left out if there are no tolerances. The
-    sentences state the findings and the limitations.
+    There is a table of parameters, a table of conformity and a table of stiffness by direction. The
+    table of conformity holds the decisions from the newest campaign; it is left out if there are no
+    tolerances. The table of stiffness is left out if the batches have no stiffness by direction.
+    The sentences state the findings and the limitations.
     """
     heads = ("parameter", "level now", "U, common", "P(changed)", "change, if it did", "of level")
     rows = [_table_row(name, change) for name, change in trend.parameters.items()]
@@ -274,12 +278,12 @@ def find_trend(
     threshold: float = 0.95,
     prob: float = 0.95,
 ) -> Trend:
-    """Return whether a parameter of one machine has changed, which, when and by how much.
+    """Find whether a parameter of one machine has changed, which parameter, when and by how much.
 
-    One lasting step of one parameter is looked for. Its size has the prior
-    N(0, (change_scale · sd)²), where sd is the reference standard deviation of the parameter: that
-    of its default prior or, if larger, the median standard deviation of its priors in the fits of
-    the campaigns.
+    The model assumes at most one lasting step of one parameter. Its size has the prior N(0,
+    (change_scale · sd)²), where sd is the reference standard deviation of the parameter: that of
+    its default prior or, if larger, the median standard deviation of its priors in the fits of the
+    campaigns.
 
     Parameters
     ----------
@@ -309,9 +313,10 @@ def find_trend(
         Prior standard deviation of a change, in units of the parameter's reference standard
         deviation; the default is 2e-5 mm/N for C_XXX.
     repeatability : float
-        Scale of the half-normal prior of r, in the same units, where r is the standard deviation
-        of the machine's own scatter from campaign to campaign; the default is 1e-6 mm/N for C_XXX,
-        which is 2 % of a typical compliance of 5e-5 mm/N.
+        Scale of the half-normal prior of r, in units of the parameter's reference standard
+        deviation. Here r is the standard deviation of the machine's own scatter from campaign to
+        campaign. The default is 1e-6 mm/N for C_XXX, which is 2 % of a typical compliance of 5e-5
+        mm/N.
     probability : float
         Prior probability of a change.
     threshold : float
@@ -328,8 +333,8 @@ def find_trend(
     Raises
     ------
     InputError
-        If there are fewer than two campaigns, the rows are of several machines and none is chosen,
-        only some campaigns have dates, or an option is out of range.
+        If there are fewer than two campaigns, the rows are of several machines and no machine is
+        chosen, only some campaigns have dates, or an option is out of range.
 
     Examples
     --------
@@ -419,10 +424,11 @@ class _MachineCampaigns(NamedTuple):
 
 
 def _campaigns_of_one_machine(rows: pd.DataFrame, machine: str | None) -> _MachineCampaigns:
-    """Return the rows of one machine's campaigns, its name, and caveats on rows without a name.
+    """Return the rows of one machine's campaigns, its machine_id, and caveats on their choice.
 
-    Raise an `InputError` if ``machine`` is unknown, or is missing although there are several
-    machines.
+    ``machine`` is the machine_id that the user chose, or None. Rows without a machine_id are left
+    out if other rows have one; a caveat states this. Raise an `InputError` if ``machine`` is
+    unknown, or is None although there are several machines.
     """
     check_rows(rows)
     ids = rows["machine_id"]
@@ -449,8 +455,8 @@ def _campaigns_of_one_machine(rows: pd.DataFrame, machine: str | None) -> _Machi
 def _order_in_time(statistics: FleetStatistics) -> list[int]:
     """Return the indices of the campaigns in order of their dates.
 
-    If no campaign has a date, the given order is kept. Raise an `InputError` if only some have one.
-    ``statistics`` holds the likelihoods of the campaigns, with their dates.
+    If no campaign has a date, the given order is kept. Raise an `InputError` if only some campaigns
+    have a date. ``statistics`` holds the likelihoods of the campaigns, with their dates.
     """
     dates = zip(statistics.campaigns, statistics.dates, strict=True)
     undated = [name for name, date in dates if date is None]
@@ -649,10 +655,11 @@ def _conformities(
     tolerances: Mapping[str, str | Tolerance] | None,
     newest_tolerances: Any,
 ) -> dict[str, dict[str, Conformity]]:
-    """Return decisions on conformity with tolerances, by quantity, then by campaign.
+    """Return a dictionary with decisions on conformity with tolerances for each quantity.
 
-    A quantity is a parameter or a stiffness; each decision is from one campaign alone. The
-    uncertainties include that due to the instrument's errors, which all campaigns share.
+    The keys are the names of the quantities, which are parameters or stiffnesses. The value is a
+    dictionary of decisions, whose keys are the campaigns. Each decision follows from one campaign
+    alone. The uncertainties include that due to the instrument's errors, which all campaigns share.
 
     Parameters
     ----------
@@ -663,10 +670,11 @@ def _conformities(
     chart
         Estimates from each campaign alone.
     tolerances
-        Limits by quantity; None or empty for ``newest_tolerances``.
+        Limits of quantities, by name of the quantity. If None or empty, ``newest_tolerances`` are
+        used.
     newest_tolerances
-        Limits that the newest campaign states, as JSON; those of quantities that the trend does not
-        have are left out.
+        Limits that the newest campaign states, as JSON text. Limits of quantities that the trend
+        does not have are ignored.
     """
     followed = quantities(dict(zip(statistics.parameters, statistics.units, strict=True)))
     wanted: Mapping[str, str | Tolerance] = tolerances or {}
