@@ -27,9 +27,11 @@ __all__ = ["app", "main"]
 # Class of errors in the use of a command. It belongs to the library Click, or to the copy of Click
 # in Typer, the library that reads the command line.
 _UsageError: Any = typer.BadParameter.__base__
-# Users may type the name that an argument has in Python. This states the option to type instead.
+# Options that do not exist, but that users may type because an argument in Python has this name.
+# The value for each of these options is the option to type instead.
 _OPTIONS_BY_ARGUMENT = {"--prob": "--ci", "--ci-prob": "--ci"}
-# Users may type the name of a function in Python. This states the command that does the same.
+# Names of Python functions that users may type instead of a command. The value for each of these
+# names is the command that does the same.
 _COMMANDS_BY_FUNCTION = {
     "calibrate": "validate",
     "preview": "check",
@@ -44,7 +46,8 @@ class _Commands(TyperGroup):
         """Run the command that the arguments name, or show the help if they name none.
 
         ``args`` are the arguments typed after ``ldbb-bayes``; None stands for those of this
-        process. Other arguments are passed on to Typer, the library that reads the command line.
+        process. ``positional`` and ``keywords`` are further arguments for the method of Typer, the
+        library that reads the command line.
         """
         arguments = list(sys.argv[1:] if args is None else args)
         keywords["standalone_mode"] = False
@@ -79,7 +82,7 @@ class _Commands(TyperGroup):
         return super().resolve_command(ctx, args)
 
 
-# The program for Typer, the library that reads the command line.
+# The command line program, as an object of Typer, the library that reads the command line.
 app = typer.Typer(
     cls=_Commands,
     name="ldbb-bayes",

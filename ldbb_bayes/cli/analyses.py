@@ -92,7 +92,7 @@ def identify(
 
 
 def _assumptions_of(source: SourceCampaign) -> tuple[Passage, ...]:
-    """Return what the import of tables assumed, to be printed before the result."""
+    """Return the assumptions of the import of tables, which are printed before the result."""
     # This is imported here, because it loads the import of tables, which takes a long time.
     from ldbb_bayes.cli.sources import import_parts
 
@@ -100,10 +100,10 @@ def _assumptions_of(source: SourceCampaign) -> tuple[Passage, ...]:
 
 
 def _with_remarks(passages: tuple[Passage, ...], campaign: lb.Campaign) -> tuple[Passage, ...]:
-    """Return the passages (tables and sentences) of a result, followed by remarks on readings.
+    """Return the tables and sentences of a result, followed by remarks on the readings.
 
-    The remarks are about readings of the campaign that look odd, for example because they seem to
-    be in a wrong unit, or are equal in two tests.
+    The remarks name readings of the campaign that look odd, for example because they seem to be in
+    a wrong unit, or because they are equal in two tests.
     """
     preview = lb.check_campaign(campaign)
     remarks = [
@@ -170,14 +170,14 @@ def _read_designs(entries: list[str], flag: str) -> dict[str, lb.Campaign]:
 
 
 def _read_directions(entry: str, flag: str) -> tuple[str, ...]:
-    """Return the directions of travel that a text lists, such as ``CW``; ``both`` is CW and CCW."""
+    """Return the directions of travel that a text lists, such as CW; ``both`` means CW and CCW."""
     if entry.strip().lower() == "both":
         return ("CW", "CCW")
     return names_in(entry)
 
 
 def _read_prices(entry: str, flag: str) -> dict[str, float]:
-    """Return the prices in a text such as ``balls G10=300,bar=150``, by name of the certificate."""
+    """Return the prices in a text such as ``balls G10=300,bar=150``; keys name the certificates."""
     prices = {}
     for name, text in pairs_in(names_in(entry), flag, "NAME=PRICE").items():
         prices[name.strip()] = numbers_in(text, flag)[0]
@@ -194,8 +194,8 @@ _DESIGN_OPTIONS = group(
         prices=Kind(str, _read_prices),
     )
 )
-# Options of the command design for machine time and its price, in minutes, hours, and units of
-# money; they need --goal.
+# Options of the command design that state machine times (in minutes or hours) and the price of an
+# hour. They are permitted only with --goal.
 _COST_OPTIONS = (
     "minutes_per_circle",
     "minutes_per_setup",
@@ -275,7 +275,11 @@ def _design_for_goals(
     output: arguments.OutputOptions,
     settings: dict[str, Any],
 ) -> None:
-    """Find the cheapest campaign that reaches goals, print it and write it as a plan."""
+    """Find the cheapest campaign that reaches the goals for uncertainties; print and write it.
+
+    The goals are among ``settings``, the options of the command ``design`` by name. The campaign is
+    written as a plan. Exit with code 1 if a goal is not reached.
+    """
     # These are imported here, because they load SciPy, which takes a long time.
     from ldbb_bayes.analysis.design import Costs
     from ldbb_bayes.model.specification import model_to_toml
@@ -306,8 +310,8 @@ def _design_for_goals(
 def _running_order(plan: lb.Campaign) -> str:
     """Return the names of a plan's tests, in the order in which to run them, as one text.
 
-    After each name, brackets hold the direction, the radius and the angles of the balls, as far as
-    these differ between the tests.
+    After each name, direction, radius and angles of the balls stand in brackets. Those that are the
+    same in all tests are left out.
     """
     settings_by_test = []
     for test in plan.tests:
@@ -392,7 +396,7 @@ def _check_workflow(
 ) -> None:
     """Run the checks of a Bayesian workflow and write what they find.
 
-    ``settings`` are the options of ``validate``. Exit with code 1 if something was found wrong.
+    ``settings`` are the options of the command ``validate``. Exit with code 1 if a check fails.
     """
     require(
         "data_model" not in settings,

@@ -1,4 +1,4 @@
-"""Arguments of several commands, made from their options: campaign, instrument and model."""
+"""Arguments that several commands have, made from options: campaign, instrument and model."""
 
 from __future__ import annotations
 
@@ -133,9 +133,10 @@ def instrument_fields(
     Parameters
     ----------
     balls
-        Ball for both the workpiece side and the tool side, stated by the option ``--balls``.
+        Properties that the option ``--balls`` states for both the work ball and the tool ball.
     bar_length_mm
-        Nominal length of the bar, to choose among the bars of a certificate of several.
+        Nominal length of the bar [mm]. It is used to choose a bar if a certificate states several
+        bars.
     **options
         Fields of `Instrument`, and paths of digital calibration certificates (DCC): ``bar_dcc``,
         ``force_dcc``, ``work_dcc``, ``tool_dcc``.
@@ -143,7 +144,7 @@ def instrument_fields(
     Returns
     -------
     dict
-        Fields of `Instrument` that options state; all others are left out.
+        Fields of `Instrument` that options or certificates state; all other fields are left out.
 
     Raises
     ------
@@ -169,7 +170,11 @@ def instrument_fields(
 
 
 def _fields_from_dccs(options: dict[str, Any], bar_length_mm: float | None) -> dict[str, Any]:
-    """Take the paths of DCCs out of the options, and return the fields of `Instrument` in them."""
+    """Return the fields of `Instrument` that digital calibration certificates (DCC) state.
+
+    The paths of the certificates are removed from ``options``. ``bar_length_mm`` is the nominal
+    length of the bar [mm], which is used to choose a bar if a certificate states several bars.
+    """
     fields: dict[str, Any] = {}
     for kind in ("bar", "force"):
         file = options.pop(f"{kind}_dcc", None)
@@ -185,7 +190,11 @@ def _fields_from_dccs(options: dict[str, Any], bar_length_mm: float | None) -> d
 
 
 def _ball_flag(name: str, options: Mapping[str, Any], balls: lb.Ball | None) -> str:
-    """Return the option that states the ball ``name``; empty without one."""
+    """Return the flag of the option that states a ball, or an empty text if no option states it.
+
+    ``name`` is the name of the ball, work or tool. ``options`` are the options that the user typed,
+    and ``balls`` is the value of the option ``--balls``.
+    """
     if name in options:
         return f"--{name}-ball"
     if balls is not None:
@@ -213,14 +222,14 @@ def campaign_fields(
     force_slope, force_offset
         Force per pressure [N/bar] and force at zero pressure [N].
     no_drift
-        Whether neither length of the bar nor centre of the circle drifted from test to test.
+        Whether the length of the bar and the centre of the circle did not drift from test to test.
     **options
         Other fields of `Campaign`.
 
     Returns
     -------
     dict
-        Fields of `Campaign` that options state; all others are left out.
+        Fields of `Campaign` that options state; fields that no option states are left out.
     """
     fields = dict(options)
     if raw or mount_um_per_bar is not None:
@@ -239,7 +248,7 @@ def campaign_fields(
 def _column_in(text: str) -> str | int:
     """Return the column of a table that a text names: its number from 1, or its header.
 
-    A text of digits alone is a number.
+    A text that consists only of digits is a number.
     """
     return int(text) if text.isdecimal() else text
 
@@ -257,10 +266,10 @@ def _read_sheets(text: str, flag: str) -> list[str]:
 
 
 def _layout(layout: Path | None = None, **options: Any) -> lb.reading.Layout:
-    """Return the layout, that is, how tables are to be read, from a layout file and options.
+    """Return the layout, which states how tables are to be read, from a layout file and options.
 
-    ``layout`` is the path of the file, or None; ``options`` are fields of `Layout` by name, which
-    take precedence over the file.
+    ``layout`` is the path of the file; None if there is no file. ``options`` are fields of `Layout`
+    by name, which take precedence over the file.
     """
     from_file = lb.reading.Layout() if layout is None else lb.reading.read_layout(layout)
     columns = dict(from_file.columns)
@@ -292,8 +301,8 @@ def model_from(
     Parameters
     ----------
     degree
-        Degree of the compliance as a polynomial in force. Default: 1 without a model file, else the
-        degree with which `read_model` reads the file.
+        Degree of the compliance as a polynomial in force. Default: the degree of the model that
+        `read_model` returns for the model file; without a model file, 1.
     preset
         Name of a set of terms and priors: ``default``, ``first`` or ``paper``. Default:
         ``default``.
@@ -302,8 +311,8 @@ def model_from(
     model
         Path of a model file (TOML), instead of a preset.
     drift
-        Quantity that drift is proportional to: ``time`` or ``temperature``. Default: drift as the
-        model has it.
+        Quantity to which drift is proportional: ``time`` or ``temperature``. By default, the drift
+        term of the model is not changed.
 
     Returns
     -------
@@ -312,8 +321,8 @@ def model_from(
     Raises
     ------
     InputError
-        If both a model file and a preset are given; if the preset or a term is unknown; if the file
-        cannot be used; or if drift is to be both added and left out.
+        If both a model file and a preset are given; if the preset or the name of a term is unknown;
+        if the file cannot be used; or if ``drift`` is given and ``without`` contains ``drift``.
     """
     if drift is not None and "drift" in without:
         raise InputError(
@@ -340,8 +349,8 @@ def model_from(
 def _drift_over(covariate: str, model: lb.HybridModel) -> lb.terms.Drift:
     """Return the drift term of a model, with drift proportional to the quantity ``covariate``.
 
-    The quantity is ``time`` or ``temperature``. If the model has no drift term, the other settings
-    of the result are the defaults.
+    The quantity is ``time`` or ``temperature``. The other settings of the drift term are those of
+    the model's drift term, or the defaults if the model has no drift term.
     """
     usual = lb.terms.Drift()
     for term in model.nuisances:
@@ -358,14 +367,15 @@ def _tolerances(tolerances: dict[str, str] | None = None) -> dict[str, str]:
 _TABLE_OPTIONS = options_of("table", "labels")
 # Options that state what calibration certificates say.
 _CERTIFICATE_OPTIONS = options_of("certificates")
-# Arguments of ``instrument_fields`` that calibration certificates state. The last two have no
-# command-line option: only files can state them.
+# Arguments of `instrument_fields` that calibration certificates state. The last two have no
+# command-line option, because only the files of certificates can state them.
 _CERTIFICATE_KEYWORDS = [
     *(option.to or name for name, option in _CERTIFICATE_OPTIONS.items()),
     "bar_certificate",
     "force_certificate",
 ]
-# Options that say how tables are to be read, and the keywords that their values are handed on as.
+# Options that say how tables are to be read. `_LAYOUT_KEYWORDS` are the names of the keyword
+# arguments that get the values of these options.
 _LAYOUT_OPTIONS = options_of(
     "layout",
     column=Kind(str, _read_column),
@@ -384,8 +394,8 @@ JSON = _SHARED["json"]
 QUIET = _SHARED["quiet"]
 PRIOR_FROM = _SHARED["prior_from"]
 
-# Types of arguments are written as texts, so that the help of a command appears sooner: the classes
-# themselves are then not imported.
+# Types of arguments are written as texts. The classes are then not imported, so that the help of a
+# command appears sooner.
 CampaignArgument = Annotated[
     Path,
     typer.Argument(help="A campaign folder, a campaign.toml or a tidy CSV.", metavar="CAMPAIGN"),

@@ -20,7 +20,7 @@ from ldbb_bayes.cli.values import pairs_in, points_in
 
 __all__ = ["ATLAS_FILES", "machine", "write_atlases"]
 
-# Names of all files that `write_atlases` may write.
+# Names of all files that `write_atlases` can write.
 ATLAS_FILES = figure_files(
     [f"compliance_atlas{suffix}" for suffix in ("", "_XY", "_YZ", "_ZX")]
     + [f"geometric_atlas{suffix}" for suffix in ("", "_XY", "_YZ", "_ZX")]
@@ -31,7 +31,7 @@ def write_atlases(machine: lb.Machine, circles: Sequence[lb.machine.Circle], fol
     """Write figures of the patterns of compliances and geometric errors, for every plane.
 
     The pattern of a parameter is the change of the reading around a circle per unit of the
-    parameter. For every plane, it is shown for the first of ``circles`` in this plane.
+    parameter. In every plane, the patterns are those for the first of ``circles`` in this plane.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Report made from files of readings: fit, comparison of models, next tests, HTML page."""
+"""Making of a report from files of readings: fit, comparison of models, next tests, HTML page."""
 
 from __future__ import annotations
 
@@ -34,7 +34,8 @@ __all__ = ["AVERAGED_NAME", "STEPS", "WrittenReport", "page_settings", "report_f
 
 # Name of the file with the posterior that is averaged over constant and linear compliance.
 AVERAGED_NAME = "averaged.nc"
-# Files and folders that a report made from readings has beside its page and the files of the fit.
+# Files and folders that a report made from readings has in addition to its page and the files of
+# the fit.
 _FILES_BESIDE_PAGE = (AVERAGED_NAME, "campaign", "comparison.json", "design.json")
 # Approximate relative durations of the steps in which a report is made, by the name of the step.
 STEPS = {"fit": 1.0, "compare": 10.0, "average": 1.0, "page": 8.0}
@@ -82,7 +83,7 @@ def report_files(
     Parameters
     ----------
     source
-        The files, and options that describe their tables and the instrument.
+        The files, and the options that describe their tables and the instrument.
     output
         Output of the command ``report``. If it names no folder, the report is written into a folder
         beside the first file.
@@ -124,8 +125,8 @@ def report_files(
         fit_result = fit_tables.full_result(fit, settings["prob"])
         stated_result = fit_tables.full_result(stated_posterior, settings["prob"])
         if campaign.tolerances:
-            # Both summaries state the same decisions on conformity: those of the averaged
-            # posterior, if there is one, at the force that the report states.
+            # Both summaries state the same decisions on conformity. These are made with the
+            # averaged posterior, if there is one, and at the force that the report states.
             decisions = lb.assess_conformity(stated_posterior, force_N=settings.get("force_N"))
             conformity = {name: decision.as_dict() for name, decision in decisions.items()}
             fit_result["conformity"] = conformity
@@ -179,8 +180,8 @@ def page_settings(settings: dict[str, Any]) -> dict[str, Any]:
     Returns
     -------
     dict
-        Probability, language, annex, sheets and force, as far as they are stated, by name of the
-        argument.
+        Options for probability, language, annex, sheets and force; the keys are the names of the
+        arguments. Options that the user did not type are left out.
     """
     names = ("prob", "language", "annex", "sheets_only", "force_N")
     return {name: settings[name] for name in names if name in settings}
@@ -193,7 +194,7 @@ def _analyse(
     settings: dict[str, Any],
     executor: Executor | None,
 ) -> tuple[xr.DataTree, _Analyses]:
-    """Return a fit of linear compliance, and further analyses.
+    """Return a fit of compliance linear in force, and further analyses.
 
     The analyses are a comparison of linear with constant compliance, an average over these two
     models, and the choice of the next tests, which is computed in the background.
@@ -237,7 +238,7 @@ def _analyse(
 
     begin_step("average")
     averaged = _average_or_none(models, evidences, seed)
-    # The page, the files and the terminal ask for the design; it is computed only once.
+    # The design is needed for the page, the files and the terminal. It is computed only once.
     return fit, _Analyses(comparison, averaged, cache(design))
 
 
@@ -248,10 +249,10 @@ def _analyse_for_sheets(
     settings: dict[str, Any],
     executor: Executor | None = None,
 ) -> tuple[xr.DataTree, _Analyses]:
-    """Return a fit of linear compliance, and the average that the two sheets state.
+    """Return a fit of compliance linear in force, and the average that the two sheets state.
 
-    The parameters are those of `_analyse`. Models are not compared under other assumptions, and no
-    tests are chosen, because only the annex shows that.
+    The average is over constant and linear compliance. The parameters are those of `_analyse`.
+    Models are not compared and no tests are chosen, because only the annex shows these results.
     """
     seed = settings["seed"]
     begin_step("fit")
@@ -268,14 +269,14 @@ def _no_design() -> str:
 
 
 def _averaged_models(model: lb.HybridModel) -> dict[str, lb.HybridModel]:
-    """Return the models of constant and of linear compliance, by name; ``model`` is the latter."""
+    """Return the models with constant and with linear compliance; ``model`` is the linear one."""
     return {"constant": model.with_degree(0), "linear": model}
 
 
 def _average_or_none(
     models: Mapping[str, lb.HybridModel], evidences: Evidences, seed: int
 ) -> xr.DataTree | None:
-    """Return the posterior averaged over models; None if it cannot be computed."""
+    """Return the posterior averaged over the models; None if it cannot be computed."""
     try:
         return lb.average(models, evidences.campaign, evidences=evidences, seed=seed)
     except InputError:
@@ -285,7 +286,7 @@ def _average_or_none(
 def _import_in_worker(executor: Executor | None) -> None:
     """Make the second process import the package while the first process computes the fit.
 
-    ``executor`` runs tasks in the second process; for None nothing is done.
+    ``executor`` runs tasks in the second process. If it is None, nothing is done.
     """
     start_early(partial(callable, lb.compare), executor)
 
@@ -308,7 +309,7 @@ def _write_beside_page(
     imported: lb.reading.Imported | None,
     analyses: _Analyses,
 ) -> None:
-    """Write the files beside the report's page: fit, average, campaign, comparison and design.
+    """Write the files of a report except its page: fit, average, campaign, comparison and design.
 
     Parameters
     ----------
@@ -319,9 +320,9 @@ def _write_beside_page(
     result
         Summary of the fit.
     imported
-        Import of the tables, whose layout is written; None if the files were a campaign.
+        Import of the tables; its layout is written. None if the campaign was not imported.
     analyses
-        Further results; those that could not be computed are not written.
+        Further results; results that could not be computed are not written.
     """
     write_result(fit, result, folder)
     if analyses.averaged is not None:
@@ -343,11 +344,11 @@ def _write_beside_page(
 def _printed_parts(
     source: SourceCampaign, stated: xr.DataTree, result: dict[str, Any], analyses: _Analyses
 ) -> tuple[Any, ...]:
-    """Return what to print at the terminal of the sheets: assumptions, remarks and results.
+    """Return what the sheets state, for printing at the terminal: assumptions, remarks and results.
 
     ``source`` is the campaign with its import. ``stated`` is the posterior averaged over constant
-    and linear compliance, or the fit of linear compliance if there is no average; ``result`` is its
-    summary.
+    and linear compliance, or the fit of linear compliance if there is no average. ``result`` is the
+    summary of ``stated``.
     """
     campaign = campaign_of(stated)
     constant_names = model_of(stated).with_degree(0).bind(campaign).names
@@ -371,7 +372,7 @@ def _printed_parts(
 
 
 def _printed_annex(analyses: _Analyses) -> tuple[Any, ...]:
-    """Return what to print at the terminal of the annex: comparison of models, next tests."""
+    """Return the comparison of models and the next tests, to be printed at the terminal."""
     parts: list[Any] = []
     comparison = analyses.comparison
     if isinstance(comparison, str):

@@ -1,4 +1,4 @@
-"""Files of a fit, and the tolerances with which its conformity is decided."""
+"""Writing of the files of a fit, and tolerances by which conformity is decided."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ RESULT_FILES = (
 def with_tolerances(
     campaign: lb.Campaign, model: lb.HybridModel, tolerances: Mapping[str, str]
 ) -> lb.Campaign:
-    """Return a campaign with further tolerances for quantities such as compliances.
+    """Return a campaign with additional tolerances for quantities such as compliances.
 
-    A tolerance of the campaign for the same quantity is replaced.
+    If the campaign already has a tolerance for the same quantity, this tolerance is replaced.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def with_tolerances(
     model
         Model with which the campaign will be fitted.
     tolerances
-        Limits as texts, by name of the quantity, for example ``{"C_XXX": "60 nm/N"}``.
+        Limits as texts, for example ``{"C_XXX": "60 nm/N"}``; the keys are names of quantities.
 
     Returns
     -------

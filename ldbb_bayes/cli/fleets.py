@@ -28,7 +28,7 @@ from ldbb_bayes.results import Table
 
 __all__ = ["batch", "population", "trend"]
 
-_LISTED = 10  # largest number of failed campaigns, and of doubtful ones, that a batch prints
+_LISTED = 10  # largest number of failed campaigns, and of doubtful campaigns, that a batch prints
 
 _CAMPAIGNS_HELP = (
     "Campaign folders, campaign.toml files, tidy CSVs, folders of campaigns, or lists of any of"
@@ -98,8 +98,8 @@ def _batch_parts(result: lb.fleet.Batch) -> tuple[Table | str, ...]:
     """Return the table and sentences to print about a batch of fits.
 
     The table states how many campaigns were fitted and how many failed. The sentences name at most
-    ten failed and ten doubtful campaigns with the reasons, the time that the fits took, and the
-    file with the results.
+    ten failed and ten doubtful campaigns, each with the reason. They also state the time that the
+    fits took, and the file with the results.
     """
     counts = (
         ("fitted", result.done),

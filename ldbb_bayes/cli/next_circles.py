@@ -61,7 +61,7 @@ def next_(
 
 
 def _assumptions_of(source: SourceCampaign) -> tuple[Any, ...]:
-    """Return what the import of tables assumed, to be printed before the result."""
+    """Return the assumptions of the import of tables, which are printed before the result."""
     # This is imported here, because it loads the import of tables, which takes a long time.
     from ldbb_bayes.cli.sources import import_parts
 

@@ -1,4 +1,4 @@
-"""Options of the commands: their declaration, conversion, and grouping into arguments.
+"""Options of the commands: declaration, conversion of values, and grouping into arguments.
 
 A command is a function whose annotations contain an `Option`, or a `Group` of options that together
 make one argument. `command` passes these options to Typer, the library that reads the command line.
@@ -40,13 +40,13 @@ __all__ = [
     "options_of",
 ]
 
-EXIT_MISSED = 1  # exit code if a target (of sampling, accuracy or optimality) was not reached
+EXIT_MISSED = 1  # exit code if a target of sampling, accuracy or optimality was not reached
 EXIT_BAD_INPUT = 2  # exit code if options or files cannot be used
 EXIT_INTERRUPTED = 130  # exit code of shells for Ctrl-C: 128 + SIGINT
-# Default of an option that the user must type.
+# Value for the default of an option; it states that the user must type the option.
 REQUIRED = inspect.Parameter.empty
-# Placeholder of an option's value in the help, by type. The placeholders are short, so that the
-# names of options fit on narrow terminals.
+# Placeholder of an option's value in the help, for each type of value. The placeholders are short,
+# so that the names of options fit on narrow terminals.
 _METAVARS: Mapping[Any, str] = {float: "X", int: "N", str: "TEXT", bool: " "}
 # Content of the file options.toml, which states the options of all commands.
 CATALOGUE: Mapping[str, Any] = tomllib.loads(
@@ -69,14 +69,15 @@ class Kind(NamedTuple):
 class Option:
     """One option of a command, such as ``--radius-mm``.
 
-    An option that the user does not type and that has no default is not passed on, so that the
-    function that the command calls uses its own default.
+    If the user does not type an option that has no default, no value is passed to the function that
+    the command calls. This function then uses its own default.
     """
 
-    kind: Any  #: type that Typer (the library that reads the command line) reads, or a `Kind`
+    #: type of the value that Typer (the library that reads the command line) reads, or a `Kind`
+    kind: Any
     help: str  #: help text of the option
-    default: Any  #: value if the user does not type the option; None if it is then not passed on
-    to: str  #: keyword argument that gets the value; empty if it has the name of the option
+    default: Any  #: value if the user does not type the option; for None, no value is passed on
+    to: str  #: keyword argument that gets the value; if empty, the argument has the option's name
     #: further arguments of `typer.Option`, and ``name``: the flag, if it does not follow from the
     #: name of the option
     settings: Mapping[str, Any]
@@ -84,7 +85,7 @@ class Option:
     def flag(self, name: str) -> str:
         """Return the flag that a user types for the option with this name.
 
-        For ``radius_mm`` it is ``--radius-mm``, unless the option states another.
+        For ``radius_mm`` it is ``--radius-mm``, unless the option states another flag.
         """
         return str(self.settings.get("name", "--" + name.replace("_", "-")))
 
@@ -131,8 +132,8 @@ class Group:
 
     options: Mapping[str, Option]  #: options of the group by name
     make: Callable[..., Any]  #: function that makes the argument from the values of the options
-    #: parameter of the command that is not an option, or None; its value is the first argument of
-    #: ``make``
+    #: parameter of the command that is not an option; its value is the first argument of ``make``.
+    #: None if there is no such parameter.
     positional: inspect.Parameter | None
 
     def parameters(self) -> list[inspect.Parameter]:
@@ -148,8 +149,8 @@ class Group:
     def take_from(self, typed: dict[str, Any]) -> Any:
         """Return the argument that the options of the group make together.
 
-        ``typed`` are the values of all options of the command by name; those of this group are
-        removed.
+        ``typed`` are the values of all options of the command by name. The values of the options of
+        this group are removed from it.
         """
         positional = []
         if self.positional is not None:
@@ -163,7 +164,7 @@ class Group:
 
 
 def option(kind: Any, help: str, default: Any = None, to: str = "", **settings: Any) -> Option:
-    """Return one option of a command or of a `group`.
+    """Return an option of a command or of a `group` of options.
 
     Parameters
     ----------
@@ -172,7 +173,7 @@ def option(kind: Any, help: str, default: Any = None, to: str = "", **settings: 
     help
         Help text of the option.
     default
-        Value if the option is not typed; None: the option is not passed on.
+        Value if the user does not type the option. For None, no value is passed on.
     to
         Keyword argument that gets the value. Default: the option's own name.
     **settings
@@ -197,7 +198,8 @@ def group(
     Parameters
     ----------
     make
-        Function that gets the values by keyword and returns the argument. Default: dict.
+        Function that gets the values as keyword arguments and returns the argument of the command.
+        Default: dict.
     positional
         Parameter of the command that is not an option; its value is the first argument of
         ``make``.
@@ -217,10 +219,10 @@ def options_of(*groups: str, **kinds: Any) -> dict[str, Option]:
     Parameters
     ----------
     *groups
-        Names of groups of options. Each group is a table of the file; a table inside it holds the
-        options of one panel of the help.
+        Names of groups of options. Each group is a table of the file. A table inside this table
+        holds the options of one panel of the help.
     **kinds
-        Kinds of option values, by name, in addition to the kinds that all commands know.
+        Kinds of option values, by name, in addition to the kinds that exist for all commands.
 
     Returns
     -------
@@ -295,7 +297,8 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
             function(**arguments, **typed)
             sys.stdout.flush()
         except BrokenPipeError:
-            # The program that reads stdout has closed it: discard output that is flushed at exit.
+            # The program that reads stdout has closed it. Output that is flushed at exit is
+            # discarded.
             sys.stdout = open(os.devnull, "w")  # noqa: SIM115, it stays open to the end
         except (OSError, ArithmeticError, ValueError) as error:
             reason = plain_reason(error)

@@ -32,7 +32,8 @@ def show(*parts: Any) -> None:
     Parameters
     ----------
     *parts
-        Tables (followed by an empty line), sentences and lists. Without parts nothing is printed.
+        Tables, sentences and lists. An empty line follows each table. Without parts, nothing is
+        printed.
     """
     width = _WIDTH
     if sys.stdout.isatty() or "COLUMNS" in os.environ:
@@ -48,7 +49,7 @@ def figure_files(names: Iterable[str], formats: Sequence[str] = ("png", "svg")) 
     Parameters
     ----------
     names
-        Names of figures.
+        Names of the figures.
     formats
         File formats; each figure has one file in every format.
 
@@ -97,7 +98,8 @@ def write_files(
     folder
         Existing folder.
     contents
-        Contents by file name: a dictionary (.json), a table (.csv) or text.
+        Contents of the files: dictionaries (.json), tables (.csv) and texts. The keys are the names
+        of the files.
     figures
         Functions that draw the figures, by the names of the figures.
     """
@@ -118,7 +120,7 @@ def _text_of(name: str, content: Any) -> str:
 
 @dataclass
 class Output:
-    """Output of a command: text on stdout, and files in a folder, of which all or none are written.
+    """Output of a command: text on stdout and files in a folder; all files are written or none.
 
     Parameters
     ----------
@@ -132,7 +134,7 @@ class Output:
         Whether to omit the message that names the written folder.
     files
         Names of the files that this command writes. An existing folder is replaced only if it holds
-        no others.
+        no other files.
     """
 
     out: Path | None = None
@@ -142,19 +144,23 @@ class Output:
     files: tuple[str, ...] = ()
 
     def check(self, *files: str, figures: Collection[str] = ()) -> None:
-        """Raise an `InputError` if the output folder must not be written; call it before computing.
+        """Raise an `InputError` if the output folder must not be written.
+
+        This method is called before the results are computed.
 
         Parameters
         ----------
         *files
-            Files that this command writes; with ``force`` they are replaced.
+            Names of the files that this command writes. If ``force`` is true, existing files of
+            these names are replaced.
         figures
             Names of the figures that this command writes.
 
         Raises
         ------
         InputError
-            If the folder holds other files, or exists already and ``force`` is false.
+            If the folder exists and ``force`` is false, or if it holds files that this command does
+            not write.
         """
         self.files = (*files, *figure_files(figures))
         if self.out is not None:
@@ -175,9 +181,10 @@ class Output:
         Parameters
         ----------
         record
-            Dictionary with the result that is printed as JSON with ``--json``.
+            Dictionary with the result. With the option ``--json`` it is printed as JSON.
         result
-            Result to print without ``--json``, or a tuple of tables and sentences.
+            Result to print without the option ``--json``, or a tuple of tables and sentences to
+            print.
         contents, figures
             Contents of the files by name, and functions that draw the figures by name; see
             `write_files`.
@@ -189,7 +196,7 @@ class Output:
         Raises
         ------
         InputError
-            If the folder cannot be written; no incomplete result is left.
+            If the folder cannot be written. No incomplete result is left in this case.
         """
         if self.out is not None:
             with staged_folder(self.out, force=self.force, ours=self.files) as staging:

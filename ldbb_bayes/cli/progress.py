@@ -81,14 +81,14 @@ def _step_state(share: float, step: str, done: int, total: int) -> _BarState:
 
 
 def counting_progress(quiet: bool, title: str) -> AbstractContextManager[Tell | None]:
-    """Return a progress bar that shows how many things, such as campaigns, are done and failed.
+    """Return a progress bar that shows how many things, such as campaigns, are done or have failed.
 
     Parameters
     ----------
     quiet
         Whether to show no bar.
     title
-        Title of the bar: the things that are counted.
+        Title of the bar, which names the things that are counted.
 
     Returns
     -------
@@ -126,7 +126,7 @@ def steps_of(update: Callable[[float, str, int, int], None] | None, **weights: f
     update
         Function that is called with four arguments: the completed share of all steps, the name of
         the present step, and the numbers of things done and to do in this step (0 and 0: unknown).
-        None: no progress is reported.
+        If None, no progress is reported.
     **weights
         Approximate relative durations of the steps, by name, in the order of the steps.
 
@@ -142,7 +142,7 @@ def steps_of(update: Callable[[float, str, int, int], None] | None, **weights: f
         weight_before[name] = sum(weights[step] for step in weight_before)
 
     def begin(step: str) -> Tell | None:
-        """Return the function that reports the progress of a step, and report that it begins."""
+        """Report that a step begins, and return the function that reports its progress."""
         if update is None:
             return None
 
@@ -165,12 +165,12 @@ def step_progress(quiet: bool, **weights: float) -> Iterator[Begin]:
     quiet
         Whether to show no bar.
     **weights
-        Approximate relative durations of the steps, see `steps_of`.
+        Approximate relative durations of the steps, by name; see `steps_of`.
 
     Yields
     ------
     callable
-        Function that begins a step, see `steps_of`.
+        Function that begins a step; see `steps_of`.
     """
     with _progress_bar(_step_state, quiet, "report") as update:
         yield steps_of(update, **weights)

@@ -1,7 +1,7 @@
-"""Questions that ``ldbb-bayes`` asks at a terminal, on open files, machine, mount and balls.
+"""Questions that ``ldbb-bayes`` asks at a terminal, about files, machine, mount and balls.
 
-Files of readings may leave open in which of two units they are, for example. The mount holds the
-work ball; the force of the bar deflects it.
+Files of readings may, for example, not show in which of two units the readings are. The mount holds
+the work ball; the force of the bar deflects the mount.
 """
 
 from __future__ import annotations
@@ -48,18 +48,18 @@ def can_ask() -> bool:
 def import_with_answers(
     import_with: Callable[[lb.reading.Layout], Imported], layout: lb.reading.Layout, *, ask: bool
 ) -> Imported:
-    """Return an import of tables, after the user has answered what the tables leave open.
+    """Import tables, and ask the user for the information that the tables do not give.
 
-    Such a question is, for example, in which of two units readings are that both fit.
+    The user is asked, for example, for the unit of the readings if two units are possible.
 
     Parameters
     ----------
     import_with
         Function that imports the tables with a layout.
     layout
-        Layout that options state; it is completed by the answers.
+        Layout that options state. The answers complete this layout.
     ask
-        Whether to ask. If not, what is open is refused.
+        Whether to ask the user. If false, tables that do not give all information are refused.
 
     Returns
     -------
@@ -68,7 +68,7 @@ def import_with_answers(
     Raises
     ------
     InputError
-        If the tables cannot be read, or leave a question open that is not asked.
+        If the tables cannot be read, or if they do not give all information and ``ask`` is false.
     """
     while True:
         try:
@@ -80,7 +80,10 @@ def import_with_answers(
 
 
 def _ask_what_is_open(question: OpenQuestionError, layout: lb.reading.Layout) -> lb.reading.Layout:
-    """Ask what files leave open, and return the layout with the answer."""
+    """Ask the user for information that the files do not give; return the layout with the answer.
+
+    ``question`` states what is missing, and ``layout`` states how the files are to be read.
+    """
 
     def read(answer: str) -> lb.reading.Layout:
         value: Any = answer
@@ -101,8 +104,8 @@ def complete_campaign(campaign: lb.Campaign, unstated: Collection[str]) -> lb.Ca
     campaign
         The campaign as read from files.
     unstated
-        Those of ``topology``, ``mount`` and ``balls`` that neither files nor options state. Only
-        these are asked for.
+        Those of ``topology``, ``mount`` and ``balls`` that neither files nor options state. The
+        user is asked only for these.
 
     Returns
     -------
@@ -130,7 +133,10 @@ def complete_campaign(campaign: lb.Campaign, unstated: Collection[str]) -> lb.Ca
 
 
 def _ask_topology(planes: Sequence[str]) -> str:
-    """Ask for the topology of the machine until the answer has the axes of all tested planes."""
+    """Ask the user for the topology of the machine, and return the topology.
+
+    The question is repeated until the machine has the axes of all ``planes`` of the tests.
+    """
 
     def read(answer: str) -> str:
         return _read_topology(answer, planes)

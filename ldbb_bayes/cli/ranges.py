@@ -1,4 +1,4 @@
-"""Options whose value is a range LO:HI:STEP or a list of numbers, and clockings of both balls."""
+"""Reading of options whose value is a range LO:HI:STEP, a list, or clockings of both balls."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from ldbb_bayes.errors import InputError
 
 __all__ = ["read_clockings", "read_range"]
 
-# Largest number of values in a range LO:HI:STEP; more are probably due to a mistyped step.
+# Largest number of values in a range LO:HI:STEP. A larger number is probably due to a mistyped
+# step.
 _MOST_VALUES = 5000
 # Largest rounding error of the number of steps in a range LO:HI:STEP. It is allowed so that the
 # range 0:0.3:0.1 has three steps and ends at 0.3.
@@ -20,8 +21,8 @@ _ROUNDING = 1e-8
 def read_range(entry: str, flag: str) -> tuple[float, ...]:
     """Return the numbers that the typed text of an option states.
 
-    The text ``entry`` is a range LO:HI:STEP, whose ends are included, or a comma-separated list;
-    ``flag`` names the option in error messages.
+    The text ``entry`` is a range LO:HI:STEP or a comma-separated list. Both ends of a range are
+    included. ``flag`` names the option in error messages.
     """
     if ":" not in entry:
         return numbers_in(entry, flag)

@@ -59,7 +59,7 @@ def make_report(
     model
         Model with compliance linear in force.
     figures
-        Folder for the figures of the page; None: they are not written.
+        Folder for the figures of the page; if None, no figures are written.
     may_ask
         Whether to ask the user, if there is a terminal, for facts that neither files nor options
         state.
@@ -97,12 +97,12 @@ def make_report(
 
 
 def report_figure_files() -> tuple[str, ...]:
-    """Return the names of the files of a report's figures, which a new report may replace."""
+    """Return the names of a report's figure files, which a new report may replace."""
     return figure_files(PICTURES, _FIGURE_FORMATS)
 
 
 def _print_report(output: Output, written: WrittenReport, figures: Path | None) -> None:
-    """Print the report as JSON, or else its results in words and the paths of its files."""
+    """Print the report as JSON, or its results in words together with the paths of its files."""
     folder = output.out or Path()
     if output.as_json:
         typer.echo((folder / "report.json").read_text(encoding="utf-8"), nl=False)
@@ -121,8 +121,8 @@ def _print_report(output: Output, written: WrittenReport, figures: Path | None) 
 def _report_fits(source: ReportSource, output: Output, settings: dict[str, Any]) -> WrittenReport:
     """Write a report from stored fits, and return it.
 
-    The report is written into the folder that the user chose, or else into the folder of the first
-    fit. ``settings`` are the options of the report by name.
+    The report is written into the folder that the user chose; by default, this is the folder of the
+    first fit. ``settings`` are the options of the report by name.
     """
     source.refuse_table_options()
     paths = source.paths
@@ -169,10 +169,11 @@ def _report_fits(source: ReportSource, output: Output, settings: dict[str, Any])
 
 
 def _check_report_folder(folder: Path, *, force: bool) -> None:
-    """Raise an `InputError` for a folder that holds a report already, or cannot take one.
+    """Raise an `InputError` if a report must not or cannot be written into a folder.
 
-    With ``force``, an existing report is accepted. A report cannot be written if the path is not a
-    folder, or if its subfolder ``tables`` holds files that do not belong to a report.
+    If the folder already holds a report, this report may be replaced only if ``force`` is true. A
+    report cannot be written if the path is not a folder, or if its subfolder ``tables`` holds files
+    that do not belong to a report.
     """
     for name in REPORT_FILES:
         if (folder / name).exists() and not force:
@@ -184,7 +185,7 @@ def _check_report_folder(folder: Path, *, force: bool) -> None:
 
 
 def _stored_result(folder: Path, name: str) -> Path | None:
-    """Return the folder of a fit if it also holds the file ``<name>.json``, else None.
+    """Return the folder of a fit if it holds the file ``<name>.json``; if not, return None.
 
     ``name`` is the name of a result, such as "comparison".
     """
@@ -194,8 +195,8 @@ def _stored_result(folder: Path, name: str) -> Path | None:
 def _design_file(fit_folder: Path, settings: dict[str, Any]) -> Path | None:
     """Return the path of the stored design (choice of the next tests) that a report shows.
 
-    Return None if none is stored, or if the options ``settings`` state the number of tests, so that
-    a design must be computed.
+    Return None if no design is stored, or if the options ``settings`` state the number of tests, so
+    that a new design must be computed.
     """
     if "tests" not in settings:
         return settings.get("design", _stored_result(fit_folder, "design"))

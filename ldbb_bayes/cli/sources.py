@@ -1,4 +1,4 @@
-"""Input of several commands, as ``report`` reads it: files of readings, a campaign, or fits."""
+"""Input of commands such as ``report``: files of readings, a campaign, or stored fits."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ __all__ = [
     "import_parts",
 ]
 
-# Name of the file by which a folder is recognised as a campaign.
+# Name of the file that makes a folder a campaign folder.
 TOML_NAME = "campaign.toml"
 
 
@@ -57,7 +57,7 @@ def has_unstated_balls(campaign: lb.Campaign) -> bool:
 
 
 def assumed_parts(campaign: lb.Campaign, imported: Imported | None) -> tuple[Any, ...]:
-    """Return what to print on the assumptions about files and balls.
+    """Return the tables and sentences that state the assumptions about files and balls.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def assumed_parts(campaign: lb.Campaign, imported: Imported | None) -> tuple[Any
 
 
 def import_parts(source: SourceCampaign) -> tuple[Any, ...]:
-    """Return what to print on the assumptions of an import; nothing if there was none.
+    """Return the tables and sentences that state what was assumed in an import of tables.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def import_parts(source: SourceCampaign) -> tuple[Any, ...]:
 
 
 def _require_path(path: Path) -> None:
-    """Raise an `InputError` for a path where there is nothing, which names all that can be read."""
+    """Raise an `InputError` if a path does not exist; the message lists what can be read."""
     require(
         path.exists(),
         f"{path} must be a table (CSV or other text, XLSX, XLSB, XLS, ODS), a folder with"
@@ -118,12 +118,12 @@ def _require_path(path: Path) -> None:
 
 @dataclass(frozen=True)
 class ReportSource:
-    """File paths of a command's input, and options that describe tables and instrument.
+    """Paths of the files that a command reads, and options that describe tables and instrument.
 
     Parameters
     ----------
     typed_paths
-        Paths as typed by the user.
+        Paths as the user typed them.
     paths
         The same paths with ``*`` and ``?`` expanded.
     layout
@@ -142,13 +142,13 @@ class ReportSource:
 
     @property
     def is_result(self) -> bool:
-        """Whether the first file path is that of a stored fit."""
+        """Whether the first path is that of a stored fit."""
         first = self.paths[0]
         return first.suffix == ".nc" or (first.is_dir() and (first / "posterior.nc").exists())
 
     @property
     def is_campaign(self) -> bool:
-        """Whether the first file path is a campaign, which need not be imported from tables."""
+        """Whether the first path is a campaign folder or a campaign.toml, which needs no import."""
         first = self.paths[0]
         return first.suffix.lower() == ".toml" or (first / TOML_NAME).is_file()
 
@@ -183,13 +183,13 @@ class ReportSource:
         return first.parent / f"{first.stem}_report"
 
     def read(self, *, ask: bool) -> SourceCampaign:
-        """Return the campaign, read from its folder or imported from tables.
+        """Return the campaign, read from a campaign folder or imported from tables.
 
         Parameters
         ----------
         ask
-            Whether to ask the user what the files leave open, and about machine, mount and balls
-            if nothing states them.
+            Whether to ask the user for information that the files do not give. The user is also
+            asked about machine, mount and balls if neither files nor options state them.
 
         Returns
         -------
@@ -198,7 +198,8 @@ class ReportSource:
         Raises
         ------
         InputError
-            If files cannot be read or contain no readings, or options do not apply to them.
+            If files cannot be read or contain no readings, or if options do not apply to these
+            files.
         """
         campaign, imported = self._read_readings(ask=ask)
         unstated: set[str] = set()
@@ -224,9 +225,10 @@ class ReportSource:
         return SourceCampaign(campaign, imported)
 
     def read_any(self) -> SourceCampaign:
-        """Return the campaign or plan, read from its folder, from a stored fit, or from tables.
+        """Return the campaign or plan, read from its folder, a stored fit, or tables.
 
-        At a terminal the user is asked what tables leave open, and nothing else.
+        At a terminal, the user is asked for information that is needed to read the tables, but not
+        about machine, mount and balls.
 
         Returns
         -------
@@ -235,7 +237,7 @@ class ReportSource:
         Raises
         ------
         InputError
-            If files cannot be read, or options do not apply to them.
+            If files cannot be read, or if options do not apply to these files.
         """
         first = self.paths[0]
         if self.is_result and not self.is_campaign:
@@ -256,7 +258,10 @@ class ReportSource:
         return self._read_readings(ask=can_ask())
 
     def _read_readings(self, *, ask: bool) -> SourceCampaign:
-        """Return the campaign of a campaign folder or campaign.toml, or the one of tables."""
+        """Return the campaign, read from a folder or campaign.toml, or imported from tables.
+
+        ``ask`` states whether to ask the user for information that the tables do not give.
+        """
         _require_path(self.paths[0])
         if self.is_campaign:
             return SourceCampaign(self._read_campaign(), None)
@@ -264,9 +269,10 @@ class ReportSource:
         return SourceCampaign(imported.campaign, imported)
 
     def _read_campaign(self) -> lb.Campaign:
-        """Return the campaign in the given folder or file, with the names that options state.
+        """Return the campaign in the given folder or file, with the labels that options state.
 
-        Raise an `InputError` for several files, and for options that only an import has.
+        Labels are names and dates, on which no number depends. Raise an `InputError` for several
+        files, and for options that apply only to an import of tables.
         """
         first = self.paths[0]
         require(
@@ -289,7 +295,7 @@ class ReportSource:
         return replace(campaign, **labels)
 
     def _import_tables(self, *, ask: bool) -> Imported:
-        """Return the campaign imported from the tables, with its assumptions.
+        """Return the campaign imported from the tables, with the assumptions of the import.
 
         Raise an `InputError` if the first path is a folder.
         """

@@ -1,4 +1,4 @@
-"""Conversion of the typed values of options: names, numbers, points, pairs and balls."""
+"""Conversion of the texts that users type as values of options: names, numbers, points, balls."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def names_in(text: str) -> tuple[str, ...]:
 
 
 def pairs_in(entries: Iterable[str], flag: str, form: str) -> dict[str, str]:
-    """Return values by name, from the texts NAME=VALUE of an option that may be repeated.
+    """Return the values in the texts NAME=VALUE of an option that the user may type several times.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def pairs_in(entries: Iterable[str], flag: str, form: str) -> dict[str, str]:
     Returns
     -------
     dict
-        Values by name.
+        The values; the keys are their names.
 
     Raises
     ------
@@ -98,7 +98,7 @@ def numbers_in(text: str, flag: str, separator: str = ",") -> tuple[float, ...]:
 
 
 def points_in(entries: Iterable[str], flag: str) -> list[tuple[float, ...]]:
-    """Return points in space, from the texts X,Y,Z of an option that may be repeated.
+    """Return the points in the texts X,Y,Z of an option that the user may type several times.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ def points_in(entries: Iterable[str], flag: str) -> list[tuple[float, ...]]:
 
 
 def ball_in(text: str, flag: str) -> lb.Ball:
-    """Return the ball of a stated grade or of a stated deviation from sphericity.
+    """Return the ball that a text describes by its grade or its deviation from sphericity.
 
     Parameters
     ----------

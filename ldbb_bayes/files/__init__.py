@@ -1,4 +1,4 @@
-"""Reading and writing of files and folders: content, TOML, XML, and validation."""
+"""Reading and writing of files and folders, reading of TOML and XML, and validation of input."""
 
 from ldbb_bayes.files.content import LARGEST_TABLE_BYTES, bytes_of, write_whole
 from ldbb_bayes.files.staging import check_target, staged_folder

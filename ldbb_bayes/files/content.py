@@ -1,4 +1,4 @@
-"""Reading of files up to a limit of size, and writing of files completely or not at all."""
+"""Reading of files up to a size limit, and writing of files completely or not at all."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _OUT_OF_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 def bytes_of(path: Path, largest: int, *, what: str) -> bytes:
-    """Return the content of a file as bytes; raise an `InputError` if it is too large.
+    """Return the content of a file as bytes; raise an `InputError` if the file is too large.
 
     Parameters
     ----------
@@ -93,7 +93,8 @@ def refuse_unwritable(target: Path) -> Iterator[None]:
 def write_whole(target: Path, content: bytes) -> None:
     """Write the file ``target`` completely; if this fails, an existing file stays unchanged.
 
-    If two runs of the program write the same file, its content is entirely that of the later run.
+    If two runs of the program write the same file at the same time, the file is entirely that of
+    the later run.
     """
     staging = target.with_name(f".{target.name}-{secrets.token_hex(4)}.part")
     with refuse_unwritable(target):

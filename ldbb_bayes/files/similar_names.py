@@ -10,16 +10,18 @@ from ldbb_bayes.errors import nearest
 
 __all__ = ["advice_on_path"]
 
-# Names are similar from this ratio on (`difflib.SequenceMatcher.ratio`).
+# Smallest ratio at which two names count as similar (`difflib.SequenceMatcher.ratio`).
 _SIMILAR = 0.6
-# Largest number of names in a folder that are compared.
+# Largest number of names in a folder that are compared with a path.
 _MOST_NAMES = 2000
 
 
 def advice_on_path(path: Path) -> str:
-    """Return a sentence for the message about a path where there is nothing.
+    """Return advice for the error message about a path that does not exist.
 
-    It names the most similar path in the same folder, or the first folder that does not exist.
+    If a folder of the path does not exist, the advice names the first such folder. If all folders
+    exist, the advice names the most similar path in the same folder. If no name is similar, the
+    user is only asked to check the path.
 
     Parameters
     ----------

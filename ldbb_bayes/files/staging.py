@@ -35,8 +35,9 @@ def check_target(target: Path, *, force: bool, ours: Collection[str] = ()) -> No
     Raises
     ------
     InputError
-        For a target that exists although ``force`` is false, holds other files, is a file or the
-        working directory, or cannot be written.
+        For a target that exists although ``force`` is false, that holds files not named in
+        ``ours``, that is a file, the working directory or a folder that contains the working
+        directory, or that cannot be written.
     """
     _require_elsewhere(target)
     folder = target
@@ -130,9 +131,9 @@ def staged_folder(target: Path, *, force: bool, ours: Collection[str] = ()) -> I
 def _replace_folder(target: Path, staging: Path, *, force: bool) -> None:
     """Rename the folder ``staging`` to ``target``, and delete an old folder of this name.
 
-    If ``target`` is an existing folder, an `InputError` is raised, unless ``force`` is true: then
-    this old folder gets another name first. This is tried again as often as another run of the
-    program writes the same target meanwhile. If the renaming of ``staging`` fails for another
+    If ``target`` is an existing folder and ``force`` is false, an `InputError` is raised. If
+    ``force`` is true, the old folder is renamed first. If another run of the program writes the
+    same target meanwhile, both steps are repeated. If the renaming of ``staging`` fails for another
     reason, the old folder gets its name back.
     """
     retired = staging.with_name(f"{staging.name}-old")

@@ -14,14 +14,14 @@ __all__ = ["LARGEST_TOML_BYTES", "parse_toml", "read_toml"]
 
 # Largest size of a TOML file [bytes]; a campaign of a thousand tests needs half of this.
 LARGEST_TOML_BYTES = 512 * 2**10
-# Longest line that a TOML file may have [characters].
+# Longest line that a TOML file may contain [characters].
 _LONGEST_LINE = 20_000
 # Pattern of a key with eight dots or more (such as a.b.c.d.e.f.g.h.i), which is refused. The time
 # to read a key grows with the square of its number of parts; valid files need at most three parts.
 _DEEP_KEY = re.compile(r"(?:[\w-]{1,200}[ \t]{0,9}\.[ \t]{0,9}){8}")
 # Pattern of strings and comments. A string between triple quotes may end with two more quotes. A
-# string without an end, at which TOML is refused, reaches to the end of its line or of the text, so
-# that no part of the text is searched twice.
+# string without an end counts as reaching to the end of its line or of the text, so that no part of
+# the text is searched twice. TOML with such a string is refused later.
 _STRING_OR_COMMENT = re.compile(
     r'''
     """(?:[^\\]|\\(?:.|\Z))*?(?:"{3,5}|\Z)  # string between triple quotation marks
@@ -55,7 +55,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 def parse_toml(text: str, place: str) -> dict[str, Any]:
     """Return the content of a TOML text as a dictionary.
 
-    For a mistake, raise an `InputError`; ``place`` names the text in its message.
+    For a mistake, raise an `InputError`; ``place`` names the text in the error message.
     """
     require(
         len(text) <= LARGEST_TOML_BYTES,
@@ -77,10 +77,10 @@ def parse_toml(text: str, place: str) -> dict[str, Any]:
 
 
 def _placeholder(string_or_comment: re.Match[str]) -> str:
-    """Return the text that replaces a string or comment where only keys are searched.
+    """Return the text that replaces a string or comment before keys are searched in a TOML text.
 
-    It is an underscore for a string, which may be a part of a key, and as many line breaks as the
-    string has.
+    A comment is removed. A string, which may be a part of a key, is replaced with an underscore,
+    followed by as many line breaks as the string contains.
     """
     text = string_or_comment[0]
     if text.startswith("#"):

@@ -22,7 +22,10 @@ _EXPECTATION = "Input should be "
 
 @cache
 def _adapter(model: type[Any]) -> TypeAdapter[Any]:
-    """Return pydantic's validator of a class, made once, as making it takes milliseconds."""
+    """Return pydantic's validator of a class.
+
+    The validator is stored, because making it takes milliseconds.
+    """
     return TypeAdapter(model)
 
 
@@ -47,7 +50,7 @@ def validated(model: type[T], content: dict[str, Any], place: str) -> T:
     ------
     InputError
         For invalid content. The message names the file and the first fault. An unknown key is
-        reported before missing keys, with the most similar valid key.
+        reported before missing keys; the message suggests the most similar valid key.
     """
     try:
         return cast("T", _adapter(cast("Any", model)).validate_python(content))
@@ -84,7 +87,7 @@ class _Location(NamedTuple):
     """Place of an error in the content of a file."""
 
     keys: list[str]  # keys from the outermost table to the entry; entries of lists count from 1
-    owner: Any  # class that describes the table with the last key
+    owner: Any  # class that describes the table that contains the last key
 
 
 def _locate(model: Any, content: Any, loc: tuple[int | str, ...]) -> _Location:
@@ -103,7 +106,7 @@ def _locate(model: Any, content: Any, loc: tuple[int | str, ...]) -> _Location:
     owner = model
     for key in loc:
         if not isinstance(content, dict | list):
-            break  # further parts of the location name types, not keys
+            break  # the remaining parts of the location name types, not keys
         keys.append(str(key + 1) if isinstance(key, int) else key)
         entries = dict(enumerate(content)) if isinstance(content, list) else content
         content = entries.get(key)
@@ -112,10 +115,10 @@ def _locate(model: Any, content: Any, loc: tuple[int | str, ...]) -> _Location:
 
 
 def _nested_model(owner: Any, key: int | str) -> Any:
-    """Return the class that describes the value of one key of a table, if the value is a table too.
+    """Return the class that describes the value of a key, if this value is a table.
 
-    ``owner`` is the class that describes the table with the key ``key``. If the value of the key is
-    not a table, return ``owner``.
+    ``owner`` is the class that describes the table that contains the key ``key``. If the value of
+    the key is not a table, return ``owner``.
     """
     for name, field in owner.__pydantic_fields__.items():
         if key not in (name, field.alias):
@@ -147,8 +150,8 @@ def raises_input_error(subject: str) -> Callable[[type[T]], type[T]]:
     """Return a decorator that makes a class raise an `InputError` for wrong arguments.
 
     The class is a dataclass of the library pydantic, which otherwise raises a `ValidationError` of
-    several lines. The decorator must wrap ``__init__``: pydantic writes this method itself, so that
-    no base class can replace it, and turns every error in it into a `ValidationError`.
+    several lines. The decorator must wrap ``__init__``, because pydantic itself writes this method
+    and turns every error in it into a `ValidationError`. A base class could not replace the method.
 
     Parameters
     ----------
