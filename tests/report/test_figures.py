@@ -15,6 +15,7 @@ import pytest
 import xarray as xr
 from campaigns import plan, refuses, simulated
 from layout import check_texts, check_units, visible_texts
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 import ldbb_bayes as lb
@@ -311,6 +312,15 @@ def test_comparisons(compared: Comparison) -> None:
         figures.geometry_with_local_fits,
     ):
         texts_of(draw(bare))
+
+
+def test_the_title_of_local_fits_fits_the_figure(compared: Comparison) -> None:
+    figure = figures.geometry_with_local_fits(compared)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    title = figure._suptitle.get_window_extent(canvas.get_renderer())
+    assert title.x0 >= 0.0
+    assert title.x1 <= figure.bbox.x1
 
 
 def test_tables_of_a_comparison(compared: Comparison) -> None:

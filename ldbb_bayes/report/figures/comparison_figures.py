@@ -331,7 +331,7 @@ def _draw_against_force(
         axes.axhline(0.0, color=GREY, linewidth=0.6)
         axes.set(xlabel="force (N)", ylabel=label)
     style.legend_below(figure, all_axes[0], 3)
-    figure.suptitle(f"{title}; local fits of neighbouring forces (arrows: beyond the panel)")
+    figure.suptitle(f"{title}\nLocal fits of neighbouring forces (arrows: beyond the panel)")
     return figure
 
 
