@@ -137,9 +137,9 @@ def _sort_columns(bound: BoundModel) -> _SortedColumns:
 def _first_tests_of_equal_noise(bound: BoundModel, noises: list[_Noise], phi: Array) -> list[int]:
     """Return for each test the index of the first test that has the same noise covariance.
 
-    Two tests have the same noise if their angles, the noise factors λ of their circles and their
-    columns of the terms in ``noises`` are equal. Equal angles are recognised only in a plan; in a
-    campaign with readings, all tests count as different. ``phi``, shape (w, h), are the
+    Two tests have the same noise if they have the same angles, the same noise factor λ of the
+    circle, and the same columns of the terms in ``noises``. Equal angles are recognised only in a
+    plan; in a campaign with readings, all tests count as different. ``phi``, shape (w, h), are the
     hyper-parameters, among them the factors λ. Indices count from 0.
     """
     scale_of = dict(zip(bound.hyper_prior.names, phi.T, strict=True))
@@ -158,7 +158,9 @@ def _first_tests_of_equal_noise(bound: BoundModel, noises: list[_Noise], phi: Ar
 def _noise_covariances(
     factor: Array, noises: list[_Noise], hyper: Mapping[str, float], test: int
 ) -> dict[str, Array]:
-    """Return the covariance of each noise in the m reduced readings of one test, (m, m) [mm²].
+    """Return, for each source of noise, the covariance of one test's reduced readings [mm²].
+
+    A covariance has the shape (m, m) for m reduced readings.
 
     The keys are the class names of the nuisance terms that act as noise; the white noise of the
     readings has the key ``NOISE``. Reduced readings are the at most 25 numbers to which the

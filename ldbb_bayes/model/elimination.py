@@ -174,8 +174,9 @@ class EliminationPlan:
     def __init__(self, groups: list[ColumnGroup], signs: Array) -> None:
         size = len(signs)
         families_of_fronts = _families_of_fronts(groups)
-        #: Row of the workspace that holds the entry of columns i and j, shape (columns, columns +
-        #: 1); its last column is for the right-hand side of column i. −1 if there is no such row.
+        #: Index of the row of the workspace that holds the entry of columns i and j, shape
+        #: (columns, columns + 1). The last element of row i is for the right-hand side of column i.
+        #: The index is −1 where the workspace has no such row.
         self.place = np.full((size, size + 1), -1, dtype=np.intp)
         start = 0
         for families in families_of_fronts:
@@ -227,7 +228,8 @@ class EliminationPlan:
         """Return how the groups of a front change the entries of later columns.
 
         Groups of one family have the same border. Consecutive families are treated together, in the
-        same `Update`, if they have equal numbers of groups and their borders no column in common.
+        same `Update`, if they have equal numbers of groups and if their borders have no column in
+        common.
         """
         updates = []
         start = 0

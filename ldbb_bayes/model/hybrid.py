@@ -363,9 +363,9 @@ class HybridModel(Result):
     def without(self, *names: str) -> HybridModel:
         """Return the same model without the named effects.
 
-        Names are those of nuisance terms as on the command line, such as ``ball-form`` and
-        ``hysteresis``, and ``truncation``, which is the condition that compliances are not
-        negative. Raise an `InputError` for other names.
+        A name is that of a nuisance term as on the command line, such as ``ball-form``. The name
+        ``truncation`` removes the condition that compliances are not negative. Raise an
+        `InputError` for any other name.
         """
         check_known("term", names, (*(kind.key() for kind in Term.kinds.values()), "truncation"))
         prior = replace(self.prior, truncated=False) if "truncation" in names else self.prior

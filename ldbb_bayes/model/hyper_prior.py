@@ -203,8 +203,8 @@ class HyperPrior:
 
         ``phi``, shape (..., h), holds the hyper-parameters, with lengths in mm. The coordinate of a
         hyper-parameter is ln(φ − lower), where ``lower`` is its lower bound. For a decay, which is
-        bounded on both sides, the coordinate is ln(s / (1 − s)), where s is its position between
-        the bounds, from 0 to 1.
+        bounded on both sides, the coordinate is ln(s / (1 − s)), where s is the position of the
+        decay between its bounds, from 0 to 1.
         """
         with np.errstate(divide="ignore"):
             free = np.log(phi - self.lower)
@@ -248,7 +248,7 @@ class HyperPrior:
 
     @cached_property
     def _decay_levels(self) -> Array:
-        """Probability that a decay is below its lower and below its upper bound, shape (2, decays).
+        """Probabilities of a decay below its lower bound and below its upper bound, (2, decays).
 
         The probabilities are those of the normal prior without the bounds. The decay is the power
         by which the amplitude of form error falls with its order.

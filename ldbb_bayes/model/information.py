@@ -194,9 +194,10 @@ class Information:
         return self._root_of(self._all_rows, np.arange(len(self.names)))
 
     def _root_of(self, rows: Array, free: NDArray[np.intp]) -> Array:
-        """Return a square root of the precision matrix of the free coefficients.
+        """Return a square root R of the precision matrix RᵀR of the free coefficients.
 
         ``rows`` is the design matrix of all m coefficients for readings with unit noise, (k, m).
+        ``free`` are the indices of the free coefficients, which are those not taken as known.
         """
         prior = np.ones(len(free))
         if self.flat:
@@ -206,7 +207,7 @@ class Information:
 
     @cached_property
     def _noise_names(self) -> frozenset[str]:
-        """Class names of all terms that act as noise of single tests, and that of the readings."""
+        """Class names of terms that act as noise of single tests; ``NOISE`` for the readings."""
         return frozenset(name for sources in self.noise for name in sources)
 
     def covariance(
@@ -315,8 +316,8 @@ class Information:
         ----------
         weights
             Weights of the m coefficients in q weighted sums, shape (q, m); the coefficients are in
-            units of their prior sds. The result is then the covariances of the errors of these
-            sums, shape (q, q). By default, it is those of the parameters of interest.
+            units of their prior sds. The covariances are then those of the errors of these sums,
+            shape (q, q). By default, they are those of the errors of the parameters of interest.
         """
         joint = self.covariance()
         interest = self.interest

@@ -135,8 +135,8 @@ class ParametersOfInterest:
         """Return the prior sd of all parameters of interest, shape (parameters,).
 
         The sds are in internal units (mm, N, rad). Sds that the user gave are not changed. The
-        default prior sd of a slope is proportional to the size of its compliance: the estimate and
-        its standard uncertainty, added in quadrature, which ``setting`` holds. A very small size is
+        default prior sd of a slope is proportional to the size of its compliance, which ``setting``
+        holds: the estimate and its standard uncertainty, added in quadrature. A very small size is
         replaced by a share of the compliance's prior sd. In the model's first edition (preset
         ``first``), the prior sd of a slope is proportional to the prior sd of the compliance
         instead.
@@ -152,10 +152,10 @@ class ParametersOfInterest:
     def compliance_sd(self, prior: Prior) -> Array:
         """Return the prior sd of every compliance, shape (compliances,), in mm, N and rad.
 
-        The effect of some compliances on the readings is a combination of the effects of other
-        compliances. Only the latter are in the model, and represent the former. The prior sd of a
-        compliance includes contributions of the compliances that it represents, unless the user
-        gave the sd.
+        Some compliances are not in the model, because their effect on the readings is a combination
+        of the effects of other compliances. These other compliances are in the model and represent
+        them. The prior sd of a compliance includes contributions of the compliances that it
+        represents, unless the user gave the sd.
         """
         overridden = [name.label in prior.overrides for name in self.compliances]
         with_dropped_sets = self._with_dropped_sets(prior.compliance_sd)

@@ -176,8 +176,8 @@ class StructuredGaussian:
         phi
             w values of the h hyper-parameters, shape (w, h); lengths in mm.
         beta
-            Values of the p parameters of interest, shape (w, p), or (p,) for all w alike. None if
-            the object was made without parameters.
+            Values of the p parameters of interest, shape (w, p), or (p,) if they are the same for
+            all values of φ. None if the object was made without parameters.
         """
         elimination = self._design.elimination(0)
         total = np.empty(len(phi))
@@ -192,8 +192,8 @@ class StructuredGaussian:
         """Return the log density ln p(z | β, φ), shape (w,), and the density of the coefficients.
 
         The density is that of the coefficients that are the same in all tests, given the readings
-        z, the parameters β and the hyper-parameters φ. It is Gaussian, one for each of w values of
-        φ, and its ``log_integral`` is ln p(z | β, φ).
+        z, the parameters β and the hyper-parameters φ. The result holds one Gaussian density for
+        each of w values of φ; its ``log_integral`` is ln p(z | β, φ).
 
         Parameters
         ----------
@@ -230,10 +230,10 @@ class StructuredGaussian:
     def draw_shared(self, phi: Array, standard: Array, rng: np.random.Generator) -> Array:
         """Return random draws of the coefficients that are the same in all tests.
 
-        The last p of these coefficients are given by their standard coordinates, which the method
-        `Gaussian.from_standard` of the density that `conditional` returns turns into coefficients.
-        All other coefficients are drawn from their density given the readings and the last p
-        coefficients.
+        The last p of these coefficients are given by their standard coordinates. Their density is
+        the one that `conditional` returns; its method `from_standard` turns standard coordinates
+        into coefficients. All other coefficients are drawn from their density given the readings
+        and the last p coefficients.
 
         Parameters
         ----------

@@ -102,8 +102,8 @@ def nominal_mount_offset(setting: Setting) -> Array:
 def planned_compliances(compliances: Sequence[ComplianceName], prior: Prior) -> Array:
     """Return the compliances assumed for a plan, which has no readings, shape (compliances,).
 
-    The value of each is its prior mean if the user gave one. Otherwise it is 5e-5 mm/N for direct
-    compliances and zero for the others.
+    The value of a compliance is its prior mean if the user gave one. If not, the value is 5e-5 mm/N
+    for a direct compliance and zero for any other compliance.
     """
     values = []
     for name in compliances:

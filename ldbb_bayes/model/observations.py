@@ -142,9 +142,8 @@ class _CoefficientPriors(NamedTuple):
     or the product of hyper-parameters, that multiplies the prior sd of a coefficient.
     """
 
-    #: Prior sd of every nuisance coefficient divided by its source of variance, which is the
-    #: hyper-parameter, or the product of hyper-parameters, that scales it, shape (coefficients,);
-    #: infinite for a flat prior.
+    #: Prior sd of every nuisance coefficient, divided by the hyper-parameter or product of
+    #: hyper-parameters that scales this sd, shape (coefficients,); infinite for a flat prior.
     sd: Array
     #: Part of the prior sd of every nuisance coefficient that no hyper-parameter scales, shape
     #: (coefficients,); it is added in quadrature to the part that a hyper-parameter scales.

@@ -90,8 +90,8 @@ def elimination_groups(pattern: NDArray[np.bool_], last: NDArray[np.intp]) -> li
     pattern
         Whether each element of the design matrix is not zero, shape (rows, columns).
     last
-        Indices of the columns that are eliminated after all others, in this order. Columns of these
-        that are not neighbours of each other may be in different groups.
+        Indices of the columns that are eliminated after all others, in this order. Columns among
+        these that are not neighbours of each other may be in different groups.
 
     Returns
     -------
@@ -114,8 +114,9 @@ def elimination_groups(pattern: NDArray[np.bool_], last: NDArray[np.intp]) -> li
 def heights(groups: list[ColumnGroup]) -> list[int]:
     """Return the height of each group in the elimination tree: 0 for groups without children.
 
-    A group is higher than every group whose border contains columns of it, so that all groups of
-    the same height can be eliminated at the same time. ``groups`` are in the order of elimination.
+    A group is higher than all groups that have one of its columns in their border, so that all
+    groups of the same height can be eliminated at the same time. ``groups`` are in the order of
+    elimination.
     """
     group_of = {}
     for k, group in enumerate(groups):
@@ -130,7 +131,9 @@ def heights(groups: list[ColumnGroup]) -> list[int]:
 
 
 def _bit_sets(matrix: NDArray[np.bool_]) -> list[int]:
-    """Return the columns at which each row of a matrix is true, as the bits of an integer.
+    """Return, for each row of a matrix, the set of columns where it is true, as an integer.
+
+    Bit k of the integer is set if column k belongs to the set.
 
     Sets of columns are integers because Python unites and counts the bits of long integers faster
     than NumPy does the elements of short arrays.

@@ -276,11 +276,12 @@ class Orthant:
     def moments(self, size: int = 512, *, seed: int = 0) -> OrthantMoments:
         """Return mean and covariance of the standard normal e, given u = mean + spread e ≥ 0.
 
-        e is a vector of q elements in each of w problems. The moments are those of its coordinates
-        along the directions `axes`; perpendicular to them e stays standard normal. The moments are
-        weighted means over quasi-random points. The points of a problem are shifted by an amount
-        that is computed from its constraints alone. Errors therefore average out over many
-        problems, and the result of a problem does not depend on the others in the batch.
+        e is a vector of q elements in each of w problems. The moments are those of the coordinates
+        of e along the directions `axes`; perpendicular to these directions, e stays standard
+        normal. The moments are weighted means over quasi-random points. The points of a problem are
+        shifted by an amount that is computed from its constraints alone. Errors therefore average
+        out over many problems, and the result of a problem does not depend on the others in the
+        batch.
 
         Parameters
         ----------
@@ -340,7 +341,8 @@ class Orthant:
         Returns
         -------
         x
-            Random draws, shape (w, d); zeros or a rejected proposal where none was accepted.
+            Random draws, shape (w, d). Where no proposal was accepted, they are zeros or a rejected
+            proposal.
         accepted
             Whether one of the proposals was accepted, shape (w,).
         """
@@ -774,8 +776,8 @@ def _binding_rows(
     The problem has m constraints on a standard normal vector e of q elements. Consider the most
     probable e that satisfies all constraints: constraints that hold with equality there are chosen
     first. Further ones are chosen one by one, each time the one whose row has the longest part
-    perpendicular to the rows chosen before, until there are ``rank``. The result is in increasing
-    order of ``distance``.
+    perpendicular to the rows chosen before, until ``rank`` constraints are chosen. The result is in
+    increasing order of ``distance``.
 
     Parameters
     ----------

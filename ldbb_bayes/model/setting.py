@@ -92,8 +92,9 @@ class Setting:
     #: counterclockwise; +1 too if the test states no direction
     travel: Array
     #: time of each test minus the mean time of the campaign, or of its pilot campaign [h], shape
-    #: (tests,): as the tests state it, or else from the order in which they are listed; NaN if the
-    #: order is unknown, or all tests count as run at the same time
+    #: (tests,). If some test states no time, all times follow from the order in which the tests are
+    #: listed. The values are NaN if this order is unknown, or if all tests count as run at the same
+    #: time.
     time_h: Array
     #: temperature of each test minus the mean temperature of the campaign, or of its pilot campaign
     #: [K], shape (tests,); NaN if unknown

@@ -32,8 +32,8 @@ from ldbb_bayes.results import Array
 __all__ = ["ROUNDING", "SaddlePoint", "Tilted", "find_saddle_point", "least_distance_multipliers"]
 
 # The search for the saddle point of the log importance weight ends when the gradient, relative to
-# the size of its terms, is below this. It is also a bound of the rounding errors of log
-# probabilities.
+# the size of its terms, is below this number. The number is also a bound of the rounding errors of
+# log probabilities.
 ROUNDING = 1e-10
 # Largest number of steps of Newton's method for the saddle point of the log importance weight.
 _ITERATIONS = 60
@@ -172,8 +172,9 @@ class Tilted(NamedTuple):
     def log_bound(self) -> Array:
         """Upper bound of the log probability that all constraints hold, shape (w,).
 
-        The bound is the log importance weight at its saddle point. The further constraints, which
-        could only reduce it, are not considered.
+        The bound is the log importance weight at its saddle point. The dependent constraints
+        (linear combinations of the independent ones) could only reduce the bound and are not
+        considered.
         """
         independent = self._replace(last=np.full_like(self.last, -1))
         return independent.log_weight(self.x[:, None])[0]
@@ -228,8 +229,9 @@ class Tilted(NamedTuple):
 
         The limits follow from the constraints on x. ``x`` holds s points for each of w problems,
         shape (d, s, w). Each limit has the shape (s, w), or (1, w) if it is the same for all
-        points. Only the further constraints can bound x_j from above. The upper limit is None if
-        there is no further constraint whose last element is x_j.
+        points. Only the dependent constraints, which are linear combinations of the independent
+        ones, can bound x_j from above. The upper limit is None if there is no dependent constraint
+        whose last element is x_j.
         """
         # The first constraint depends on x_0 alone, so its lower limit is the same for all points.
         explained = np.einsum("kw,ksw->sw", self.unit[j, :j], x[:j]) if j > 0 else 0.0
@@ -276,7 +278,7 @@ def _log_tail_share(interval: _Interval, uniform: Array) -> Array:
 
     The tail is to the left or to the right of a point, as ``interval.direction`` states. Its
     probability is uniform between the values at the two ends of the interval; the random numbers
-    ``uniform``, between 0 and 1, determine where it lies between them.
+    ``uniform``, between 0 and 1, determine where the probability lies between these two values.
     """
     share = np.clip(uniform, _LEAST_UNIFORM, 1.0)
     if interval.tail_ratio is not None:
@@ -418,7 +420,7 @@ def _evaluate_convex_function(
     bound: Array,
     edge: Array,
 ) -> _ConvexFunction:
-    """Return the convex function whose minimum gives the saddle point, with its derivatives.
+    """Return value and derivatives of the convex function whose minimum gives the saddle point.
 
     The formula is that of `_ConvexFunction`, with C = ``coupling``, shape (w, d, d). ``edge`` holds
     the lower limits of the shifted normal variables; ``edge`` and ``bound`` have the shape (w, d).
@@ -447,10 +449,11 @@ def _inverse_mills(edge: Array) -> Array:
 def least_distance_multipliers(unit: Array, bound: Array) -> Array:
     """Return the Lagrange multipliers of the point x nearest to zero with unit · x ≥ bound.
 
-    There is one multiplier for each of the d constraints, shape (d,). It is zero if the constraint
-    holds with strict inequality at the nearest point, and usually positive if it holds with
-    equality. The multipliers have an arbitrary common factor. They are computed by non-negative
-    least squares (Lawson and Hanson, Solving Least Squares Problems, ch. 23).
+    There is one multiplier for each of the d constraints, shape (d,). A multiplier is zero if its
+    constraint holds with strict inequality at the nearest point, and usually positive if the
+    constraint holds with equality. The multipliers have an arbitrary common factor. They are
+    computed by non-negative least squares (Lawson and Hanson, Solving Least Squares Problems, ch.
+    23).
 
     Parameters
     ----------

@@ -25,9 +25,9 @@ def eliminate(front: Array, *, signs: Array | None = None) -> None:
     Parameters
     ----------
     front
-        First s columns of groups × w matrices P, shape (groups, s, n, w) with n ≥ s. Of column j,
-        only the part from the diagonal on is used, which is ``front[group, j, j:]``. The columns of
-        L overwrite those of P.
+        First s columns of many matrices P, shape (groups, s, n, w) with n ≥ s; the number of
+        matrices is groups · w. Of column j, only the part from the diagonal on is used, which is
+        ``front[group, j, j:]``. The columns of L overwrite those of P.
     signs
         Signs ±1 on the diagonal of S, shape (groups, s); None if all are positive.
     """

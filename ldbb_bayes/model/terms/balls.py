@@ -36,8 +36,8 @@ _DECAY = Scale("decay", "decay", "p", "decay of form with its order", "decay")
 # divided by the square of the ball's deviation from sphericity (peak to valley).
 _VARIANCE_PER_SPHERICITY = 1.0 / 24.0
 # Highest order n of the harmonics cos nθ, sin nθ of a ball's form that may hold the ball's whole
-# deviation from sphericity. If the deviation is stated, the sds of higher orders fall as 1/n; if it
-# is assumed, it says nothing about them.
+# deviation from sphericity. If the deviation is stated, the sds at higher orders fall as 1/n. If
+# the deviation is only assumed, it says nothing about higher orders.
 _LAST_SPHERICITY_ORDER = 3
 
 
@@ -54,7 +54,7 @@ class _TurnedBall(NamedTuple):
 
 
 class _CoefficientPrior(NamedTuple):
-    """Prior of the coefficients of a form, one entry for the cosine and the sine of each order."""
+    """Prior of the coefficients of a form, with entries for cosine and sine of each order."""
 
     #: factor of τ² (n/6)^(−2p) in the prior variance, with the hyper-parameters τ and p: 1/2 for
     #: each ball whose form is not stated at the order n

@@ -248,7 +248,7 @@ class Term(Shown):
     def scales(self) -> tuple[Scale, ...]:
         """Hyper-parameters of the term: scales of the prior sds of its coefficients.
 
-        The readings help to determine them. By default a term has none.
+        The readings help to determine these scales. By default a term has no hyper-parameters.
         """
         return ()
 

@@ -163,10 +163,11 @@ class _HysteresisPrior(NamedTuple):
     The prior sds are given at the Fourier orders 0 and 1; at the order n they are divided by n.
     """
 
-    #: prior sd of the part that does not depend on force [mm], or a factor on the value of the
-    #: hyper-parameter ``hyper``
+    #: prior sd of the part that does not depend on force [mm]; if ``hyper`` is given, this sd
+    #: divided by the hyper-parameter
     constant_sd: float
-    #: hyper-parameter that scales the part that does not depend on force; None if none does
+    #: name of the hyper-parameter that scales the part that does not depend on force; None if its
+    #: scale is fixed
     hyper: Hyper | None
     proportional_sd: float  #: prior sd of the part that is proportional to force [mm/N]
     last_order: int  #: highest Fourier order of the harmonics

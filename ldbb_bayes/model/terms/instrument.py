@@ -193,9 +193,9 @@ class ForceError(Term):
     #: prior sd of the gain error of the force, as a share of the force; used if no certificate
     #: states an uncertainty
     gain_sd: float = 0.01
-    #: prior sd of the curvature, the deviation of the force error from a straight line at half the
-    #: largest force, as a share of the largest force; used if no certificate states the linearity;
-    #: 0 if there is no curvature
+    #: prior sd of the curvature, which is the deviation of the force error from a straight line at
+    #: half the largest force, as a share of the largest force. The value is used if no certificate
+    #: states the linearity. If it is 0, there is no curvature.
     curvature_sd: float = 0.01
     #: prior sd of the random force error of every test [N]; used if no certificate states it
     random_sd_N: float = 4.0
