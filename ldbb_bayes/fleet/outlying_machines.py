@@ -53,7 +53,7 @@ _SMALLEST_P = 1e-300
 class JudgedMachines:
     """Comparison of each of n machines with the other machines, by their c parameters.
 
-    It shows which machines do not belong to the population of the other machines.
+    The comparison shows which machines do not belong to the population of the other machines.
     """
 
     #: p-value of each of n machines, corrected for the numbers of parameters (Bonferroni) and of

@@ -280,10 +280,10 @@ def find_trend(
 ) -> Trend:
     """Find whether a parameter of one machine has changed, which parameter, when and by how much.
 
-    The model assumes at most one lasting step of one parameter. Its size has the prior N(0,
-    (change_scale · sd)²), where sd is the reference standard deviation of the parameter: that of
-    its default prior or, if larger, the median standard deviation of its priors in the fits of the
-    campaigns.
+    The model assumes at most one lasting step of one parameter. The prior of the size of this step
+    is N(0, (change_scale · sd)²), where sd is the reference standard deviation of the parameter:
+    that of its default prior or, if larger, the median standard deviation of its priors in the fits
+    of the campaigns.
 
     Parameters
     ----------

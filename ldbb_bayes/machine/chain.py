@@ -41,13 +41,13 @@ LARGEST_MM = 1e5
 
 
 class Axes(NamedTuple):
-    """Names of the three motions in a plane: two translations, and the rotation about its normal.
+    """Names of the three motions in a plane: two translations, and the rotation about the normal.
 
     The names are letters such as X, Y and C; the rotation is right-handed.
     """
 
-    first: str  #: translation from which angles in the plane are measured, such as X
-    second: str  #: other translation, such as Y
+    first: str  #: axis from which angles in the plane are measured, such as X
+    second: str  #: second axis of the plane, such as Y
     rotation: str  #: rotation about the normal of the plane, such as C
 
 
@@ -121,9 +121,10 @@ class Joint:
 
     @property
     def sign(self) -> float:
-        """Sign of the joint's motion: +1 if it carries the tool, −1 if it carries the workpiece.
+        """Sign of the joint's motion: +1 for a joint that carries the tool, −1 for the workpiece.
 
-        The workpiece moves against the tool.
+        To move the tool by +1 mm relative to the workpiece, a joint that carries the workpiece
+        moves by −1 mm.
         """
         return 1.0 if self.branch == "tool" else -1.0
 
@@ -135,7 +136,7 @@ class Machine(Shown):
     The topology lists the axes from the workpiece ``w`` through the foundation ``F`` to the tool
     ``t``, in the style of ISO 10791. Axes before ``F`` carry the workpiece; in ``wCAFYXZSt`` these
     are C and A, and Y, X, Z and the spindle S carry the tool. The linear axes of the tested planes
-    are modelled; all others count as rigid and free of errors.
+    are modelled; all other axes count as rigid and free of errors.
 
     Raises
     ------
@@ -160,8 +161,8 @@ class Machine(Shown):
     #: planes of the circular tests: one or more of XY, YZ and ZX
     planes: str | Sequence[str] = ("XY",)
     #: position (X, Y, Z) of the frame of each joint with all axes at zero, by the letter of the
-    #: joint's axis. The position is relative to the point where the two balls coincide. A joint
-    #: that is not named has its frame at this point, as in the paper.
+    #: joint's axis. The position is relative to the point where the two balls coincide. The frame
+    #: of a joint that is not listed here is at this point, as in the paper.
     frames_mm: Mapping[str, Sequence[float]] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:
@@ -244,8 +245,9 @@ class Machine(Shown):
         """Return the two joints between which the squareness error of a plane is defined.
 
         The first joint is the reference. If both joints carry the tool, or both the workpiece, the
-        reference is the joint nearer the foundation; otherwise it is the joint that carries the
-        workpiece. The error turns the direction of the second joint. ``plane`` is XY, YZ or ZX.
+        reference is the joint nearer the foundation. If one joint carries the tool and the other
+        the workpiece, the reference is the joint that carries the workpiece. The error turns the
+        direction of the second joint. ``plane`` is XY, YZ or ZX.
         """
         a = self.joint(plane[0])
         b = self.joint(plane[1])
@@ -269,7 +271,7 @@ class Machine(Shown):
     def lever_mm(self, joint: Joint, circle: Circle, angle_rad: Array) -> Array:
         """Return the lever arm from a joint's frame to the ball that the joint carries.
 
-        The frame moves with the joint. The result has one vector (X, Y, Z) for each of n angles,
+        The frame moves with the joint. The result has one lever arm (X, Y, Z) for each of n angles,
         shape (n, 3) [mm].
 
         Parameters
@@ -292,8 +294,8 @@ class Machine(Shown):
         """Return the position (X, Y, Z) of a ball with all axes at zero, shape (n, 3) [mm].
 
         The work ball is at the circle's centre. The tool ball is at the origin. If the machine
-        lacks the linear axis X, Y or Z, this coordinate of the tool ball is instead its nominal one
-        on the circle.
+        lacks one of the linear axes X, Y and Z, the coordinate of the tool ball along this axis is
+        its nominal coordinate on the circle.
 
         Parameters
         ----------

@@ -28,9 +28,10 @@ def exact_reading_mm(
 ) -> Array:
     """Return the exact reading of one circle: geometry by Eq. 1-14 plus compliance by Eq. 20.
 
-    The geometric part is the distance of the balls, by homogeneous transforms of the whole chain,
-    minus the radius. The elastic part is F Σ j_C · C, where F is the force, C are the compliances
-    and j_C their readings per unit force and compliance. Equations are those of the paper.
+    The geometric part is the distance of the balls minus the radius; homogeneous transforms of the
+    whole chain give this distance. The elastic part is F Σ j_C · C, where F is the force, C are the
+    compliances and j_C their readings per unit force and compliance. Equations are those of the
+    paper.
 
     Parameters
     ----------
@@ -43,12 +44,13 @@ def exact_reading_mm(
     force_N : float, default 0.0
         Radial force F of the bar [N].
     compliances : mapping of str to float, optional
-        Values of any of the 36 compliances ``C_ijk`` of each joint, by name [mm/N, rad/N,
-        rad/(N mm)]; the others are zero.
+        Values of any of the 36 compliances ``C_ijk`` of each joint [mm/N, rad/N, rad/(N mm)]. The
+        keys are the names of the compliances. Compliances that are not listed are zero.
     geometric_errors : mapping of str to float, optional
-        Values of any geometric errors of the machine, such as ``E_XX1``, by name; the others are
-        zero. Gains have no unit. Straightness deviations are quadratic in the coordinate, with
-        coefficients in 1/mm. Squareness errors are in rad and tool offsets in mm.
+        Values of any geometric errors of the machine. The keys are names such as ``E_XX1``.
+        Geometric errors that are not listed are zero. Gains have no unit. Straightness deviations
+        are quadratic in the coordinate, with coefficients in 1/mm. Squareness errors are in rad and
+        tool offsets in mm.
 
     Returns
     -------
@@ -58,7 +60,7 @@ def exact_reading_mm(
     Raises
     ------
     InputError
-        For the name of a compliance or geometric error that the machine does not have.
+        If the machine does not have a compliance or geometric error with a given name.
 
     Examples
     --------
@@ -97,10 +99,11 @@ def geometric_reading_mm(
     angle_rad
         Angles of the bar from the first axis of the plane, shape (n,) [rad].
     geometric_errors
-        Values of geometric errors by name, such as E_XX1; all others are zero. Gains have no unit.
-        Straightness deviations are quadratic in the coordinate, with coefficients in 1/mm.
-        Squareness errors are in rad and tool offsets in mm. Complex values are allowed, for
-        derivatives by the complex-step method.
+        Values of geometric errors; the keys are names such as E_XX1. Geometric errors that are not
+        listed are zero. Gains have no unit. Straightness deviations are quadratic in the
+        coordinate, with coefficients in 1/mm. Squareness errors are in rad and tool offsets in mm.
+        Complex values are allowed, so that derivatives can be computed with the complex-step
+        method.
     """
     check_known("parameter", geometric_errors, [name.label for name in geometric_names(machine)])
     tool = _branch_transform(machine, "tool", circle, angle_rad, geometric_errors)
@@ -118,8 +121,9 @@ def _branch_transform(
 ) -> Array:
     """Return the homogeneous transforms from the machine's foundation to tool or workpiece.
 
-    There is one matrix of shape (4, 4) for each of n angles of the bar, shape (n, 4, 4) in all.
-    ``branch`` is ``tool`` or ``workpiece``; ``errors`` are values of geometric errors by name.
+    There is one matrix of shape (4, 4) for each of n angles of the bar; the result has the shape
+    (n, 4, 4). ``branch`` is ``tool`` or ``workpiece``; ``errors`` are values of geometric errors by
+    name.
     """
     transform = np.broadcast_to(np.eye(4), (len(angle_rad), 4, 4))
     position = circle.position_mm(angle_rad)

@@ -1,4 +1,4 @@
-"""Linear effect of compliances and geometric errors on readings, and separable compliances.
+"""Linear effects of compliances and geometric errors on readings, and separable compliances.
 
 A unit force along the bar, whose direction is B̂, loads joint k with the wrench g_k = J_kᵀ B̂ =
 (B̂, lever × B̂), shape (6,): three forces and three moments about the joint's frame. J_k is the
@@ -8,9 +8,9 @@ An error motion e of joint k, with three displacements and three rotations about
 changes the reading by g_k · e if the joint carries the tool, and by −g_k · e if it carries the
 workpiece (Eq. 16-23). If all lever arms lie in the plane, this is the paper's planar model.
 
-Circles cannot separate all compliances (Table 2 of the paper). Some never change a reading (null
-columns), and some change readings in proportion to each other (proportional sets). One
-representative of each set is kept.
+Circles cannot separate all compliances (Table 2 of the paper). Some compliances never change a
+reading (null columns), and some change readings in proportion to each other (proportional sets). Of
+each set, one compliance is kept, which represents the set.
 """
 
 from __future__ import annotations
@@ -61,8 +61,9 @@ _NULL_SHARE = 1e-10
 # smaller than this share of that effect. A negative eigenvalue of a matrix of weights is a rounding
 # error if its absolute value is smaller than this share of the largest weight.
 _ROUNDING_WEIGHT = 1e-7
-# The effect of a compliance is independent of the effects of others if the part of its column that
-# is no combination of their columns is longer than this; the column itself has length one.
+# A column holds the readings per unit of a compliance, scaled to length one. A column is
+# independent of other columns if the part of it that is not a linear combination of them is longer
+# than this.
 _INDEPENDENT = 1e-8
 
 
@@ -145,9 +146,10 @@ def error_bearer(machine: Machine, name: GeometricName) -> ErrorBearer:
     """Return the joint at which a geometric error acts, and whether before or after its motion.
 
     A squareness error concerns two axes. If both carry the tool, or both the workpiece, the error
-    acts after the motion of the reference axis; otherwise it acts before the motion of the other
-    axis. Gains and straightness deviations act at the joint of their axis, after its motion. The
-    error must not be an offset of the tool, which acts at no joint.
+    acts after the motion of the reference axis. If one axis carries the tool and the other the
+    workpiece, the error acts before the motion of the axis that is not the reference. Gains and
+    straightness deviations act at the joint of their axis, after its motion. The error must not be
+    an offset of the tool, which acts at no joint.
     """
     if name.kind != "squareness":
         return ErrorBearer(machine.joint(name.axis), before_motion=False)
@@ -169,7 +171,7 @@ def _wrench(lever: Array, direction: Array) -> Array:
 
 @dataclass(frozen=True)
 class Kept:
-    """Compliances that circles can separate (kept), and the others that each one represents.
+    """Compliances that circles can separate (kept), and further compliances that these represent.
 
     A proportional set is a set of compliances that change the readings in proportion to each other.
     The readings determine only their weighted sum; one compliance, the representative, is kept for
@@ -181,19 +183,21 @@ class Kept:
     names: tuple[ComplianceName, ...]
     #: for each kept compliance, the names in its proportional set, its own name first (Table 2)
     sets: tuple[tuple[str, ...], ...]
-    #: for each kept compliance, the weights of the compliances in its set: their effect on the
-    #: reading divided by that of the kept one; the unit of a weight is a power of mm
+    #: for each kept compliance, the weights of the compliances in its set. A weight is the effect
+    #: of a compliance on the reading divided by the effect of the kept compliance; the unit of a
+    #: weight is a power of mm.
     weights: tuple[tuple[float, ...], ...]
-    #: for each kept compliance, the weights of further compliances that it represents in part: the
-    #: effects of these are combinations of several kept ones
+    #: for each kept compliance, the weights of further compliances that it represents in part. The
+    #: effects of these further compliances are linear combinations of the effects of several kept
+    #: compliances.
     absorbed: tuple[Mapping[ComplianceName, float], ...]
     #: for each kept compliance, whether it is a deflection in the direction of the load itself,
     #: which cannot be negative
     not_negative: tuple[bool, ...]
     null: tuple[str, ...]  #: names of the compliances that never change a reading
-    #: names of compliances whose effect on the reading is a combination of the effects of several
-    #: kept ones; of each proportional set without a kept compliance, only the representative is
-    #: named
+    #: names of compliances whose effect on the reading is a linear combination of the effects of
+    #: several kept compliances. Of each proportional set without a kept compliance, only the
+    #: representative is named.
     dependent: tuple[str, ...]
     #: number of linearly independent effects of all compliances on readings at equally spaced
     #: angles of full circles
@@ -206,17 +210,17 @@ class Kept:
 def kept_compliances(machine: Machine, *circles: Circle) -> Kept:
     """Return the compliances that circles can separate, and the sets they represent (Table 2).
 
-    The compliances and sets are found numerically from the readings per unit compliance. The planar
-    compliances of every tested plane are examined, and those other compliances of the joints that
-    change a reading. Compliances that change readings in proportion to each other form a set. The
-    representative of a set is chosen by these rules, applied in this order; for the paper's machine
-    they give the paper's choice:
+    The compliances and sets are found numerically from the readings per unit compliance. Two kinds
+    of compliances are examined: the planar compliances of every tested plane, and all further
+    compliances of the joints that change a reading. Compliances that change readings in proportion
+    to each other form a set. The representative of a set is chosen by these rules, applied in this
+    order; for the paper's machine they give the paper's choice:
 
-    1. any other compliance before a translation caused by a moment;
-    2. the fewest rotary components;
-    3. the joint whose axis is the direction of the deflection;
-    4. for a rotation, a joint that drives the plane in which it turns;
-    5. alphabetical order.
+    1. prefer a compliance that is not a translation caused by a moment;
+    2. prefer the compliance with the fewest rotary components;
+    3. prefer the joint whose axis is the direction of the deflection;
+    4. for a rotation, prefer a joint whose axis lies in the plane of the rotation;
+    5. choose the first compliance in alphabetical order.
 
     The readings of all circles are examined together: circles with other centres or planes can
     separate compliances that one circle cannot. If no circles are given, one with the radius 150 mm
@@ -229,9 +233,9 @@ def kept_compliances(machine: Machine, *circles: Circle) -> Kept:
 
 @dataclass(frozen=True, eq=False)
 class _Candidates:
-    """Compliances that may change readings, with their effect at n angles of full circles.
+    """Compliances that may change readings, with their effects at n angles of full circles.
 
-    n counts the angles of all circles together.
+    n is the total number of angles of all circles.
     """
 
     names: tuple[ComplianceName, ...]  #: names of the compliances
@@ -244,8 +248,8 @@ class _Candidates:
 def _candidates(machine: Machine, circles: tuple[Circle, ...]) -> _Candidates:
     """Return the compliances that may change readings on given circles, with their effects.
 
-    All planar compliances of the tested planes are returned, and those other compliances of the
-    joints that change a reading.
+    These are all planar compliances of the tested planes, and all further compliances of the joints
+    that change a reading.
     """
     angle = np.arange(_ANGLES) * (2 * np.pi / _ANGLES)
     names = joint_names(machine)
@@ -275,8 +279,9 @@ def _candidates(machine: Machine, circles: tuple[Circle, ...]) -> _Candidates:
 def _kept_compliances(machine: Machine, circles: tuple[Circle, ...]) -> Kept:
     """Return the compliances that circles can separate, and the sum for which each of them stands.
 
-    One compliance of every set with proportional columns is kept, as long as its column does not
-    depend linearly on those already kept.
+    A column holds the readings per unit of a compliance. Compliances with proportional columns form
+    a set. One compliance of every set is kept, unless its column depends linearly on the columns of
+    compliances that are already kept.
     """
     candidates = _candidates(machine, circles)
     names = candidates.names
@@ -322,7 +327,7 @@ def _labels(names: Sequence[ComplianceName], index: Sequence[int]) -> tuple[str,
 
 
 def _weights(jacobian: Array, members: Sequence[int]) -> tuple[float, ...]:
-    """Return the effect of each compliance of a set as a multiple of that of the first one.
+    """Return the effect of each compliance of a set, divided by the effect of the first compliance.
 
     The compliances of a set change the readings in proportion to each other. ``jacobian`` (n, m)
     holds the readings at n angles per unit of each of m compliances, and ``members`` the indices of
@@ -342,7 +347,8 @@ def _not_negative(
     A kept compliance represents a weighted sum Σ_k ⟨A_k, C_k⟩ of the compliance matrices C_k of the
     joints k. A_k are symmetric matrices of weights, all of shape (6, 6), and ⟨ , ⟩ is the sum of
     the products of elements. A compliance matrix is positive semi-definite. The weighted sum can
-    therefore not be negative if every A_k is positive semi-definite; otherwise it can.
+    therefore not be negative if every A_k is positive semi-definite. If any A_k is not, the sum can
+    be negative.
 
     Parameters
     ----------
@@ -374,8 +380,8 @@ def _not_negative(
 def _joint_matrices(names: Sequence[ComplianceName], halves: NDArray[np.float64]) -> list[Array]:
     """Return a symmetric matrix of the weights of compliances for each joint, shape (6, 6).
 
-    Rows and columns are the six components along and about X, Y and Z. ``halves`` holds half of the
-    weight of each compliance in ``names``.
+    Rows and columns are in the order X, Y, Z, A, B, C: components along and about the three axes.
+    ``halves`` holds half of the weight of each compliance in ``names``.
     """
     matrices: dict[str, Array] = {}
     for name, half in zip(names, halves, strict=True):
@@ -392,7 +398,8 @@ def _proportional_sets(candidates: _Candidates) -> list[list[int]]:
 
     ``candidates`` are all compliances that may change readings. Each set is a list of indices of
     its compliances, counted from 0 among the candidates. The preferred compliance comes first; it
-    represents the set. A compliance that is proportional to no other is a set of its own.
+    represents the set. A compliance whose effect is not proportional to any other effect forms a
+    set alone.
     """
     unit = candidates.unit
     sets: list[list[int]] = []
@@ -437,9 +444,9 @@ def _independent(unit: Array, representatives: Sequence[int]) -> list[int]:
     """Return the indices of compliances with effects that are linearly independent of each other.
 
     The compliances are examined in the order of their indices ``representatives``. A compliance is
-    left out if its effect is a linear combination of the effects of those already chosen. ``unit``
-    (n, m) has one column for each of m compliances, which holds the readings at n angles, scaled to
-    length one.
+    left out if its effect is a linear combination of the effects of compliances that are already
+    chosen. ``unit`` (n, m) has one column for each of m compliances, which holds the readings at n
+    angles, scaled to length one.
     """
     chosen: list[int] = []
     basis = np.zeros((unit.shape[0], 0))
@@ -462,10 +469,11 @@ def hybrid_jacobian(
 ) -> pd.DataFrame:
     """Return the reading per unit of every parameter of the linear hybrid model.
 
-    This is J_H of Eq. 28 and, with reference force F0 = 0, of Eq. 33. The column of a compliance
-    and of its slope of degree k is F (F − F0)^k j_C, where j_C is the reading per unit force and
-    compliance. The compliances are those that this circle alone can separate. Columns are named as
-    in results: C_XXX …, C_XXX_1 …, then E_XX1 … . Equations are those of the paper.
+    This is J_H of Eq. 28 and, with reference force F0 = 0, of Eq. 33. The column of a compliance is
+    F j_C, and the column of its slope of degree k is F (F − F0)^k j_C, where j_C is the reading per
+    unit force and compliance. The compliances are those that this circle alone can separate.
+    Columns are named as in results: C_XXX …, C_XXX_1 …, then E_XX1 … . Equations are those of the
+    paper.
 
     Parameters
     ----------
@@ -492,7 +500,7 @@ def hybrid_jacobian(
     Raises
     ------
     InputError
-        For a degree other than 0, 1 or 2, and for a circle that is no `Circle`.
+        If the degree is not 0, 1 or 2, or ``circle`` is not a `Circle`.
 
     Examples
     --------

@@ -25,8 +25,8 @@ ComplianceKind = Literal[
 # Names of the six components of a twist (displacement and rotation) or of a wrench (force and
 # moment): X, Y, Z for those along the axes and A, B, C for those about the axes.
 COMPONENTS = LINEAR + ROTARY
-# Power of the axis' coordinate that multiplies a geometric error, by the kind of the error; kinds
-# that are not listed have power 0.
+# Power of the axis' coordinate that multiplies a geometric error. The keys are the kinds of errors;
+# for kinds that are not listed the power is 0.
 _ORDERS: dict[GeometricKind, int] = {"gain": 1, "straightness": 2}
 
 
@@ -90,10 +90,11 @@ class ComplianceName:
 
     @property
     def preference(self) -> tuple[bool, int, bool, bool, str]:
-        """Sort key for choosing the compliance that represents a set: the smallest key wins.
+        """Sort key of the compliance: the compliance with the smallest key represents its set.
 
-        The compliances of a set have proportional effects on the readings, so that circles cannot
-        separate them. `kept_compliances` states the rules of the choice.
+        The compliances of a set change the readings in proportion to each other, so that circles
+        cannot separate these compliances. `kept_compliances` states the rules by which the
+        representative is chosen.
         """
         translation_for_moment = self.wrench in ROTARY and self.twist not in ROTARY
         turned_plane = {axes.rotation: plane for plane, axes in PLANES.items()}
@@ -154,9 +155,9 @@ class GeometricName:
 def wrench_names(machine: Machine) -> tuple[ComplianceName, ...]:
     """Return the names of all planar compliances of a machine, 18 for one tested plane.
 
-    These are displacements and rotations in a tested plane, caused by forces and moments in the
-    same plane. They are sorted by plane, then by joint, then by displacement or rotation, then by
-    force or moment.
+    A planar compliance relates a displacement or rotation in a tested plane to a force or moment in
+    the same plane. The names are sorted by plane, then by joint, then by displacement or rotation,
+    then by force or moment.
     """
     names: dict[ComplianceName, None] = {}
     for plane in machine.planes:

@@ -1,7 +1,7 @@
 """Limit of one thread per process for BLAS, the linear algebra library behind NumPy.
 
-The matrices of this package are small. Several threads that wait for each other would cost more
-time than they save.
+The matrices of this package are small, so that several threads would lose more time in waiting for
+each other than they save.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ __all__ = ["ONE_THREAD", "one_blas_thread"]
 P = ParamSpec("P")
 R = TypeVar("R")
 
-# Environment variables, with their values, for a new process in which BLAS (the linear algebra
-# library behind NumPy) is to have one thread.
+# Environment variables and their values that limit BLAS (the linear algebra library behind NumPy)
+# to one thread in a new process.
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 
 
@@ -33,7 +33,8 @@ def one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:
 
     Returns
     -------
-    The decorated function. After each call BLAS has as many threads as before.
+    The function that limits BLAS to one thread. After each call, BLAS has as many threads as before
+    the call.
     """
 
     @functools.wraps(function)

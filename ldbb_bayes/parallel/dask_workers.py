@@ -2,8 +2,8 @@
 
 Dask is a library that distributes computations over several computers. Its own executor,
 `distributed.Client.get_executor()`, is not used: if the result of a job is lost after it arrived,
-that executor raises a ValueError. The error would be taken for one that the job itself raised, and
-the job would not be run again.
+that executor raises a ValueError. This package would treat the ValueError as an error of the job
+itself, and would not run the job again.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ from ldbb_bayes.parallel.versions import versions
 
 __all__ = ["ANSWER_S", "dask_executor", "dask_setup"]
 
-# Time [s] after which a Dask scheduler that does not answer counts as missing.
+# Time after which a Dask scheduler that does not answer counts as missing [s].
 ANSWER_S = 10.0
-# Number of threads of this process that wait for results of Dask workers. Each waits for one job,
-# so that Dask has at most this number of jobs at once.
+# Number of threads of this process that wait for results of Dask workers. Each thread waits for one
+# job, so that Dask has at most this number of jobs at the same time.
 _WAITING_THREADS = 64
-# Names of Dask's loggers that are silenced, because their messages are also raised as exceptions.
+# Names of Dask's loggers that are silenced, because exceptions state the same messages.
 _LOGGERS = (
     "distributed",
     "distributed.client",
@@ -42,12 +42,12 @@ _LOGGERS = (
 )
 # Environment variables with which the worker processes of a local Dask cluster start.
 _WORKER_ENVIRONMENT: dict[str, Any] = {
-    # These thresholds [bytes] let workers keep freed memory. By Dask's defaults, workers return it
-    # to the operating system and request it again, so that computations with many small matrices
-    # take more than twice as long.
+    # These thresholds [bytes] let workers keep freed memory. With Dask's defaults, workers return
+    # freed memory to the operating system and then request it again, so that computations with many
+    # small matrices take more than twice as long.
     "MALLOC_TRIM_THRESHOLD_": 1 << 26,
     "MALLOC_MMAP_THRESHOLD_": 1 << 25,
-    # This silences messages about closed connections, which are of no use to the user.
+    # This level silences messages about closed connections, which are of no use to the user.
     "DASK_LOGGING__DISTRIBUTED": "critical",
     **ONE_THREAD,
 }
@@ -91,10 +91,10 @@ def dask_executor(scheduler: str | None = None, workers: int = 0) -> Iterator[Ex
 
     Parameters
     ----------
-    scheduler : address of a Dask scheduler that is running (tcp://10.0.0.1:8786); None: start a
-        cluster on this computer, which ends with the ``with`` block.
-    workers : number of workers of a cluster on this computer; 0: one per processor core. It has no
-        effect if ``scheduler`` is given.
+    scheduler : address of a Dask scheduler that is running, such as tcp://10.0.0.1:8786. None: a
+        cluster is started on this computer and ends with the ``with`` block.
+    workers : number of workers of a cluster on this computer; 0: one per processor core. This
+        argument has no effect if ``scheduler`` is given.
 
     Raises
     ------
@@ -152,8 +152,8 @@ class _DaskExecutor(Executor):
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Accept no more jobs.
 
-        If ``wait``, return only when the submitted jobs have ended. If ``cancel_futures``, cancel
-        the jobs that have not begun.
+        If ``wait`` is true, return only when the submitted jobs have ended. If ``cancel_futures``
+        is true, cancel the jobs that have not begun.
         """
         self._threads.shutdown(wait, cancel_futures=cancel_futures)
 
@@ -172,8 +172,8 @@ def _local_cluster(workers: int) -> Iterator[Any]:
     """Yield a Dask cluster of worker processes on this computer; it ends with the ``with`` block.
 
     ``workers`` is the number of processes; 0: one per processor core. If a worker died, the cluster
-    may take a long time to close; waiting for it ends after ten seconds. All results have arrived
-    before.
+    may take a long time to close; this function waits for ten seconds at most. By then, all results
+    have arrived.
     """
     from distributed import LocalCluster  # imported here, because Dask need not be installed
 
@@ -218,8 +218,9 @@ def _check_workers(client: Any, scheduler: str) -> None:
 def _check_versions(address: str, worker_versions: Any) -> None:
     """Raise an `InputError` if the library versions of a worker differ from those of this process.
 
-    ``address`` is the address of the worker. ``worker_versions`` are its versions by library. An
-    `InputError` is also raised if the worker returned an exception instead of versions.
+    ``address`` is the address of the worker. ``worker_versions`` are its versions; the keys are the
+    names of the libraries. An `InputError` is also raised if the worker returned an exception
+    instead of versions.
     """
     if not isinstance(worker_versions, dict):
         worker_versions = {}

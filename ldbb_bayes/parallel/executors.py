@@ -1,4 +1,4 @@
-"""Choice of the executor that runs jobs in other processes, by the options of a command.
+"""Choice of the executor that runs jobs in other processes, according to the options of a command.
 
 Executors have the interface of ``concurrent.futures`` of the standard library.
 """
@@ -22,7 +22,7 @@ EXECUTORS = ("process", "dask")
 
 @contextmanager
 def second_process() -> Iterator[Executor | None]:
-    """Yield an executor that runs jobs in a second process beside this one.
+    """Yield an executor that runs jobs in a second process, in addition to this process.
 
     Yield None if this process may use only one processor core.
     """
@@ -48,8 +48,8 @@ def executor_named(
 
     Returns
     -------
-    The executor. It is None if ``kind`` is "process" and there would be only one worker process;
-    jobs then run in this process.
+    The executor. If ``kind`` is "process" and there would be only one worker process, None is
+    returned instead; jobs then run in this process.
 
     Raises
     ------

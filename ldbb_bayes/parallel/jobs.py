@@ -1,4 +1,4 @@
-"""Functions that run independent jobs, and give a result for each even if worker processes die."""
+"""Functions that run independent jobs and give a result for each, even if workers die."""
 
 from __future__ import annotations
 
@@ -23,12 +23,13 @@ __all__ = ["Lost", "done", "start_early"]
 R = TypeVar("R")
 T = TypeVar("T")
 
-# Number of jobs submitted at once per worker process, so that no worker waits while this process
-# handles results.
+# Largest number of jobs per worker process that are submitted and not yet finished. It is larger
+# than one, so that no worker waits while this process handles results.
 _JOBS_PER_WORKER = 4
-# Number of jobs submitted at once to an executor whose number of workers is not known.
+# Largest number of jobs that are submitted and not yet finished, for an executor whose number of
+# workers is not known.
 _JOBS_IN_FLIGHT = 64
-# Lock with which jobs in threads of one process run one at a time, because these threads share the
+# Lock that makes jobs in threads of one process run one at a time, because these threads share the
 # filters of warnings and BLAS (the linear algebra library behind NumPy). One thread may take the
 # lock twice, because a job may itself run jobs.
 _TURN = threading.RLock()
@@ -46,7 +47,7 @@ class Lost:
 
 @dataclass(frozen=True)
 class _Attempt(Generic[T]):
-    """First or second attempt to run a job; the second follows if the worker process died."""
+    """First or second attempt to run a job; a second one follows if the worker process died."""
 
     index: int  # index of the job, from 0
     job: T  # argument with which the function is called
@@ -75,8 +76,8 @@ def done(
     Raises
     ------
     Exception
-        The exception of the first job that raises one, with a note that states the job's index;
-        pending jobs are cancelled.
+        If a job raises an exception: this exception, with a note that states the index of the job.
+        Pending jobs are cancelled.
     InputError
         If the executor stopped before all jobs were done.
     """
@@ -111,7 +112,8 @@ def done(
                 yield attempt.index, Lost()
             else:
                 retries.append(_Attempt(attempt.index, attempt.job, is_last=True))
-            del future  # the result must not stay in memory while the next job is waited for
+            # The result must not stay in memory while this process waits for the next job.
+            del future
     except BrokenExecutor as error:
         raise InputError(
             "the executor must last as long as its jobs, got one that gave them up (its workers"
@@ -129,13 +131,13 @@ def start_early(call: Callable[[], R], executor: Executor | None) -> Callable[[]
     Parameters
     ----------
     call : function without arguments that is called.
-    executor : executor whose process makes the call. None: this process makes the call when the
-        returned function is called.
+    executor : executor that makes the call in another process. None: this process makes the call
+        when the returned function is called.
 
     Returns
     -------
-    A function without arguments that returns the result. If the call failed in the other process,
-    this function repeats it in this process.
+    A function without arguments that returns the result of the call. If the call failed in the
+    other process, the function repeats the call in this process.
     """
     if executor is None:
         return call

@@ -1,4 +1,4 @@
-"""Executor of worker processes on this computer, each with its own communication pipe.
+"""Executor of worker processes on this computer, each of which has a separate communication pipe.
 
 If a worker dies, even while it sends a result, no other job fails and the executor does not hang.
 The pools of the standard library and of loky (3.7, which joblib uses) have one pipe for the results
@@ -35,7 +35,7 @@ __all__ = [
 ]
 
 # Error message for a script without the line ``if __name__ == "__main__":``. Every worker imports
-# the script and ends at once if this line is missing.
+# the script; if this line is missing, the worker ends at once.
 _UNGUARDED_SCRIPT = (
     "worker processes must be able to start, got some that ended at once. A script must do its work"
     ' under `if __name__ == "__main__":`, because every worker imports it.'
@@ -61,7 +61,7 @@ def process_executor(workers: int = 0) -> Iterator[Executor]:
     Raises
     ------
     InputError
-        If a worker process cannot start. The future of its job raises the error when the result is
+        If a worker process cannot start. The future of the job raises this error when the result is
         requested.
     """
     refuse_to_nest()
@@ -94,7 +94,7 @@ def ignore_interruption() -> None:
     """Make this worker process ignore Ctrl-C.
 
     A terminal sends Ctrl-C to all processes of a program. The process that started the worker
-    handles it.
+    handles Ctrl-C.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
@@ -126,8 +126,8 @@ class _ProcessPool(Executor):
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Accept no more jobs.
 
-        If ``wait``, return only when the submitted jobs have ended. If ``cancel_futures``, cancel
-        the jobs that have not begun.
+        If ``wait`` is true, return only when the submitted jobs have ended. If ``cancel_futures``
+        is true, cancel the jobs that have not begun.
         """
         self._threads.shutdown(wait, cancel_futures=cancel_futures)
 
@@ -163,7 +163,7 @@ class _ProcessPool(Executor):
     def _start_process(self) -> Connection:
         """Start a worker process, wait until it is ready, and return the connection to it.
 
-        Raise an `InputError` if it does not start.
+        Raise an `InputError` if the process does not start.
         """
         context = multiprocessing.get_context("spawn")
         connection, worker_connection = context.Pipe()
@@ -214,13 +214,13 @@ def _run_next_job(connection: Connection) -> _Answer | None:
         return _Answer(True, call())
     except EOFError:
         return None
-    except Exception as error:  # noqa: BLE001 - the starting process raises it again
+    except Exception as error:  # noqa: BLE001 - the process that started this one raises it again
         error.add_note("".join(traceback.format_exception(error)))
         return _Answer(False, error)
 
 
 def _send(connection: Connection, answer: _Answer) -> None:
-    """Send the answer, or a `TypeError` in its place if it cannot be pickled."""
+    """Send the answer. If the answer cannot be pickled, send a `TypeError` instead."""
     try:
         message = ForkingPickler.dumps(answer)
     except Exception as error:  # noqa: BLE001 - a class that cannot be pickled may raise any error
@@ -232,7 +232,7 @@ def _not_picklable(answer: _Answer, error: Exception) -> TypeError:
     """Return the error for an answer that cannot be pickled.
 
     If the answer is itself an exception, its notes, which state where it was raised, are copied.
-    ``error`` is what pickling raised.
+    ``error`` is the exception that pickling raised.
     """
     reason = TypeError(
         f"{type(answer.content).__name__} must be picklable, got: {error}. Return arrays, numbers"
