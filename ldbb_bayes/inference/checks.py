@@ -110,10 +110,10 @@ class TestChecks(Result):
 
     ``orders_p`` refers to the residual of each Fourier order. The effects of the machine and of
     shared nuisances (effects that are modelled but not of interest and that several tests have in
-    common, such as ball form) are subtracted first. The p-value is the probability that the
-    residual of a new circle is larger, averaged over the posterior. The p-values ``noise_p`` and
-    ``autocorrelation_p`` are two-sided. Both and ``autocorrelation`` are None if the test has no
-    more than 25 readings.
+    common, such as ball form) are subtracted first. Each p-value in ``orders_p`` is the probability
+    that the residual of a new circle is larger, averaged over the posterior. The p-values
+    ``noise_p`` and ``autocorrelation_p`` are two-sided. Both and ``autocorrelation`` are None if
+    the test has no more than 25 readings.
     """
 
     __test__ = False
@@ -165,9 +165,9 @@ def effects_of_failures(
 ) -> tuple[dict[str, float], float]:
     """Return how much the causes of failing checks could change parameters and widen intervals.
 
-    The keys of the first result are the names of the tests that fail the check of a Fourier order.
-    The value is the largest change of any parameter when the test is left out. The change is in
-    units of the parameter's posterior standard deviation. This result is empty if no check of a
+    The first result is a dict, whose keys are the names of the tests that fail the check of a
+    Fourier order. Its values are the largest changes of any parameter when the test is left out, in
+    units of the parameter's posterior standard deviation. The dict is empty if no check of a
     Fourier order fails, if the campaign has one test only, or if the prior is flat.
 
     The second result is the largest share by which a parameter's interval grows if the tests that
@@ -232,10 +232,10 @@ def _widening_by_noise(bound: BoundModel, phi: Array, tests: Sequence[str]) -> f
 def _power_beyond(bound: BoundModel) -> Array:
     """Return the variance of white noise that explains each test's readings at orders 13 to 16.
 
-    The orders are Fourier orders. The variances are in mm², shape (tests,). From the Fourier
-    coefficients of each test, their mean over all tests of the same plane, radius and direction of
-    travel is first subtracted: a pattern that the machine repeats is not noise. ``bound`` is the
-    model, applied to its campaign.
+    The orders are Fourier orders. The variances are in mm², shape (tests,). Tests of the same
+    plane, radius and direction of travel form a group. The mean of the Fourier coefficients over
+    the group is first subtracted, because a pattern that the machine repeats is not noise.
+    ``bound`` is the model, applied to its campaign.
     """
     setting = bound.setting
     waves = np.array([_waves_beyond(test) for test in tests_in_order(bound)])
@@ -403,9 +403,9 @@ def average_checks(
 ) -> dict[str, TestChecks]:
     """Return posterior predictive p-values of every test, averaged over several models.
 
-    ``shares`` are the weights of the models, which sum to one. ``checks_by_model`` holds the
-    p-values under each model. Its keys, and those of the result, are the names of the tests. The
-    autocorrelation and its p-value are the same under all models.
+    ``shares`` are the weights of the models, which sum to one. ``checks_by_model`` holds a dict for
+    each model, with the p-values under this model. The keys of these dicts and of the result are
+    the names of the tests. The autocorrelation and its p-value are the same under all models.
     """
     averaged = {}
     for name, first in checks_by_model[0].items():

@@ -5,7 +5,7 @@ deviations) of one circle. Its prior, λ² ~ InvGamma(a, a) with a = 3/2, has he
 unusual circle among the measured ones hardly changes the compliances. But most circles of one
 machine scatter alike, and a band for a new circle would be too wide if the λ of the new circle were
 drawn from that prior. The shape a is therefore learnt: each posterior draw of the λ of R measured
-circles gives a few possible values of a the probabilities
+circles determines the probabilities of a few possible values of a:
 
     p(a | λ_1 … λ_R) ∝ p(a) Π InvGamma(λ_r²; a, a).
 

@@ -6,8 +6,9 @@ of the noise and of other effects. y are the readings. Nuisances are effects tha
 not of interest: shared ones are common to several tests, private ones belong to a single circle.
 There are three kinds of prediction:
 
-- machine: H β plus the nominal deflection of the mount, unless readings are compensated for it. The
-  matrix H holds the effect of a unit of each parameter on each circle;
+- machine: H β plus the nominal deflection of the mount; the latter is left out if the readings are
+  already compensated for it. The matrix H holds the effect of a unit of each parameter on each
+  circle;
 - shared: the machine plus ball form, bar length, mount and force error. Root-mean-square residual
   and fitness (Eq. 34-35 of the paper) refer to this prediction;
 - new circle: the shared prediction plus set-up shift (of zero and centre), discrepancy (unexplained
@@ -172,11 +173,11 @@ def compliance_curves(
 
     ``force_N``, shape (n,), holds the forces [N]. C(F) follows from the compliance C at the
     reference force and its slopes, for each draw of the parameters ``beta``, shape (draws, p), and
-    hyper-parameters ``phi``, shape (draws, h). The direct compliance of a machine axis is its
-    deflection divided by the bar force along it. If the model has the term `JointLoad` (joints that
-    yield to their own load), direct compliances include what this term adds. That part is drawn at
-    random given the parameters, the hyper-parameters and the readings. ``bound`` is the model,
-    applied to its campaign.
+    hyper-parameters ``phi``, shape (draws, h). The direct compliance of a machine axis is the
+    deflection of the axis divided by the bar force along the axis. If the model has the term
+    `JointLoad` (joints that yield to their own load), direct compliances include what this term
+    adds. The coefficients of the term are drawn at random given the parameters, the
+    hyper-parameters and the readings. ``bound`` is the model, applied to its campaign.
     """
     return elastic_draws(ModelDraws(bound, phi, beta), (), force_N, rng).compliances
 
@@ -186,9 +187,10 @@ def elastic_draws(
 ) -> ElasticDraws:
     """Return posterior draws of compliances and of the elastic deflection around circles.
 
-    Both include what the term `JointLoad` (joints that yield to their own load) adds, if the model
-    has this term. That part is drawn at random given the parameters, the hyper-parameters and the
-    readings, and is the same in compliances and deflections.
+    If the model has the term `JointLoad` (joints that yield to their own load), both compliances
+    and deflections include what this term adds. The coefficients of the term are drawn at random
+    given the parameters, the hyper-parameters and the readings; compliances and deflections use the
+    same draws.
 
     Parameters
     ----------
@@ -197,7 +199,8 @@ def elastic_draws(
     circles
         Indices of tests whose circles are used.
     force_N
-        Forces of the bar, shape (n,), none of them zero [N]. They need not be those tested.
+        Forces of the bar, shape (n,), none of them zero [N]. Forces other than those tested are
+        allowed.
     rng
         Generator of the random draws.
 
@@ -260,7 +263,7 @@ def _names_of_shared(bound: BoundModel) -> list[str]:
 
 
 def shared_coefficients(bound: BoundModel, phi: Array, beta: Array) -> Array:
-    """Return what posterior draws predict for each measured circle, without its scatter [mm].
+    """Return what posterior draws predict for each measured circle, without random scatter [mm].
 
     The prediction includes the machine, ball form, bar length, mount and force error. Nuisances,
     that is, effects that are modelled but not of interest, are at their means given the readings,
@@ -302,10 +305,11 @@ def draw_shared_coefficients(
 ) -> Array:
     """Return the machine's effects plus random draws of nuisances that tests share [mm].
 
-    Nuisances are effects that are modelled but not of interest, such as ball form. They are drawn
-    given the readings, the parameters ``beta``, shape (draws, p), and the hyper-parameters ``phi``,
-    shape (draws, h). The result holds Fourier coefficients of the orders 0 to 12 of every test,
-    shape (draws, tests, 25). ``bound`` is the model, applied to its campaign.
+    Nuisances are effects that are modelled but not of interest, such as ball form. The nuisances
+    are drawn given the readings, the parameters ``beta``, shape (draws, p), and the
+    hyper-parameters ``phi``, shape (draws, h). The result holds Fourier coefficients of the orders
+    0 to 12 of every test, shape (draws, tests, 25). ``bound`` is the model, applied to its
+    campaign.
     """
     nuisances = draw_shared(bound, phi, beta, rng)
     shared = np.einsum("tkq,wq->wtk", shared_columns(bound), nuisances)
@@ -316,10 +320,10 @@ def draw_of_circle(bound: BoundModel, phi: Array, r: int, rng: np.random.Generat
     """Return random draws of the effects that act on one test only, shape (draws, 25) [mm].
 
     The effects are the random force error, the set-up shift (of zero and centre) and the
-    discrepancy (unexplained deviations of the orders 2 to 12). They are Fourier coefficients of the
-    orders 0 to 12, for the test with the index r. ``phi``, shape (draws, h), holds draws of the
-    hyper-parameters, which are the scales of these and other effects. ``bound`` is the model,
-    applied to its campaign.
+    discrepancy (unexplained deviations of the orders 2 to 12). The result holds the sum of the
+    effects as Fourier coefficients of the orders 0 to 12, for the test with the index r. ``phi``,
+    shape (draws, h), holds draws of the hyper-parameters, which are the scales of these and other
+    effects. ``bound`` is the model, applied to its campaign.
     """
     coefficients = np.zeros((len(phi), SIZE))
     for term in private_terms(bound, phi, r):

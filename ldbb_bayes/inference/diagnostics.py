@@ -31,7 +31,7 @@ __all__ = [
 _LOWER_POWER = 0.99
 _UPPER_POWER = 1.01
 # The effective sample size for the tails of a parameter is the smaller of two effective sample
-# sizes, those for its quantiles at these probabilities (Vehtari et al. 2021).
+# sizes: those for its quantiles at these probabilities (Vehtari et al. 2021).
 _TAILS = (0.05, 0.95)
 # Smallest number of importance weights whose tail can be judged: ArviZ fits a Pareto distribution
 # to a fifth of the weights and needs at least five of them.

@@ -57,7 +57,7 @@ class Evidences(Shown):
     tolerance : float
         Error allowed in every log evidence [nat].
     progress : callable, optional
-        Function called without arguments each time that a model has been computed.
+        Function called without arguments each time that the nodes of a model are ready.
     keep_tests : sequence of str, optional
         Names of the tests to keep. Default: all.
 

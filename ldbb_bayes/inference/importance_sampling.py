@@ -277,7 +277,7 @@ def _fit_to_rounds(
 
 
 def _even_out(log_weight: Array, h: int) -> Array:
-    """Return weights of n points in h dimensions, evened out if few points have most weight.
+    """Return the weights of n points in h dimensions, evened out if few points dominate.
 
     The weights sum to one; ``log_weight``, shape (n,), holds the logarithms of the original
     weights. Weights are evened out by raising them to a power below one. The power is lowered until

@@ -3,7 +3,7 @@
 y are the readings; φ are the h hyper-parameters, the scales of the noise and of other effects; β
 are the p parameters: compliances, their slopes and geometric errors. Truncation T restricts β to
 compliances that are not negative; values of β without negative compliances are called inside. Free
-coordinates are φ transformed to be unbounded.
+coordinates are φ transformed to be unbounded, mostly ln(φ − lower bound).
 """
 
 from __future__ import annotations

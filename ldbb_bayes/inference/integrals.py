@@ -57,8 +57,9 @@ _BEYOND_EDGE = 3.0
 # grids.
 _MEAN_OF_TWO = 0.25
 # The error of the log integral from a lattice is derived from the difference d between the log
-# integrals from its two grids [nat]: it is ``_MEAN_OF_TWO`` times d up to d = ``_LARGEST_LINEAR``.
-# Above, it stays constant until d² exceeds it, and is d² from there on.
+# integrals from its two grids [nat]: up to d = ``_LARGEST_LINEAR``, the error is ``_MEAN_OF_TWO``
+# times d. For larger d, the error is the larger of two numbers: its value at ``_LARGEST_LINEAR``,
+# and d².
 _LARGEST_LINEAR = 0.02
 # After the step of a lattice (the distance between its points) is shortened, the difference between
 # the log integrals from its two grids counts as at least this share of what it was before.
@@ -75,7 +76,7 @@ class ProposalDensity(Protocol):
         """Return the log density, shape (n,), at points of shape (n, h)."""
 
     def draw(self, size: int, rng: Random, *, temperature: float = 1.0) -> Array:
-        """Return independent random draws, shape (size, h), spread wider by √``temperature``."""
+        """Return independent draws, shape (size, h), with widths multiplied by √``temperature``."""
 
 
 @dataclass(frozen=True, eq=False)

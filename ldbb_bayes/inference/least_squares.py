@@ -81,7 +81,7 @@ def fit_least_squares(
         quadratic (2).
     reference_force_N : float, optional
         Force F0 at which slopes add nothing [N]. Default: the mid-range of the campaign's forces.
-        Zero gives Eq. 33 literally.
+        Zero gives exactly Eq. 33.
     fixed : tuple of str
         Names of parameters held at zero.
 

@@ -130,9 +130,11 @@ class Assessment:
     def share(self, rule: StoppingRule, *, walkers: int) -> float:
         """Return the smallest ratio of an effective sample size to the one that is required.
 
-        The ratio is one or more if the draws suffice. For walkers, the rule also asks for a number
-        of autocorrelation times that the draws must span. ``walkers`` is the number of walkers of
-        all ensembles together, or 0 for independent draws.
+        The draws suffice if the ratio is one or more. The effective sample sizes for mean and tails
+        must reach ``ess`` of the rule. For walkers, the one for the mean must also reach
+        ``lengths`` times the number of walkers, because the draws must span ``lengths``
+        autocorrelation times. ``walkers`` is the number of walkers of all ensembles together, or 0
+        for independent draws.
         """
         shares = [self.ess_bulk_min / rule.ess, self.ess_tail_min / rule.ess]
         if walkers > 0:

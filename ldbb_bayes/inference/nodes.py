@@ -137,7 +137,8 @@ class HyperPosterior:
         The model applied to its campaign.
     truncated : bool
         Whether the density is multiplied by P(T | y, φ), the probability, given y and φ, of the
-        condition T that no compliance is negative. The model itself may require otherwise.
+        condition T that no compliance is negative. The value may differ from what the model
+        requires.
     seed : int
         Seed of the starting points of the search for modes, and of the quasi-random points from
         which P(T | y, φ) is computed.
@@ -238,8 +239,8 @@ class HyperPosterior:
         """Return weighted values of the hyper-parameters φ (nodes) that represent this density.
 
         φ are the scales of the noise and of other effects. ``tolerance`` is the error allowed in
-        the logarithm of the integral of the density [nat], which is the log evidence; if the nodes
-        miss it, their ``error`` is larger.
+        the logarithm of the integral of the density [nat], which is the log evidence. If the nodes
+        do not reach this tolerance, their ``error`` is larger.
 
         If this density is ``truncated``, the nodes are first those of the density that allows
         negative compliances, with weights multiplied by the probability, given φ, that no
@@ -633,7 +634,7 @@ class Nodes:
 
     @property
     def bound(self) -> BoundModel:
-        """The model whose hyper-parameters the nodes are values of, applied to its campaign."""
+        """The model to which the nodes belong, applied to its campaign."""
         return self.posterior.bound
 
     @property

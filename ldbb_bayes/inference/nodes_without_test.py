@@ -30,7 +30,8 @@ __all__ = ["NodesWithoutTest"]
 
 # Seed of the noise factors of tests left out, which are drawn from their prior.
 _SEED = 0
-# Least standard deviation of the coordinate of a noise factor, given the other coordinates.
+# The fitted standard deviation of the coordinate of a noise factor, given the other coordinates,
+# counts as at least this.
 _LEAST_SD = 1e-6
 
 
@@ -73,7 +74,7 @@ def fit_factor(integral: Integral, axis: int) -> GaussianFactor:
 
 
 class NodesWithoutTest:
-    """Source of the nodes of one model for a campaign without any one of its tests.
+    """Nodes of one model for a campaign from which any one of the tests can be left out.
 
     Nodes are weighted values of the hyper-parameters (scales of the noise and of other effects).
 

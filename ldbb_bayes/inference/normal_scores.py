@@ -1,11 +1,12 @@
-"""Coordinates of the hyper-parameters in which integrals over them are computed.
+"""Coordinates of the hyper-parameters in which integrals over hyper-parameters are computed.
 
-The hyper-parameters φ are the scales of the noise and of other effects. Under its prior, the normal
-score z of a hyper-parameter is standard normal: Φ(z) is its prior probability of a smaller value.
-The logarithm of a scale that the readings hardly determine extends far towards minus infinity, with
-an exponential tail. Its normal score has a Gaussian tail, so that the posterior of all φ together
-resembles a Gaussian more closely, and fewer nodes suffice. Noise factors of circles are transformed
-to their logarithms instead, which are nearly normal.
+The hyper-parameters φ are the scales of the noise and of other effects. The normal score z of a
+hyper-parameter is a standard normal variable under the prior: Φ(z) is the prior probability that
+the hyper-parameter is smaller. The logarithm of a scale that the readings hardly determine extends
+far towards minus infinity, with an exponential tail. The normal score of such a scale has a
+Gaussian tail, so that the posterior of all φ together resembles a Gaussian more closely, and fewer
+nodes suffice. Noise factors of circles are transformed to their logarithms instead, which are
+nearly normal.
 """
 
 from __future__ import annotations
@@ -60,13 +61,13 @@ class NormalScores:
 
     @cached_property
     def _mean(self) -> Array:
-        """Means of the k normal priors before restriction, shape (k,)."""
+        """Means of the k normal priors before these are restricted to intervals, shape (k,)."""
         mean = np.where(self.prior.in_mm, 0.0, self.prior.scale)
         return np.asarray(mean[self._restricted])
 
     @cached_property
     def _sd(self) -> Array:
-        """Standard deviations of the k normal priors before restriction, shape (k,)."""
+        """Standard deviations of the k normal priors before these are restricted, shape (k,)."""
         sd = np.where(self.prior.in_mm, self.prior.scale, self.prior.decay_sd)
         return np.asarray(sd[self._restricted])
 
@@ -77,22 +78,23 @@ class NormalScores:
 
     @cached_property
     def _log_mass(self) -> Array:
-        """Log probability of values between a and b under the unrestricted priors, shape (k,)."""
+        """Log probability of values between the bounds, under unrestricted priors, shape (k,)."""
         return self._log_probability_above(self._bounds[0])
 
     def _log_probability_above(self, values: Array) -> Array:
-        """Return the log probability of φ between ``values`` and b, shape (..., k).
+        """Return the log probabilities of the intervals between ``values`` and the upper bounds.
 
-        The probability is that under the unrestricted priors.
+        The probabilities are those under the k normal priors before these are restricted.
+        ``values`` and the result have the shape (..., k).
         """
         log_tail = log_ndtr(-(values - self._mean) / self._sd)
         log_share = np.minimum(self._log_above - log_tail, _LARGEST_LOG_PROBABILITY)
         return np.asarray(log_tail + np.log(-np.expm1(log_share)))
 
     def _values(self, scores: Array) -> Array:
-        """Return the k hyper-parameters with restricted normal priors, shape (..., k).
+        """Return values of the k hyper-parameters with restricted normal priors, shape (..., k).
 
-        ``scores``, shape (..., h), are the normal scores of all hyper-parameters.
+        ``scores``, shape (..., h), are the normal scores of the values.
         """
         log_probability = log_ndtr(-scores[..., self._restricted]) + self._log_mass
         log_tail = np.logaddexp(log_probability, self._log_above)
@@ -100,7 +102,7 @@ class NormalScores:
 
     @cached_property
     def _log_density_at_bounds(self) -> Array:
-        """Log density of the restricted priors at a and b, shape (2, k); −inf where b is ∞."""
+        """Log density of the k restricted priors at both bounds, shape (2, k); −inf at infinity."""
         white = (self._bounds - self._mean) / self._sd
         log_normal = -0.5 * white**2 - 0.5 * np.log(2.0 * np.pi)
         return np.asarray(log_normal - np.log(self._sd) - self._log_mass)
@@ -108,8 +110,9 @@ class NormalScores:
     def _log_distances(self, scores: Array) -> tuple[Array, Array]:
         """Return ln(φ − a) and ln(b − φ), each of shape (..., k).
 
-        Where b is infinite, the second result is zero. ``scores``, shape (..., h), are the normal
-        scores.
+        φ are the k hyper-parameters with restricted normal priors, and a and b their lower and
+        upper bounds. Where b is infinite, the second result is zero. ``scores``, shape (..., h),
+        are the normal scores.
         """
         lower, upper = self._bounds
         values = self._values(scores)
@@ -126,14 +129,14 @@ class NormalScores:
         return above, np.where(np.isfinite(upper), below, 0.0)
 
     def free(self, scores: Array) -> Array:
-        """Return the unbounded coordinates at given normal scores."""
+        """Return the unbounded coordinates at given normal scores, both of shape (..., h)."""
         free = np.array(scores, dtype=float)
         above, below = self._log_distances(scores)
         free[..., self._restricted] = above - below
         return free
 
     def scores(self, free: Array) -> Array:
-        """Return the normal scores at given unbounded coordinates."""
+        """Return the normal scores at given unbounded coordinates, both of shape (..., h)."""
         scores = np.array(free, dtype=float)
         values = self.prior.phi(free)[..., self._restricted]
         log_probability = self._log_probability_above(values) - self._log_mass
@@ -150,9 +153,11 @@ class NormalScores:
     def _log_probabilities_near_bounds(self, free: Array) -> tuple[Array, Array]:
         """Return log prior probabilities that φ is nearer to a, and nearer to b, than given values.
 
-        The probabilities are computed as if the prior density were the same everywhere as at the
-        bound, which is accurate near the bound. Both arrays have the shape (..., k). The second
-        array is infinite where b is infinite.
+        φ are the k hyper-parameters with restricted normal priors, and a and b their lower and
+        upper bounds. ``free``, shape (..., h), are the given values in unbounded coordinates. The
+        probabilities are computed as if the prior density were the same everywhere as at the bound,
+        which is accurate near the bound. Both arrays have the shape (..., k). The second array is
+        infinite where b is infinite.
         """
         lower, upper = self._bounds
         restricted = free[..., self._restricted]
@@ -168,8 +173,8 @@ class NormalScores:
         """Return the log volume of unbounded coordinates per volume of scores, shape (...).
 
         The log volume follows from the prior density p of a hyper-parameter φ. The standard normal
-        density of the score z times dz is p(φ) dφ. If u is the unbounded coordinate, dφ is (φ − a)
-        du, or (φ − a) (b − φ) / (b − a) du if b is finite.
+        density of the score z times dz is p(φ) dφ. If u is the unbounded coordinate, and a and b
+        are the bounds of φ, then dφ is (φ − a) du, or (φ − a) (b − φ) / (b − a) du if b is finite.
         """
         values = self._values(scores)
         above, below = self._log_distances(scores)

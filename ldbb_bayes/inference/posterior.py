@@ -201,8 +201,8 @@ def load(path: str | os.PathLike[str]) -> xr.DataTree:
     ------
     InputError
         For a file that is missing, damaged (its digest then differs), not written by this package,
-        or written by another version of it; also for a fit of an earlier edition of the default
-        model.
+        or written by another version of this package. Also for a fit of an earlier edition of the
+        default model.
 
     Examples
     --------
@@ -452,7 +452,7 @@ def model_of(posterior: xr.DataTree) -> HybridModel:
     """Return the model that was fitted to obtain a posterior, as its record describes it.
 
     If the posterior is an average over several models, return the one model that has the parameters
-    of all of them.
+    of all these models.
     """
     return model_from_toml(record_of(posterior)["model"]["toml"])
 

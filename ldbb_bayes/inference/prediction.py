@@ -56,8 +56,8 @@ def predict(
     Bar, balls, mount and force device are those of the posterior. The effects of the machine and of
     shared nuisances (effects that are modelled but not of interest, such as ball form) are drawn
     from the posterior. Set-up shift (of zero and centre), discrepancy (unexplained deviations of a
-    circle), random force error and white noise are drawn anew. Shift and discrepancy scatter as
-    much from circle to circle as those of the measured circles. Effects that the campaign does not
+    circle), random force error and white noise are drawn anew. Set-up shift and discrepancy of the
+    new circles scatter as much as those of the measured circles. Effects that the campaign does not
     show, such as the length of the bar at another radius, are drawn from their prior. If times are
     not stated, the new circles count as run after the measured ones. To predict a circle that is
     run between measured ones, state ``time_s`` of all tests.
@@ -134,8 +134,9 @@ def new_circles(
     rng
         Generator of random numbers.
     learn_spread
-        Whether the scatter of new circles is learnt from that of the measured ones
-        (`circle_spread`). If not, their noise factors λ are drawn from the model's prior.
+        Whether the scatter of the new circles is learnt from the scatter of the measured circles
+        (`circle_spread`). If False, the noise factors λ of the new circles are drawn from the
+        model's prior.
     """
     measured, planned = _bind_with_plan(draws.bound, plan)
     names = planned.hyper_prior.names
@@ -175,9 +176,9 @@ def _draw_shared_of_plan(
     Shared nuisances are effects that are modelled but not of interest and that several tests have
     in common. The result holds random draws of Fourier coefficients of the orders 0 to 12, shape
     (draws, tests, 25). Nuisances that the measured tests also have are drawn from their posterior,
-    others from their prior. ``measured`` and ``planned`` are the model applied to the measured and
-    to the planned tests. ``phi``, shape (draws, h), holds draws of the hyper-parameters, ``beta``,
-    shape (draws, p), posterior draws of the parameters.
+    all other nuisances from their prior. ``measured`` and ``planned`` are the model applied to the
+    measured and to the planned tests. ``phi``, shape (draws, h), holds draws of the
+    hyper-parameters, ``beta``, shape (draws, p), posterior draws of the parameters.
     """
     value = dict(zip(planned.hyper_prior.names, phi.T, strict=True))
     learnt: list[str] = []
@@ -213,7 +214,7 @@ def readings_drawn(
 class _MeasuredAndPlanned(NamedTuple):
     """One model, applied to the measured tests and applied to the planned tests.
 
-    Both have the same nuisances, that is, effects that are modelled but not of interest.
+    In both cases the model has the same nuisances (effects that are modelled but not of interest).
     """
 
     measured: BoundModel
@@ -223,11 +224,11 @@ class _MeasuredAndPlanned(NamedTuple):
 def _bind_with_plan(bound: BoundModel, plan: Campaign) -> _MeasuredAndPlanned:
     """Return a model applied to the measured tests, and the same model applied to planned tests.
 
-    Both results are made as if all these tests were of one campaign. They therefore have the same
-    nuisances (effects that are modelled but not of interest), such as ball forms and bar lengths.
-    ``bound`` is the model applied to the measured campaign; ``plan`` holds the planned tests. Raise
-    an `InputError` if the plan is of another machine, or if its tests depend on parameters that the
-    model lacks.
+    Both results are made as if the measured and the planned tests were of one campaign. Both
+    therefore have the same nuisances (effects that are modelled but not of interest), such as ball
+    forms and bar lengths. ``bound`` is the model applied to the measured campaign; ``plan`` holds
+    the planned tests. Raise an `InputError` if the plan is of another machine, or if its tests
+    depend on parameters that the model lacks.
     """
     campaign = bound.campaign
     machine = (campaign.topology, dict(campaign.frames_mm))
@@ -310,8 +311,9 @@ def _with_new_noise_factor(
     """Return hyper-parameters with a new noise factor λ of the test left out, shape (n, h).
 
     Without the test's readings, λ is independent of all other unknowns and has its prior density. A
-    new draw for every circle represents its heavy tail better than the few values at the nodes.
-    ``r`` is the index of the test, and ``phi``, shape (n, h), are the hyper-parameters.
+    new draw for every circle represents the heavy tail of this density better than the few values
+    at the nodes. ``r`` is the index of the test, and ``phi``, shape (n, h), are the
+    hyper-parameters.
     """
     name = str(bound.setting.circle[r])
     if name not in bound.hyper_prior.names:
@@ -332,10 +334,11 @@ def band_um(
 ) -> Array:
     """Return the lower and upper limit of readings at every angle [µm], shape (2, angles).
 
-    The limits enclose a reading, white noise included, with probability ``prob`` at each angle and
-    are equal-tailed. They follow from random draws of circles: ``coefficients``, shape (draws, 25),
-    holds their Fourier coefficients of the orders 0 to 12 [mm], ``sigma_mm``, shape (draws,), the
-    standard deviations of their white noise. ``angle_rad``, shape (angles,), holds the angles.
+    At each angle, a reading, white noise included, lies between the limits with the probability
+    ``prob``; it is below or above them with equal probabilities. The limits are computed from
+    random draws of circles: ``coefficients``, shape (draws, 25), holds their Fourier coefficients
+    of the orders 0 to 12 [mm], ``sigma_mm``, shape (draws,), the standard deviations of their white
+    noise. ``angle_rad``, shape (angles,), holds the angles.
     """
     readings = readings_drawn(coefficients, sigma_mm, angle_rad, rng)
     return np.quantile(readings, [(1.0 - prob) / 2.0, (1.0 + prob) / 2.0], axis=0) * 1e3

@@ -21,8 +21,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["RelatedModels", "log_values"]
 
-# The log probability that no compliance is negative is computed to this share of the tolerance of a
-# log evidence, but never better than ``_FINEST_TOLERANCE`` [nat].
+# The error allowed in the log probability that no compliance is negative is this share of the
+# tolerance of a log evidence, but at least ``_FINEST_TOLERANCE`` [nat].
 _SHARE_OF_TOLERANCE = 0.25
 _FINEST_TOLERANCE = 1e-3
 
@@ -31,8 +31,8 @@ class RelatedModels:
     """Nodes of models whose hyper-parameters are those of a given model.
 
     Nodes are weighted values of the hyper-parameters φ (scales of the noise and of other effects)
-    that represent their posterior. All models use the same values of φ, each with weights of its
-    own: in proportion to p(y | φ) p(φ) under that model, with the readings y.
+    that represent their posterior. All models use the same values of φ, but each model has its own
+    weights, in proportion to p(y | φ) p(φ) under this model, with the readings y.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ class RelatedModels:
         return posterior.nodes(self._tolerance)
 
     def _nodes_of_all(self, posterior: HyperPosterior) -> Nodes:
-        """Return the given nodes, weighted by the density of another model at all of them."""
+        """Return the given nodes, weighted with the density of another model at all nodes."""
         plain = replace(
             self._integral,
             log_density=in_chunks(posterior.plain.log_density, self._integral.free),

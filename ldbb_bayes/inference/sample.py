@@ -247,7 +247,7 @@ def fit_model(
     seed : int
         Seed of all random numbers.
     rule : StoppingRule
-        When to stop.
+        Rule that decides when sampling stops.
     prior_draws : int
         Number of random draws from the prior that the posterior also contains.
     **options
