@@ -632,7 +632,7 @@ class _KnownEstimate(NamedTuple):
 # Cache of the estimates of every campaign's machine, one for each model, the newest last. An
 # estimate always uses all tests of the campaign, even if the bound model leaves tests out.
 _ESTIMATES: WeakKeyDictionary[Campaign, list[_KnownEstimate]] = WeakKeyDictionary()
-# Largest number of estimates that the cache holds for a campaign.
+# Largest number of estimates of the machine that the cache holds for one campaign.
 _KEPT_ESTIMATES = 64
 # Cache of the models that were most recently bound to whole campaigns, the newest last. A bound
 # model can be shared, because nothing changes it after it was made.

@@ -310,7 +310,8 @@ class Information:
         """Return the covariance of the parameters' errors due to every independent source, (p, p).
 
         The errors of the p parameters of interest are divided by their prior sds. The sum of all
-        covariances is the posterior covariance. The keys are those of `shares`.
+        covariances is the posterior covariance. The keys name the sources and are explained at
+        `shares`.
 
         Parameters
         ----------

@@ -60,8 +60,8 @@ class _Batch(NamedTuple):
     multiples, the library of matrix products (BLAS) rounds in the same way, whatever w is.
     """
 
-    #: Index of each of the w values of the hyper-parameters in the array given by the caller, shape
-    #: (w,).
+    #: Index of each of the batch's w values of the hyper-parameters in the array that the caller
+    #: gave, shape (w,).
     phi_index: NDArray[np.intp]
     #: Reciprocal noise variance of every kind of row (rows with the same variance) for w values of
     #: the hyper-parameters, shape (kinds, w).

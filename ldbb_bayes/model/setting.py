@@ -473,10 +473,9 @@ def _by_setup(campaign: Campaign, columns: Array) -> Array:
 def _time_h(campaign: Campaign, pilot: Campaign | None) -> Array:
     """Return the time of every test minus the mean time of the campaign [h], shape (tests,).
 
-    If all tests state their times, these times are used. Otherwise the tests count as run in the
-    order in which they are listed, one every six minutes. If the campaign states that the tests
-    were run in another order, all values are NaN; likewise if all tests count as run at the same
-    time.
+    If all tests state their times, these times are used. If not, the tests count as run in the
+    order in which they are listed, one every six minutes; all values are NaN if the campaign states
+    that this was not the order. All values are also NaN if all tests count as run at the same time.
 
     If a pilot campaign is given whose tests state their times, the mean is that of the pilot, and
     tests without times count as run at the mean. If the pilot's tests state no times, a plan whose

@@ -255,7 +255,7 @@ class Term(Shown):
     def scales_in(self, setting: Setting) -> tuple[Scale, ...]:
         """Return the term's hyper-parameters under the conditions of a campaign's tests.
 
-        By default they are ``scales``, which do not depend on the campaign.
+        By default, these are the ``scales`` of the term, which do not depend on the campaign.
         """
         return self.scales
 
