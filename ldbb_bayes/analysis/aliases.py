@@ -3,9 +3,9 @@
 Coefficients are the parameters of interest (compliances, their slopes and geometric errors) and the
 nuisance coefficients (effects that are modelled but not of interest). In a degeneracy, the effects
 of the coefficients on the readings cancel. For example, a change of the parameters cancels the
-effect of a nuisance. The degeneracies span the null space of the design matrix; a sparse basis of
-it is computed, so that each degeneracy involves few coefficients. No readings are needed, so that a
-plan can be examined too.
+effect of a nuisance. The degeneracies span the null space of the design matrix. A sparse basis of
+this space is computed, so that each degeneracy involves few coefficients. No readings are needed,
+so that a plan can be examined too.
 """
 
 from __future__ import annotations
@@ -84,10 +84,10 @@ class _Coefficients:
     """The m coefficients that act in several tests: parameters and nuisance coefficients.
 
     Nuisance coefficients (effects that are not of interest) that the model leaves out are included.
-    ``owners`` are the class names of the model terms that the coefficients belong to, empty for
-    parameters. ``columns``, shape (tests, 25, m), are the changes of the 25 Fourier coefficients of
-    each test's radial deviation per unit of each coefficient. ``prior_sd``, shape (m,), are the
-    prior standard deviations.
+    ``owners`` are the class names of the model terms that the coefficients belong to; for a
+    parameter, the name is empty. ``columns``, shape (tests, 25, m), are the changes of the 25
+    Fourier coefficients of each test's radial deviation per unit of each coefficient. ``prior_sd``,
+    shape (m,), are the prior standard deviations.
     """
 
     names: tuple[str, ...]
@@ -231,8 +231,8 @@ def _modelled_term(bound: BoundModel, owner: str) -> Term | None:
 def _all_coefficients(bound: BoundModel) -> _Coefficients:
     """Return the coefficients that act in several tests: parameters and nuisance coefficients.
 
-    The nuisance coefficients (effects that are not of interest) are those of the model's terms, and
-    those of terms that the model's preset has but the model leaves out.
+    Nuisance coefficients are effects that are not of interest. Those of the model's terms are
+    returned, and also those of terms that the model's preset has but the model leaves out.
     """
     modelled = {type(term): term for term in bound.model.nuisances}
     terms = {**edition_terms(bound), **modelled}
@@ -265,8 +265,8 @@ def _effects(bound: BoundModel, columns: Array) -> Array:
     """Return the change of k readings per unit of each of m coefficients, shape (k, m) [mm].
 
     ``columns``, shape (tests, 25, m), are the changes of the 25 Fourier coefficients of each test's
-    radial deviation. The readings are those of each test at its own angles, of which at most
-    ``_MOST_ANGLES`` are used.
+    radial deviation. The readings are those of each test at its own angles. At most
+    ``_MOST_ANGLES`` angles of a test are used.
     """
     tests = {test.name: test for test in bound.campaign.tests}
     rows = []

@@ -44,7 +44,7 @@ class DecidingAssumption(Result):
 def deciding_assumptions(budgets: Mapping[str, Budget]) -> tuple[DecidingAssumption, ...]:
     """Return the assumed effects that cause at least 5 % of the variance of at least one parameter.
 
-    The sizes are those that the budgets state as the standard uncertainties of the sources. The
+    The sizes of the effects are the standard uncertainties of the sources in the budgets. The
     priors of the parameters are not effects, and are left out.
 
     Parameters

@@ -88,9 +88,9 @@ class _WeightedModels:
 
     @property
     def log_evidence_error(self) -> float:
-        """Return the largest error of a log evidence among the models that count [nat].
+        """Return the largest error of the log evidence of any model [nat].
 
-        Models with a posterior probability below 0.001 do not count.
+        Models with a posterior probability below 0.001 are ignored.
         """
         errors = np.array([nodes.evidence.error for nodes in self.nodes])
         return float(errors[self.probability > _NEGLIGIBLE_PROBABILITY].max())
@@ -321,8 +321,8 @@ def _log_densities(draws_of_models: Sequence[ModelDraws], order: Array) -> dict[
     """Return the log densities of the draws of all models, by name of the density.
 
     For example, ``lp`` is the log density of the posterior. Each result has the shape of ``order``,
-    (chains, draws). ``order`` holds the indices of the draws in the order of the result; the draws
-    of all models are counted one model after another.
+    (chains, draws). ``order`` holds the indices of the draws in the order of the result. The
+    indices count the draws of the first model first, then those of the next model, and so on.
     """
     by_model = [densities_of(draws_of_model) for draws_of_model in draws_of_models]
     pooled = {}
@@ -334,8 +334,8 @@ def _log_densities(draws_of_models: Sequence[ModelDraws], order: Array) -> dict[
 def _log_prob_truncation(weighted: _WeightedModels) -> tuple[float, float]:
     """Return the log probability that no compliance is negative, and its error [nat].
 
-    The probability is computed from the posterior of the most probable model. This posterior is the
-    one without the condition that compliances are not negative.
+    The probability is computed from the posterior of the most probable model, without the condition
+    that compliances are not negative.
     """
     most_probable = weighted.bounds[int(np.argmax(weighted.probability))]
     near = weighted.nodes[0].posterior.plain.mode

@@ -1,7 +1,7 @@
 """Columns of the design matrix for the circle of one test, at any force.
 
-A circle is described by 25 Fourier coefficients of its radial deviation. A column holds their
-changes per unit of one parameter.
+A circle is described by 25 Fourier coefficients of its radial deviation. Each column holds the
+changes of these coefficients per unit of one parameter.
 """
 
 from __future__ import annotations

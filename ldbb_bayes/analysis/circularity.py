@@ -3,7 +3,7 @@
 The circular deviation G is the width of the narrowest ring about the least-squares centre that
 contains the path. Radial deviations F are stated about two circles with this centre: F_max and
 F_min about the least-squares circle, F_max_nominal and F_min_nominal about the circle with the
-nominal radius, as ISO 230-4 defines them.
+nominal radius. The definitions are those of ISO 230-4.
 
 The uncertainty of the path makes the peak-to-peak value of every posterior draw too large. This
 excess is removed, so that the mean of the draws of G equals G of the posterior mean path; see

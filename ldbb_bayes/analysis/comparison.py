@@ -218,13 +218,14 @@ class Comparison(Result):
 
     campaign: ComparedCampaign  #: name and digest of the campaign that models were compared on
     models: dict[str, ComparedModel]  #: results of each model, by the name that the caller gave
-    #: log Bayes factor ln B of each later model over the first [nat]; a key such as
-    #: "linear/constant" has the later model's name before the first model's name
+    #: log Bayes factor ln B of each model except the first over the first model [nat]. In a key
+    #: such as "linear/constant", the first model is named last.
     log_bayes_factor: dict[str, float]
     #: error of each log Bayes factor ln B [nat], with the keys of ``log_bayes_factor``
     log_bayes_factor_error: dict[str, Finite]
-    #: difference of the expected log predictive density of tests left out, each later model minus
-    #: the first [nat], with the keys of ``log_bayes_factor``; empty if no test was left out
+    #: expected log predictive density of tests left out, of each model except the first minus that
+    #: of the first model [nat], with the keys of ``log_bayes_factor``; empty if no test was left
+    #: out
     elpd_difference: dict[str, Difference]
     #: names of the first two models as "second/first"; the results under other priors and
     #: assumptions state the log Bayes factor of the second model over the first
@@ -262,7 +263,8 @@ class Comparison(Result):
     #: least 10 nat below that of the models' own assumption
     largest_error: Finite
     #: number of evidences whose quadrature weights cannot be trusted, so that their errors are
-    #: infinite; the field has the name of an older version, for programs that read the JSON file
+    #: infinite. The field keeps the name of an older version, because programs read it from the
+    #: JSON file.
     by_emcee: int = 0
     #: probabilities of slopes (changes of compliance with force) and of rival explanations of the
     #: same change of the readings, such as a nonlinear mount. It is None unless two conditions
@@ -305,8 +307,8 @@ class Comparison(Result):
     def gain(self, assumed: Assumed) -> float:
         """Return the log evidence of an assumption minus that of the models' own assumption [nat].
 
-        The assumptions are about how circles differ from one another. Each counts with the larger
-        log evidence of the two models.
+        The assumptions are about how circles differ from one another. The log evidence of an
+        assumption is the larger one of the two models under it.
         """
         return assumed.best - self.discrepancy_sensitivity[0].best
 
@@ -442,7 +444,7 @@ class _StepCounter:
 
 
 def _report_nothing() -> None:
-    """Do nothing; this takes the place of the progress function when all steps are reported."""
+    """Do nothing. This function replaces the progress function once all steps are reported."""
 
 
 @one_blas_thread
@@ -755,9 +757,9 @@ def _evidences_of(left_out_nodes: Mapping[str, Mapping[str, Nodes]]) -> list[Evi
 
 
 def _log_bayes_factors(nodes_by_model: Mapping[str, Nodes]) -> dict[str, tuple[float, float]]:
-    """Return the log Bayes factor of each later model over the first, and its error [nat].
+    """Return the log Bayes factor of each other model over the first model, and its error [nat].
 
-    A key such as "linear/constant" has the later model's name before the first model's name.
+    In a key such as "linear/constant", the first model is named last.
     """
     first, *other_names = nodes_by_model
     factors = {}
@@ -808,8 +810,8 @@ def _elpd_differences(log_densities: Mapping[str, Array]) -> dict[str, Differenc
     """Return the expected log predictive density of every model minus that of the first model.
 
     ``log_densities`` holds, by model, the log density of every test given the other tests [nat].
-    A key such as "linear/constant" has the first model's name last. The result is empty if no test
-    is left out.
+    In a key such as "linear/constant", the first model is named last. The result is empty if no
+    test is left out.
     """
     first, *other_names = log_densities
     differences = {}
@@ -906,8 +908,8 @@ def _compare_tests(
 
     The result is empty if no test is left out. ``nodes_by_model`` holds the posterior of each model
     for all tests; ``left_out_nodes`` holds, by model and test, the posterior without the test.
-    ``left_out_log_densities`` holds the log density of every test given the others, by model [nat].
-    ``tolerance`` is the error allowed of a log evidence [nat].
+    ``left_out_log_densities`` holds the log density of every test given the other tests, by model
+    [nat]. ``tolerance`` is the error allowed of a log evidence [nat].
     """
     if not left_out_nodes:
         return {}

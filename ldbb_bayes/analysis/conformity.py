@@ -48,9 +48,9 @@ __all__ = [
 ]
 
 # The probability that a quantity lies beyond a tolerance limit is the share of posterior draws
-# beyond it, if at least this many draws lie on each side of the limit. Otherwise the probability of
-# the side with fewer draws is the tail of a normal distribution, but at least the share of draws on
-# this side, and at most this number divided by the number of all draws.
+# beyond it, if at least this many draws lie on each side of the limit. If there are fewer draws on
+# one side, the probability of this side is the tail of a normal distribution. It is however at
+# least the share of draws on this side, and at most this number divided by the number of all draws.
 _FEWEST_DRAWS = 10
 # Number of posterior draws for which the machine's circular path is computed.
 _PATH_DRAWS = 2000
@@ -90,8 +90,8 @@ class Conformity(Result):
     mean: float  #: estimate of the quantity: its posterior mean
     sd: float  #: standard uncertainty of the quantity: its posterior standard deviation
     probability: float  #: probability of conformance: that the quantity lies between its limits
-    #: least distance of the estimate from a limit for a decision, if the quantity is normally
-    #: distributed: inside the limit for conformance, outside it for non-conformance
+    #: least distance from a limit at which the estimate of a normally distributed quantity leads to
+    #: a decision: inside the limit for conformance, outside the limit for non-conformance
     guard_band: float
     #: probability of conformance, or of non-conformance, that a decision requires
     confidence: float
@@ -185,10 +185,10 @@ def assess_conformity(
 
 
 def quantity_draws(posterior: xr.DataTree, decisions: Mapping[str, Conformity]) -> dict[str, Array]:
-    """Return posterior draws of quantities that were decided on, by name, in mm, N and rad.
+    """Return posterior draws of the quantities in ``decisions``, by name, in mm, N and rad.
 
     Each array has the shape (draws,); quantities of the circular path have 2000 draws, evenly
-    spaced among all.
+    spaced among all draws.
     """
     bound = bound_of(posterior)
     force = bound.setting.reference_force_N

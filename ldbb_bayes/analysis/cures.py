@@ -42,7 +42,8 @@ _OTHER_RADIUS_SHARE = 2.0 / 3.0
 _SAME_RADIUS_SHARE = 0.01
 # Opposite of each direction of travel, which is clockwise (CW) or counterclockwise (CCW).
 _OPPOSITE: dict[str, Direction] = {"CW": "CCW", "CCW": "CW"}
-# Direction of travel that circles are taken to have where no circle of a plane states it.
+# Direction of travel that is assumed for the circles of a plane if none of them states its
+# direction.
 _FIRST_DIRECTION: Direction = "CW"
 
 
@@ -158,7 +159,7 @@ def _further_tests(plan: Campaign, directed: Directed) -> dict[Cure, list[Circul
 def _at_other_forces(plan: Campaign) -> list[CircularTest]:
     """Return two copies of the test with the lowest force, at other forces.
 
-    One force is below the lowest of the plan, the other above the highest.
+    One force is below the lowest force of the plan, the other is above the highest force.
     """
     forces = plan.forces_N
     first = plan.tests[int(forces.argmin())]
@@ -168,7 +169,7 @@ def _at_other_forces(plan: Campaign) -> list[CircularTest]:
 
 
 class Directed(NamedTuple):
-    """Circles of a plan with their direction of travel, and further circles in the other one.
+    """Circles of a plan with their direction of travel, and circles in the other direction.
 
     ``stated`` are the circles of the plan. If no circle of a plane states its direction, they are
     all taken to be clockwise. ``further`` are copies of circles in the direction in which their

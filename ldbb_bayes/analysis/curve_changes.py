@@ -83,7 +83,7 @@ def curve_changes(bound: BoundModel, information: Information) -> dict[str, Curv
 def _joint_load_weights(bound: BoundModel, information: Information, axis: str) -> Array:
     """Return the change of a compliance by the term `JointLoad` per unit of every coefficient.
 
-    The compliance is the direct one of the axis ``axis``. Its change is that from the smallest
+    The compliance is the direct compliance of ``axis``. Its change is taken from the smallest
     tested force to the largest. The result has the shape (m,) for m coefficients. It is zero if the
     model does not have the term, and for an axis that no circle drives.
     """

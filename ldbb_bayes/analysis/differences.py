@@ -141,7 +141,9 @@ def compare_posteriors(
 def _compare_one_instrument(
     bounds: Sequence[BoundModel], phi: Sequence[Array], rows: Sequence[Array], levels: Array
 ) -> _Differences:
-    """Return the differences of two campaigns run with one instrument, assumed to be normal.
+    """Return the differences of two campaigns run with one instrument.
+
+    The posterior of each difference is taken to be normal.
 
     ``bounds`` are the models bound to the two campaigns and ``phi`` the mean hyper-parameters of
     each, shape (h,). ``rows`` are the matrices, shape (n, p), that map the p parameters of each

@@ -51,7 +51,8 @@ __all__ = [
 
 # Number of posterior draws from which the stiffness is computed.
 _DRAWS = 2000
-# The band of the compliance along the bar is stated at every angle that is a multiple of this [°].
+# The compliance along the bar and its credible intervals are stated at every angle that is a
+# multiple of this angle [°].
 _STEP_DEG = 5
 # If the credible interval of a compliance begins below this share of its median, only a lower limit
 # of the stiffness is stated.
@@ -62,7 +63,7 @@ _SMALLEST_SHARE = 0.1
 # A direction is not determined if its credible interval is at least this wide [°], because a wider
 # interval may contain both axes of the plane.
 _WIDEST_DEG = 90.0
-# Radius [mm] of a circle so small that the compliance on it is that in its centre.
+# Radius of a very small circle [mm]. The compliance on it equals the compliance in its centre.
 _CENTRE_RADIUS_MM = 1e-6
 # Angles of the directions from which the compliance tensor of a plane is computed: along its first
 # axis, along its second axis, and midway between the two [rad].
@@ -71,7 +72,7 @@ _TENSOR_ANGLES_RAD = np.array([0.0, 0.5 * np.pi, 0.25 * np.pi])
 
 @dataclass(frozen=True)
 class StatedValue(Result):
-    """A quantity with standard uncertainty u, expanded uncertainty U = 2 u and an interval."""
+    """A quantity with standard uncertainty, expanded uncertainty and credible interval."""
 
     unit: str  #: unit of all numbers: N/mm, mm/N, or empty for a ratio
     mean: Number  #: posterior mean
@@ -127,7 +128,7 @@ class PlaneStiffness(Result):
     """
 
     plane: str  #: plane of the circle, such as XY; angles are measured from its first axis
-    radius_mm: float  #: radius of the circle, the first one tested in the plane
+    radius_mm: float  #: radius of the first circle tested in the plane [mm]
     force_N: float  #: force of the bar [N]
     angle_deg: Numbers  #: angles θ of the bar, shape (n,) [°]
     compliance: Numbers  #: posterior mean of the compliance along the bar, shape (n,) [mm/N]
@@ -142,7 +143,8 @@ class PlaneStiffness(Result):
     stiffest: AxialDirection  #: direction of the greatest stiffness
     #: direction of the softer principal axis of the compliance tensor in the circle's centre
     principal_axis: AxialDirection
-    cross_name: str  #: name of the cross compliance of the plane, such as C_XYX; empty without one
+    #: name of the cross compliance of the plane, such as C_XYX; empty if there is none
+    cross_name: str
     cross: StatedValue | None  #: cross compliance; None if the model has none in this plane
     difference_name: str  #: name of the difference of the direct compliances of the plane's axes
     difference: StatedValue  #: difference of the direct compliances of the plane's axes
@@ -380,8 +382,8 @@ def stiffness_draws(posterior: xr.DataTree, force_N: float) -> dict[str, dict[st
 def _forces(bound: BoundModel, forces_N: Sequence[float]) -> Array:
     """Return the forces at which stiffness is computed [N], after a check that they are positive.
 
-    They are those of ``forces_N``. If ``forces_N`` is empty, they are the smallest force tested,
-    the reference force and the largest force tested.
+    The forces are those of ``forces_N``. If ``forces_N`` is empty, they are the smallest force
+    tested, the reference force and the largest force tested.
     """
     require(
         not isinstance(forces_N, str),

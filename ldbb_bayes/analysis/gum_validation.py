@@ -3,7 +3,8 @@
 y is the estimate of a parameter, u its standard uncertainty and k the coverage factor. The law of
 propagation states y ± k u of a linear model, in which the scales of the noise and of other effects
 (the hyper-parameters φ) are known. JCGM 101 propagates distributions instead. Here the distribution
-is the posterior, in which φ is unknown and, if the model says so, no compliance is negative.
+is the posterior, in which φ is unknown. If the model requires it, no compliance is negative in the
+posterior.
 
 The law of propagation and the distribution agree within n significant digits of u if the lower ends
 of their intervals differ by at most the numerical tolerance δ = 10^l / 2, and the upper ends too.
@@ -130,7 +131,7 @@ class GumValidation(Result):
 
     @property
     def not_validated(self) -> tuple[str, ...]:
-        """Names of the parameters whose interval from the distribution is to be used."""
+        """Names of the parameters whose interval by the GUM may not be used."""
         return tuple(name for name, entry in self.parameters.items() if not entry.validated)
 
 

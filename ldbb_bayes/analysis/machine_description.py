@@ -79,7 +79,7 @@ class DescribedMachine(Result):
     geometric_errors: tuple[VisibleParameter, ...]
     null: tuple[str, ...]  #: names of the compliances that change no reading
     #: names of the compliances that are left out of ``compliances``, because their effect on the
-    #: readings is a combination of the effects of others
+    #: readings is a combination of the effects of other compliances
     dependent: tuple[str, ...]
     #: number of linearly independent effects that the machine's compliances have on the readings,
     #: the rank of the matrix of derivatives of the readings with respect to all compliances

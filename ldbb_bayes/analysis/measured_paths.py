@@ -165,7 +165,7 @@ def _trace(test: CircularTest) -> Array:
 
 
 def _pairs(tests: Sequence[CircularTest]) -> list[_Pair]:
-    """Return all pairs of a clockwise and a counterclockwise test that are otherwise the same."""
+    """Return all pairs of tests that differ only in direction, clockwise and counterclockwise."""
     pairs = []
     for clockwise in tests:
         if clockwise.direction != "CW":

@@ -134,10 +134,11 @@ class NullSpace:
     def _checked_imitation(self, target: int, solved: Array) -> Array | None:
         """Return a combination in which imitators cancel the effect of a target coefficient.
 
-        The effect is that on the readings; imitators are the other coefficients in the combination.
-        ``target`` is the index of the target. ``solved``, shape (m,), is the combination with all
-        imitators. Imitators with the smallest effects are left out if the other imitators suffice.
-        Return None if the combination does not cancel the effect of the target.
+        The effect is a change of the readings; imitators are the other coefficients in the
+        combination. ``target`` is the index of the target. ``solved``, shape (m,), is the
+        combination with all imitators. Imitators with the smallest effects are left out if the
+        other imitators suffice. Return None if the combination does not cancel the effect of the
+        target.
         """
         effect = self.largest * np.abs(solved)
         exact_limit = EXACT_SHARE * effect[target]
@@ -155,8 +156,8 @@ class NullSpace:
 def _choose_pivots(basis: Array, preferred: NDArray[np.bool_]) -> list[int]:
     """Return the indices of k linearly independent rows of a matrix.
 
-    The matrix is ``basis``, shape (c, k): k vectors with one row for each of c coefficients. The
-    next row chosen is the one with the longest part that is orthogonal to all rows chosen before.
+    The matrix is ``basis``, shape (c, k): k vectors with one row for each of c coefficients. In
+    each step, the row is chosen that has the longest part orthogonal to all rows chosen before.
     ``preferred``, shape (c,), is true for rows that are chosen before other rows, unless this part
     is very short.
     """

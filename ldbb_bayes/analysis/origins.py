@@ -56,7 +56,7 @@ def origins(bound: BoundModel, information: Information) -> dict[tuple[str, str]
     """Return the origin of every source of uncertainty of a model's parameters.
 
     The keys are those of `Information.shares`: the name of the coefficient or noise, and the name
-    of the model term to which it belongs. The parameters' own priors (key ``(OWN, OWN)``) are
+    of the model term to which it belongs. The parameters' own priors (key ``(OWN, OWN)``) count as
     assumed here; `is_prior_stated` returns for one parameter whether the user gave its prior.
 
     Parameters
@@ -113,8 +113,8 @@ def _with_usual_sizes(bound: BoundModel, term: Term) -> Term:
     """Return a term of the package with the package's own numbers, and all else unchanged.
 
     The numbers are those of the model's preset, or the defaults of the class for a term that the
-    preset does not have. What is not a number, such as the covariate of a drift, says which effect
-    is modelled, not how large it is.
+    preset does not have. Settings that are not numbers, such as the covariate of a drift, are kept,
+    because they state which effect is modelled, not how large it is.
     """
     usual = edition_terms(bound).get(type(term), type(term)())
     kinds_of_effect = {name: value for name, value in vars(term).items() if isinstance(value, str)}

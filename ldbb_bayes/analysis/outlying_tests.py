@@ -8,8 +8,8 @@ as the test. A test has 13 p-values, one for each Fourier order from 0 to 12. Th
 may be small by chance, and is therefore compared with the smallest p-values of the replicates.
 
 Holm's method bounds the family-wise error: the probability that any test is flagged although all
-agree. A flagged test is taken out before the remaining tests are judged again, because it would
-make the tests at neighbouring forces seem to deviate.
+tests agree. A flagged test is taken out before the remaining tests are judged again, because it
+would make the tests at neighbouring forces seem to deviate.
 """
 
 from __future__ import annotations
@@ -88,10 +88,10 @@ def find_outlying_tests(
 ) -> pd.DataFrame:
     """Find the tests that do not agree with the other tests, under one or several models.
 
-    Each test is compared with circles simulated from what the other tests predict. Its p-value is
-    the probability that a circle of the same machine deviates at least as much from the prediction
-    in any Fourier order. A test is flagged if its family-wise p-value (Holm) is below 2 %, and more
-    than half of the tests remain unflagged.
+    Each test is compared with circles that are simulated from the posterior given the other tests.
+    Its p-value is the probability that a circle of the same machine deviates at least as much from
+    the prediction in any Fourier order. A test is flagged if its family-wise p-value (Holm) is
+    below 2 %, and more than half of the tests remain unflagged.
 
     Parameters
     ----------
@@ -246,12 +246,12 @@ def _judge_left_out(
     size: int,
     rng: np.random.Generator,
 ) -> JudgedTest:
-    """Return the test ``name`` compared with simulated circles that the other tests predict.
+    """Return the comparison of the test ``name`` with circles predicted from the other tests.
 
-    ``size`` is the number of circles at first. If at most 5 % of them deviate as much as the test,
-    the test is judged again with twice as many circles. ``nodes_by_model`` holds the posterior of
-    each model given all tests. ``left_out_nodes`` holds, by model and test, the posterior given all
-    tests but this one.
+    ``size`` is the number of circles that are simulated at first. If at most 5 % of them deviate as
+    much as the test, the test is judged again with twice as many circles. ``nodes_by_model`` holds
+    the posterior of each model given all tests. ``left_out_nodes`` holds, by model and test, the
+    posterior given all tests but this one.
     """
     bound = _any_nodes(nodes_by_model).bound
     r = bound.test_names.index(name)
@@ -302,7 +302,7 @@ def _replicates(
 
 
 def judge_circle(observed: Array, replicates: Array) -> JudgedTest:
-    """Return one test's circle compared with its replicates (simulated circles).
+    """Return the comparison of one test's circle with its replicates (simulated circles).
 
     The p-value is not adjusted for the number of tests: the family-wise p-value of the result is 1,
     and its flag is false.

@@ -12,9 +12,8 @@ from ldbb_bayes.units import ranked
 
 __all__ = ["PairedRemedy", "paired_remedies"]
 
-# Second cures with which a parameter's standard uncertainty is nearly the same count as equal, and
-# the cheaper one is taken. The uncertainties are divided by that without any cure, and may differ
-# by less than this.
+# Two second cures count as equal if the parameter's standard uncertainties with them, divided by
+# that without any cure, differ by less than this. The cheaper one of equal cures is taken.
 _EQUAL_RATIOS = 0.02
 
 

@@ -121,7 +121,7 @@ def decompose_deviation(
 def contribution_paths(
     bound: BoundModel, r: int, force_N: float, beta: Array, only: Collection[str] = ()
 ) -> Mapping[str, Array]:
-    """Return contributions to the readings on one circle, by source, such as ``C_XXX``.
+    """Return contributions of the sources, such as ``C_XXX``, to the readings on one circle.
 
     The circle is that of the test with index ``r``, at the force ``force_N``. Each contribution has
     the shape (draws, 360) [µm], for the angles 0°, 1° … 359°. ``beta``, shape (draws, p), are

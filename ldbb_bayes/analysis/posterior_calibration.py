@@ -63,9 +63,8 @@ def calibrate_posterior(
     In every replicate, true parameters and hyper-parameters (the scales of the noise and of other
     effects) are drawn from the posterior, a repetition of the tests is simulated from them, and the
     posterior of measured and simulated readings together is computed. The rank of a true value is
-    the number of draws from this posterior that are below it. If it is computed correctly, the
-    ranks of the true values among its draws are uniformly distributed (posterior SBC, Säilynoja et
-    al. 2025).
+    the number of draws from this posterior that are below it. If this posterior is computed
+    correctly, the ranks are uniformly distributed (posterior SBC, Säilynoja et al. 2025).
 
     Parameters
     ----------
@@ -179,10 +178,10 @@ def _rank_replicate(study: _EnlargedCampaigns, seed: np.random.SeedSequence) -> 
 
 
 def _with_times(campaign: Campaign) -> Campaign:
-    """Return a campaign with times of its tests if its drift follows the listed order.
+    """Return a campaign whose tests state their times, if drift follows the order in the list.
 
-    A repetition of the tests has the same times, so that the drift is measured from the same mean
-    time.
+    If drift does not follow this order, the campaign is returned unchanged. A repetition of the
+    tests has the same times as the tests, so that drift is measured from the same mean time.
     """
     if time_source(campaign) != TimeSource.LISTED:
         return campaign

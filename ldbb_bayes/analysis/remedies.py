@@ -47,8 +47,8 @@ class Remedy(Result):
     """The cheapest cure for one parameter, and the parameter's uncertainty with this cure."""
 
     kind: RemedyKind  #: kind of cure
-    #: what is certified, by its key in ``CERTIFICATES``, such as "mount ± 2 %"; empty for a change
-    #: of the plan
+    #: certificate, as a key of ``CERTIFICATES`` such as "mount ± 2 %"; empty for a change of the
+    #: plan
     certificate: str
     circles: int  #: number of circles that the cure adds to those of the campaign
     sd: float  #: standard uncertainty of the parameter with the cure, in internal units
@@ -117,9 +117,10 @@ def _helps(trial: _Trial, i: int, repetition: float, measured_share: float) -> b
 
     The standard uncertainty with the cure must be less than 90 % of that without it. A cure that
     adds circles under other conditions must also be better than taking all readings twice with
-    nothing else changed; ``repetition`` is the standard uncertainty after the latter, divided by
-    the present one. More circles under the same conditions help only if most of the variance comes
-    from sources that are measured here; ``measured_share`` is the share of these sources.
+    nothing else changed; ``repetition`` is the standard uncertainty from all readings taken twice,
+    divided by the present standard uncertainty. More circles under the same conditions help only if
+    most of the variance comes from sources that are measured here; ``measured_share`` is the share
+    of these sources.
     """
     ratio = float(trial.ratio[i])
     if not ratio < NARROWER:

@@ -151,9 +151,9 @@ def _compare_slopes(
 ) -> Assumed:
     """Return the log Bayes factor of slopes over no slopes, with both log evidences.
 
-    Slopes are changes of compliance with force. ``label`` says how rival explanations are treated;
-    ``error`` is that of the log Bayes factor [nat]. In ``log_evidence_by_slopes`` the model with
-    slopes comes first; in ``pair`` it comes last.
+    Slopes are changes of compliance with force. ``label`` states how rival explanations are
+    treated; ``error`` is that of the log Bayes factor [nat]. In ``log_evidence_by_slopes`` the
+    model with slopes comes first; in ``pair`` it comes last.
     """
     with_slopes, without_slopes = log_evidence_by_slopes.tolist()
     constant_name, linear_name = pair

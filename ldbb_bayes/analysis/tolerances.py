@@ -29,12 +29,12 @@ __all__ = [
 _UPPER = ("upper",)
 _LOWER = ("lower",)
 _BOTH = ("lower", "upper")
-# Quantities of the machine's circular path that may have a tolerance, and the limit, upper or
-# lower, that is meant where a tolerance is one number without a sign.
+# Quantities of the machine's circular path that may have a tolerance. The value of each is the
+# limit, upper or lower, that is meant if its tolerance is one number without a sign.
 PATH_QUANTITIES = {"G": _UPPER, "F_max": _UPPER, "F_min": _LOWER}
-# Stiffnesses of a plane by direction that may have a tolerance, and the limit that is meant where a
-# tolerance is one number without a sign: least and greatest stiffness along the bar, and their
-# ratio.
+# Stiffnesses of a plane that may have a tolerance: least and greatest stiffness along the bar, and
+# their ratio. The value of each is the limit that is meant if its tolerance is one number without a
+# sign.
 STIFFNESS_QUANTITIES = {"k_min": _LOWER, "k_max": _LOWER, "k_ratio": _UPPER}
 # Internal unit of each stiffness by direction; a ratio has none.
 _STIFFNESS_UNITS = {"k_min": "N/mm", "k_max": "N/mm", "k_ratio": ""}

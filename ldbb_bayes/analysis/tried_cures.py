@@ -53,10 +53,11 @@ class RemedyKind(StrEnum):
 
 @dataclass(frozen=True)
 class CureStep(Result):
-    """One cure: its kind and, for a certificate, what is certified."""
+    """One cure, given by its kind and, if it is a certificate, by the name of the certificate."""
 
     kind: RemedyKind  #: kind of cure
-    #: what is certified, by its key in ``CERTIFICATES``; empty for a change of the plan
+    #: certificate, as a key of ``CERTIFICATES`` such as "mount ± 2 %"; empty for a change of the
+    #: plan
     certificate: str
 
 

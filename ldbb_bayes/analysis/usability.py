@@ -95,7 +95,10 @@ def undetermined_parameters(verdicts: Mapping[str, ParameterIdentifiability]) ->
 
 
 def _limit_in_widest_gap(ratios: Sequence[float]) -> float:
-    """Return the middle of the widest gap between ratios from 0.25 to 0.4, on a log scale."""
+    """Return the middle of the widest gap between ratios, on a logarithmic scale.
+
+    Only ratios between 0.25 and 0.4 count; these two numbers count as ratios too.
+    """
     inside = sorted(ratio for ratio in ratios if _LEAST_RATIO < ratio < _LARGEST_RATIO)
     logarithms = np.log([_LEAST_RATIO, *inside, _LARGEST_RATIO])
     widest = int(np.diff(logarithms).argmax())

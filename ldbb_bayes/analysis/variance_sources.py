@@ -96,7 +96,9 @@ class ModelVariance:
         return self._variance(self.information)
 
     def errors(self) -> dict[tuple[str, Origin], Array]:
-        """Return the covariance (q, q) of the errors of all quantities due to every source.
+        """Return, for every source, the covariance of the errors that it causes, shape (q, q).
+
+        The errors are those of the q quantities.
 
         The keys are names of sources with their origins. A source is a model term or the prior of a
         parameter. Its name is that of the term or of the parameter. The covariances are scaled so
@@ -172,7 +174,7 @@ class AveragedVariance:
 
     @cached_property
     def spread(self) -> Array:
-        """Covariance (q, q) of the quantities' means over the models."""
+        """Covariance of the quantities' means between the models, shape (q, q)."""
         covariance = np.zeros((len(self.mean), len(self.mean)))
         for model in self.models:
             deviation = model.mean - self.mean
@@ -181,7 +183,7 @@ class AveragedVariance:
 
     @cached_property
     def errors(self) -> dict[tuple[str, Origin], Array]:
-        """Covariance (q, q) of the errors of all quantities due to every source.
+        """Covariance of the errors of the q quantities that each source causes, shape (q, q).
 
         The keys are names of sources with their origins; see `ModelVariance.errors`.
         """

@@ -704,9 +704,9 @@ def judge_parameters(
     mean
         Mean of the p parameters, shape (p,), in internal units (mm, N, rad).
     sampled_sd
-        Prior and posterior standard deviations from random draws, under the condition that no
-        compliance is negative, or averaged over the hyper-parameters. Default: those of the linear
-        Gaussian model, given the hyper-parameters.
+        Prior and posterior standard deviations that the verdicts state. They come from random draws
+        in which no compliance is negative, or they are averaged over the hyper-parameters. Default:
+        those of the linear Gaussian model, given the hyper-parameters.
 
     Returns
     -------

@@ -131,7 +131,7 @@ class Workflow(Result):
 
     @property
     def uniformity_p_value(self) -> float:
-        """p-value of all circles left out together: whether their single p-values are uniform.
+        """p-value of the hypothesis that the p-values of all circles left out are uniform.
 
         The single p-values depend on one another; the test allows for this. A small value with no
         outlying circle means that many circles deviate a little more, or a little less, than the
