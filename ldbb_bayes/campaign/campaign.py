@@ -98,8 +98,8 @@ _DIGESTED_UNLESS_USUAL = {
 def _as_tuple(tests: Any) -> Any:
     """Return an iterable of tests as a tuple.
 
-    Return texts, mappings and objects that are not iterable unchanged; the validation that follows
-    refuses them.
+    Texts, mappings and objects that are not iterable are returned unchanged. The validation that
+    follows refuses them.
     """
     if isinstance(tests, str | bytes | Mapping):
         return tests
@@ -285,7 +285,7 @@ class Campaign(CampaignFields):
         return force_N
 
     def machine(self) -> Machine:
-        """Return the machine of the campaign, for the planes of all tests and foreseen tests."""
+        """Return the machine of the campaign with the planes of all tests and foreseen tests."""
         return Machine(self.topology, tuple(str(test.plane) for test in self.scope), self.frames_mm)
 
     @property
@@ -316,7 +316,7 @@ class Campaign(CampaignFields):
 
     @property
     def pressures_bar(self) -> Array:
-        """Pressure of the regulator that makes the force of each test, shape (tests,) [bar]."""
+        """Pressure of the regulator in each test, shape (tests,) [bar]."""
         return np.array([test.pressure_bar for test in self.tests], dtype=float)
 
     @property
@@ -358,10 +358,9 @@ class Campaign(CampaignFields):
         """SHA-256 digest of the readings and the conditions under which they were taken.
 
         The conditions are those of each test, and the campaign's topology, frames, mount,
-        resolution, order and drift. The digest also depends on the names of the tests and the
-        sequence in which they are listed, and on the foreseen tests, but not on how the files are
-        written. Certificates and the pilot do not change the digest, because they are prior
-        knowledge.
+        resolution, order and drift. The digest also depends on the names and the sequence of the
+        tests, and on the foreseen tests. It does not depend on the format of the files.
+        Certificates and the pilot do not change the digest, because they are prior knowledge.
         """
         digest = hashlib.sha256()
         head: list[Any] = [
@@ -419,7 +418,7 @@ def _digested_fields(test: CircularTest) -> list[Any]:
 
 
 def _name_tests(tests: Sequence[CircularTest]) -> tuple[CircularTest, ...]:
-    """Return the tests with a name for each; tests without one are named after their force.
+    """Return the tests, each with a name; tests without a name are named after their force.
 
     A test at 36 N gets the name f036, and a second test at this force the name f036_2. Raise an
     `InputError` for a name that the user gave twice.
@@ -445,7 +444,8 @@ def _name_tests(tests: Sequence[CircularTest]) -> tuple[CircularTest, ...]:
 def _free_name(stem: str, names: set[str]) -> str:
     """Return a name that is not in ``names``.
 
-    It is ``stem`` itself or, if this name is taken, the first of stem_2, stem_3, … that is free.
+    The name is ``stem`` itself or, if ``stem`` is taken, the first of stem_2, stem_3, … that is
+    free.
     """
     name = stem
     number = 1

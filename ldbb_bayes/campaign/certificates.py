@@ -76,8 +76,9 @@ class CertifiedQuantity:
     def role(self) -> str:
         """Role of the quantity, such as length or force, from its name and attribute refType.
 
-        If name and refType show no role, those of the certificate's elements that contain the
-        quantity decide. The role is an empty text if these show none either.
+        If name and refType of the quantity show no role, the names and refType attributes of the
+        certificate's elements that contain the quantity decide. The role is an empty text if these
+        show no role either.
         """
         own_text = f"{self.name} {self.ref_type}".lower()
         holder_text = " ".join(self.holders).lower()
@@ -144,7 +145,7 @@ class CalibrationCertificate(Shown):
     """Digital calibration certificate (DCC): its identifier and its numbers.
 
     The methods return what the certificate states about a bar, a force device or a ball, under keys
-    of ``campaign.toml``. They raise an `InputError` if the certificate states nothing about such an
+    of ``campaign.toml``. They raise an `InputError` if the certificate states nothing about the
     object.
     """
 
@@ -170,7 +171,7 @@ class CalibrationCertificate(Shown):
         Raises
         ------
         InputError
-            If the certificate states nothing about such an object; the message names the file.
+            If the certificate states nothing about the object; the message names the file.
         """
         readers = {"force": self.force, "ball": self.ball}
         with placed(self.path):
@@ -225,7 +226,7 @@ class CalibrationCertificate(Shown):
         return candidates[0]
 
     def force(self) -> dict[str, Any]:
-        """Return what the certificate states about a force device, by the keys of campaign.toml.
+        """Return what the certificate states about a force device, under keys of campaign.toml.
 
         The key U_percent is the expanded uncertainty (k = 2) of the gain, in percent of the gain.
         If no gain is stated, U_percent is the expanded uncertainty of the largest certified force,
@@ -335,8 +336,8 @@ class CalibrationCertificate(Shown):
     def _label(self, *quantities: CertifiedQuantity) -> str:
         """Return a name for the certificate, on one line, for campaign.toml.
 
-        It consists of the file's name, the identifier of the certificate and the names of the
-        quantities that are used, and has at most 200 characters.
+        The name has at most 200 characters. It consists of the file's name, the identifier of the
+        certificate and the names of the quantities that are used.
         """
         titles = ", ".join(_title_with_holder(quantity) for quantity in quantities)
         text = f"{self.path.name}, DCC {self.identifier}: {titles}"

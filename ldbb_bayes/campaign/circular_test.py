@@ -74,7 +74,8 @@ class TestFields(Shown):
     #: name of the test, made of characters that are permitted in the name of a file
     name: FileName | None = None
     force_N: Force | None = None  #: radial force of the bar during the test, above zero [N]
-    pressure_bar: Pressure | None = None  #: pressure of the regulator that makes the force [bar]
+    #: pressure of the regulator during the test, which produces the force [bar]
+    pressure_bar: Pressure | None = None
     #: direction of travel along the circle: clockwise (CW) or counterclockwise (CCW)
     direction: Direction | None = None
     #: clocking: angle by which the work ball is turned in its socket [deg]
@@ -285,7 +286,7 @@ class CircularTest(TestFields):
     def readings_mm(self) -> Array:
         """Return the n readings in millimetres, shape (n,).
 
-        Raise an `InputError` for a planned test, which has none.
+        Raise an `InputError` for a planned test, which has no readings.
         """
         require(
             self.reading_um is not None,
@@ -321,7 +322,7 @@ class CircularTest(TestFields):
         return 0.0
 
     def planned(self) -> CircularTest:
-        """Return the same test as a planned one, without readings.
+        """Return the same test as a planned test, without readings.
 
         Angles in unequal steps, or over more than one turn, are replaced with the same number of
         angles in equal steps over the same arc, which is at most one turn. Angles in equal steps
@@ -402,8 +403,8 @@ def _arc_of(angles: bytes) -> float:
 def usual_gap(gaps_deg: Array) -> float:
     """Return the usual width of the gaps between neighbouring angles on a circle [deg].
 
-    It is the median of all gaps except the largest, each weighted by its width. The weights keep
-    narrow gaps between nearly equal angles from lowering the result.
+    The usual width is the median of all gaps except the largest, each weighted by its width. The
+    weights keep narrow gaps between nearly equal angles from lowering the result.
 
     Parameters
     ----------

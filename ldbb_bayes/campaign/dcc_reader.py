@@ -65,9 +65,9 @@ def read_dcc(path: str | os.PathLike[str]) -> CalibrationCertificate:
     Returns
     -------
     CalibrationCertificate
-        The certificate: its ``identifier`` and its ``quantities``. Its method ``fields`` returns
-        what the certificate states about a ``"bar"``, a ``"force"`` device or a ``"ball"``, under
-        keys of ``campaign.toml``.
+        The certificate with its ``identifier`` and its ``quantities``. The method ``fields`` of the
+        certificate returns what the certificate states about a ``"bar"``, a ``"force"`` device or a
+        ``"ball"``, under keys of ``campaign.toml``.
 
     Raises
     ------
@@ -207,8 +207,8 @@ def _quantities_of(
 def _uncertainty_of(element: ElementTree.Element, name: str) -> _Uncertainty:
     """Return the last uncertainty that an XML element states for its numbers.
 
-    A standard uncertainty is returned as an expanded one with k = 1. An uncertainty without a
-    number is ignored. ``name`` is the name of the quantity for error messages. The lists of the
+    A standard uncertainty is returned as an expanded uncertainty with k = 1. An uncertainty without
+    a number is ignored. ``name`` is the name of the quantity for error messages. The lists of the
     result are empty if no uncertainty is stated.
     """
     uncertainty = _Uncertainty()
@@ -242,7 +242,8 @@ def _shortest_list(units: Sequence[str], uncertainty: _Uncertainty) -> int | Non
 def _entry(entries: Sequence[_T], k: int) -> _T | None:
     """Return the entry of a list that is valid for quantity ``k``, counted from 0.
 
-    It is entry ``k`` or, if the list has a single entry, that entry. Return None for an empty list.
+    This is entry ``k`` or, if the list has a single entry, the single entry. Return None for an
+    empty list.
     """
     if not entries:
         return None

@@ -222,12 +222,12 @@ def pilot_of_plan(folder: Path | None) -> set[str]:
 
 
 def labels_of(path: str | os.PathLike[str]) -> dict[str, str]:
-    """Return the values of the keys name, machine_id and date that a campaign.toml states.
+    """Return a dictionary with the name, the machine_id and the date that a campaign.toml states.
 
-    If no machine_id is stated, or an empty one, the serial number of the machine takes its place. A
-    date is a text in ISO 8601. Keys that are not stated, or whose text has more than 200
-    characters, are left out. The result is an empty dictionary for a file that cannot be read, and
-    for a CSV file. ``path`` is the path of a campaign folder or of a file.
+    The keys are name, machine_id and date. If machine_id is missing or empty, its value is the
+    serial number of the machine. A date is a text in ISO 8601. Keys that are not stated, or whose
+    text has more than 200 characters, are left out. The dictionary is empty for a file that cannot
+    be read, and for a CSV file. ``path`` is the path of a campaign folder or of a file.
     """
     file = Path(path)
     if os.path.isdir(path):

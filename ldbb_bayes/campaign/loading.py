@@ -50,7 +50,8 @@ class MountCompensation(Shown):
     """Deflection of the work ball's mount, and whether readings are compensated for it.
 
     The deflection is ``deflection_um_per_bar`` times the regulator's pressure in bar. If the
-    readings are not compensated for it, the model adds it to the predicted readings.
+    readings are not compensated for the deflection, the model adds the deflection to the predicted
+    readings.
 
     Examples
     --------

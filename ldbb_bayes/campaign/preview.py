@@ -130,8 +130,8 @@ class _Remarks:
     def add(self, kind: RemarkKind, condition: object = True, **values: Any) -> None:
         """Add a remark if the condition is true.
 
-        ``kind`` is the kind of the remark, and ``values`` are the numbers and names that its
-        sentence will contain.
+        ``kind`` is the kind of the remark, and ``values`` are the numbers and names that the
+        sentence of the remark will contain.
         """
         if condition:
             self._remarks.append(Remark(kind, values))
@@ -176,7 +176,7 @@ class TestPreview:
     #: standard deviation of the readings about a fitted Fourier series of order 12, without spikes
     #: [µm]; computed only for tests of 35 to 200 000 readings
     noise_um: float | None
-    #: last reading minus first [µm]; computed only if the test goes once round the circle
+    #: last reading minus first reading [µm]; computed only if the test goes once round the circle
     start_end_um: float | None
     peak_to_peak_um: float | None
     remarks: tuple[Remark, ...]
@@ -203,8 +203,8 @@ class CampaignPreview(Result):
 def check_campaign(campaign: Campaign) -> CampaignPreview:
     """Return a preview of a campaign or plan without fitting the model.
 
-    Printed, the preview is a table of the tests, followed by remarks on what looks odd and by the
-    assumptions that a fit would make.
+    When the preview is printed, it is a table of the tests, followed by remarks on what looks odd
+    and by the assumptions that a fit would make.
 
     Parameters
     ----------
@@ -473,7 +473,7 @@ def _regular_readings(columns: Array, reading: Array) -> NDArray[np.bool_]:
     regular = np.ones(len(reading), dtype=bool)
     for _ in range(_MAX_ROUNDS):
         # A curve of p functions with the least sum of absolute deviations goes through p readings
-        # exactly. These say nothing about the scatter and are left out.
+        # exactly. These readings say nothing about the scatter and are left out.
         scatter = _SD_PER_MAD * float(np.median(np.sort(np.abs(deviation))[p:]))
         previous = regular
         regular = np.abs(deviation) <= _SPIKE_SCATTERS * max(scatter, 1e-9)
@@ -503,7 +503,7 @@ def _least_absolute_deviations(columns: Array, reading: Array) -> tuple[Array, i
 
 
 def resolution_of(reading_um: Array) -> float | None:
-    """Return the resolution of readings [µm], or None if they do not show one.
+    """Return the resolution of readings [µm], or None if the readings do not show a resolution.
 
     The distinct readings are sorted, and the differences between neighbours are taken. The
     resolution is the median of those differences that are below 1.5 times the smallest difference.

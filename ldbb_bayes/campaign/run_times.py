@@ -19,7 +19,7 @@ class TimeSource(StrEnum):
     """
 
     TIMES = "times"  #: the start time (``time_s``) that every test states
-    LISTED = "listed order"  #: the order in which the tests are listed, one every six minutes
+    LISTED = "listed order"  #: the order in which the tests are listed, one test every six minutes
     #: no source: the times are unknown, because the campaign states that the order was random
     RANDOM = "random order"
     #: no source is needed: the campaign states that nothing drifted from test to test

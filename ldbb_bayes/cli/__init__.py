@@ -40,14 +40,14 @@ _COMMANDS_BY_FUNCTION = {
 
 
 class _Commands(TyperGroup):
-    """Group of all commands; for wrong usage it prints one message and exits with code 2."""
+    """Group of all commands; after wrong usage, one message is printed and the exit code is 2."""
 
     def main(self, args: Sequence[str] | None = None, *positional: Any, **keywords: Any) -> Any:
         """Run the command that the arguments name, or show the help if they name none.
 
-        ``args`` are the arguments typed after ``ldbb-bayes``; None stands for those of this
-        process. ``positional`` and ``keywords`` are further arguments for the method of Typer, the
-        library that reads the command line.
+        ``args`` are the arguments typed after ``ldbb-bayes``; None stands for the arguments with
+        which this process was started. ``positional`` and ``keywords`` are further arguments for
+        the method of Typer, the library that reads the command line.
         """
         arguments = list(sys.argv[1:] if args is None else args)
         keywords["standalone_mode"] = False

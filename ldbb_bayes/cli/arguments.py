@@ -103,7 +103,7 @@ def readings_from(files: list[Path], **options: Any) -> SourceCampaign:
     InputError
         If the files cannot be read, or options and files contradict each other.
     """
-    # These are imported here, because they load the import of tables, which takes a long time.
+    # These are imported here, because the modules that import tables take a long time to load.
     from ldbb_bayes.cli.sources import ReportSource
     from ldbb_bayes.reading.file_patterns import matching
 
@@ -246,9 +246,9 @@ def campaign_fields(
 
 
 def _column_in(text: str) -> str | int:
-    """Return the column of a table that a text names: its number from 1, or its header.
+    """Return the column of a table that a text names, as its number or its header.
 
-    A text that consists only of digits is a number.
+    The result is a number, counted from 1, if the text consists only of digits.
     """
     return int(text) if text.isdecimal() else text
 

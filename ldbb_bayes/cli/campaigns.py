@@ -1,6 +1,6 @@
 """Commands ``import``, ``check`` and ``simulate`` of ``ldbb-bayes``, which make no fit.
 
-They read, examine and simulate campaigns, that is sets of circular tests.
+They read, examine and simulate campaigns, which are sets of circular tests of one machine.
 """
 
 from __future__ import annotations

@@ -37,7 +37,7 @@ AVERAGED_NAME = "averaged.nc"
 # Files and folders that a report made from readings has in addition to its page and the files of
 # the fit.
 _FILES_BESIDE_PAGE = (AVERAGED_NAME, "campaign", "comparison.json", "design.json")
-# Approximate relative durations of the steps in which a report is made, by the name of the step.
+# Approximate relative durations of the steps in which a report is made; the keys name the steps.
 STEPS = {"fit": 1.0, "compare": 10.0, "average": 1.0, "page": 8.0}
 # Largest numerical error that a report allows in a log evidence [nat]. The command compare allows
 # 0.01, with which the computation takes three to ten times as long.
@@ -50,7 +50,7 @@ class WrittenReport(NamedTuple):
     document: Document
     #: Tables and sentences to print at the terminal.
     parts: tuple[Any, ...]
-    #: Whether the random draws of the fit reached the wanted effective number.
+    #: Whether the fit reached the wanted effective number of random draws.
     converged: bool
 
 
@@ -206,8 +206,8 @@ def _analyse(
     model
         Model with compliance linear in force.
     begin_step
-        Function that is called with the name of each step in making the report when the step
-        begins, to show it in the progress bar.
+        Function that is called with the name of a step when this step of the report begins, so that
+        the progress bar shows the name.
     settings
         Options of the report by name.
     executor

@@ -62,7 +62,7 @@ def next_(
 
 def _assumptions_of(source: SourceCampaign) -> tuple[Any, ...]:
     """Return the assumptions of the import of tables, which are printed before the result."""
-    # This is imported here, because it loads the import of tables, which takes a long time.
+    # This is imported here, because the modules that import tables take a long time to load.
     from ldbb_bayes.cli.sources import import_parts
 
     return import_parts(source)

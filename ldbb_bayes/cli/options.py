@@ -78,8 +78,8 @@ class Option:
     help: str  #: help text of the option
     default: Any  #: value if the user does not type the option; for None, no value is passed on
     to: str  #: keyword argument that gets the value; if empty, the argument has the option's name
-    #: further arguments of `typer.Option`, and ``name``: the flag, if it does not follow from the
-    #: name of the option
+    #: further arguments of `typer.Option`; the key ``name`` states the flag of the option, if the
+    #: flag does not follow from the name of the option
     settings: Mapping[str, Any]
 
     def flag(self, name: str) -> str:
@@ -177,8 +177,8 @@ def option(kind: Any, help: str, default: Any = None, to: str = "", **settings: 
     to
         Keyword argument that gets the value. Default: the option's own name.
     **settings
-        Further arguments of `typer.Option`, and ``name``: the flag, if it does not follow from the
-        name of the option.
+        Further arguments of `typer.Option`. The argument ``name`` states the flag of the option, if
+        the flag does not follow from the name of the option.
 
     Returns
     -------
@@ -272,8 +272,8 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
     Returns
     -------
     callable
-        Function that Typer calls. For bad input it exits with code 2 and one message, without
-        traceback.
+        Function that Typer calls. For bad input, this function prints one message without traceback
+        and exits with code 2.
     """
     groups: dict[str, Group] = {}
     parameters: list[inspect.Parameter] = []
@@ -355,7 +355,7 @@ def _read_tolerances(entries: list[str], flag: str) -> dict[str, str]:
 
 # Kind of an option whose value is a comma-separated list of numbers.
 NUMBERS = Kind(str, numbers_in)
-# Types and kinds of option values, by the names that the file options.toml uses for them.
+# Types and kinds of option values; the keys are their names in the file options.toml.
 _KINDS: Mapping[str, Any] = {
     "text": str,
     "integer": int,

@@ -101,7 +101,7 @@ def write_files(
         Contents of the files: dictionaries (.json), tables (.csv) and texts. The keys are the names
         of the files.
     figures
-        Functions that draw the figures, by the names of the figures.
+        Functions that draw the figures; the keys are the names of the figures.
     """
     for name, content in contents.items():
         (folder / name).write_text(_text_of(name, content), encoding="utf-8")

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 __all__ = ["make_report", "report_figure_files"]
 
-# File formats of the figures that a report writes into a folder of their own.
+# File formats of the figures of a report, which are written into a separate folder.
 _FIGURE_FORMATS = ("svg", "png", "pdf")
 
 
@@ -69,7 +69,7 @@ def make_report(
     InputError
         If files or options cannot be used; nothing is written.
     typer.Exit
-        With exit code 1, if the random draws of a fit did not reach the wanted effective number.
+        With exit code 1, if a fit did not reach the wanted effective number of random draws.
     """
     check_probability(settings["prob"])
     require(
@@ -208,7 +208,7 @@ def _design_file(fit_folder: Path, settings: dict[str, Any]) -> Path | None:
 def _posteriors_by_name(
     posteriors: Sequence[xr.DataTree], paths: Sequence[Path]
 ) -> dict[str, xr.DataTree]:
-    """Return all posteriors except the first, by the names of their campaigns.
+    """Return all posteriors except the first; the keys are the names of their campaigns.
 
     If any two campaigns have the same name, the path of the fit is added to every name. ``paths``
     are the paths of the fits, in the order of the posteriors.

@@ -23,7 +23,7 @@ def names_in(text: str) -> tuple[str, ...]:
     Returns
     -------
     tuple of str
-        The names in the order of the text, without empty ones.
+        The names in the order of the text; empty names are left out.
     """
     names = [name.strip() for name in text.split(",")]
     return tuple(name for name in names if name)

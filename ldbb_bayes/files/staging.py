@@ -30,7 +30,7 @@ def check_target(target: Path, *, force: bool, ours: Collection[str] = ()) -> No
         Whether an existing folder may be replaced.
     ours
         Names of the files that this program writes. An existing folder is replaced only if it holds
-        no others.
+        no other files.
 
     Raises
     ------
@@ -105,7 +105,7 @@ def staged_folder(target: Path, *, force: bool, ours: Collection[str] = ()) -> I
         Whether an existing folder may be replaced.
     ours
         Names of the files that this program writes. An existing folder is replaced only if it holds
-        no others.
+        no other files.
 
     Yields
     ------
