@@ -18,8 +18,8 @@ from ldbb_bayes.results import Result
 
 __all__ = ["CertificateOffer", "certified_with", "offers_in", "sets_of_offers"]
 
-# Key in ``CERTIFICATES`` of each certificate that can be bought, by the word with which a user
-# names it. Balls are named with their grade instead, as in "balls G10".
+# Words with which a user names certificates that can be bought, and the key of each certificate in
+# ``CERTIFICATES``. Certificates of balls are named with the grade instead, as in "balls G10".
 _STATED_BY_WORD = {
     "bar": "bar ± 1 µm",
     "mount": "mount ± 2 %",
@@ -33,7 +33,8 @@ _FIELDS_BY_BALLS = {
 }
 # Words for balls with their grade, such as "balls G10".
 _BALLS = re.compile(r"(balls|work ball|tool ball)\s+(G\d+)", re.IGNORECASE)
-# Most certificates that may be offered at once: every set of them is tried.
+# Largest number of certificates that may be on offer; it is limited because every set of these
+# certificates is tried.
 _MOST_OFFERS = 5
 
 
@@ -43,18 +44,19 @@ class CertificateOffer(Result):
 
     name: str  #: what is certified, such as "balls of grade G10"
     price: float  #: price, in a unit of money
-    #: fields of the instrument that the certificate states
+    #: values of the fields of the instrument that the certificate states, by the name of the field
     statements: Annotated[Mapping[str, Any], Field(exclude=True)] = field(default_factory=dict)
 
 
 def offers_in(stated: Mapping[str, float]) -> tuple[CertificateOffer, ...]:
-    """Return the certificates that a user can buy.
+    """Return the certificates that a user can buy, from their names and prices.
 
     Parameters
     ----------
     stated
-        Prices by certificate: "balls G10", "work ball G5", "tool ball G5", "bar" (its length to
-        1 µm), "mount" (2 %), "force" (0.5 %, linearity 0.2 %, random 1 N) or "angle" (0.05°).
+        Prices of the certificates. The keys are "balls G10", "work ball G5", "tool ball G5", with
+        these or other grades, "bar" (length to 1 µm), "mount" (2 %), "force" (0.5 %, linearity 0.2
+        %, random 1 N) or "angle" (0.05°).
 
     Returns
     -------
@@ -83,7 +85,7 @@ def offers_in(stated: Mapping[str, float]) -> tuple[CertificateOffer, ...]:
 
 
 def _offer_of(word: str, price: float) -> CertificateOffer:
-    """Return the certificate that a word stands for."""
+    """Return the certificate that ``word`` names, such as "balls G10", with its price."""
     balls = _BALLS.fullmatch(word)
     if balls is not None:
         with placed(f"certificate {word!r}"):
@@ -106,8 +108,9 @@ def sets_of_offers(
 ) -> tuple[tuple[CertificateOffer, ...], ...]:
     """Return all sets of certificates that could be bought for an instrument.
 
-    Certificates that state what the instrument's certificates state already are left out, and so
-    are sets in which two certificates state the same. The first set is empty.
+    A certificate is left out if it states a field that the instrument's own certificates state
+    already. Sets in which two certificates state the same field are left out too. The first set is
+    empty.
     """
     uncertified = Instrument()
     useful = []
@@ -125,7 +128,7 @@ def sets_of_offers(
 
 
 def certified_with(instrument: Instrument, offers: Sequence[CertificateOffer]) -> Instrument:
-    """Return the instrument with further certificates."""
+    """Return the instrument with the fields that further certificates state."""
     statements: dict[str, Any] = {}
     for offer in offers:
         statements.update(offer.statements)

@@ -1,9 +1,10 @@
 """Search for the cheapest campaigns that reach their goals.
 
-Campaigns are tried in the order of their price. For every family (the same clockings, radii and
-certificates) and number of circles, the campaign nearest to the goals by the quick forecast
-(`quick_forecast`) is taken. If it seems near enough, the full forecast (`forecast`) decides.
-Uncertainties of the quick forecast are too small by a factor that hardly differs between campaigns
+Campaigns of one family have the same clockings, radii and certificates. The search goes through
+families and numbers of circles in the order of the price. For each family and number of circles it
+takes the campaign that the quick forecast (`quick_forecast`) finds nearest to the goals. If this
+campaign seems near enough, the full forecast (`forecast`) decides whether the goals are reached.
+Uncertainties by the quick forecast are too small by a factor that hardly differs between campaigns
 of one family. This factor is estimated from the full forecasts made so far. u/u* is a standard
 uncertainty divided by the largest one that its goal permits.
 """
@@ -33,23 +34,24 @@ __all__ = [
 
 # Largest number of circles of a campaign.
 _MOST_CIRCLES = 40
-# How many circles a family needs is first estimated from the best campaign of this many circles,
-# multiplied by a factor so that it reaches the goals.
+# To estimate how many circles a family needs, the search takes the family's best campaign of this
+# many circles, and multiplies all its numbers of circles by the factor that reaches the goals.
 _CIRCLES_OF_SHARES = 8
 # The search in a family begins at this share of the estimated number of circles.
 _BEGIN_SHARE = 0.85
-# Number of halvings of the interval in which the factor of that estimate is sought.
+# Number of halvings of the interval in which the factor for that estimate is sought.
 _HALVINGS = 10
-# A full forecast of a campaign is made if its quick forecast, corrected by the factor between the
-# two, exceeds the goals by at most this, as ln(u/u*).
+# A full forecast of a campaign is made only if ln(u/u*) by the quick forecast is at most this.
+# Before the comparison, the uncertainty u is multiplied by the ratio of full to quick forecast.
 _NEAR = 0.03
 # Largest number of full forecasts in one family.
 _MOST_FORECASTS = 8
-# Before a full forecast of a campaign with one circle less, a forecast with only this many possible
-# machines shows whether it may reach the goals.
+# When a campaign with one circle less is tried, a forecast with only this many possible machines
+# first shows whether a full forecast is worth while.
 _FEW_MACHINES = 16
-# The effort of a full forecast grows with the square of the number of circles. The next best
-# campaigns are sought while the sum of these squares is below this.
+# The effort of a full forecast grows with the square of the number of circles. After the first
+# campaign is found, further campaigns are sought only while the sum of these squares is at most
+# this.
 _MOST_EFFORT = 700
 
 
@@ -80,9 +82,10 @@ class CheapestCampaigns:
 def judge_plan(
     family: CampaignFamily, tests: Sequence[CircularTest], machines: int | None = None
 ) -> FoundCampaign:
-    """Return tests of a family as a campaign, with its full forecast.
+    """Return tests of a family as a campaign, with the forecast of its uncertainties.
 
-    ``machines`` is the number of possible machines in the forecast; None for the default of 64.
+    ``machines`` is the number of possible machines in the forecast. The default, None, gives a full
+    forecast with 64 machines.
     """
     plan = family.plan_of(tests)
     stated = stated_by_machines(family.space.model, plan, machines=machines)
@@ -102,9 +105,10 @@ def _excess(stated: StatedByMachines, goals: Mapping[str, Goal]) -> Array:
 
 
 def shares_of_machines(stated: StatedByMachines, goals: Mapping[str, Goal]) -> dict[str, float]:
-    """Return the share of the possible machines on which a goal is met, by name of the parameter.
+    """Return the share of the possible machines on which each goal is met.
 
-    The share of the machines on which all goals are met has an empty text as key.
+    The keys are the names of the goals' parameters. An empty string is the key of the share of the
+    machines on which all goals are met together.
     """
     is_met = _excess(stated, goals) <= 0.0
     shares = {name: float(is_met[:, k].mean()) for k, name in enumerate(goals)}
@@ -118,22 +122,22 @@ class _Progress:
 
     family: CampaignFamily
     circles: int  #: number of circles that is tried next
-    #: best campaign of the number of circles tried last: number of circles of every candidate
+    #: number of circles of every candidate in the campaign tried last, shape (candidates,)
     counts: Array
-    #: ln of the uncertainty by the full forecast over that by the quick one, for the largest number
-    #: of circles
+    #: natural logarithm of the ratio of the uncertainty by the full forecast to that by the quick
+    #: forecast, for the largest number of circles
     lasting_inflation: float = 0.0
-    #: coefficient a of the same logarithm for n circles, lasting_inflation + a/n; None before the
-    #: first full forecast
+    #: coefficient a: for n circles, the same logarithm is ``lasting_inflation`` + a/n; None before
+    #: the first full forecast
     inflation: float | None = None
     forecasts: int = 0  #: number of full forecasts made
     last_failed: int = 0  #: largest number of circles that a full forecast found too small
-    started: bool = False  #: whether the number of circles that the family needs was estimated
+    started: bool = False  #: whether the number of circles that the family needs has been estimated
 
 
 @dataclass(order=True)
 class _QueuedFamily:
-    """A family in the queue, in the order of the price of its next number of circles."""
+    """A family in the queue, which is sorted by the price of the next campaign of each family."""
 
     price: float
     position: int
@@ -149,8 +153,8 @@ def find_cheapest(
 ) -> CheapestCampaigns:
     """Return the cheapest campaigns that reach all goals, one of each family.
 
-    If fewer than ``number`` families reach them, the list is completed by campaigns of the cheapest
-    family with more circles.
+    If fewer than ``number`` families reach the goals, campaigns of the cheapest family with more
+    circles are added.
 
     Parameters
     ----------
@@ -159,11 +163,11 @@ def find_cheapest(
     goals
         Goals by name of the parameter.
     costs
-        Costs of circles, set-ups and turns of balls; machine time is limited to its hours.
+        Costs of circles, set-ups and turns of the balls, and the longest machine time.
     probability
         Least share of the possible machines on which all goals are met.
     number
-        Largest number of campaigns.
+        Largest number of campaigns to return.
 
     Returns
     -------
@@ -204,9 +208,10 @@ def find_cheapest(
 
 
 def _with_more_circles(campaign: FoundCampaign, number: int, costs: Costs) -> list[FoundCampaign]:
-    """Return campaigns of the same family with one circle more, two more and so on.
+    """Return campaigns of the same family with 1, 2, …, ``number`` circles more.
 
-    They meet the goals on more of the machines. Those that take too long are left out.
+    Such campaigns meet the goals on more of the possible machines. Campaigns that exceed the
+    longest machine time are left out.
     """
     longer = []
     for added in range(1, number + 1):
@@ -218,7 +223,7 @@ def _with_more_circles(campaign: FoundCampaign, number: int, costs: Costs) -> li
 
 
 class _Search:
-    """Search in all families, which uses the full forecasts of one family for the others."""
+    """Search in all families, in which the full forecasts of one family also help the others."""
 
     def __init__(self, goals: Mapping[str, Goal], costs: Costs, probability: float) -> None:
         self._goals = goals
@@ -227,7 +232,7 @@ class _Search:
         #: smallest coefficient `_Progress.inflation` of all families so far
         self._inflation = np.inf
         self.is_reachable = False  #: whether the largest campaign of a family reaches all goals
-        #: if a family's largest campaign does not reach all goals: the one of these that reaches
+        #: of the families' largest campaigns that do not reach all goals, the campaign that reaches
         #: them on most machines
         self.nearest: FoundCampaign | None = None
         self.effort = 0  #: sum of the squared numbers of circles of all full forecasts
@@ -235,7 +240,8 @@ class _Search:
     def start(self, progress: _Progress) -> bool:
         """Set the number of circles at which the search in a family begins.
 
-        Return whether the largest number of circles reaches the goals; else the search is over.
+        Return whether the largest number of circles reaches the goals. If not, the search in this
+        family is over.
         """
         family = progress.family
         progress.started = True
@@ -255,17 +261,18 @@ class _Search:
         return True
 
     def _inflation_of(self, campaign: FoundCampaign, counts: Array) -> float:
-        """Return ln(u/u*) by the full forecast of a campaign minus that by the quick one.
+        """Return ln(u/u*) of a campaign by the full forecast, minus ln(u/u*) by the quick forecast.
 
-        By the full forecast, ln(u/u*) is the largest of all goals. Of its values on the possible
-        machines, the quantile at the required probability is taken.
+        By the full forecast, ln(u/u*) of a possible machine is the largest value of all goals. The
+        quantile of these values over the machines, at the required probability, is taken.
+        ``counts`` is the campaign's number of circles of every candidate.
         """
         excess = _excess(campaign.stated, self._goals).max(axis=1)
         distance = campaign.family.quick.distance(counts)
         return float(np.quantile(excess, self._probability)) - distance
 
     def _keep_nearest(self, campaign: FoundCampaign) -> None:
-        """Keep a campaign that does not reach the goals if it comes nearer than those before."""
+        """Keep a campaign that misses the goals if it meets them on more machines than before."""
         if self.nearest is None or self._share_met(campaign) > self._share_met(self.nearest):
             self.nearest = campaign
 
@@ -279,9 +286,9 @@ class _Search:
     def attempt(self, progress: _Progress) -> FoundCampaign | None:
         """Return a campaign of a family that meets the goals, or None.
 
-        The number of circles is ``circles`` of ``progress``, or a smaller one if that suffices. The
-        result is None if the best campaign of that number does not meet the goals, takes too long,
-        or lacks a clocking or radius of the family.
+        The number of circles is ``circles`` of ``progress``, or a smaller number if that suffices.
+        The result is None if the best campaign of that number does not meet the goals, takes too
+        long, or lacks a clocking or radius of the family.
         """
         family = progress.family
         circles = progress.circles
@@ -305,7 +312,7 @@ class _Search:
         return self._with_fewer_circles(progress, campaign)
 
     def _judge(self, progress: _Progress, counts: Array) -> FoundCampaign:
-        """Return a campaign with its full forecast, and update the factor between forecasts."""
+        """Return a campaign with its full forecast; update the ratio of full to quick forecast."""
         progress.forecasts += 1
         campaign = judge_plan(progress.family, progress.family.tests_of(counts))
         self.effort += len(campaign.tests) ** 2
@@ -313,7 +320,10 @@ class _Search:
         return campaign
 
     def _with_fewer_circles(self, progress: _Progress, campaign: FoundCampaign) -> FoundCampaign:
-        """Return the campaign with the fewest circles that meets the goals, given one that does."""
+        """Return the shortest campaign that meets the goals, found from a longer campaign.
+
+        Circles are removed one by one as long as the campaign still meets the goals.
+        """
         family = progress.family
         best = campaign
         for circles in range(len(campaign.tests) - 1, progress.last_failed, -1):
@@ -330,17 +340,17 @@ class _Search:
         return best
 
     def _learn(self, progress: _Progress, campaign: FoundCampaign, counts: Array) -> None:
-        """Update the factor between full and quick forecast, from the full one of a campaign."""
+        """Update the ratio of full to quick forecast from the full forecast of a campaign."""
         added = self._inflation_of(campaign, counts) - progress.lasting_inflation
         progress.inflation = max(added, 0.0) * len(campaign.tests)
         self._inflation = min(self._inflation, progress.inflation)
 
     def _expected_inflation(self, progress: _Progress) -> float:
-        """Return ln of the factor to expect between full and quick forecast of a family.
+        """Return ln of the ratio to expect of full to quick forecast in a family.
 
-        The quick forecast takes the scales of noise and effects as known. With more circles the
-        analysis knows them better: the logarithm is a constant plus a part in proportion to one
-        over the number of circles.
+        The quick forecast takes the scales of noise and effects as known. The more circles there
+        are, the better the analysis knows these scales. The logarithm is therefore a constant plus
+        a part that is inversely proportional to the number of circles.
         """
         inflation = progress.inflation
         if inflation is None:
@@ -349,10 +359,11 @@ class _Search:
 
 
 def _least_multiple(family: CampaignFamily, counts: Array, distance: float) -> float:
-    """Return the factor on the number of circles with which a campaign reaches a given distance.
+    """Return the factor by which to multiply all numbers of circles to reach a given distance.
 
-    ``counts`` are the numbers of circles of all candidates; multiplied ones need not be whole.
-    ``distance`` is the distance from the goals by the quick forecast, see `quick_forecast`.
+    ``counts`` are the numbers of circles of all candidates; the multiplied numbers need not be
+    whole. ``distance`` is the distance from the goals by the quick forecast, as `quick_forecast`
+    defines it.
     """
     low = -np.log(_CIRCLES_OF_SHARES)
     high = np.log(_MOST_CIRCLES / _CIRCLES_OF_SHARES)

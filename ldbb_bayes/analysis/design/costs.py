@@ -1,9 +1,9 @@
 """Costs of a campaign: machine time, and certificates of the instrument.
 
-Machine time is the number of circles, of set-ups and of turns of the balls, each times the minutes
-that it takes. Circles of one plane, radius and set-up are run in one set-up, in which the balls are
-turned once for every further clocking (pair of angles of the balls). Money is machine time times
-its price, and the prices of certificates.
+Machine time is the sum of the times for all circles, all set-ups and all turns of the balls.
+Circles that agree in plane, radius and stated set-up are run in one set-up. In a set-up, the balls
+are turned once for every clocking (pair of angles of the balls) after the first. The price of a
+campaign is the price of its machine time plus the prices of its certificates.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ class Costs(Result):
     39.0
     """
 
-    minutes_per_circle: float = 3.0  #: minutes for one circle, with setting its force
-    #: minutes for every set-up: one for each plane and radius, and for each stated set-up
+    minutes_per_circle: float = 3.0  #: minutes for one circle, including the time to set the force
+    #: minutes for every set-up; each combination of plane, radius and stated set-up needs a set-up
     minutes_per_setup: float = 15.0
     minutes_per_clocking: float = 5.0  #: minutes for every turn of the balls within a set-up
     #: price of an hour of machine time, in the unit of money of the certificates' prices
@@ -76,7 +76,7 @@ class Costs(Result):
 
 
 def minutes_of(costs: Costs, tests: Iterable[CircularTest]) -> float:
-    """Return the machine time of tests, whatever the order in which they are listed [min]."""
+    """Return the machine time of tests [min], which does not depend on their order."""
     clockings_by_setup: dict[tuple[str, float, int], set[tuple[float, float]]] = {}
     circles = 0
     for test in tests:
@@ -97,5 +97,5 @@ def minutes_of(costs: Costs, tests: Iterable[CircularTest]) -> float:
 
 
 def price_of(costs: Costs, minutes: float, certificates: float = 0.0) -> float:
-    """Return the price of machine time [min] and of certificates, in the unit of their prices."""
+    """Return the price of a machine time [min] plus the price ``certificates`` of certificates."""
     return costs.price_per_hour * minutes / _MINUTES_PER_HOUR + certificates

@@ -7,8 +7,8 @@ hyper-parameters, treated at once. Every criterion takes the Cholesky factor L o
 
 - `value`: the figure of merit Φ(S), shape (...), which never falls when information is added;
 - `directions`: Q, shape (..., s, q), with the derivative ∂Φ/∂S = Q Qᵀ, which the search uses;
-- `concave`: whether any local optimum over the shares of the tests is the global one;
-- `efficiency`: the merit of a design relative to the best, 0 … 1.
+- `concave`: whether every local optimum over the shares of the tests is the global optimum;
+- `efficiency`: the merit of a design relative to the best design, 0 … 1.
 """
 
 from __future__ import annotations

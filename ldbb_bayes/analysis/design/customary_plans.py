@@ -1,4 +1,4 @@
-"""Campaigns as people run them today: equal force steps, both directions, balls as they are."""
+"""Campaigns as people run them today, in which the balls are never turned."""
 
 from __future__ import annotations
 
@@ -24,8 +24,10 @@ def equal_steps(
 ) -> tuple[CircularTest, ...]:
     """Return circles in equal steps of force, alternately in the directions of travel.
 
-    ``template`` is a test of the machine, and ``ways`` are the directions; None if not stated. The
-    balls are not turned.
+    ``lowest_N`` and ``highest_N`` are the first and the last force [N], and ``number`` is the
+    number of circles. ``ways`` are the directions of travel; None stands for a direction that is
+    not stated. All other settings are those of ``template``, a test of the machine, but the balls
+    are not turned.
     """
     forces = np.linspace(lowest_N, highest_N, number)
     return _circles(template, ways, [float(force) for force in forces])
@@ -39,7 +41,8 @@ def published_forces(
 ) -> tuple[CircularTest, ...]:
     """Return circles at the forces of the published experiment, alternately in the directions.
 
-    Where a machine is tested from another lowest to another highest force, they are in proportion.
+    The published forces are scaled linearly to the range from ``lowest_N`` to ``highest_N`` [N].
+    The other arguments are those of `equal_steps`.
     """
     published = np.array(_PUBLISHED_FORCES_N)
     shares = (published - published[0]) / (published[-1] - published[0])
@@ -50,7 +53,10 @@ def published_forces(
 def _circles(
     template: CircularTest, ways: Sequence[Direction | None], forces_N: Sequence[float]
 ) -> tuple[CircularTest, ...]:
-    """Return one circle at every force, alternately in the directions of travel."""
+    """Return one circle at every force, alternately in the directions of travel ``ways``.
+
+    All other settings are those of ``template``, but the balls are not turned.
+    """
     circles = []
     for k, force_N in enumerate(forces_N):
         circles.append(

@@ -30,7 +30,7 @@ _LEAST_VARIANCE = 1e-12
 
 @dataclass(frozen=True)
 class Discrimination(Result):
-    """Expected log Bayes factor ln B of slopes over no slopes, and probabilities of evidence.
+    """Expected log Bayes factor ln B of slopes over no slopes, and chances of decisive evidence.
 
     Slopes are changes of the compliances with force. Fields that end in ``_with`` hold if there are
     slopes, those in ``_without`` if there are none.
@@ -90,10 +90,10 @@ def discrimination_of(
     size
         Size of the slopes, in prior standard deviations.
     before
-        Posterior of the slopes given tests already run, in the same units; default: no tests were
-        run.
+        Posterior of the slopes given the tests that are run already, in units of the slopes' prior
+        standard deviations. Default: no tests are run already.
     threshold
-        Least absolute value of ln B of decisive evidence [nat].
+        Least absolute value of ln B at which evidence is decisive [nat].
     seed
         Seed of the quasi-random points.
 

@@ -1,15 +1,17 @@
 """Forecast of tests before they are run: expected uncertainties, and information gain.
 
-There is one forecast, whoever asks for it: `design` for the tests that it recommends, `identify`
-for a plan, the page for its sliders. It is a function of the model, of the tests, and of what is
-known before them: the scales of noise and effects that a pilot leaves likely, or their prior.
+`design` uses this forecast for the tests that it recommends, `identify` for a plan, and the browser
+page for the tests that its sliders describe. A forecast depends on the model, on the tests, and on
+what is known of the scales of noise and effects before the tests. This is their posterior given the
+readings of a pilot (the campaign that a design starts from), or their prior.
 
 β are the parameters (compliances, their slopes and geometric errors), φ the hyper-parameters (the
-scales of the noise and of other effects). A state is one possible machine: values of φ and β. For
-every state, circles scatter as they may, the analysis of the tests believes in scales that are near
-the true ones (`believed_scales`), and it states the uncertainty that follows: the average of the
-variances given the scales that it believes in, and the variance of the estimates over them, with
-compliances that are not negative. The expected uncertainty is the median over all states.
+scales of the noise and of other effects). A state is one possible machine: values of φ and β. In
+every state, each circle has its own scatter. The analysis of the tests does not know the true
+scales. It believes in several values of the scales that are near the true values
+(`believed_scales`). The variance that the analysis states is the mean of the variances given these
+values, plus the variance of the estimates over these values. Compliances must not be negative. The
+expected uncertainty is the median of the stated uncertainties over all states.
 """
 
 from __future__ import annotations
@@ -46,13 +48,14 @@ __all__ = [
 # Number of possible states of the machine (values of parameters and hyper-parameters) that a
 # forecast averages over.
 _STATES = 64
-# Number of values of the scales that the analysis of a possible machine's tests believes in, over
-# which its stated variance is averaged.
+# Number of values of the scales over which the stated variance of a possible machine is averaged.
+# The analysis of the machine's tests believes in these values.
 _BELIEFS = 4
-# Number of posterior means that a forecast draws at random for each possible state of the machine,
-# where the analysis knows the scales. Each is one that an analysis of the new tests may find.
+# Number of posterior means that a forecast draws at random for each possible state of the machine
+# if the analysis knows the scales. An analysis of the new tests may find any of these means.
 _MEANS_PER_STATE = 4
-# Share of the machines that state no more than the likely standard uncertainty.
+# Share of the possible machines for which the analysis states at most the likely standard
+# uncertainty.
 _LIKELY = 0.9
 # Standard error of the median of normally distributed values, relative to that of their mean.
 _ERROR_OF_MEDIAN = 1.2533
@@ -62,8 +65,8 @@ _REPETITIONS_OF_FLOOR = 1e6
 # Singular values of the design matrix of the readings below this count as zero, when it is tested
 # whether the tests determine every parameter.
 _RANK_TOLERANCE = 1e-6
-# Seed of the random numbers of every forecast: the same for all, so that the forecasts of one plan
-# agree to the last digit, whoever asks for them.
+# Seed of the random numbers. It is the same for all forecasts, so that two forecasts of one plan
+# agree to the last digit.
 _SEED = 1
 
 
@@ -71,15 +74,16 @@ _SEED = 1
 class Expected(Result):
     """Prior and expected posterior standard deviation of one parameter, in mm, N and rad.
 
-    ``prior_sd`` is infinite for a flat prior. ``sd`` is the standard uncertainty that the analysis
-    of the tests states for half of all machines that are possible now, and nine in ten of them
-    state at most ``likely_sd``. Both account for the truncation (compliances must not be negative);
-    ``untruncated_sd`` is the median without it. All are infinite if, with flat priors, the tests
-    leave a parameter undetermined. ``sd_error`` is the standard error of ``sd`` from the scatter
-    over possible states of the machine. It is somewhat too large, because states are spread more
-    evenly than independent ones. ``floor_sd`` is the standard deviation if every test were run a
-    million times. It is due to nuisance effects that all tests share, and is reduced for the
-    truncation in the same ratio as ``sd``.
+    ``prior_sd`` is infinite for a flat prior. On every possible machine, the analysis of the tests
+    will state a standard uncertainty: ``sd`` is the median of these uncertainties over all possible
+    machines, and nine in ten of them are at most ``likely_sd``. Both account for the truncation
+    (compliances must not be negative); ``untruncated_sd`` is the median without truncation. All but
+    ``prior_sd`` are infinite if, with flat priors, the tests leave a parameter undetermined.
+    ``sd_error`` is the standard error of ``sd`` from the scatter over possible states of the
+    machine. It is somewhat too large, because states are spread more evenly than independent ones.
+    ``floor_sd`` is the standard deviation if every test were run a million times. It is due to
+    nuisance effects that all tests share, and is reduced for the truncation in the same ratio as
+    ``sd``.
     """
 
     unit: str
@@ -111,13 +115,13 @@ class Forecast(Result):
 
 @dataclass(frozen=True)
 class Slopes:
-    """Slopes that the evidence of planned tests is about.
+    """Slopes for or against which planned tests will give evidence.
 
     Slopes are changes of compliances with force.
     """
 
     names: tuple[str, ...]  #: names of the slopes
-    size: float = 1.0  #: size that the slopes may have, in prior standard deviations
+    size: float = 1.0  #: size of the slopes if they exist, in prior standard deviations
 
 
 @one_blas_thread
@@ -128,17 +132,18 @@ def forecast_plan(
     slopes: Slopes | None = None,
     machines: int | None = None,
 ) -> Forecast:
-    """Return the forecast of a plan: what half of all machines possible now will state.
+    """Return the forecast of a plan: expected uncertainties, information gain and evidence.
 
     Parameters
     ----------
     model : HybridModel
         Model for the analysis of the plan's tests.
     plan : Campaign
-        Plan. The machine is assumed to be known as from the plan's pilot, or else from the prior.
+        Plan. Before the plan is run, the machine is known only from the readings of the plan's
+        pilot or, if there are none, from the prior.
     slopes : Slopes, optional
-        Slopes that evidence is to be forecast for. Default: all of the model, of the size of their
-        prior standard deviations.
+        Slopes (changes of compliance with force) for which the evidence is forecast. Default: all
+        slopes of the model, with the size of their prior standard deviations.
     machines : int, optional
         Number of possible machines: fewer are quicker and less exact. Default: 64.
 
@@ -162,7 +167,7 @@ def forecast_plan(
 
 @dataclass(frozen=True, eq=False)
 class StatedByMachines:
-    """What the analyses of planned tests state, one for each of n machines that are possible."""
+    """Standard uncertainties that the analyses of planned tests state on n possible machines."""
 
     names: tuple[str, ...]  #: names of the p parameters
     beta: Array  #: true parameters of the machines, shape (n, p), in internal units
@@ -175,14 +180,15 @@ def stated_by_machines(
 ) -> StatedByMachines:
     """Return the uncertainties that the analyses of a plan state, for all possible machines.
 
-    `forecast_plan` gives their medians. The model must have proper priors.
+    `forecast_plan` gives the medians of these uncertainties. The model must have proper priors.
 
     Parameters
     ----------
     model
         Model for the analysis of the plan's tests.
     plan
-        Plan. The machine is assumed to be known as from the plan's pilot, or else from the prior.
+        Plan. Before the plan is run, the machine is known only from the readings of the plan's
+        pilot or, if there are none, from the prior.
     machines
         Number of possible machines. Default: 64.
     """
@@ -201,7 +207,7 @@ def stated_by_machines(
 def states_of(model: HybridModel, plan: Campaign, machines: int | None = None) -> States:
     """Return the possible states of the machine before a plan is run, for its forecast.
 
-    ``machines`` is their number, by default 64.
+    ``machines`` is the number of states, by default 64.
     """
     pilot = plan.pilot or plan
     number = machines or _STATES
@@ -227,11 +233,11 @@ def forecast_tests(
     run
         Number of tests that are run already.
     slopes
-        Slopes that evidence is to be forecast for. Default: all of the model, of the size of their
-        prior standard deviations.
+        Slopes (changes of compliance with force) for which the evidence is forecast. Default: all
+        slopes of the model, with the size of their prior standard deviations.
     known_scales
-        Whether the analysis knows the scales of noise and effects, and circles scatter alike.
-        Default: it learns the scales from its own readings.
+        Whether the analysis knows the scales of noise and effects, and all circles scatter alike.
+        Default: the analysis learns the scales from its own readings.
 
     Returns
     -------
@@ -257,8 +263,9 @@ def forecast_tests(
 def _believed_covariance(bound: BoundModel, states: States, run: int) -> Array:
     """Return covariances of the parameters at scales that the analysis of the tests believes in.
 
-    The result, shape (K, values, p, p), is in units of the prior standard deviations and for K
-    possible machines. Compliances may be negative.
+    The result has the shape (K, values, p, p), for K possible machines and a few values of the
+    scales for each machine. It is in units of the prior standard deviations. The condition that
+    compliances are not negative is not used.
     """
     phi = extend_hyper_parameters(bound, states.phi, run, scattering=True)
     scales = believed_scales(bound, phi, _BELIEFS, _SEED)
@@ -272,7 +279,7 @@ def _believed_covariance(bound: BoundModel, states: States, run: int) -> Array:
 def _evidence(
     bound: BoundModel, states: States, covariance: Array, run: int, slopes: Slopes
 ) -> Discrimination | None:
-    """Return the expected evidence for or against slopes; None if there are none.
+    """Return the expected evidence for or against slopes; None if there are no slopes.
 
     ``states`` are K possible states of the machine before the tests. ``covariance`` are the
     posterior covariances of the p parameters in each state, shape (K, p, p), in units of the prior
@@ -318,10 +325,11 @@ def expected_uncertainties(
     states
         K possible states of the machine before the tests: hyper-parameters and parameters.
     covariance
-        Posterior covariances of the p parameters in each state if compliances may be negative and
-        circles scatter alike, shape (K, p, p), in units of the prior standard deviations.
+        Posterior covariances of the p parameters in each state, shape (K, p, p), in units of the
+        prior standard deviations, if compliances may be negative and all circles scatter alike.
     believed
-        The same at scales that the analysis may believe in, shape (K, values, p, p).
+        Posterior covariances in each state at several values of the scales that the analysis may
+        believe in, shape (K, values, p, p), in the same units; compliances may be negative.
     floor
         Standard deviations that remain after very many tests, shape (p,), in units of the prior
         standard deviations.
@@ -329,7 +337,7 @@ def expected_uncertainties(
     Returns
     -------
     dict of str to Expected
-        Expected uncertainty by parameter.
+        Expected uncertainties; the keys are the names of the parameters.
     """
     scale = bound.scale
     variances = stated_variances(bound, states, believed * np.outer(scale, scale))
@@ -362,10 +370,10 @@ def stated_variances(
     """Return the variances that analyses of planned tests state, for all possible machines.
 
     A state is one possible machine. States in which a compliance would be negative at a force of
-    the new tests are left out, unless this holds for all states. For every other state, posterior
-    means that the analysis may find are drawn at random. The stated variance is the mean of the
-    variances over the scales that the analysis believes in, plus the variance of the means over
-    them. With truncation, compliances must not be negative.
+    the new tests are left out, unless no state would be left. For every state that is left,
+    posterior means that the analysis may find are drawn at random. The stated variance is the mean
+    of the posterior variances over the values of the scales that the analysis believes in, plus the
+    variance of the posterior means over these values.
 
     Parameters
     ----------
@@ -377,12 +385,13 @@ def stated_variances(
         Posterior covariances of the p parameters in each state, without truncation, for n values
         of the scales, shape (K, n, p, p), in internal units (mm, N, rad).
     truncated
-        Whether the analyses keep compliances from being negative, if the model does.
+        Whether the analyses use the condition that no compliance is negative; this has no effect if
+        the model does not have this condition.
 
     Returns
     -------
     Array
-        Variances, shape (analyses, p), in internal units.
+        Variances of the p parameters, shape (analyses, p), in internal units.
     """
     variance = np.einsum("knii->kni", covariance)
     if bound.model.prior.flat:
@@ -401,9 +410,10 @@ def stated_variances(
 
 
 def _is_possible(bound: BoundModel, states: States) -> Array:
-    """Return for each state whether no compliance is negative in it; true for all if none is so.
+    """Return, for each state, whether it counts as possible: no compliance is negative.
 
-    The result has the shape (states,).
+    The result has the shape (states,). If every state has a negative compliance, all states count
+    as possible.
     """
     if not bound.truncation.active:
         return np.ones(len(states.beta), bool)
@@ -412,18 +422,18 @@ def _is_possible(bound: BoundModel, states: States) -> Array:
 
 
 def _moments_inside(bound: BoundModel, means: Array, covariance: Array) -> tuple[Array, Array]:
-    """Return means and variances of the parameters where no compliance is negative.
+    """Return means and variances of the parameters if no compliance may be negative.
 
     Parameters
     ----------
     bound
         Model bound to the new tests.
     means
-        Posterior means without truncation in internal units (mm, N, rad), shape (repetitions,
+        Posterior means without this condition in internal units (mm, N, rad), shape (repetitions,
         states, n, p).
     covariance
-        Posterior covariances without truncation, for n values of the scales in each state, shape
-        (states, n, p, p).
+        Posterior covariances without this condition, for n values of the scales in each state,
+        shape (states, n, p, p), in internal units.
 
     Returns
     -------
@@ -454,12 +464,12 @@ def _draw_posterior_means(
 
     Let m₁ be the mean and P₁ the precision of the p parameters β before the tests, C their
     covariance after the tests, and W = 1 − C P₁. Given β of a state, the posterior mean is normally
-    distributed with the mean m₁ + W (β − m₁) and the covariance W C. All n values of the scales
-    that one analysis believes in see the same readings: they have the same random numbers.
-    ``is_possible``, shape (K,), is true for the states that are used; ``covariance``, shape
-    (possible states, n, p, p), holds C for each of these. The result has the shape (repetitions,
-    possible states, n, p). All are in internal units (mm, N, rad); ``scale`` are the prior standard
-    deviations.
+    distributed with the mean m₁ + W (β − m₁) and the covariance W C. The n values of the scales
+    that one analysis believes in belong to the same readings, and therefore share the same random
+    numbers. ``is_possible``, shape (K,), is true for the states that are used. ``covariance``,
+    shape (possible states, n, p, p), holds C for each of these states. ``scale``, shape (p,), are
+    the prior standard deviations. The result has the shape (repetitions, possible states, n, p).
+    All quantities are in internal units (mm, N, rad).
     """
     covariance = covariance / np.outer(scale, scale)
     prior_mean = states.before.mean[is_possible]
@@ -484,7 +494,7 @@ def _symmetric_root(covariance: Array) -> Array:
 
 
 def posteriors(bound: BoundModel, phi: Array, run: int) -> tuple[Gaussian | None, Array]:
-    """Return the posterior p(β | y, φ), and the standard deviations that very many tests leave.
+    """Return the posterior p(β | y, φ), and the standard deviations after very many tests.
 
     β are the p parameters and φ the hyper-parameters, of which K values are given. Both results are
     in units of the prior standard deviations. The readings y are not known yet. The mean of the

@@ -1,9 +1,9 @@
-"""From goals to the cheapest campaign: which circles and certificates reach every goal.
+"""The cheapest campaign that reaches every goal: its circles and its certificates.
 
 A goal is the largest expanded uncertainty U (k = 2) that a parameter may have. The pilot is the
-campaign or plan that a design starts from. Machines like the pilot's are those that its readings
-leave possible; a campaign reaches its goals if the analysis of its readings will meet all of them
-on a stated share of these machines.
+campaign or plan that a design starts from. Possible machines are those that are likely given the
+pilot's readings or, if there are none, under the prior. A campaign reaches its goals if the
+analysis of its readings meets all goals on a stated share of the possible machines.
 """
 
 from __future__ import annotations
@@ -50,13 +50,14 @@ __all__ = [
     "design_for_goals",
 ]
 
-# Clockings to choose from: balls as they are, and both turned. At 45° the form error of orders 2, 3
-# and 4 turns by 90, 135 and 180°.
+# Default clockings (pairs of angles of the balls [°]) to choose from: balls not turned, and both
+# balls turned. A turn of 45° changes the phase of form errors of the orders 2, 3 and 4 by 90°, 135°
+# and 180°.
 _CLOCKINGS: tuple[Clocking, ...] = ((0.0, 0.0), (45.0, 45.0))
 _DIRECTIONS: tuple[Direction, ...] = ("CW", "CCW")
-# Number of forces to choose from, in equal steps over the pilot's range.
+# Default number of forces to choose from, in equal steps over the pilot's range.
 _FORCE_LEVELS = 5
-# Number of campaigns that are shown: the cheapest, and the next best two.
+# Largest number of campaigns in the result: the cheapest, and the next best two.
 _SHOWN = 3
 
 
@@ -67,9 +68,14 @@ class StatedGoal(Result):
     goal: Goal
     #: largest U (k = 2) that the goal allows at the pilot's estimate, in the parameter's unit
     limit_U: float
-    value: float  #: the pilot's estimate of the parameter; the prior mean for a plan
-    U: float  #: expanded uncertainty (k = 2) of the pilot's estimate
-    met_by_pilot: bool  #: whether the pilot's readings meet the goal, so that nothing is needed
+    #: the pilot's estimate of the parameter; the median of its absolute value under the prior if
+    #: the pilot is a plan
+    value: float
+    #: expanded uncertainty (k = 2) of the parameter given the pilot's readings, or under the prior
+    #: if the pilot is a plan
+    U: float
+    #: whether the pilot's readings meet the goal, so that no further circles are needed for it
+    met_by_pilot: bool
 
 
 @dataclass(frozen=True)
@@ -77,8 +83,11 @@ class GoalForecast(Result):
     """Expanded uncertainties of the parameter of one goal to expect from a campaign."""
 
     unit: str
-    U: float  #: expanded uncertainty (k = 2) that half of all possible machines state at most
-    likely_U: float  #: expanded uncertainty that nine in ten of them state at most
+    #: expanded uncertainty (k = 2) that the analysis states at most for half of all possible
+    #: machines
+    U: float
+    #: expanded uncertainty that the analysis states at most for nine in ten possible machines
+    likely_U: float
     probability: float  #: share of the possible machines on which the goal is met
 
 
@@ -86,12 +95,13 @@ class GoalForecast(Result):
 class GoalPlan(Result):
     """A campaign that reaches the goals: its circles, its certificates and what it costs."""
 
-    #: one row per different test: force_N, settings in which tests differ, and count
+    #: one row per different test: force_N, further settings, and count, the number of times to run
+    #: the test
     tests: Records
     circles: int
     certificates: tuple[str, ...]  #: certificates to buy, such as "balls of grade G10"
     minutes: float  #: machine time [min]
-    price: float  #: price of machine time and certificates, in the unit of money of the prices
+    price: float  #: price of machine time and certificates, in the unit of money of `Costs`
     probability: float  #: share of the possible machines on which all goals are met
     goals: dict[str, GoalForecast]  #: forecast of every goal that is not met by the pilot
     expected: dict[str, Expected]  #: expected uncertainty of every parameter
@@ -106,7 +116,7 @@ class GoalPlan(Result):
         Returns
         -------
         Campaign
-            The plan, with the certificates that it counts on.
+            The plan, whose instrument has the certificates of the campaign.
 
         Raises
         ------
@@ -126,12 +136,12 @@ class CustomaryPlan(Result):
 
     name: str  #: kind of the customary campaign, such as "equal steps"
     customary: GoalPlan  #: campaign as people run it today
-    ours: GoalPlan  #: the same number of circles, chosen for the goals
+    ours: GoalPlan  #: best campaign for the goals with the same number of circles
 
 
 @dataclass(frozen=True, eq=False)
 class GoalDesign(Result):
-    """The cheapest campaign that reaches every goal, the next best two, and what stands in the way.
+    """The cheapest campaigns that reach every goal, and the reasons why goals are not reached.
 
     Examples
     --------
@@ -147,16 +157,20 @@ class GoalDesign(Result):
     goals: dict[str, StatedGoal]  #: goals by name of the parameter
     probability: float  #: least share of the possible machines on which all goals are to be met
     costs: Costs  #: costs of circles, set-ups, turns of the balls and machine time
-    #: campaigns that reach all goals that can be reached and are not met yet, the cheapest first;
-    #: none if nothing is needed, or if time is too short
+    #: campaigns, the cheapest first, that reach all goals except those that are met already and
+    #: those in ``unreachable``; empty if all goals are met already, or if no campaign reaches the
+    #: goals, for example because machine time is too short
     plans: tuple[GoalPlan, ...]
-    obstacles: dict[str, Obstacle]  #: goals that no number of circles reaches, by name
-    #: goals that very many circles would reach, but no campaign that can be run; the other goals
-    #: too where all together are reached on too few machines, by name
+    #: reasons why no number of circles reaches a goal, for the goals concerned; the keys are the
+    #: names of the parameters
+    obstacles: dict[str, Obstacle]
+    #: reasons why no campaign that can be run reaches a goal that very many circles would reach;
+    #: the keys are the names of the parameters. If every single goal is reached, but not all goals
+    #: together, all goals are included.
     near_misses: dict[str, NearMiss]
     #: goals that neither circles nor the certificates on offer reach; the plans leave them out
     unreachable: tuple[str, ...]
-    #: campaigns as people run them today; none where nothing is needed or reached
+    #: campaigns as people run them today, for comparison; empty if ``plans`` is empty
     customary: tuple[CustomaryPlan, ...]
     measured: bool  #: whether the pilot has readings
     pilot: str  #: name of the pilot
@@ -194,7 +208,7 @@ class GoalDesign(Result):
         Returns
         -------
         Campaign
-            The plan, with the certificates that it counts on.
+            The plan, whose instrument has the certificates of the campaign.
 
         Raises
         ------
@@ -219,7 +233,7 @@ def design_for_goals(
     augment: bool = False,
     seed: int = 1,
 ) -> GoalDesign:
-    """Return the cheapest campaign that reaches goals, as `ldbb_bayes.design` describes it."""
+    """Return the cheapest campaigns that reach goals; `ldbb_bayes.design` states the arguments."""
     costs = costs or Costs()
     check_probability(probability, "probability")
     require(
@@ -249,9 +263,9 @@ def design_for_goals(
 
 
 def _directions_of(pilot: Campaign) -> tuple[Direction, ...]:
-    """Return both directions of travel; none if the pilot does not state in which it was run.
+    """Return both directions of travel; none if the directions of the pilot's tests are not stated.
 
-    Hysteresis can be counted only where all directions are known.
+    The model can include hysteresis only if the directions of all tests are known.
     """
     if any(test.direction is None for test in pilot.tests):
         return ()
@@ -259,7 +273,7 @@ def _directions_of(pilot: Campaign) -> tuple[Direction, ...]:
 
 
 def _what_is_known(space: Space, goals: Mapping[str, Goal]) -> dict[str, StatedGoal]:
-    """Return goals with the estimates and uncertainties that the pilot's readings give."""
+    """Return each goal with the pilot's estimate and uncertainty, by name of the parameter."""
     pilot = space.pilot
     states = states_of(space.model, pilot)
     bound = space.bound
@@ -291,7 +305,11 @@ def _describe(
     offers: Sequence[CertificateOffer],
     probability: float,
 ) -> GoalDesign:
-    """Return the design for the goals that are needed: not met by the pilot's readings."""
+    """Return the design for the goals that the pilot's readings do not meet.
+
+    ``needed`` are these goals. ``known`` are all goals, with the pilot's estimates and
+    uncertainties. The keys of both are the names of the parameters.
+    """
     plans: tuple[GoalPlan, ...] = ()
     customary: tuple[CustomaryPlan, ...] = ()
     obstacles: dict[str, Obstacle] = {}
@@ -334,7 +352,7 @@ def _reachable(
     goals: Mapping[str, Goal],
     states: States,
 ) -> dict[str, Goal]:
-    """Return the goals that very many circles reach, with some of the certificates on offer."""
+    """Return the goals that very many circles reach with at least one set of certificates."""
     reachable: dict[str, Goal] = {}
     for offers in sets:
         floor = CampaignFamily(space, offers, goals, states).quick.floor()
@@ -351,7 +369,8 @@ def _near_misses(
 ) -> dict[str, NearMiss]:
     """Return the goals that the largest campaign meets on too few machines, and the causes.
 
-    If it meets each of them on enough machines, but not all together, all are returned.
+    If the campaign meets every single goal on enough machines, but not all goals together, all
+    goals are returned.
     """
     forecasts = _plan_of(nearest, goals, costs).goals
     missed = [name for name in goals if forecasts[name].probability < probability]
@@ -368,7 +387,7 @@ def _near_misses(
 
 
 def _plan_of(campaign: FoundCampaign, goals: Mapping[str, Goal], costs: Costs) -> GoalPlan:
-    """Return a campaign as it is shown, with its costs and its forecast."""
+    """Return the description of a campaign for the result, with its costs and its forecast."""
     family = campaign.family
     shares = shares_of_machines(campaign.stated, goals)
     expected = forecast_plan(family.space.model, campaign.plan).expected
@@ -401,8 +420,8 @@ def _customary_plans(
 ) -> tuple[CustomaryPlan, ...]:
     """Return campaigns as people run them today, each with the best one of as many circles.
 
-    Customary campaigns have the certificates that the instrument has already, and the radius of the
-    best campaign.
+    Customary campaigns have only the certificates that the instrument has already, and the first
+    radius of the best campaign's family.
     """
     family = best.family
     uncertified = CampaignFamily(family.space, (), goals, family.states)

@@ -1,8 +1,8 @@
 """Goals of a campaign: the largest expanded uncertainty U (k = 2) that a parameter may have.
 
-A goal is absolute, as in E_C0YX = 10 µrad, or relative to the value that will be found, as in
-C_XXX = 5 %. A relative goal is stricter on a stiffer machine: its limit is known only with the
-value.
+A goal is absolute, as in E_C0YX = 10 µrad, or relative to the value that will be found, as in C_XXX
+= 5 %. A relative goal is stricter on a stiffer machine, and its limit is known only after the value
+has been found.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ __all__ = ["COVERAGE_FACTOR", "Goal", "goals_in"]
 COVERAGE_FACTOR = 2.0
 # A number followed by a percent sign, such as 5 %: a goal relative to the value itself.
 _PERCENTAGE = re.compile(r"\s*([+−-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)\s*%\s*", re.IGNORECASE)
-# Signs that may stand before a goal. They change nothing: a goal is an upper limit of U, and U is
-# symmetric.
+# Signs that may stand before a goal. They are ignored, because a goal always is an upper limit of
+# U, which extends equally to both sides.
 _SIGN = re.compile(r"^\s*(±|≤|<=)\s*")
 
 
@@ -34,7 +34,7 @@ _SIGN = re.compile(r"^\s*(±|≤|<=)\s*")
 class Goal(Result):
     """Largest expanded uncertainty U (k = 2) that a parameter may have: U ≤ limit.
 
-    Exactly one of ``absolute`` and ``share`` is a number.
+    Exactly one of ``absolute`` and ``share`` is a number; the other is None.
 
     Examples
     --------
@@ -73,11 +73,14 @@ class Goal(Result):
         return np.full(size.shape, self.absolute)
 
     def limit_u(self, value: ArrayLike) -> Array:
-        """Return the largest standard uncertainty u = U/2 that the goal permits."""
+        """Return the largest standard uncertainty u = U/2 that the goal permits.
+
+        ``value`` and the result are those of `limit_U`, with u instead of U.
+        """
         return np.asarray(self.limit_U(value) / COVERAGE_FACTOR)
 
     def is_met(self, value: ArrayLike, u: ArrayLike) -> Array:
-        """Return whether standard uncertainties u meet the goal, for values of the parameter.
+        """Return whether standard uncertainties u meet the goal, for given values of the parameter.
 
         Parameters
         ----------
@@ -100,10 +103,10 @@ def goals_in(bound: BoundModel, stated: Mapping[str, str | float | Goal]) -> dic
     Parameters
     ----------
     bound
-        The model, bound to a campaign or a plan: it knows the parameters and their units.
+        Model bound to a campaign or a plan; it states the parameters and their units.
     stated
-        Goals by name: texts with a unit, such as "10 µrad" or "5 %", numbers in internal units
-        (mm, N, rad), or goals.
+        Goals; the keys are the names of the parameters. A goal is a text with a unit, such as "10
+        µrad" or "5 %", a number in internal units (mm, N, rad), or a `Goal`.
 
     Returns
     -------
@@ -136,7 +139,7 @@ def goals_in(bound: BoundModel, stated: Mapping[str, str | float | Goal]) -> dic
 
 
 def _read_goal(name: str, unit: str, group: str, entry: object) -> Goal:
-    """Return the goal of a parameter from a text, a number in internal units, or a goal."""
+    """Return the goal that ``entry`` states: a text, a number in internal units, or a `Goal`."""
     subject = f"goal of {name}"
     goal: Goal
     if isinstance(entry, Goal):
@@ -160,7 +163,10 @@ def _read_goal(name: str, unit: str, group: str, entry: object) -> Goal:
 
 
 def _goal_from_text(subject: str, name: str, unit: str, text: str) -> Goal:
-    """Return the goal that a text states; ``subject`` names it in messages."""
+    """Return the goal that a text states.
+
+    ``name`` and ``unit`` are those of the parameter; ``subject`` names the goal in error messages.
+    """
     number = _SIGN.sub("", text)
     percentage = _PERCENTAGE.fullmatch(number)
     if percentage is None:
@@ -170,9 +176,10 @@ def _goal_from_text(subject: str, name: str, unit: str, text: str) -> Goal:
 
 
 def _check_size(subject: str, group: str, goal: Goal, entry: object) -> None:
-    """Refuse a goal that is not above zero, or that is a percentage without a meaning.
+    """Raise an `InputError` if a goal is not above zero, or is a percentage without a meaning.
 
-    A percentage must be below 100 %, and of a compliance; other parameters may be zero.
+    A percentage must be below 100 %, and its parameter must be a compliance, because all other
+    parameters may be zero.
     """
     size = goal.share if goal.absolute is None else goal.absolute
     require(
