@@ -346,7 +346,9 @@ class _Search:
         self._inflation = min(self._inflation, progress.inflation)
 
     def _expected_inflation(self, progress: _Progress) -> float:
-        """Return ln of the ratio to expect of full to quick forecast in a family.
+        """Return the natural logarithm of the expected ratio of full to quick forecast.
+
+        The ratio is that of the uncertainties of a campaign of the family.
 
         The quick forecast takes the scales of noise and effects as known. The more circles there
         are, the better the analysis knows these scales. The logarithm is therefore a constant plus

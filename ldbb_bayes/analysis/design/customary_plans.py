@@ -1,4 +1,4 @@
-"""Campaigns as people run them today, in which the balls are never turned."""
+"""Campaigns as people run them today: in equal steps of force, or at the published forces."""
 
 from __future__ import annotations
 

@@ -161,12 +161,12 @@ class GoalDesign(Result):
     #: those in ``unreachable``; empty if all goals are met already, or if no campaign reaches the
     #: goals, for example because machine time is too short
     plans: tuple[GoalPlan, ...]
-    #: reasons why no number of circles reaches a goal, for the goals concerned; the keys are the
-    #: names of the parameters
+    #: for every goal that no number of circles reaches, the reason; the keys are the names of the
+    #: parameters
     obstacles: dict[str, Obstacle]
-    #: reasons why no campaign that can be run reaches a goal that very many circles would reach;
-    #: the keys are the names of the parameters. If every single goal is reached, but not all goals
-    #: together, all goals are included.
+    #: for every goal that very many circles would reach, but no campaign that can be run, the
+    #: reason; the keys are the names of the parameters. If every single goal is reached, but not
+    #: all goals together, all goals are included.
     near_misses: dict[str, NearMiss]
     #: goals that neither circles nor the certificates on offer reach; the plans leave them out
     unreachable: tuple[str, ...]

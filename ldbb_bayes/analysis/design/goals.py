@@ -75,7 +75,7 @@ class Goal(Result):
     def limit_u(self, value: ArrayLike) -> Array:
         """Return the largest standard uncertainty u = U/2 that the goal permits.
 
-        ``value`` and the result are those of `limit_U`, with u instead of U.
+        ``value`` and the shape of the result are as in `limit_U`.
         """
         return np.asarray(self.limit_U(value) / COVERAGE_FACTOR)
 

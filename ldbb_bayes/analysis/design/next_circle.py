@@ -1,15 +1,15 @@
 """The next circle of a campaign that is under way, and whether to stop.
 
 A campaign need not be planned as a whole: after each circle, the next one can be chosen. There are
-three kinds of aims. The expanded uncertainty U (k = 2) of a parameter is to be small enough; it is
-to be decided whether compliance is constant or linear in force, or whether a tolerance is kept. The
+three kinds of aims: a small enough expanded uncertainty U (k = 2) of a parameter, a decision
+whether compliance is constant or linear in force, and a decision whether a tolerance is kept. The
 campaign may stop as soon as every aim is reached with the confidence asked for. Evidence and
 posterior do not depend on the reason why a campaign was stopped.
 
 The best next circle is the one with the smallest sum of expected distances from all aims (`aims`).
-No fit is made for this: the distances follow from the information that every possible circle gives,
-at a few values of the hyper-parameters φ (scales of the noise and of other effects) that are likely
-given the readings.
+No fit is needed for the choice: the distances follow from the information that every possible
+circle gives, at a few values of the hyper-parameters φ (scales of the noise and of other effects)
+that are likely given the readings.
 """
 
 from __future__ import annotations
@@ -56,10 +56,12 @@ from ldbb_bayes.results import Array, Records, Result
 
 __all__ = ["ModelSoFar", "NextCircle", "next_circle"]
 
-# Error allowed in a log evidence [nat]: a decision at 95 % needs a log Bayes factor of 3 nat.
+# Largest numerical error that a log evidence may have [nat]. It is small compared with the log
+# Bayes factor of 3 nat that a decision with 95 % probability needs.
 _TOLERANCE = 0.2
-# How many circles a campaign still needs is found by adding circles one by one until all aims are
-# reached, but no more than ``_MOST_CIRCLES``. They are chosen among the ``_CONTINUED`` best ones.
+# To find how many circles a campaign still needs, circles are added one by one until all aims are
+# expected to be reached, but at most ``_MOST_CIRCLES``. Only the ``_CONTINUED`` best next circles
+# may be added, each of them repeatedly.
 _CONTINUED = 12
 _MOST_CIRCLES = 20
 # Uncertainties that no number of circles reduces are computed as if each of the best possible
@@ -77,11 +79,11 @@ class ModelSoFar(Result):
 
     #: log Bayes factor of linear over constant compliance, averaged over rival explanations [nat]
     log_bayes_factor: float
-    log_bayes_factor_error: float  #: its numerical error [nat]
+    log_bayes_factor_error: float  #: numerical error of ``log_bayes_factor`` [nat]
     probability_linear: float  #: posterior probability of linear compliance
     #: whether constant or linear compliance has at least the probability asked for
     decided: bool
-    decided_next: float  #: probability that this is so after the best next circle
+    decided_next: float  #: probability of a decision after the best next circle
 
     @property
     def probability(self) -> float:
@@ -90,7 +92,7 @@ class ModelSoFar(Result):
 
 
 class _Chosen(NamedTuple):
-    """The best next circle, and the space of circles that it was chosen from."""
+    """The best next circle, and the space of possible circles that it was chosen from."""
 
     space: Space
     test: CircularTest
@@ -111,20 +113,22 @@ class NextCircle(Result):
 
     circles: int  #: number of circles run
     confidence: float  #: probability with which an aim counts as reached
-    goals: dict[str, GoalSoFar]  #: goals for uncertainties, by parameter
+    goals: dict[str, GoalSoFar]  #: states of the goals for uncertainties, by parameter
     goals_probability: float  #: probability that all goals are met already; 1 if there are none
     #: decision between constant and linear compliance; None for a model without slopes
     model: ModelSoFar | None
-    model_is_aim: bool  #: whether the campaign goes on until ``model`` is decided
+    model_is_aim: bool  #: whether the decision between constant and linear compliance is an aim
     tolerances: dict[str, ToleranceSoFar]  #: decisions on tolerances, by quantity
     finished: bool  #: whether every aim is reached, so that the campaign may stop
     #: number of further circles after which every aim is expected to be reached; None if 20 are not
     #: enough
     more_circles: int | None
-    #: the best next circles, the best first: force_N, angles of the balls, radius, other settings
-    #: in which circles differ, and share, by which the circle reduces the distance from all aims
+    #: the best next circles, the best first. Columns: force_N, angles of the balls, radius, other
+    #: settings in which circles differ, and share, the fraction by which the circle reduces the
+    #: total distance from all aims
     table: Annotated[Records, Field(alias="next")]
-    #: the best next circle, and what it was chosen from; None if read from a file
+    #: the best next circle, and the space it was chosen from; None if the result was read from a
+    #: file
     chosen: Annotated[Any, Field(exclude=True)] = None
 
     def plan(self) -> Campaign:
@@ -159,10 +163,11 @@ def next_circle(
     goals : mapping of str to str
         Goals for expanded uncertainties U (k = 2), by parameter, such as ``{"C_XXX": "5%"}``.
     tolerances : mapping of str to str or Tolerance, optional
-        Tolerances to decide on, as `assess_conformity` takes them. Default: the campaign's.
+        Tolerances to decide on, in the form that `assess_conformity` takes. Default: the tolerances
+        that the campaign states.
     decide_model : bool
-        Whether the campaign goes on until constant or linear compliance is decided. This is so
-        anyway if there are neither goals nor tolerances.
+        Whether a decision between constant and linear compliance is an aim. If there are neither
+        goals nor tolerances, the decision is always an aim.
     forces_N : sequence of float
         Force levels to choose from [N]. Default: nine in equal steps over the campaign's range.
     clockings_deg : sequence of pair of float
@@ -179,7 +184,8 @@ def next_circle(
     Returns
     -------
     NextCircle
-        The best next circles, and how the aims stand now and are expected to stand after the best.
+        The best next circles, and the state of every aim: now, and as expected after the best
+        circle.
 
     Raises
     ------
@@ -254,7 +260,10 @@ def _aims_of(
     tolerances: Mapping[str, ToleranceState],
     odds: _ModelOdds | None,
 ) -> list[Aim]:
-    """Return all aims of a campaign; ``odds`` are None if the model need not be decided."""
+    """Return all aims of a campaign.
+
+    ``odds`` is None if the decision between constant and linear compliance is not an aim.
+    """
     aims: list[Aim] = [state.aim for state in goals.values()]
     aims += [state.aim for state in tolerances.values()]
     if odds is not None:
@@ -263,7 +272,7 @@ def _aims_of(
 
 
 def _read_goals(goals: Mapping[str, str | Goal], space: Space) -> dict[str, Goal]:
-    """Return the goals by name of the parameter, after checking them; there may be none."""
+    """Return the checked goals by name of the parameter; an empty dict if there are no goals."""
     if not goals:
         return {}
     return goals_in(space.bound, goals)
@@ -279,7 +288,7 @@ def _states_of_tolerances(
     """Return the present decisions on tolerances, by name of the quantity.
 
     ``before`` are the covariances of the parameters before the next circle. The decisions need
-    posterior draws, which are taken only if there are tolerances.
+    posterior draws. As draws take time, none are made if there are no tolerances.
     """
     if not tolerances:
         return {}
@@ -290,10 +299,10 @@ def _states_of_tolerances(
 def _goals_so_far(
     goals: Mapping[str, GoalState], after: Array, floor: Array
 ) -> dict[str, GoalSoFar]:
-    """Return how far each goal is reached, by parameter.
+    """Return the state of every goal, by name of the parameter.
 
-    ``after`` are the covariances of the parameters after the best next circle, ``floor`` those
-    after very many circles.
+    ``after`` are the covariances of the p parameters after the best next circle, and ``floor``
+    those after very many circles, each at K values of the hyper-parameters, shape (K, p, p).
     """
     return {name: state.so_far(after, floor) for name, state in goals.items()}
 
@@ -309,7 +318,7 @@ def _tolerances_so_far(
 
 
 def _check_arguments(model: HybridModel, campaign: Campaign, confidence: float) -> None:
-    """Refuse a plan, flat priors, and a confidence out of range."""
+    """Raise an `InputError` for a plan, flat priors, or a confidence that is out of range."""
     require(
         not campaign.is_plan,
         "campaign must have readings, got a plan. Run its first circles, or use design.",
@@ -358,7 +367,10 @@ def _joint_probability(states: Mapping[str, GoalState], known: Known) -> float:
 
 
 def _covariances_after_very_many(objective: Objective) -> Array:
-    """Return covariances of the parameters after very many of each possible circle, (K, p, p)."""
+    """Return the covariances of the parameters after very many of each possible circle.
+
+    The result has the shape (K, p, p), for p parameters at K values of the hyper-parameters.
+    """
     rows = objective.rows
     information = (np.swapaxes(rows, -1, -2) @ rows).sum(axis=1)
     return np.linalg.inv(objective.prior + _VERY_MANY * information)[
@@ -369,8 +381,8 @@ def _covariances_after_very_many(objective: Objective) -> Array:
 def _circles_to_go(aims: Sequence[Aim], objective: Objective) -> int | None:
     """Return the number of further circles after which every aim is expected to be reached.
 
-    After each circle the best of the possible ones is chosen again. None if the aims are not
-    reached after the largest number of circles.
+    Each further circle is the best possible circle after the circles before it. Return None if the
+    aims are not reached after 20 circles.
     """
     circles = CandidateCovariances(objective)
     for number in range(1, _MOST_CIRCLES + 1):
@@ -383,19 +395,21 @@ def _circles_to_go(aims: Sequence[Aim], objective: Objective) -> int | None:
 def _best_circles(
     space: Space, order: Array, distance_now: float, distances: Array
 ) -> pd.DataFrame:
-    """Return a table of the best next circles, and by which share each reduces the distance.
+    """Return a table of the best next circles, with the share by which each reduces the distance.
 
-    ``order`` are the indices of the circles among the possible ones, the best first.
-    ``distances`` from all aims are those expected after each possible circle.
+    ``order`` are the indices of these circles among the possible circles, the best first.
+    ``distance_now`` is the present total distance from all aims, and ``distances`` are the total
+    distances expected after each possible circle.
     """
     table = space.frame([space.tests[k] for k in order])
     return table.assign(share=_shares_of_the_way(distance_now, distances[order]))
 
 
 def _shares_of_the_way(distance_now: float, distances: Array) -> Array:
-    """Return by which share each circle reduces the distance from all aims, between 0 and 1.
+    """Return the share, 0 … 1, by which each circle reduces the total distance from all aims.
 
-    ``distances`` are those expected after each circle, in the unit of ``distance_now``.
+    ``distance_now`` is the present distance, and ``distances`` are those expected after each
+    circle.
     """
     if distance_now <= 0.0:
         return np.ones(len(distances))
@@ -412,14 +426,17 @@ class _ModelOdds:
     known: Known
     columns: list[int]  # indices of the slopes among the parameters
     log_bayes_factor: float  # log Bayes factor of linear over constant compliance [nat]
-    error: float  # its numerical error [nat]
-    threshold: float  # log Bayes factor of a decision [nat]
+    error: float  # numerical error of the log Bayes factor [nat]
+    threshold: float  # absolute log Bayes factor that is enough for a decision [nat]
 
     @classmethod
     def of(
         cls, model: HybridModel, known: Known, evidences: Evidences, confidence: float
     ) -> _ModelOdds | None:
-        """Return the odds, averaged over rival explanations; None for a model without slopes."""
+        """Return the odds of linear over constant compliance; None for a model without slopes.
+
+        The odds are averaged over rival explanations of why compliance seems to change with force.
+        """
         parameters = known.bound.parameters
         columns = [k for k, parameter in enumerate(parameters) if parameter.group == "slope"]
         if not columns:
@@ -446,9 +463,10 @@ class _ModelOdds:
         return SlopesAim(self.columns, self.threshold, self.is_decided)
 
     def so_far(self, after: Array) -> ModelSoFar:
-        """Return the decision now, and the probability of one after the best next circle.
+        """Return the present decision, and the probability of one after the best next circle.
 
-        ``after``, shape (K, p, p), are the covariances of the parameters after that circle.
+        ``after``, shape (K, p, p), are the covariances of the p parameters after that circle, at K
+        values of the hyper-parameters.
         """
         scale = self.known.bound.scale[self.columns]
         given = self.known.bound.given(self.known.phi)[1]

@@ -56,7 +56,7 @@ class Objective(Shown):
         return int(self.rows.shape[1])
 
     def among(self, candidates: Array) -> Objective:
-        """Return the same objective for a choice among fewer candidate tests.
+        """Return the objective with only some of the candidate tests to choose from.
 
         ``candidates`` are the indices of these tests.
         """
@@ -145,8 +145,8 @@ class Objective(Shown):
             return np.concatenate([self._values(matrix[None]) for matrix in precision])
         values = self.criterion.value(root[:, -self.interest :, -self.interest :])
         if self._has_undetermined_prior:
-            # Find singular precision matrices by the diagonals of their Cholesky factors, because
-            # rounding errors may let the factorisation of a singular matrix succeed.
+            # Rounding errors may let the factorisation of a singular precision matrix succeed. Find
+            # singular matrices from the diagonals of their Cholesky factors.
             root_diagonal = np.diagonal(root, axis1=-2, axis2=-1)
             remaining_share = root_diagonal / np.sqrt(np.diagonal(precision, axis1=-2, axis2=-1))
             values = np.where(remaining_share.min(axis=-1) < _SINGULAR_SHARE, -np.inf, values)

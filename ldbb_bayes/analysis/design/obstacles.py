@@ -23,8 +23,8 @@ from ldbb_bayes.results import Array, Result
 
 __all__ = ["NearMiss", "Obstacle", "near_miss_of", "obstacles_of"]
 
-# A certificate is named if the uncertainty after very many circles is less than this share of that
-# without it.
+# A certificate is named only if it reduces the uncertainty after very many circles to less than
+# this share of the uncertainty without the certificate.
 _WORTH_SHARE = 0.9
 # Number of circles of every kind that counts as very many.
 _VERY_MANY = 1e6
@@ -33,17 +33,19 @@ _ALL_CERTIFICATES = "all certificates together"
 
 @dataclass(frozen=True)
 class Obstacle(Result):
-    """What keeps a goal from being reached by circles, whatever their number."""
+    """Reason why a goal is not reached by circles alone, however many there are."""
 
     #: expanded uncertainty (k = 2) that very many circles would leave, in the parameter's unit
     U_floor: float
-    held_by: str  #: model term or parameter with the largest share of it, such as ``Mount``
+    #: model term or parameter with the largest share of the variance after very many circles, such
+    #: as ``Mount``
+    held_by: str
     share: float  #: share of ``held_by`` in the variance after very many circles
-    #: certificate that would help most, such as "mount ± 2 %"; empty if none would
+    #: certificate that would help most, such as "mount ± 2 %"; an empty string if none would help
     certificate: str
-    #: expanded uncertainty that very many circles would leave with the certificate
+    #: expanded uncertainty (k = 2) that very many circles would leave with this certificate
     U_with_certificate: float
-    reached: bool  #: whether the goal can be reached with the certificate
+    reached: bool  #: whether the goal can be reached with this certificate
 
 
 @dataclass(frozen=True)
@@ -59,11 +61,12 @@ class NearMiss(Result):
     #: expanded uncertainty (k = 2) that nine in ten of the possible machines state at most after
     #: the largest campaign, in the parameter's unit
     likely_U: float
-    probability: float  #: share of the possible machines on which the largest campaign meets it
+    #: share of the possible machines on which the largest campaign meets the goal
+    probability: float
     #: model term or parameter with the largest share of the variance after very many circles
     held_by: str
     share: float  #: share of ``held_by`` in the variance after very many circles
-    #: certificate that would help most, such as "mount ± 2 %"; empty if none would
+    #: certificate that would help most, such as "mount ± 2 %"; an empty string if none would help
     certificate: str
 
 
@@ -79,8 +82,9 @@ def near_miss_of(
     name
         Name of the goal's parameter.
     circles, likely_U, probability
-        Number of circles of the campaign, U that nine in ten machines state at most, and share of
-        the machines on which the goal is met.
+        Number of circles of the campaign; U that the analysis states at most on nine in ten
+        possible machines, in the parameter's unit; and share of the possible machines on which the
+        goal is met.
     """
     floor = dict(zip(family.goals, family.quick.floor().tolist(), strict=True))[name]
     certificate = ""
@@ -95,7 +99,9 @@ def near_miss_of(
 
 
 def obstacles_of(family: CampaignFamily) -> dict[str, Obstacle]:
-    """Return why goals are not reached by any number of circles, by name of the parameter.
+    """Return the reasons why goals are not reached by any number of circles.
+
+    The keys are the names of the goals' parameters.
 
     ``family`` has all clockings and radii that may be used, and only the certificates that the
     instrument has already. Goals that circles can reach are left out.
@@ -134,7 +140,8 @@ def _floors_with(
     """Return ln(u/u*) of every goal after very many circles, with one more certificate.
 
     u is the standard uncertainty of the goal's parameter, u* the largest one permitted. ``name`` is
-    that of the certificate, and ``statements`` are the fields of the instrument that it states.
+    the name of the certificate, and ``statements`` are the values of the fields of the instrument
+    that the certificate states. The keys of the result are the names of the goals' parameters.
     """
     offer = CertificateOffer(name, 0.0, statements)
     offers = (*family.offers, offer)
@@ -147,10 +154,12 @@ def _most_helpful(
 ) -> tuple[str, float]:
     """Return the certificate that helps a goal most, and ln(u/u*) after very many circles with it.
 
-    The first certificate with which the goal is reached is taken. If no single one is enough, but
-    all together are, these are taken; otherwise the one that helps most, or none (an empty text) if
-    it helps by less than a tenth. ``floor`` is ln(u/u*) without certificates, and ``floors_with``
-    that with each certificate, by certificate, then by goal.
+    ``name`` is the name of the goal's parameter. The first certificate with which the goal is
+    reached is taken. If no single certificate is enough, but all together are, all together are
+    taken. If these are not enough either, the single certificate that reduces u most is taken, or
+    none (an empty string) if it reduces u by less than a tenth. ``floor`` is ln(u/u*) without
+    further certificates. ``floors_with`` holds ln(u/u*) with each certificate, by certificate and
+    then by goal.
     """
     singles = [key for key in floors_with if key != _ALL_CERTIFICATES]
     for key in floors_with:
@@ -166,9 +175,10 @@ def _most_helpful(
 
 
 def _typical_limits(family: CampaignFamily) -> dict[str, float]:
-    """Return the expanded uncertainty that every goal permits, as a mean over possible machines.
+    """Return the expanded uncertainty that every goal permits, averaged over possible machines.
 
-    The mean is the geometric one; the limit of a relative goal differs between machines.
+    The average is needed because the limit of a relative goal differs between machines; it is the
+    geometric mean. The keys are the names of the goals' parameters.
     """
     limits = {}
     for name, goal in family.goals.items():
@@ -186,7 +196,10 @@ class _Holder:
 
 
 def _held_by(family: CampaignFamily) -> dict[str, _Holder]:
-    """Return the largest source of every goal's variance after very many circles of every kind."""
+    """Return the largest source of the variance of every goal's parameter after very many circles.
+
+    The keys are the names of the parameters. The circles are very many of every kind.
+    """
     bound = family.bound
     run = len(family.space.pilot.tests) if family.space.augment else 0
     phi = np.sqrt((extend_hyper_parameters(bound, family.states.phi, run) ** 2).mean(axis=0))
@@ -203,8 +216,8 @@ def _repeated(information: Information) -> Information:
 
     The scatter of single circles then averages out; effects that all circles share remain.
     """
-    # Tests with the same noise share one dictionary of its sources, and share one in the result
-    # too.
+    # Tests with the same noise share one dictionary of noise sources; they share one dictionary in
+    # the result too.
     averaged: dict[int, dict[str, Array]] = {}
     for noises in information.noise:
         averaged[id(noises)] = {name: cov / _VERY_MANY for name, cov in noises.items()}

@@ -2,15 +2,16 @@
 
 β are the parameters and φ the hyper-parameters (the scales of the noise and of other effects).
 Every candidate test adds its information GᵀG to the precision matrix of all coefficients, at K
-values of φ that are likely given the pilot. As G is computed once, a search can compare thousands
-of campaigns, in milliseconds each. The forecast takes φ as known, lets all circles scatter alike,
-and allows negative compliances. `forecast_plan`, which does without these simplifications, is used
-for the best campaigns.
+values of φ that are likely given the pilot. As G is computed only once, a search can compare
+thousands of campaigns, each within milliseconds. The forecast assumes that φ is known and that all
+circles scatter alike, and it allows negative compliances. `forecast_plan`, which does not make
+these simplifications, is used for the best campaigns.
 
 Let r_g = u_g/u*_g be the expected standard uncertainty of the parameter of goal g, divided by the
 largest one that the goal permits. The distance of a campaign from its goals is the mean over φ of
 ln max_g r_g. It is zero where the goals are just met. The maximum is replaced by a smooth function
-of all r_g (log-sum-exp), so that the distance also decreases if only the other goals come nearer.
+of all r_g (log-sum-exp), so that the distance also decreases if a goal comes nearer that is not the
+farthest.
 """
 
 from __future__ import annotations
@@ -27,25 +28,25 @@ from ldbb_bayes.results import Array
 
 __all__ = ["QuickForecast", "limits_of_goals"]
 
-# Sharpness s of the smooth maximum (Σ r^s)^(1/s) over goals. At 16, it is 4 % above the maximum if
-# two goals are equal.
+# Sharpness s of the smooth maximum (Σ r^s)^(1/s) over goals. With s = 16, the smooth maximum of two
+# equal values is 4 % above these values.
 _SHARPNESS = 16.0
-# Largest number of passes in which an exchange of each circle of a campaign is tried.
+# Largest number of passes; in each pass, an exchange of every circle of a campaign is tried.
 _MOST_PASSES = 4
-# An exchange of circles must reduce the distance from the goals by this, which is more than
-# rounding errors do.
+# An exchange of circles must reduce the distance from the goals by at least this, which is more
+# than rounding errors change the distance.
 _LEAST_GAIN = 1e-9
-# Number of circles of every candidate at which uncertainties count as those that no number of
-# circles reduces.
+# After this many circles of every candidate, uncertainties count as those that no number of circles
+# reduces further.
 _VERY_MANY = 1e6
 
 
 def limits_of_goals(goals: Mapping[str, Goal], states: States, names: Sequence[str]) -> Array:
     """Return the largest standard uncertainty that every goal permits, shape (K, goals).
 
-    It depends on the parameters of the machine, of which ``states`` has K possible values.
-    ``names`` are the names of the parameters in ``states``. Limits are in internal units (mm, N,
-    rad).
+    The limit of a relative goal depends on the parameters of the machine, of which ``states`` has K
+    possible values. ``names`` are the names of the parameters in ``states``. The limits are in
+    internal units (mm, N, rad).
     """
     columns = []
     for name, goal in goals.items():
@@ -73,32 +74,44 @@ class QuickForecast:
         self.candidates = objective.candidates
 
     def distance(self, counts: Array) -> float:
-        """Return the distance of a campaign, given its number of circles of every candidate."""
+        """Return the distance of a campaign from the goals.
+
+        ``counts`` is the campaign's number of circles of every candidate, shape (candidates,).
+        """
         covariance = self._covariance(counts)
         return float(self._distance(self._of_goals(covariance)))
 
     def distances(self, counts: Array) -> Array:
-        """Return ln(u/u*) of every goal, as the mean over φ, shape (goals,)."""
+        """Return ln(u/u*) of every goal, averaged over φ, shape (goals,).
+
+        u is the standard uncertainty of the goal's parameter after a campaign, and u* the largest
+        standard uncertainty that the goal permits. ``counts`` is the campaign's number of circles
+        of every candidate, shape (candidates,).
+        """
         covariance = self._of_goals(self._covariance(counts))
         return np.asarray(self._log_ratio(covariance).mean(axis=0))
 
     def floor(self) -> Array:
-        """Return ln(u/u*) of every goal after very many circles of all candidates, (goals,)."""
+        """Return ln(u/u*) of every goal after very many circles, shape (goals,).
+
+        u and u* are as in `distances`. There are very many circles of every candidate.
+        """
         return self.distances(np.full(self.candidates, _VERY_MANY))
 
     def best_counts(self, circles: int, start: Array) -> Array:
         """Return the campaign of this many circles that a search finds nearest to the goals.
 
-        Circles are added one by one, each time the best one. Then each circle in turn is exchanged
-        for the best one in its place, until nothing changes, but in four passes at most.
+        Circles are added one by one, each time the circle that leaves the smallest distance. Then
+        every circle in turn is exchanged for the best circle in its place. The exchanges are
+        repeated until nothing changes, at most four times.
 
         Parameters
         ----------
         circles
             Number of circles.
         start
-            Number of circles of every candidate in the campaign to which circles are added; at most
-            ``circles`` in all.
+            Number of circles of every candidate in the campaign to which circles are added, shape
+            (candidates,); the sum is at most ``circles``.
 
         Returns
         -------
@@ -144,8 +157,9 @@ class QuickForecast:
     def _distances_after(self, covariance: Array) -> Array:
         """Return the distances after one more circle of every candidate, shape (candidates,).
 
-        With Σ = P⁻¹, one more circle leaves Σ − ΣGᵀ(1 + GΣGᵀ)⁻¹GΣ, of which only the variances of
-        the goals' parameters are needed.
+        Let Σ be the covariance of all coefficients before this circle, ``covariance``, shape (K, p,
+        p). After one more circle the covariance is Σ − ΣGᵀ(1 + GΣGᵀ)⁻¹GΣ, of which only the
+        variances of the goals' parameters are computed.
         """
         number = self._limits.shape[1]
         variances = []
@@ -159,10 +173,14 @@ class QuickForecast:
         return self._distance(np.array(variances).swapaxes(0, 1))
 
     def _log_ratio(self, variances: Array) -> Array:
-        """Return ln(u/u*) for variances, shape (..., K, goals)."""
+        """Return ln(u/u*) for variances u² of the goals' parameters, shape (..., K, goals)."""
         return np.asarray(0.5 * np.log(variances) - np.log(self._limits))
 
     def _distance(self, variances: Array) -> Array:
-        """Return distances, shape (...), for variances, shape (..., K, goals)."""
+        """Return the distances from the goals, shape (...).
+
+        ``variances``, those of the goals' parameters, has the shape (..., K, goals), for K values
+        of φ.
+        """
         soft = logsumexp(_SHARPNESS * self._log_ratio(variances), axis=-1) / _SHARPNESS
         return np.asarray(soft.mean(axis=-1))

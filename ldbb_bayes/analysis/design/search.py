@@ -126,7 +126,8 @@ def exchange(
         Number of tests by candidate in the design to start from, shape (candidates,). The design
         must be feasible.
     rng
-        Random generator for the order of the tests replaced, and for candidates tried.
+        Random generator for the order in which tests are replaced, and for the candidates that are
+        tried.
     feasible
         Function that takes the counts of a design and returns whether it is allowed. Default: all
         designs are.
@@ -229,7 +230,7 @@ class Search:
     _shares: dict[float, Optimum] = field(default_factory=dict, init=False)
 
     def shares(self, tests: float) -> Optimum:
-        """Return the best shares of this number of tests, computed once for each number.
+        """Return the best shares for this number of tests; they are computed only once.
 
         The share of a candidate is the fraction of the tests that are run at it.
         """
@@ -333,7 +334,9 @@ class Search:
         return _with_tests(others, rng.choice(candidates))
 
     def _completing_candidates(self, counts: Array) -> list[int]:
-        """Return the candidates of which one more test gives a design enough different forces.
+        """Return the indices of candidates of which one test completes a design.
+
+        Such a test gives the design enough different forces.
 
         ``counts`` holds the number of tests of each candidate.
         """

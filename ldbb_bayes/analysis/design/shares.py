@@ -104,7 +104,7 @@ class Optimum(Shown):
 
 
 def certificate(objective: Objective, share: Array, tests: float) -> Optimum:
-    """Return the quality of given shares of N tests, and data that prove whether they are best.
+    """Return the criterion of given shares of N tests, and data that show if they are the best.
 
     A candidate is a test that could be run, once or several times. Its share is the fraction of the
     N tests that are run at it.
@@ -213,8 +213,8 @@ def _solve_shares(objective: Objective, tests: float, start: Array, tolerance: f
     """Return the shares of a few candidates that maximise the objective, shape (candidates,).
 
     ``tests`` is the number of all tests. Shares are not negative and sum to one. They are computed
-    with the solver SLSQP from the shares ``start``, shape (candidates,). ``tolerance`` is that of
-    the objective, relative to the mean of the sensitivities weighted by the shares.
+    with the solver SLSQP from the shares ``start``, shape (candidates,). ``tolerance`` is the
+    tolerance of the criterion, relative to the mean of the sensitivities weighted by the shares.
     """
     n = objective.candidates
     if n == 1:

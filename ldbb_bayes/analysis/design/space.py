@@ -46,7 +46,7 @@ _OPTIONAL_COLUMNS = ("plane", "direction", "setup")
 # search for a design averages over. More values do not change the design found.
 _SEARCH_NODES = 12
 _MAX_CANDIDATES = 5000
-# Groups of parameters. The first set holds all groups. The dictionary holds the groups that a
+# ``_ALL_GROUPS`` holds all groups of parameters. ``_GROUPS_BY_CRITERION`` holds the groups that a
 # criterion of design is about; a criterion without an entry is about all groups.
 _ALL_GROUPS = {"compliance", "slope", "geometric"}
 _GROUPS_BY_CRITERION = {"discriminate": {"slope"}, "i": {"compliance", "slope"}}
@@ -100,7 +100,10 @@ class Space:
         object.__setattr__(self, name, value)
 
     def _check_candidates(self) -> None:
-        """Refuse values that are not positive, unknown directions, and too many candidate tests."""
+        """Raise an `InputError` for invalid values, or for too many candidate tests.
+
+        Forces, radii and the size of slopes must be positive, and directions must be known.
+        """
         sizes = {"forces": self.forces_N, "radii": self.radii_mm, "slope_size": [self.slope_size]}
         for name, values in sizes.items():
             for value in values:
@@ -118,7 +121,7 @@ class Space:
         )
 
     def _check_interest(self) -> None:
-        """Refuse a criterion that does not suit the parameters of interest or the prior."""
+        """Raise an `InputError` if the criterion does not suit the parameters or the prior."""
         groups = {p.group for p in self.bound.parameters if p.name in self.chosen}
         number = len(self.chosen)
         if self.criterion == "c":
@@ -216,7 +219,7 @@ class Space:
 
     @property
     def _tests_run(self) -> int:
-        """Number of the pilot's tests that count as run: all if ``augment``, otherwise none.
+        """Number of the pilot's tests that count as run: all if ``augment`` is True, else none.
 
         The pilot is the campaign or plan that the design starts from.
         """
@@ -233,9 +236,10 @@ class Space:
         return objective_of(bound, self._tests_run, phi, self.chosen, criterion)
 
     def _criterion(self, bound: BoundModel) -> Criterion:
-        """Return the criterion by which sets of tests are compared.
+        """Return the criterion that compares sets of tests.
 
-        It is a function of the precision (inverse covariance) of the parameters of interest.
+        The criterion is a function of the precision (inverse covariance) of the parameters of
+        interest.
         """
         size = len(self.chosen)
         if self.criterion == "discriminate":
@@ -265,9 +269,9 @@ class Space:
         return self.search.objective.efficiency(value, best)
 
     def plan_of(self, tests: Sequence[CircularTest], *, seed: int = 1) -> Campaign:
-        """Return tests as a plan of the pilot, in the order in which to run them.
+        """Return the tests as a plan for the pilot's machine, in the order in which to run them.
 
-        ``seed`` is that of the random order.
+        ``seed`` is the seed of the random order.
         """
         ordered = running_order(tests, np.random.default_rng(seed))
         return replace(
@@ -281,7 +285,10 @@ class Space:
         )
 
     def forecast(self, plan: Campaign, *, machines: int | None = None) -> Forecast:
-        """Return the forecast of a plan from `plan_of`, for a number of possible machines."""
+        """Return the forecast of the results of a plan that `plan_of` returned.
+
+        ``machines`` is the number of possible machines in the forecast, by default 64.
+        """
         slopes = None
         if self.criterion == "discriminate":
             slopes = Slopes(self.chosen, self.slope_size)
@@ -310,10 +317,10 @@ def _distinct_clockings(clockings_deg: Sequence[Clocking]) -> tuple[Clocking, ..
 def _with_temperature(
     tests: tuple[CircularTest, ...], pilot: Campaign, model: HybridModel
 ) -> tuple[CircularTest, ...]:
-    """Return the tests with the temperature that a drift over temperature needs.
+    """Return the tests with the temperature that a drift as a function of temperature needs.
 
-    It is the mean temperature of ``pilot``, the campaign that the design starts from. For a model
-    without such a drift, the tests are returned unchanged.
+    The temperature is the mean temperature of ``pilot``, the campaign that the design starts from.
+    For a model without such a drift, the tests are returned unchanged.
     """
     covariates = {term.over for term in model.nuisances if isinstance(term, Drift)}
     if "temperature" not in covariates:

@@ -24,8 +24,8 @@ from ldbb_bayes.results import Array
 __all__ = ["States", "extend_hyper_parameters", "hyper_nodes", "states_before"]
 
 # Posteriors of the hyper-parameters given the readings of a pilot (the campaign that a design
-# starts from), by pilot, one for each model. They are kept because computing them takes a long
-# time.
+# starts from). Each pilot has a list of posteriors, one for each model. They are kept because it
+# takes a long time to compute them.
 _POSTERIORS: WeakKeyDictionary[Campaign, list[HyperPosterior]] = WeakKeyDictionary()
 
 
@@ -33,7 +33,8 @@ _POSTERIORS: WeakKeyDictionary[Campaign, list[HyperPosterior]] = WeakKeyDictiona
 class States:
     """K equally likely states of the machine: values of hyper-parameters and parameters."""
 
-    #: hyper-parameters φ, shape (K, h), with lengths in mm; λ and decay are pure numbers
+    #: hyper-parameters φ, shape (K, h), with lengths in mm; the relative scatter λ of a circle, and
+    #: the decay of the balls' form errors with their order, are pure numbers
     phi: Array
     #: parameters β, whose compliances are not negative, shape (K, p); if their prior is flat, none
     #: are drawn, and p = 0
@@ -46,12 +47,13 @@ class States:
 def hyper_nodes(model: HybridModel, pilot: Campaign, size: int, seed: int) -> Array:
     """Return ``size`` equally likely values of the h hyper-parameters φ, shape (size, h).
 
-    φ are the scales of the noise and of other effects. Lengths are in mm; λ and decay are pure
-    numbers. The values are a random sample of the posterior given the readings of the pilot (the
-    campaign that a design starts from). If the pilot is a plan, they are spread evenly over the
-    prior, and their number is rounded up to a power of two. If the priors of the parameters are
-    flat, only the root mean square of the values is returned, shape (1, h), because all variances
-    are then proportional to that of the noise.
+    φ are the scales of the noise and of other effects. Lengths are in mm; the relative scatter λ of
+    a circle, and the decay of the balls' form errors with their order, are pure numbers. The values
+    are a random sample of the posterior given the readings of the pilot (the campaign that a design
+    starts from). If the pilot is a plan, they are spread evenly over the prior, and their number is
+    rounded up to a power of two. If the priors of the parameters are flat, only the root mean
+    square of the values is returned, shape (1, h), because all variances are then proportional to
+    that of the noise.
     """
     if pilot.is_plan:
         prior = model.bind(pilot).hyper_prior
@@ -73,26 +75,27 @@ def extend_hyper_parameters(
     """Return the hyper-parameters of a model bound to circles already run and to new circles.
 
     The hyper-parameters φ of the pilot, the campaign that a design starts from, are extended by
-    those of the new circles. The relative scale λ of the scatter of each new circle is set to 1,
-    because the prior mean of 1/λ² is 1, or to a value of its prior. Other hyper-parameters that the
-    pilot does not have get values spread evenly over their prior.
+    those of the new circles. The relative scatter λ of each new circle is set to 1, because the
+    prior mean of 1/λ² is 1. With ``scattering``, λ gets values spread evenly over its prior. So do
+    all other hyper-parameters that the pilot does not have. Lengths are in mm; λ, and the decay of
+    the balls' form errors with their order, are pure numbers.
 
     Parameters
     ----------
     bound
         Model bound to the circles run, followed by the new circles.
     phi
-        K values of the pilot's φ, shape (K, h), with lengths in mm; λ and decay are pure numbers.
+        K values of the pilot's φ, shape (K, h).
     run
         Number of the pilot's circles that ``bound`` includes.
     scattering
-        Whether new circles scatter differently, as their prior says; otherwise all scatter alike.
+        Whether each new circle has its own scatter, as under the prior. Default: all new circles
+        scatter alike.
 
     Returns
     -------
     Array
-        K values of the H hyper-parameters of ``bound``, shape (K, H), with lengths in mm; λ and
-        decay are pure numbers.
+        K values of the H hyper-parameters of ``bound``, shape (K, H).
     """
     pilot = bound.pilot or bound.campaign
     pilot_bound = bound
