@@ -212,9 +212,9 @@ def _widening_by_noise(bound: BoundModel, phi: Array, tests: Sequence[str]) -> f
     Intervals are those of the parameters; a share of 0.1 means that an interval is 10 % wider.
     ``tests`` are the names of the tests that are noisier. Their noise variance is taken to be as
     large as their readings show at the Fourier orders 13 to 16, if that exceeds the noise variance
-    σ² of the model. The mean noise variance of all tests then replaces σ² for every test. ``phi``,
-    shape (h,), is one value of the hyper-parameters (scales of the noise and of other effects).
-    ``bound`` is the model, applied to its campaign.
+    σ² of the model. For every test, σ² is then replaced by the mean noise variance of all tests.
+    ``phi``, shape (h,), is one value of the hyper-parameters (scales of the noise and of other
+    effects). ``bound`` is the model, applied to its campaign.
     """
     sigma = bound.hyper_prior.names.index("sigma")
     fails = np.isin(bound.test_names, tests)

@@ -37,7 +37,8 @@ _FIRST_PROBABILITY = 0.5
 def draw_new_noise_factors(noise_factors: Array, rng: np.random.Generator) -> Array:
     """Return random noise factors λ of a new circle, one for each of n posterior draws, shape (n,).
 
-    ``noise_factors``, shape (n, R), are the drawn factors of the R measured circles.
+    λ multiplies set-up shift and discrepancy of a circle. ``noise_factors``, shape (n, R), are the
+    drawn factors of the R measured circles.
     """
     cumulative = shape_probabilities(noise_factors).cumsum(axis=1)
     levels = rng.random((len(noise_factors), 1))
@@ -47,9 +48,11 @@ def draw_new_noise_factors(noise_factors: Array, rng: np.random.Generator) -> Ar
 
 
 def shape_probabilities(noise_factors: Array) -> Array:
-    """Return the probabilities of the values of a for each of n posterior draws, shape (n, values).
+    """Return the probabilities of the shapes a in ``_SHAPES`` for each of n posterior draws.
 
-    ``noise_factors``, shape (n, R), are the drawn factors of the R measured circles.
+    λ² has the density InvGamma(a, a), where λ is the noise factor of a circle. ``noise_factors``,
+    shape (n, R), are the drawn factors of the R measured circles. The result has the shape (n,
+    shapes).
     """
     prior = np.full(len(_SHAPES), (1.0 - _FIRST_PROBABILITY) / (len(_SHAPES) - 1))
     prior[0] = _FIRST_PROBABILITY

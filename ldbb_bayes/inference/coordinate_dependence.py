@@ -103,7 +103,8 @@ class _Polynomials:
     mean: Array  # weighted means of the k coordinates, shape (k,)
     sd: Array  # weighted standard deviations of the k coordinates, shape (k,)
     skewness: Array  # weighted skewness of the k coordinates, shape (k,)
-    square_sd: Array  # standard deviation of the second polynomial before it is scaled, shape (k,)
+    # standard deviations of the polynomials of degree two before these are scaled, shape (k,)
+    square_sd: Array
     linear: Array  # first polynomial of each coordinate at n points, shape (n, k)
     square: Array  # second polynomial of each coordinate at n points, shape (n, k)
 

@@ -247,11 +247,11 @@ def _with_moderate_tails(bound: BoundModel, log_density: Array) -> Array:
     """Return the log densities of the tests, tempered where importance weights would fail.
 
     ``log_density``, shape (w, tests), is the log density of the readings of each test given all
-    other tests. It is given at w draws of the hyper-parameters (scales of the noise and of other
-    effects). The inverse densities of a test are the importance weights of the draws if the test is
-    left out. If the Pareto shape k̂ of these weights is above 0.4, the densities of the test are
-    tempered: they are raised to a power below one, and scaled so that their harmonic mean over the
-    draws is the exact density. ``bound`` is the model, applied to its campaign.
+    other tests. The log density is given at w draws of the hyper-parameters (scales of the noise
+    and of other effects). The inverse densities of a test are the importance weights of the draws
+    if the test is left out. If the Pareto shape k̂ of these weights is above 0.4, the densities of
+    the test are tempered: they are raised to a power below one, and scaled so that their harmonic
+    mean over the draws is the exact density. ``bound`` is the model, applied to its campaign.
     """
     large_k_by_test = {}
     for r in range(len(bound.test_names)):

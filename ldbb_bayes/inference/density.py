@@ -383,9 +383,9 @@ class LinearRedraw:
         """Return the log importance weights of n points, shape (n,).
 
         ``points``, shape (n, p + h), are in the coordinates of `JointDensity`. The weight of a
-        point is its posterior density divided by the density from which `draw` would draw it, up to
-        a constant. If the model does not allow negative compliances, no compliance may be negative
-        at any of the points.
+        point is, up to a constant factor, the ratio of its posterior density to the density from
+        which `draw` draws points. If the model does not allow negative compliances, no compliance
+        may be negative at any of the points.
         """
         bound = self.density.bound
         beta, free = self.density.split(points)

@@ -50,14 +50,15 @@ _LARGEST_SHARE_OF_COEFFICIENTS = 0.5
 _TAIL_POWER = 0.5
 # Polynomials count as linearly dependent if a singular value is below this share of the largest.
 _DEPENDENT = 1e-10
-# The mean of the ratios ρ is not trusted if their standard deviation exceeds this share of the
+# The integral of a density is computed from the mean of its ratios to a similar density at some
+# nodes. This mean is not trusted if the standard deviation of the ratios exceeds this share of the
 # mean. The largest ratios may then be missing among a few hundred.
 _LARGEST_SCATTER = 0.4
-# The mean of the ratios ρ is not trusted either if the logarithm of a ratio exceeds the logarithm
-# of the mean by more than this, because the square of the ratio might overflow.
+# The mean of the ratios of two densities is not trusted either if the logarithm of a ratio exceeds
+# the logarithm of the mean by more than this, because the square of the ratio might overflow.
 _LARGEST_LOG_RATIO = 50.0
-# The tail of the ratios ρ is not heavy if no ratio exceeds their mean by more than this share of
-# the mean.
+# The tail of the ratios of two densities is not heavy if no ratio exceeds their mean by more than
+# this share of the mean.
 _LARGEST_PLAIN_RESIDUAL = 1.0
 # The error of the mean ratio is this multiple of its standard error.
 _STANDARD_ERRORS = 3.5
@@ -67,7 +68,8 @@ class LogValues(NamedTuple):
     """Logarithm of a density at k nodes, and its numerical error there [nat], each shape (k,).
 
     The density may be noisy: it may have a further error of mean zero that is independent between
-    nodes. This noise is part of the scatter of the ratios ρ, and so of the error of their mean.
+    nodes. This noise adds to the scatter of the ratios from which an integral is computed, and is
+    thus contained in the error of their mean.
     """
 
     log_density: Array
@@ -99,7 +101,8 @@ class _Sample:
     """
 
     nodes: Index  #: indices of the m nodes among all n nodes, shape (m,)
-    #: weight under f divided by the probability with which the node is drawn, shape (m,)
+    #: weight of each of the m nodes in the integral, divided by the probability with which the node
+    #: is drawn, shape (m,)
     weight: Array
     integral: Integral  #: integral of f with all n nodes
     degree: int  #: degree of the polynomial that is fitted, 1 or 2
@@ -149,7 +152,11 @@ class _Decomposition(NamedTuple):
 
 
 class _MeanRatio(NamedTuple):
-    """Mean of ρ = g / (f e^q) under f e^q, from its values at the m nodes of a sample."""
+    """Mean of the ratio ρ = g / (f e^q) of densities, from its values at the m nodes of a sample.
+
+    f is a density that is similar to g, and q is a polynomial fitted to ln(g / f). The mean is that
+    under the density f e^q.
+    """
 
     log_mean: float  #: logarithm of the mean
     error: float  #: error of the logarithm [nat]; infinite if the tail of the values is heavy
@@ -157,12 +164,13 @@ class _MeanRatio(NamedTuple):
 
 
 def _mean_ratio(sample: _Sample, log_ratio: Array, fitted: Array) -> _MeanRatio:
-    """Return the mean of ρ and its error.
+    """Return the mean of the ratio ρ = g / (f e^q) of densities, and its error.
 
-    ``log_ratio`` and ``fitted``, shape (m,), are ln(g / f) and the fitted polynomial q at the m
-    nodes. Residuals at the nodes to which q is fitted are smaller than residuals at other nodes.
-    Each residual is therefore divided by one minus the leverage of its node. This makes the error
-    rather too large than too small (MacKinnon and White, Journal of Econometrics 29 (1985) 305).
+    ``log_ratio`` and ``fitted``, shape (m,), are ln(g / f) and the polynomial q that is fitted to
+    ln(g / f), at the m nodes of ``sample``. The mean is that under the density f e^q. Residuals at
+    the nodes to which q is fitted are smaller than residuals at other nodes. Each residual is
+    therefore divided by one minus the leverage of its node. This makes the error rather too large
+    than too small (MacKinnon and White, Journal of Econometrics 29 (1985) 305).
     """
     share = sample.weight * np.exp(fitted - fitted.max())
     share = share / share.sum()
@@ -179,10 +187,10 @@ def _mean_ratio(sample: _Sample, log_ratio: Array, fitted: Array) -> _MeanRatio:
 
 
 def _is_trusted(share: Array, residual: Array, log_residual: Array) -> bool:
-    """Return whether the mean of ρ can be trusted: ρ scatters little and has no heavy tail.
+    """Return whether the mean of ratios ρ can be trusted: little scatter, and no heavy tail.
 
-    ``share`` are the weights of the m nodes, ``residual`` is ρ divided by its mean, minus one, and
-    ``log_residual`` is ln ρ, each of shape (m,).
+    ρ is the ratio of two densities at m nodes. ``share`` are the weights of the nodes, ``residual``
+    is ρ divided by its mean, minus one, and ``log_residual`` is ln ρ, each of shape (m,).
     """
     if share @ residual**2 > _LARGEST_SCATTER**2:
         return False
@@ -190,7 +198,7 @@ def _is_trusted(share: Array, residual: Array, log_residual: Array) -> bool:
 
 
 class RatioSampler:
-    """Integrals of densities g from their ratios to a similar density f, at some nodes of f.
+    """Integrals of densities g, each from its ratio to one similar density f at some nodes of f.
 
     Parameters
     ----------
@@ -272,8 +280,7 @@ def _systematic_sample(probability: Array, rng: np.random.Generator) -> Index:
     """Return the indices of the nodes of the largest sample; a node may occur several times.
 
     The nodes are put in random order and picked at equally spaced levels of their cumulative
-    ``probability``. Every 8th of the picked nodes, and every 24th, are smaller samples that are
-    drawn in the same way.
+    ``probability``. The smaller samples consist of every 8th and of every 24th of the picked nodes.
     """
     order = rng.permutation(len(probability))
     levels = (rng.random() + np.arange(_LARGEST_SAMPLE)) / _LARGEST_SAMPLE

@@ -165,10 +165,10 @@ class Fit(Result):
         """Return the failing posterior predictive checks that matter for the credible intervals.
 
         A failing check of a Fourier order matters if leaving out its test changes some parameter by
-        more than half the parameter's standard uncertainty. It also matters if this change is not
-        known, because the prior is flat or the campaign has one test only. A failing check of noise
-        or of its autocorrelation matters if the noise that the readings show would widen some
-        interval by more than a tenth.
+        more than half the parameter's standard uncertainty. The check also matters if this change
+        is not known, because the prior is flat or the campaign has one test only. A failing check
+        of noise or of its autocorrelation matters if the noise that the readings show would widen
+        some interval by more than a tenth.
         """
         return tuple(check for check in self.unexpected if self._moves_intervals(check))
 

@@ -30,9 +30,9 @@ class CurveDraws(NamedTuple):
     """Posterior draws of one compliance C(F) at three forces, in its internal unit."""
 
     unit: str  #: internal unit of the compliance, such as mm/N
-    at_smallest: Array  #: draws of C at the smallest force tested, shape (draws,)
-    at_reference: Array  #: draws of C at the model's reference force, shape (draws,)
-    at_largest: Array  #: draws of C at the largest force tested, shape (draws,)
+    at_smallest: Array  #: draws of the compliance at the smallest force tested, shape (draws,)
+    at_reference: Array  #: draws of the compliance at the model's reference force, (draws,)
+    at_largest: Array  #: draws of the compliance at the largest force tested, shape (draws,)
 
     @property
     def change(self) -> Array:
@@ -79,13 +79,13 @@ def force_curves(posterior: xr.DataTree) -> ForceCurves:
 
 
 def prior_changes(posterior: xr.DataTree) -> dict[str, Array]:
-    """Return prior draws of the change C(F_max) − C(F_min) of every compliance that may change.
+    """Return prior draws of the change with force of every compliance C(F) that may change.
 
-    The keys are the names of the compliances, as in `force_curves`. For an average over models, the
-    prior draws come from all models, also from those without slopes. What the term `JointLoad`
-    (joints that yield to their own load) adds is drawn for a share of the draws that is equal to
-    the share of models with this term. The result is empty if the prior is flat or if all tests
-    have the same force.
+    The change is that from the smallest to the largest force tested. The keys are the names of the
+    compliances, as in `force_curves`. For an average over models, the prior draws come from all
+    models, also from those without slopes. What the term `JointLoad` (joints that yield to their
+    own load) adds is drawn for a share of the draws that is equal to the share of models with this
+    term. The result is empty if the prior is flat or if all tests have the same force.
     """
     bound = bound_of(posterior)
     tested_N = bound.setting.force_N

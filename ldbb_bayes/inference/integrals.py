@@ -62,7 +62,7 @@ _MEAN_OF_TWO = 0.25
 # and d².
 _LARGEST_LINEAR = 0.02
 # After the step of a lattice (the distance between its points) is shortened, the difference between
-# the log integrals from its two grids counts as at least this share of what it was before.
+# the log integrals from its two grids counts as at least this share of the difference before.
 _DECLINE = 0.35
 # The share of an integral that falls on one of a lattice's two grids counts as at least this, so
 # that its logarithm is finite.

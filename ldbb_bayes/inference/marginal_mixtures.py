@@ -132,9 +132,10 @@ def _of_model(model: AveragedModel, draws: Index) -> MarginalMixtures:
 
 
 def _given_hyper_parameters(model: AveragedModel, phi: Array, beta: Array) -> MarginalMixtures:
-    """Return the components of the parameters of one model, for each of w draws of φ and β.
+    """Return the components of the mixtures for the parameters of one model, from w draws.
 
-    ``phi`` has the shape (w, h); ``beta``, shape (w, p), has all parameters of the average.
+    ``phi``, shape (w, h), holds draws of the hyper-parameters (scales of the noise and of other
+    effects). ``beta``, shape (w, p), holds draws of all parameters of the average over models.
     """
     conditional = model.bound.given(phi)[1]
     of_model = beta[:, model.places]

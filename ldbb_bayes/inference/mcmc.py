@@ -37,9 +37,10 @@ __all__ = [
 _BLOCKS_PER_LENGTH = 4
 # Largest number of times that the sampler's blocks of steps double in length.
 _LARGEST_DOUBLING = 5
-# The first times, up to this number, that a block of the sampler doubles in length, the number of
-# draws that it stores doubles too. At every later doubling, the number of stored draws stays the
-# same, and the number of steps from one stored draw to the next doubles.
+# The length of the sampler's blocks of steps doubles several times. At the first doublings, up to
+# this number, the number of draws that a block stores doubles too. At every later doubling, the
+# number of stored draws stays the same, and the number of steps from one stored draw to the next
+# doubles.
 _DOUBLINGS_STORED = 2
 # In a move by differential evolution, the step of a walker is a factor times the difference between
 # the points of two other walkers. In this share of such moves, the factor is one, so that walkers

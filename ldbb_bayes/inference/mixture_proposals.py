@@ -125,16 +125,16 @@ class SplitT:
 def _side_masses(scale: Array, freedom: Array) -> Array:
     """Return the integral of each side of a split Student-t density that is 1 at its centre.
 
-    It is ∫ (1 + z²/(freedom scale²))^(−(freedom + 1)/2) dz over the values of z on one side of 0.
-    ``scale``, ``freedom`` (degrees of freedom) and the result have the same shape, usually (2, h):
-    both sides, along each of h directions.
+    The integral is ∫ (1 + z²/(freedom scale²))^(−(freedom + 1)/2) dz over the values of the
+    coordinate z on one side of 0. ``scale``, ``freedom`` (degrees of freedom) and the result have
+    the same shape, usually (2, h): both sides, along each of h directions.
     """
     log_height = gammaln(freedom / 2.0) - gammaln((freedom + 1.0) / 2.0)
     return np.asarray(0.5 * scale * np.sqrt(freedom * np.pi) * np.exp(log_height))
 
 
 def _log_tail(square: Array, scale: Array, freedom: Array | float) -> Array:
-    """Return minus the logarithm of a Student-t density that is scaled to be 1 at z = 0.
+    """Return minus the logarithm of a Student-t density of z that is scaled to be 1 at z = 0.
 
     ``square``, shape (n, h), holds z² for n points along h directions, ``scale``, shape (h,), the
     scales of the density. ``freedom`` are its degrees of freedom, shape (h,), or one number.

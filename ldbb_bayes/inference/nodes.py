@@ -162,7 +162,7 @@ class HyperPosterior:
 
     @cached_property
     def modes(self) -> list[tuple[Array, Array]]:
-        """Modes (maxima) of the density, the highest first: at most three, found by a search.
+        """Modes (maxima) of the density, at most three, the highest first.
 
         The density is that of the normal scores of the h hyper-parameters (`normal_scores`).
         Negligible modes are left out. Each mode is a pair: the scores, shape (h,), and a square
@@ -293,8 +293,8 @@ class HyperPosterior:
 
         Nodes are weighted values of the hyper-parameters φ (scales of the noise and of other
         effects). P(T | y, φ) is the probability, given the readings y and φ, of the condition T
-        that no compliance is negative. It is computed at some of the nodes only (`density_ratio`),
-        and at all of them if these do not suffice for the tolerance.
+        that no compliance is negative. This probability is computed at some of the nodes only
+        (`density_ratio`). If these do not suffice for the tolerance, it is computed at all nodes.
 
         Parameters
         ----------
@@ -411,7 +411,9 @@ class HyperPosterior:
 
     @cached_property
     def coarse_probability(self) -> ProbabilityInside:
-        """Posterior probability that no compliance is negative, to 0.02 nat if a few nodes suffice.
+        """Posterior probability that no compliance is negative, from a few nodes.
+
+        Its error is at most 0.02 nat if a few nodes suffice for this; otherwise it is larger.
 
         The nodes are picked from the `proposal` of the density that allows negative compliances.
         """
@@ -457,9 +459,9 @@ class HyperPosterior:
     def _starts(self) -> list[Array]:
         """Return the points from which the search for modes climbs.
 
-        They are points of high density among many starting points: at most three, not close to each
-        other. If the mode of a similar density was given, it is the only point. Each point holds
-        the normal scores of the hyper-parameters, shape (h,).
+        The points have high densities among many starting points. There are at most three, which
+        are not close to each other. If the mode of a similar density was given, it is the only
+        point. Each point holds the normal scores of the hyper-parameters, shape (h,).
         """
         if self._near is not None:
             return [self._scores.scores(self._near)]
@@ -730,9 +732,9 @@ class Nodes:
         ``levels``, shape (n,), holds the probabilities. The quantiles are those of a mixture of
         Gaussians: the densities of a parameter given each of ``components`` values of the
         hyper-parameters, which are picked from the nodes by their weights. If compliances must not
-        be negative, this restricts the parameters along some directions. The coordinates of the
-        parameters along these directions are then drawn at random with the given ``seed``, and each
-        Gaussian is also conditional on the drawn coordinates.
+        be negative, this condition restricts the parameters along some directions. The coordinates
+        of the parameters along these directions are then drawn at random with the given ``seed``,
+        and each Gaussian is also conditional on the drawn coordinates.
         """
         rng = np.random.default_rng(seed)
 
@@ -753,9 +755,9 @@ class Nodes:
 
         ``free``, shape (w, h), holds the hyper-parameters in unbounded coordinates. Standard
         coordinates are those in which the Gaussian density of the parameters given the
-        hyper-parameters is N(0, I). If compliances must not be negative, this restricts standard
-        coordinates along d directions. ``along_axes`` then returns the mean, shape (w, d), and the
-        covariance, shape (w, d, d), of the coordinates along these directions.
+        hyper-parameters is N(0, I). If compliances must not be negative, this condition restricts
+        the standard coordinates along d directions. ``along_axes`` then returns the mean, shape (w,
+        d), and the covariance, shape (w, d, d), of the coordinates along these directions.
         """
         means = []
         variances = []

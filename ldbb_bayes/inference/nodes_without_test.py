@@ -58,7 +58,7 @@ def fit_factor(integral: Integral, axis: int) -> GaussianFactor:
     """Return the Gaussian density of one coordinate given all other coordinates.
 
     The density is fitted by weighted regression to the nodes of ``integral``. ``axis`` is the index
-    of the coordinate.
+    of the coordinate among all coordinates of a node.
     """
     others = np.delete(integral.free, axis, axis=1)
     coordinate = integral.free[:, axis]

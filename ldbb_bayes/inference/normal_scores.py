@@ -73,7 +73,7 @@ class NormalScores:
 
     @cached_property
     def _log_above(self) -> Array:
-        """Log probability of values above b under the unrestricted priors, shape (k,)."""
+        """Log probability of values above the upper bound under unrestricted priors, shape (k,)."""
         return np.asarray(log_ndtr(-(self._bounds[1] - self._mean) / self._sd))
 
     @cached_property

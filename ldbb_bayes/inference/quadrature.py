@@ -38,9 +38,9 @@ def integrate(
 ) -> Integral:
     """Return the integral ∫ f of a density in h dimensions, with its nodes and error.
 
-    In up to four dimensions it is computed from a lattice, in more than five by importance
-    sampling, and in five by the one of the two that takes less time to reach the tolerance. If the
-    weights of a sample cannot be trusted, the error of the result is infinite.
+    In up to four dimensions the integral is computed from a lattice, in more than five by
+    importance sampling. In five dimensions, the method is used that takes less time to reach the
+    tolerance. If the weights of a sample cannot be trusted, the error of the result is infinite.
 
     Parameters
     ----------

@@ -181,10 +181,10 @@ def sample(
 def sampler_named(name: str, *, stacklevel: int = 5) -> str:
     """Return the present name of a sampler, "joint" or "independent".
 
-    ``name`` is the present name itself or a former one, which gives a FutureWarning. ``stacklevel``
-    is the number of calls from `renamed` to the line that the warning names: 5 if the public
-    function that calls this one has a decorator, 4 if it has none. Raise an `InputError` for an
-    unknown name.
+    ``name`` is the present name or a former name; a former name gives a FutureWarning.
+    ``stacklevel`` is the number of calls from `renamed` to the line that the warning names: 5 if
+    the public function that calls `sampler_named` has a decorator, 4 if it has none. Raise an
+    `InputError` for an unknown name.
     """
     require(
         name != "emcee",
