@@ -133,9 +133,9 @@ def assess_conformity(
         Tolerances by name. Default: those of the campaign. Names are those of parameters,
         ``stiffness_X`` (1/C_XXX), ``k_min``, ``k_max`` and ``k_ratio`` of the stiffness by
         direction (see `stiffness`), and G, F_max and F_min of the machine's circular path, with the
-        plane where there are several (``G_YZ``). A tolerance given as text has a unit, as in ``60
-        nm/N``, ``−20..40 µrad`` or ``≥ 18 N/µm``; a ratio has none. The limits of a `Tolerance` are
-        in mm, N and rad.
+        plane where there are several (``G_YZ``). A tolerance given as text must have a unit, as in
+        ``60 nm/N``, ``−20..40 µrad`` or ``≥ 18 N/µm``; a ratio has none. The limits of a
+        `Tolerance` are in mm, N and rad.
     force_N : float, optional
         Force at which compliances, stiffnesses and the circular path are stated [N], from a tenth
         of the smallest force tested to 1.5 times the largest. Default: the model's reference force,
