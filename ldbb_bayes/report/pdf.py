@@ -30,7 +30,7 @@ _TOP = 14.0  # top margin of an A4 page [mm]
 # Lowest position at which the content of a sheet may end [mm from the top of the page]. The space
 # below it is a reserve, because lines of text are slightly higher if a browser prints the sheet.
 _BOTTOM = 272.0
-# The fields for signatures begin at this position or below it [mm from the top of the page].
+# Highest position at which the fields for signatures may begin [mm from the top of the page].
 _SIGNATURES = 256.0
 _PAIRED_WIDTH = 104.0  # width of a figure with a list of sentences beside it [mm]
 # Largest height allowed for a figure with a list of sentences beside or below it [mm].
@@ -38,24 +38,25 @@ _PAIRED_HEIGHT = 88.0
 # Largest height allowed for a figure without a list of sentences [mm].
 _PICTURE_HEIGHT = 100.0
 _ROW_GAP = 4.0  # distance between two figures side by side [mm]
-_BULLET_WIDTH = 4.0  # width of the mark before an item of a list [mm]
+_BULLET_WIDTH = 4.0  # width of the space for the bullet before an item of a list [mm]
 _DPI = 300.0
 _MM_PER_INCH = 25.4
-_LINE_HEIGHT = 0.46  # height of a line of text per point of the size of its letters [mm]
+_LINE_HEIGHT = 0.46  # height of a line of text, divided by the size of its letters [mm per point]
 _INK = 0  # grey level of text, from 0 (black) to 255 (white)
-_SOFT_INK = 85  # grey level of names of fields and of notes, from 0 (black) to 255 (white)
+_SOFT_INK = 85  # grey level of notes, captions and names of fields, from 0 (black) to 255 (white)
 _RULE = 150  # grey level of the lines of tables and fields, from 0 (black) to 255 (white)
-# Grey levels (0 black, 255 white) of a banner's background and of its letters, by kind of banner.
+# Grey levels, from 0 (black) to 255 (white), of the background and of the letters of a banner. The
+# keys are the kinds of banners.
 _GROUND_AND_INK = {"usable": (255, 0), "reserved": (232, 0), "unusable": (0, 255)}
 _SMALLEST_TITLE_SCALE = 0.8
 _MOST_ATTEMPTS = 8  # largest number of times that letters are reduced to make a sheet fit its page
-# The height of a text grows with this power of the size of its letters: it has more lines, and
-# higher ones.
+# The height of a text is proportional to this power of the size of its letters. Larger letters make
+# lines higher, and they also make the text longer by more lines.
 _POWER_OF_TEXT = 2.0
-# The height of a figure grows with this power of the size of the letters.
+# The height of a figure is proportional to this power of the size of the letters.
 _POWER_OF_FIGURES = 1.0
-# Letters are reduced until this height is left at the bottom of the page [mm], so that one
-# reduction less is needed where lines break elsewhere than expected.
+# Each reduction of the letters aims at leaving this height empty at the bottom of the page [mm].
+# The sheet then often fits even if some lines break at other words than expected.
 _SPARE_HEIGHT = 1.0
 
 
@@ -65,10 +66,10 @@ def pdf_of(sheets: Sequence[ReportSheet], title: str, language: str, created: da
     Parameters
     ----------
     sheets
-        Sheets that fit their pages, see `fit_to_page`.
+        Sheets, each of which fits one page; see `fit_to_page`.
     title, language, created
-        Title, code of the language such as ``en``, and time of creation, which are stored as
-        properties of the PDF document.
+        Properties that the PDF document states: its title, the code of its language such as ``en``,
+        and the time of its creation.
 
     Returns
     -------
@@ -84,9 +85,10 @@ def pdf_of(sheets: Sequence[ReportSheet], title: str, language: str, created: da
 
 
 def fit_to_page(sheet: ReportSheet) -> ReportSheet:
-    """Return a sheet with letters that are small enough for the sheet to fit its page.
+    """Return a copy of a sheet with letters that are so small that the sheet fits one page.
 
-    The letters are reduced at most 8 times. A very long sheet may still exceed its page then.
+    The letters are reduced at most 8 times. After that, a very long sheet may still exceed its
+    page.
 
     Parameters
     ----------
@@ -96,6 +98,7 @@ def fit_to_page(sheet: ReportSheet) -> ReportSheet:
     Returns
     -------
     ReportSheet
+        The same sheet with smaller letters, or the given sheet if it already fits.
     """
     with _document() as pdf:
         height = _draw_sheet(pdf, sheet, pictures=False) - _TOP
@@ -112,10 +115,12 @@ def fit_to_page(sheet: ReportSheet) -> ReportSheet:
 
 
 def _power_of_height(height_ratio: float, size_ratio: float) -> float:
-    """Return the power of the size of the letters with which the height of a sheet has changed.
+    """Return the power p for which the height of a sheet was proportional to (size of letters)^p.
 
-    The height of figures grows with the first power, that of texts with the second. A power outside
-    this range, which results where a line breaks elsewhere, counts as the nearer of the two.
+    ``height_ratio`` is the ratio of the heights after and before a reduction of the letters, and
+    ``size_ratio`` the ratio of the sizes of the letters. The height of figures is proportional to
+    the first power, the height of texts to the second power. A result below 1 is therefore replaced
+    by 1, and a result above 2 by 2.
     """
     power = math.log(height_ratio) / math.log(size_ratio)
     return min(max(power, _POWER_OF_FIGURES), _POWER_OF_TEXT)
@@ -123,7 +128,7 @@ def _power_of_height(height_ratio: float, size_ratio: float) -> float:
 
 @contextmanager
 def _document() -> Iterator[FPDF]:
-    """Yield an empty PDF document with its margins and fonts, and close the fonts afterwards."""
+    """Yield an empty PDF document with margins and fonts. Close the font files afterwards."""
     pdf = FPDF()
     pdf.set_auto_page_break(False)
     pdf.set_margins(_LEFT, _TOP, _LEFT)
@@ -189,7 +194,7 @@ def _write(
     """Write a paragraph, and move the current position to the line below the paragraph.
 
     ``size`` is the size of the letters [points], ``width`` the width of the paragraph [mm], and
-    ``grey`` the grey level from 0 (black) to 255 (white). ``options`` are passed to
+    ``grey`` the grey level of the letters from 0 (black) to 255 (white). ``options`` are passed to
     ``FPDF.multi_cell``.
     """
     pdf.set_font("DejaVu", "B" if bold else "", size)
@@ -251,7 +256,7 @@ _SECOND_COLUMN = _FieldColumn(_FIRST_COLUMN.next_left)
 
 
 def _draw_fields(pdf: FPDF, fields: Fields, scale: float) -> None:
-    """Draw form fields in two columns; each field has a name, and a text above a line.
+    """Draw form fields in two columns. Each field has a name, and at its right a text over a line.
 
     ``scale`` is the relative size of the letters.
     """
@@ -268,10 +273,10 @@ def _draw_fields(pdf: FPDF, fields: Fields, scale: float) -> None:
 def _draw_field_row(
     pdf: FPDF, entries: Sequence[tuple[str, str]], top: float, scale: float
 ) -> None:
-    """Draw one or two form fields (name, text) side by side, with a line below each text.
+    """Draw one or two form fields side by side, with a line below the text of each field.
 
-    ``top`` is the position of the upper edge [mm from the top of the page]; ``scale`` is the
-    relative size of the letters.
+    ``entries`` holds the name and the text of each field. ``top`` is the position of the upper edge
+    of the fields [mm from the top of the page]. ``scale`` is the relative size of the letters.
     """
     size = 7.8 * scale
     bottom = top
@@ -294,7 +299,7 @@ def _draw_field_row(
 
 
 def _draw_table(pdf: FPDF, table: Table, scale: float) -> None:
-    """Draw a table with its caption. ``scale`` multiplies all sizes of type."""
+    """Draw a table with its caption. ``scale`` is the relative size of the letters."""
     if table.caption:
         _write(pdf, table.caption, 9.0 * scale, bold=True)
         pdf.set_y(pdf.y + 0.8 * scale)
@@ -320,9 +325,9 @@ def _draw_table(pdf: FPDF, table: Table, scale: float) -> None:
 def _column_widths(pdf: FPDF, rows: Sequence[Sequence[str]]) -> list[float]:
     """Return the widths of a table's columns [mm], which add up to the full width of a sheet.
 
-    ``rows`` are the texts of the cells, the heads first. Each column is as wide as its longest
-    text, except the first and the last. These share the space that the other columns leave; their
-    texts are broken into lines if necessary.
+    ``rows`` holds the texts of the cells; the first row has the column headings. Each column except
+    the first and the last is as wide as its longest text. The first and the last column share the
+    space that the other columns leave, and their texts are broken into lines if necessary.
     """
     widths = []
     for k in range(len(rows[0])):
@@ -338,10 +343,10 @@ def _column_widths(pdf: FPDF, rows: Sequence[Sequence[str]]) -> list[float]:
 
 
 def _draw_pair(pdf: FPDF, pair: Pair, scale: float, pictures: bool) -> None:
-    """Draw a figure and its list.
+    """Draw a figure with a list of sentences.
 
-    The list is below the figure if the figure is wide, otherwise beside it. ``scale`` is the
-    relative size of the letters. If ``pictures`` is false, the figure's place is left empty.
+    The list is below the figure if the figure is wide, and otherwise beside the figure. ``scale``
+    is the relative size of the letters. If ``pictures`` is false, the figure's place is left empty.
     """
     top = pdf.y
     if pair.wide:
@@ -364,7 +369,7 @@ def _draw_pair(pdf: FPDF, pair: Pair, scale: float, pictures: bool) -> None:
 
 
 def _draw_row(pdf: FPDF, row: PictureRow, scale: float, pictures: bool) -> None:
-    """Draw figures side by side, or below one another if the first is wide.
+    """Draw figures side by side, or one below the other if the first figure is wide.
 
     ``scale`` is the relative size of the letters. If ``pictures`` is false, the places of the
     figures are left empty.
@@ -395,10 +400,10 @@ def _draw_picture(
     *,
     left: float = _LEFT,
 ) -> None:
-    """Draw a figure as large as ``width`` and ``height`` allow [mm], with its caption below.
+    """Draw a figure, with the figure's caption below.
 
-    ``left`` is the position of its left edge [mm]. If ``pictures`` is false, the figure's place is
-    left empty.
+    The figure is made as large as ``width`` and ``height`` [mm] allow. ``left`` is the position of
+    the figure's left edge [mm]. If ``pictures`` is false, the figure's place is left empty.
     """
     inches = picture.figure.get_size_inches()
     width = min(width, height * inches[0] / inches[1])

@@ -1,9 +1,10 @@
 """Sentences about results: functions that choose templates and fill in the values.
 
-The templates are in sentences.toml and sentences.j2. No code draws conclusions from the text of a
-sentence: all decisions are in the results themselves. A result's kind (such as that of a concern)
-is the key of its template. A degeneracy is a combination of parameters and other effects that no
-reading can resolve; a nuisance coefficient is an effect that is modelled but not of interest.
+The templates are in the files sentences.toml and sentences.j2. The program never draws conclusions
+from the text of a sentence, because all decisions are part of the results. The kind of a result,
+such as the kind of a concern, is the key of its template. A degeneracy is a combination of
+parameters and other effects that no reading can resolve. A nuisance coefficient describes an effect
+that is modelled but not of interest.
 """
 
 from __future__ import annotations
@@ -155,31 +156,32 @@ NONE_ALIKE = "The readings determine every combination of what the model contain
 
 # ---- limits at which the wording of sentences changes; no result depends on them
 
-# Ratios of the uncertainties expected from two designs count as equal if they differ by less than
-# this.
+# Each parameter has a ratio of two expected uncertainties: that of the recommended design, and that
+# of a design in equal steps of force. Two of these ratios count as equal if they differ by less.
 _EQUAL_RATIOS = 2e-3
-_MOST_CHECKS = 3  # largest number of failed checks that a sentence on a fit names
+_MOST_CHECKS = 3  # largest number of checks or parameters that a sentence on a fit names
 # Sentences say that the readings contradict non-negative compliances if the natural logarithm of
 # the posterior probability that no compliance is negative is below this value, ln 1e-6.
 _CONTRADICTED = -13.815510557964274
-# Sentences call a slope (change of a compliance with force) certain if the probability that it is
-# not zero is at least this.
+# Sentences state that a compliance increases (or decreases) with force only if the probability is
+# at least this. They name a slope as different from zero only if the probability is at least this.
 _SURE = 0.95
 # Sums of probabilities that differ by less than this count as equal.
 _ROUNDING = 1e-9
 _MOST_NAMES = 5  # largest number of campaigns or tests that a sentence names
-_MOST_JOINED = 3  # largest number of campaigns that a sentence names as outside control limits
+_MOST_JOINED = 3  # a sentence names at most this many campaigns as outside control limits
 _MOST_LISTED_TESTS = 12  # largest number of tests to run that a sentence lists
-# Probabilities below this are stated as "< 0.001", larger ones as a number with three decimals.
+# Probabilities below this are stated as "< 0.001".
 _UNLIKELY = 5e-4
-# p-value below which two campaigns are said to disagree about an error of their common instrument.
+# A sentence states that two campaigns disagree about an error of their common instrument if the
+# p-value is below this.
 _CONFLICT = 0.01
-# A certificate of the instrument is mentioned for a parameter if it would reduce the parameter's
-# standard uncertainty u to less than this share of its present value.
+# A table of certificates of the instrument names a parameter if the certificate would reduce the
+# parameter's standard uncertainty u to less than this share of the present u.
 _NARROWER = 0.9
 _STRENGTHS = (
-    # Each entry is an upper limit of |ln B|, where B is a Bayes factor, and the words for values
-    # below this limit. Source: Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773.
+    # B is a Bayes factor. Each entry is an upper limit of |ln B|, with the words for values of
+    # |ln B| below this limit. Source: Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773.
     (1.0, "not worth more than a bare mention"),
     (3.0, "positive evidence"),
     (5.0, "strong evidence"),
@@ -191,7 +193,7 @@ _STRENGTHS = (
 
 @cache
 def _environment() -> jinja2.Environment:
-    """Return the Jinja environment with the filters and names that templates of sentences use."""
+    """Return the Jinja environment for sentences, with the filters and names that they use."""
     loader = jinja2.PackageLoader("ldbb_bayes.report")
     environment = jinja2.Environment(loader=loader, undefined=jinja2.StrictUndefined)
     for function in (
@@ -236,25 +238,25 @@ def _point_words(point: Sequence[float]) -> str:
 
 
 def _sentences(macro: str, *findings: Any) -> tuple[str, ...]:
-    """Return the sentences that a macro of the template sentences.j2 makes from results.
+    """Return the sentences that a macro in the file sentences.j2 makes from results.
 
-    ``macro`` is the name of the macro; ``findings`` are its arguments.
+    ``macro`` is the name of the macro; ``findings`` are the arguments of the macro.
     """
     module = _environment().get_template("sentences.j2").module
     return tuple(_lines(getattr(module, macro)(*findings)))
 
 
 def _sentence(macro: str, *findings: Any) -> str:
-    """Return the one-line text that a macro of the template sentences.j2 makes from results.
+    """Return the text of one line that a macro in the file sentences.j2 makes from results.
 
-    ``macro`` is the name of the macro; ``findings`` are its arguments.
+    ``macro`` is the name of the macro; ``findings`` are the arguments of the macro.
     """
     return " ".join(_sentences(macro, *findings))
 
 
 @singledispatch
 def with_words(result: Any) -> dict[str, Any]:
-    """Return the JSON record of a result, with its sentences.
+    """Return the JSON record of a result, with sentences that describe the result.
 
     Parameters
     ----------
@@ -264,8 +266,8 @@ def with_words(result: Any) -> dict[str, Any]:
     Returns
     -------
     dict
-        The record that ``as_dict`` of the result returns, to which some kinds of results add
-        sentences.
+        The record that the method ``as_dict`` of the result returns. For some classes of results,
+        the record also has sentences.
 
     Examples
     --------
@@ -284,14 +286,17 @@ def with_words(result: Any) -> dict[str, Any]:
 
 
 def joined(items: Sequence[str], word: str = "and") -> str:
-    """Return items joined to one text by commas and a word before the last, as in "a, b and c"."""
+    """Return items joined to one text, such as "a, b and c".
+
+    ``word`` is the word before the last item.
+    """
     if len(items) < 3:
         return f" {word} ".join(items)
     return f"{', '.join(items[:-1])} {word} {items[-1]}"
 
 
 def _first_names(names: Sequence[str]) -> str:
-    """Return names as one text; from the sixth on, only their number is stated ("and 3 more")."""
+    """Return a text with the first five names. It states the number of further ones ("3 more")."""
     text = ", ".join(names[:_MOST_NAMES])
     if len(names) > _MOST_NAMES:
         text += f" and {len(names) - _MOST_NAMES} more"
@@ -299,7 +304,7 @@ def _first_names(names: Sequence[str]) -> str:
 
 
 def _joined_parameters(names: Sequence[str]) -> str:
-    """Return parameters in the notation of the paper as one text, such as "C_XXX and C_YYY"."""
+    """Return a text with names of parameters as the paper writes them, as "C_XXX and C_YYY"."""
     return joined([display_name(name) for name in names])
 
 
@@ -307,10 +312,10 @@ def _joined_parameters(names: Sequence[str]) -> str:
 
 
 def unit_words(name: str) -> tuple[float, str]:
-    """Return the unit in which a nuisance coefficient is shown: its size and its label.
+    """Return the size and the label of the unit in which a nuisance coefficient is shown.
 
-    The size is in internal units (mm, N, rad); for example, it is 1e-3 with the label "µm". A
-    nuisance coefficient is an effect that is modelled but not of interest.
+    The size is in internal units (mm, N, rad). For example, the size is 1e-3 (mm) for the label
+    "µm". A nuisance coefficient describes an effect that is modelled but not of interest.
     """
     inside_unit, one, label = Term.owner(name).unit_of(name)
     if inside_unit.endswith("/N"):
@@ -320,11 +325,12 @@ def unit_words(name: str) -> tuple[float, str]:
 
 
 def source_unit_words(source: str, term: str, unit: str) -> tuple[float, str]:
-    """Return the unit in which a budget shows the standard uncertainty of a source.
+    """Return the unit in which an uncertainty budget shows the standard uncertainty of a source.
 
-    The first value is the factor from the internal unit to the unit shown, the second its label.
-    ``source`` is the name of a nuisance coefficient, or that of its ``term`` for a noise. ``unit``
-    is the internal unit of the noise.
+    The first value is the factor from the internal unit to the unit shown. The second value is the
+    label of the unit shown. ``source`` is the name of a nuisance coefficient, and ``term`` the
+    class name of its model term. For noise, both names are the same, and ``unit`` is the internal
+    unit of the noise.
     """
     if source == term:
         if unit == "N":
@@ -337,8 +343,8 @@ def source_unit_words(source: str, term: str, unit: str) -> tuple[float, str]:
 def nuisance_words(name: str) -> str:
     """Return the name of a nuisance coefficient in words.
 
-    For example, ``form_cos2`` is "2-lobe form (cos 2θ)". A nuisance coefficient is an effect that
-    is modelled but not of interest.
+    For example, the name ``form_cos2`` in words is "2-lobe form (cos 2θ)". A nuisance coefficient
+    describes an effect that is modelled but not of interest.
     """
     return Term.owner(name).describe(name)
 
@@ -346,7 +352,7 @@ def nuisance_words(name: str) -> str:
 def term_words(term: str) -> str:
     """Return the name of an effect in words, such as "ball form" for the model term ``BallForm``.
 
-    The name of a parameter is returned in the notation of the paper.
+    If ``term`` is the name of a parameter, the name is returned as the paper writes it.
     """
     if term in Term.kinds:
         return Term.kinds[term].words
@@ -358,7 +364,7 @@ def term_words(term: str) -> str:
 
 
 def source_words(term: str) -> str:
-    """Return the name of a source of uncertainty in words, as an uncertainty budget shows it.
+    """Return the name in words under which an uncertainty budget shows a source of uncertainty.
 
     ``term`` is the class name of a model term, or "Parameters" for the parameters' own priors.
     """
@@ -368,10 +374,10 @@ def source_words(term: str) -> str:
 
 
 def _amount_words(value: float, factor: float, label: str, name: str, plus: str = "+") -> str:
-    """Return the amount of a parameter or effect in words, such as "+6.67 µm/m of E_XX1".
+    """Return a text with the amount of a parameter or effect, such as "+6.67 µm/m of E_XX1".
 
-    ``value`` times ``factor`` is the amount in the unit ``label``. ``plus`` is the sign before a
-    positive amount.
+    ``value`` times ``factor`` is the amount in the unit that ``label`` names. ``plus`` is the text
+    before a positive amount.
     """
     size = abs(value) * factor
     if size < 0.01 and label.startswith("µ"):
@@ -383,10 +389,11 @@ def _amount_words(value: float, factor: float, label: str, name: str, plus: str 
 
 
 def statement(degeneracy: Degeneracy) -> str:
-    """Return a sentence on a degeneracy: changes of parameters that no reading can resolve.
+    """Return a sentence that describes a degeneracy.
 
-    The sentence states amounts of parameters and of effects that change the readings in the same
-    way.
+    A degeneracy is a combination of parameters and other effects that no reading can resolve. The
+    sentence states amounts of the parameters and of the effects that change the readings in the
+    same way.
     """
     sign = -1.0 if degeneracy.term else 1.0
     changes = []
@@ -407,10 +414,10 @@ def statement(degeneracy: Degeneracy) -> str:
 
 
 def _effect_words(degeneracy: Degeneracy) -> str:
-    """Return in words the amounts of the nuisance effects in a degeneracy.
+    """Return a text with the amounts of the nuisance effects in a degeneracy.
 
-    A degeneracy is a combination of parameters and other effects that no reading can resolve: its
-    effects together change the readings as its parameters do.
+    A degeneracy is a combination of parameters and other effects that no reading can resolve,
+    because the effects together change the readings in the same way as the parameters.
     """
     amounts = []
     for name in degeneracy.nuisances:
@@ -428,8 +435,8 @@ def cure_words(degeneracy: Degeneracy, cures: Sequence[Cure]) -> str:
     """Return a sentence on measures that would remove a degeneracy.
 
     A degeneracy is a combination of parameters and other effects that no reading can resolve.
-    ``cures`` are the kinds of measures, such as other forces or a calibration. If there are none,
-    the sentence advises a narrower prior.
+    ``cures`` are the kinds of measures, such as other forces or a calibration. If ``cures`` is
+    empty, the sentence advises a narrower prior.
     """
     calibration = "a calibration of it"
     if degeneracy.term in Term.kinds:
@@ -443,10 +450,10 @@ def cure_words(degeneracy: Degeneracy, cures: Sequence[Cure]) -> str:
 def degeneracy_items(
     degeneracies: Sequence[Degeneracy], cures: Sequence[Sequence[Cure]]
 ) -> tuple[str, ...]:
-    """Return a text on every degeneracy, with the measures that would remove the degeneracy.
+    """Return one text on each degeneracy, which also names the measures that would remove it.
 
     A degeneracy is a combination of parameters and other effects that no reading can resolve.
-    ``cures`` are the measures for each degeneracy.
+    ``cures`` holds the measures for each degeneracy, in the order of ``degeneracies``.
     """
     items = []
     for degeneracy, cures_of_it in zip(degeneracies, cures, strict=True):
@@ -457,12 +464,14 @@ def degeneracy_items(
 def confounded_sentences(partners_of: Mapping[str, Sequence[str]]) -> Iterator[str]:
     """Yield one sentence on all confounded parameters of a fit, if there are any.
 
-    The sentence names the assumed effects that hold most of each parameter's variance.
+    For each parameter, the sentence names the assumed effects that contribute most of the
+    parameter's variance.
 
     Parameters
     ----------
     partners_of
-        Names of the effects with which each confounded parameter is confounded, by its name.
+        Names of the effects with which each confounded parameter is confounded. The keys are the
+        names of the parameters.
 
     Yields
     ------
@@ -485,9 +494,9 @@ def confounded_sentences(partners_of: Mapping[str, Sequence[str]]) -> Iterator[s
 
 
 def not_modelled_sentences(terms: Sequence[str]) -> tuple[str, ...]:
-    """Return a sentence on the effects that the user switched off, if there are any.
+    """Return one sentence on the effects that the user has switched off in the model, if any.
 
-    ``terms`` are class names of model terms.
+    ``terms`` are the class names of the model terms that describe these effects.
     """
     if not terms:
         return ()
@@ -504,10 +513,11 @@ def fit_verdict(fit: Fit) -> str:
 
 
 def sensitive_words(names: Sequence[str]) -> str:
-    """Return in words which parameters are sensitive to their prior, the most sensitive first.
+    """Return a text that names the parameters that are sensitive to their prior.
 
-    ``names`` are their names. At most three are named. Coefficients of the change of compliances
-    with force are not named but counted.
+    ``names`` are the names of these parameters, the most sensitive first. The text has at most
+    three names. It states only the number of slopes (coefficients of the change of compliances with
+    force).
     """
     named = [display_name(name) for name in names if not is_slope(name)]
     count = len(names) - len(named)
@@ -521,43 +531,48 @@ def sensitive_words(names: Sequence[str]) -> str:
 
 
 def expectation(fit: Fit) -> str:
-    """Return a sentence on whether the fitted model predicts readings like the measured ones."""
+    """Return a clause on whether the fitted model predicts readings like the measured ones."""
     return _sentence("expectation", fit)
 
 
 def check_notes(fit: Fit) -> tuple[str, ...]:
-    """Return notes on features of the readings that the fitted model does not expect.
+    """Return a note on features of the readings that the fitted model does not expect.
 
-    Features that make the fit a misfit are left out. The features noted hardly affect any credible
-    interval.
+    The note is only on features that hardly affect any credible interval. Features that affect the
+    intervals are misfits, which the note leaves out. If there are no features to note, the tuple is
+    empty.
     """
     return _sentences("check_notes", fit)
 
 
 def model_words(model: Mapping[str, Any]) -> str:
-    """Return a sentence on the model that was fitted, from the JSON record of the model."""
+    """Return a text that describes the fitted model; ``model`` is the JSON record of the model."""
     return _sentence("model_words", model)
 
 
 def quality_words(quality: Mapping[str, Any]) -> str:
-    """Return a sentence on the quality of a fit, from the entry ``fit`` of its JSON record."""
+    """Return a text on how well the model fits the readings.
+
+    ``quality`` is the entry ``fit`` of the JSON record of the fit.
+    """
     return _sentence("quality_words", quality)
 
 
 def sampler_words(sampler: Mapping[str, Any]) -> str:
-    """Return a sentence on whether the sampler converged, with the number of its draws.
+    """Return a sentence on whether the sampler has converged, with the number of draws.
 
-    It converged if the draws reached the effective number that was asked for. The sentence also
-    states this number, and R-hat. ``sampler`` is the JSON record of the sampler.
+    The sampler has converged if its draws have reached the requested effective sample size. The
+    sentence also states the effective sample size, and R-hat. ``sampler`` is the JSON record of the
+    sampler.
     """
     return _sentence("sampler_words", sampler)
 
 
 def check_words(check: Check) -> str:
-    """Return the subject of a check in words, such as "order 4 of f520".
+    """Return a text that states what a posterior predictive check is about.
 
-    In this example, order 4 is the Fourier component of the readings at four times the angle, and
-    f520 is the name of a test.
+    An example is "order 4 of f520". In this example, order 4 is the Fourier component of the
+    readings at four times the angle, and f520 is the name of a test.
     """
     kinds = {"noise": "white noise", "autocorrelation": "autocorrelation"}
     kind = kinds.get(check.kind, f"order {check.order}")
@@ -565,7 +580,7 @@ def check_words(check: Check) -> str:
 
 
 def concern_sentences(concerns: tuple[Concern, ...], sampler: Mapping[str, Any]) -> Iterator[str]:
-    """Yield one or two sentences on every concern about a fit.
+    """Yield one text on each concern about a fit.
 
     Parameters
     ----------
@@ -577,6 +592,7 @@ def concern_sentences(concerns: tuple[Concern, ...], sampler: Mapping[str, Any])
     Yields
     ------
     str
+        One or two sentences.
     """
     cure = "allow more steps (--max-steps)"
     if sampler.get("kind") == "independent":
@@ -587,7 +603,7 @@ def concern_sentences(concerns: tuple[Concern, ...], sampler: Mapping[str, Any])
             kind = "one-force"
         verb = "contradict" if concern.value < _CONTRADICTED else "speak against"
         # For the kind "forces", the limit is the smallest number of different forces that the model
-        # needs: its degree of compliance in force plus two.
+        # needs. This number is the model's degree of compliance in force plus two.
         sentence = _SENTENCES["concerns"][kind].format(
             value=concern.value,
             limit=concern.limit,
@@ -606,12 +622,12 @@ def concern_sentences(concerns: tuple[Concern, ...], sampler: Mapping[str, Any])
 
 
 def preview_sentences(preview: CampaignPreview) -> tuple[str, ...]:
-    """Return sentences that describe a campaign, with remarks on its tests."""
+    """Return sentences that describe a campaign, with remarks on the campaign and on its tests."""
     return _sentences("preview_sentences", preview)
 
 
 def assumption_words(assumption: Any) -> str:
-    """Return a text on an assumption made when readings were imported.
+    """Return a text on an assumption that the program made when readings were imported.
 
     The text states the assumption, its reason, and the option that would change it.
     """
@@ -622,7 +638,7 @@ def assumption_words(assumption: Any) -> str:
 
 
 def remark_words(remark: Remark) -> str:
-    """Return a remark on a campaign, or on one of its tests, in words."""
+    """Return the text of a remark on a campaign or on one of its tests."""
     if remark.kind in _SENTENCES["remarks"]:
         return str(_SENTENCES["remarks"][remark.kind].format(**remark.values))
     template = _environment().from_string(_SENTENCES["choices"][remark.kind])
@@ -630,7 +646,10 @@ def remark_words(remark: Remark) -> str:
 
 
 def look_sentences(preview: CampaignPreview) -> list[str]:
-    """Return a sentence on each peculiarity of a campaign's readings, with names of tests."""
+    """Return one sentence on each peculiarity of a campaign's readings.
+
+    Each sentence names the tests that have the peculiarity.
+    """
     tests_by_words: dict[str, list[str]] = {}
     for test in preview.tests:
         for remark in test.remarks:
@@ -654,10 +673,11 @@ def _add_remarks(record: dict[str, Any], remarks: Sequence[Remark]) -> None:
 
 
 def assumed_words(uncertainty: Uncertainty) -> tuple[str, str]:
-    """Return the name of an error of the instrument in words, and its place in campaign.toml.
+    """Return two texts on an error of the instrument: its name, and its place in campaign.toml.
 
-    The place is where a certificate's value of the error can be stated. If there is none, the text
-    names the model term that assumes the error.
+    The place is the entry of campaign.toml in which the user can state the value from a
+    certificate. If there is no such entry, the second text names the model term that assumes the
+    error.
     """
     table, _, key = uncertainty.certificate.partition("_")
     if key:
@@ -676,16 +696,17 @@ def assumed_words(uncertainty: Uncertainty) -> tuple[str, str]:
 def machine_sentences(machine: Any) -> tuple[str, ...]:
     """Return sentences on a machine's joints and on the parameters that circular tests can show.
 
-    The sentences also state the number of linearly independent effects that the compliances have on
-    the readings, and the parameters without effect on the readings.
+    The sentences also state how many compliances the readings can separate, and which parameters
+    have no effect on the readings.
     """
     return _sentences("machine_sentences", machine)
 
 
 def sum_in_words(parameter: VisibleParameter) -> str:
-    """Return, as text, the sum of parameters that one parameter represents, as in "C_XXX + C_XXY".
+    """Return a text with the sum of parameters that one parameter represents.
 
-    Weights in the sum are written if they differ from one, in mm or mm².
+    An example is "C_XXX + C_XXY". The text states the weights in the sum [mm or mm²] that differ
+    from 1.
     """
     text = ""
     for name, weight in parameter.members.items():
@@ -704,12 +725,13 @@ def sum_in_words(parameter: VisibleParameter) -> str:
 
 
 def joined_sizes(hyper_um: Mapping[str, float], equals: str) -> str:
-    """Return hyper-parameters as one text, such as "sigma = 0.2 µm, decay = 0.5".
+    """Return a text with the values of hyper-parameters, such as "sigma = 0.2 µm, decay = 0.5".
 
-    ``hyper_um`` holds their values by name: scales of the noise and of other effects [µm], and
-    decay, a pure number. Those named λ are left out; each is the factor by which the random shift
-    and the unexplained deviations of one circle are larger than those of the other circles.
-    ``equals`` is the text between name and value.
+    ``hyper_um`` holds the values: scales of the noise and of other effects [µm], and decay, a pure
+    number. The keys are the names of the hyper-parameters. Hyper-parameters whose names begin with
+    ``lambda_`` are left out; each is the factor by which the random shift and the unexplained
+    deviations of one circle are larger than those of the other circles. ``equals`` is the text
+    between a name and its value.
     """
     sizes = []
     for name, value in hyper_um.items():
@@ -720,7 +742,7 @@ def joined_sizes(hyper_um: Mapping[str, float], equals: str) -> str:
 
 
 def origin_words(origin: str) -> str:
-    """Return in words where the size of a source of uncertainty comes from.
+    """Return a text that states where the size of a source of uncertainty comes from.
 
     ``origin`` is "measured here", "stated" or "assumed".
     """
@@ -728,15 +750,20 @@ def origin_words(origin: str) -> str:
 
 
 def origins_in_words(entry: ParameterIdentifiability) -> str:
-    """Return the shares of what is measured here, stated and assumed, such as "39 / 0 / 61"."""
+    """Return a text with the shares of a parameter's variance by origin, such as "39 / 0 / 61".
+
+    The three shares [%] are from sources whose sizes were measured in the campaign, were stated by
+    the user, and are assumed.
+    """
     return " / ".join(f"{100.0 * share:.0f}" for share in entry.origin_shares.values())
 
 
 def held_by_words(entry: ParameterIdentifiability) -> str:
-    """Return all sources that the verdict on a parameter rests on, as in "mount 39 %, assumed".
+    """Return a text with the sources of variance that decide the verdict on a parameter.
 
-    For a confounded parameter these are the assumed effects that it is confounded with, for others
-    the source with the largest share of the variance.
+    An example is "mount 39 %, assumed". For a confounded parameter, the sources are the assumed
+    effects that it is confounded with. For any other parameter, it is the source with the largest
+    share of the variance.
     """
     origin = origin_words(entry.held_by.origin)
     if str(entry.verdict) == "confounded":
@@ -745,10 +772,9 @@ def held_by_words(entry: ParameterIdentifiability) -> str:
 
 
 def short_verdict_words(entry: ParameterIdentifiability | ChangeIdentifiability) -> str:
-    """Return a verdict with the largest source of variance, as in "confounded: mount 39 %, …".
+    """Return a verdict with the largest source of variance, such as "confounded: mount 39 %, …".
 
-    Only the source with the largest share is named; the ellipsis stands for further effects that
-    the parameter is confounded with.
+    The ellipsis stands for further effects that the parameter is confounded with.
     """
     sources = _sources_with_shares(entry)
     ending = ", …" if len(sources) > 1 else ""
@@ -765,7 +791,10 @@ def _sources_with_shares(
 
 
 def _source_in_table(name: str) -> str:
-    """Return the name of a source in words; the parameter's own prior is its "prior"."""
+    """Return the name of a source of variance in words, as a table shows it.
+
+    The parameter's own prior is shown as "its prior".
+    """
     if name == OWN:
         return "its prior"
     if "_" in name:
@@ -774,17 +803,20 @@ def _source_in_table(name: str) -> str:
 
 
 def cure_in_words(remedy: Remedy | None) -> str:
-    """Return the cheapest cure of a parameter in a few words, such as "turn balls"; – for none."""
+    """Return a short text on the cheapest cure of a parameter, such as "turn balls".
+
+    If there is no cure, the text is a dash.
+    """
     if remedy is None:
         return "–"
     return _step_words(remedy.kind, remedy.certificate)
 
 
 def paired_cure_items(result: Identifiability) -> tuple[str, ...]:
-    """Return a text on every pair of cures, with the parameters for which both are needed.
+    """Return a text on every pair of cures, with the parameters for which both cures are needed.
 
-    An example is "G10 balls and bar ± 1 µm together: U of E_XX1 25 µm/m". A parameter that stays
-    confounded is marked.
+    An example is "G10 balls and bar ± 1 µm together: U of E_XX1 25 µm/m". Parameters that stay
+    confounded in spite of both cures are marked.
     """
     effects_by_pair: dict[str, list[str]] = {}
     for name, entry in result.parameters.items():
@@ -804,7 +836,11 @@ def paired_cure_items(result: Identifiability) -> tuple[str, ...]:
 
 
 def _step_words(kind: str, certificate: str) -> str:
-    """Return one cure in a few words: what is certified, or else how the plan changes."""
+    """Return a short text on one cure: the name of a certificate, or a change of the plan.
+
+    ``certificate`` is an empty string if the cure is a change of the plan; ``kind`` is the kind of
+    the cure.
+    """
     if certificate:
         return certificate_words(certificate)
     return str(_SENTENCES["plans"][kind])
@@ -818,15 +854,15 @@ def certificate_words(certificate: str) -> str:
 def verdict_words(
     entry: ParameterIdentifiability | ChangeIdentifiability, *, shares: bool = True
 ) -> str:
-    """Return in words the verdict on how far the readings determine a parameter or a change.
+    """Return a text with the verdict on how far the readings determine a parameter or a change.
 
     Parameters
     ----------
     entry
         Verdict on the parameter, or on the change of a compliance with force.
     shares
-        Whether to state the share of the variance due to each effect that the parameter is
-        confounded with, or that limits it.
+        Whether the text states the share of the variance that is due to each effect that it names.
+        An effect is named if the parameter is confounded with it, or if it limits the parameter.
 
     Returns
     -------
@@ -847,12 +883,15 @@ def verdict_words(
 
 
 def _held_share(entry: ParameterIdentifiability | ChangeIdentifiability) -> str:
-    """Return the share and the origin of the largest source, as in "39 %, assumed"."""
+    """Return a text with the share and the origin of the largest source of variance.
+
+    An example is "39 %, assumed".
+    """
     return f"{100.0 * entry.held_by.share:.0f} %, {origin_words(entry.held_by.origin)}"
 
 
 def identifiability_sentences(result: Identifiability) -> tuple[str, ...]:
-    """Return sentences on the assumptions of an identifiability analysis."""
+    """Return sentences that state the assumptions of an identifiability analysis."""
     sizes = joined_sizes(result.hyper_um, " = ")
     return _sentences("identifiability_sentences", result, sizes)
 
@@ -860,8 +899,9 @@ def identifiability_sentences(result: Identifiability) -> tuple[str, ...]:
 def identifiability_screen(result: Identifiability) -> tuple[str, ...]:
     """Return the most important sentences on the result of an identifiability analysis.
 
-    The first sentence states how many parameters and changes with force have each verdict, which
-    states how far the readings determine them. Slopes are not counted.
+    A verdict states how far the readings determine a parameter or the change of a compliance with
+    force. The first sentence counts the parameters and changes with each verdict. Slopes are not
+    counted.
     """
     parameters = [entry for name, entry in result.parameters.items() if not is_slope(name)]
     verdicts = Counter(str(entry.verdict) for entry in parameters)
@@ -870,11 +910,13 @@ def identifiability_screen(result: Identifiability) -> tuple[str, ...]:
 
 
 def certificate_rows(result: Identifiability, most: int | None = None) -> list[tuple[str, str]]:
-    """Return rows of a table of certificates: name, and the parameters that each would narrow.
+    """Return the rows of a table of certificates of the instrument.
 
-    The parameters are those whose standard uncertainty the certificate would reduce by more than a
-    tenth, as in "C_XXX 60 %", the most narrowed first. Slopes are left out. ``most`` limits their
-    number; an ellipsis stands for the rest.
+    Each row has two cells. The first is the name of the certificate. The second lists the
+    parameters whose standard uncertainty the certificate would reduce by more than a tenth. For
+    example, "C_XXX 60 %" means a reduction to 60 %. The largest reduction comes first, and slopes
+    are left out. ``most`` is the largest number of parameters in a row; an ellipsis stands for the
+    rest.
     """
     sd_by_certificate = dict(result.certificates)
     sd_without = sd_by_certificate.pop("none of these", {})
@@ -895,16 +937,16 @@ def certificate_rows(result: Identifiability, most: int | None = None) -> list[t
 def cure_items(
     degeneracies: Sequence[Degeneracy], cures: Sequence[Sequence[Cure]]
 ) -> tuple[str, ...]:
-    """Return texts on effects that are confounded, with measures that would separate them.
+    """Return texts on confounded effects, with the measures that would separate the effects.
 
-    Each text names the effects for which the same measures help, and these measures.
+    Each text is about all effects for which the same measures help.
 
     Parameters
     ----------
     degeneracies
         Combinations of parameters and effects that no reading of a set of tests can resolve.
     cures
-        Measures that would remove each of these degeneracies.
+        Measures that would remove each degeneracy, in the order of ``degeneracies``.
 
     Returns
     -------
@@ -942,7 +984,7 @@ def validation_verdict(validation: Validation) -> str:
 
 
 def workflow_sentences(workflow: Workflow) -> tuple[str, ...]:
-    """Return one sentence on each check of a Bayesian workflow, and a verdict."""
+    """Return one sentence on each check of a Bayesian workflow, and a sentence as the verdict."""
     return _sentences("workflow_sentences", workflow)
 
 
@@ -952,8 +994,8 @@ def workflow_sentences(workflow: Workflow) -> tuple[str, ...]:
 def comparison_sentences(comparison: Comparison) -> tuple[str, ...]:
     """Return sentences on a comparison of models.
 
-    The sentences are about the evidence for each model, how it depends on assumptions, and
-    the other results of the comparison.
+    The sentences state the evidence for each model, how the evidence depends on assumptions, and
+    the further results of the comparison.
     """
     return _sentences("comparison_sentences", comparison)
 
@@ -964,10 +1006,10 @@ def comparison_screen(comparison: Comparison) -> tuple[str, ...]:
 
 
 def strength_words(log_bayes_factor: float) -> str:
-    """Return words for the strength of evidence of a log Bayes factor [nat].
+    """Return words for the strength of the evidence that a log Bayes factor [nat] states.
 
-    The words, such as "strong evidence", depend on its absolute value. They are those of Kass and
-    Raftery, J. Am. Stat. Assoc. 90 (1995) 773-795.
+    The words, such as "strong evidence", depend on the absolute value of the log Bayes factor. They
+    are taken from Kass and Raftery, J. Am. Stat. Assoc. 90 (1995) 773-795.
     """
     for limit, words in _STRENGTHS:
         if abs(log_bayes_factor) < limit:
@@ -1004,7 +1046,7 @@ def design_screen(design: Design) -> tuple[str, ...]:
 
 
 def design_notes(design: Design) -> tuple[str, ...]:
-    """Return notes on a design: what its tests cannot show, remedies, and assumptions."""
+    """Return notes on a design: what the tests cannot show, what would help, and assumptions."""
     relative_errors = [0.0]
     for expected in design.expected.values():
         if expected.sd > 0.0:
@@ -1015,9 +1057,10 @@ def design_notes(design: Design) -> tuple[str, ...]:
 
 
 def _tests_to_run(design: Design, most: int = _MOST_LISTED_TESTS) -> str:
-    """Return the tests of a design in words, such as "6 circles: 2 × 36 N and 4 × 742 N".
+    """Return a text that lists the tests of a design.
 
-    If there are more than ``most`` different tests, the text refers to the table of tests.
+    An example is "6 circles: 2 × 36 N and 4 × 742 N". If there are more than ``most`` different
+    tests, the text refers to the table of tests.
     """
     table = design.table
     varied = _varied_settings(design)
@@ -1039,10 +1082,10 @@ def _tests_to_run(design: Design, most: int = _MOST_LISTED_TESTS) -> str:
 
 
 def _varied_settings(design: Design) -> list[str]:
-    """Return the names of the settings, such as radius, in which the tests of a design differ.
+    """Return the names of the settings, such as the radius, in which the tests of a design differ.
 
-    If a ball is turned from its original position in any test, the angles of both balls are
-    included.
+    The angles of both balls are included if a ball is turned from its original position in any
+    test.
     """
     table = design.table
     clockings = list(design.columns)[:2]
@@ -1057,7 +1100,10 @@ def _varied_settings(design: Design) -> list[str]:
 
 
 def goal_design_sentences(result: GoalDesign) -> tuple[str, ...]:
-    """Return sentences on the cheapest campaign for goals, and on why goals are not reached."""
+    """Return sentences on the cheapest campaign that reaches goals for uncertainties.
+
+    If some goals cannot be reached, the sentences state the reasons.
+    """
     met = [name for name, stated in result.goals.items() if stated.met_by_pilot]
     obstacles = []
     for name, obstacle in result.obstacles.items():
@@ -1092,7 +1138,10 @@ def goal_design_sentences(result: GoalDesign) -> tuple[str, ...]:
 
 
 def _holder_in_words(name: str) -> str:
-    """Return the source that holds a goal, to begin a sentence; names keep their capitals."""
+    """Return the name of the source of variance that keeps a goal from being reached.
+
+    The name is the beginning of a sentence, so that its first letter is a capital.
+    """
     words = _source_in_table(name)
     return words[:1].upper() + words[1:]
 
@@ -1101,13 +1150,16 @@ def _holder_in_words(name: str) -> str:
 
 
 def next_circle_head(step: NextCircle) -> tuple[str, ...]:
-    """Return sentences that name the next circle to run, or say that the campaign may stop."""
+    """Return sentences that name the next circle to run, or that say that the campaign may stop."""
     row = step.table.to_dict(orient="records")[0]
     return _sentences("next_circle_head", step, row)
 
 
 def next_circle_model(step: NextCircle) -> tuple[str, ...]:
-    """Return a sentence on constant and linear compliance; none for a model without slopes."""
+    """Return a sentence on the decision between constant and linear compliance.
+
+    The tuple is empty for a model without slopes.
+    """
     if step.model is None:
         return ()
     return _sentences("next_circle_model", step)
@@ -1117,7 +1169,10 @@ def next_circle_model(step: NextCircle) -> tuple[str, ...]:
 
 
 def remedy_words(budget: Budget) -> str:
-    """Return the measure that would reduce a parameter's uncertainty most, in words."""
+    """Return a text on the measure that would reduce a parameter's uncertainty most.
+
+    ``budget`` is the uncertainty budget of the parameter.
+    """
     if budget.heaviest in _SENTENCES["remedies"]:
         return str(_SENTENCES["remedies"][budget.heaviest])
     return Term.kinds.get(budget.heaviest, Term).remedy
@@ -1146,7 +1201,7 @@ def caveat_words(caveat: Any) -> str:
 def probability_words(probability: float) -> str:
     """Return a probability as text with three decimals.
 
-    Near 0 the text is "< 0.001", near 1 it is "> 0.999".
+    The text is "< 0.001" for a probability near 0, and "> 0.999" for a probability near 1.
     """
     if probability < _UNLIKELY:
         return "< 0.001"
@@ -1156,9 +1211,10 @@ def probability_words(probability: float) -> str:
 
 
 def changes_by_words(name: str, change: Mapping[str, Any]) -> str:
-    """Return the name of the change of a compliance, "C_XXX changes from 36 N to 742 N by".
+    """Return the heading of a row that states the change of a compliance with force.
 
-    ``name`` is the name of the compliance, and ``change`` the JSON record of its change.
+    An example is "C_XXX changes from 36 N to 742 N by". ``name`` is the name of the compliance, and
+    ``change`` the JSON record of its change.
     """
     smallest = change["smallest_force_N"]
     largest = change["largest_force_N"]
@@ -1166,10 +1222,11 @@ def changes_by_words(name: str, change: Mapping[str, Any]) -> str:
 
 
 def direction_words(change: Mapping[str, Any]) -> str:
-    """Return in words whether a compliance increases or decreases with force.
+    """Return a text that states whether a compliance increases or decreases with force.
 
-    ``change`` is the JSON record of the compliance's change over the tested forces. An average over
-    models also states the probability that there is exactly no change.
+    ``change`` is the JSON record of the compliance's change over the tested forces. If neither is
+    certain, the text states the probabilities of both. For an average over models, it may also
+    state the probability that there is no change at all.
     """
     increase = change["probability_of_increase"]
     decrease = change["probability_of_decrease"]
@@ -1188,19 +1245,19 @@ def direction_words(change: Mapping[str, Any]) -> str:
 
 
 def limit_words(lower: float | None, upper: float | None, factor: float = 1.0) -> str:
-    """Return tolerance limits as text, such as "≤ 60", "≥ 18", "± 20" or "−20 to 40".
+    """Return a text with tolerance limits, such as "≤ 60", "≥ 18", "± 20" or "−20 to 40".
 
     Parameters
     ----------
     lower, upper
-        Lower and upper limit; None if there is no such limit.
+        Lower limit and upper limit. None if the tolerance has no such limit.
     factor
-        Factor from the unit of the limits to the unit shown.
+        Factor that converts the unit of the limits to the unit shown.
 
     Returns
     -------
     str
-        Limits; empty if there is none.
+        Text with the limits, or an empty string if there are no limits.
     """
     if lower is None and upper is None:
         return ""
@@ -1216,16 +1273,16 @@ def limit_words(lower: float | None, upper: float | None, factor: float = 1.0) -
 
 
 def _limit_digits(limit: float) -> str:
-    """Return a limit as text with four significant digits; from 1000 on, as a whole number."""
+    """Return a text with a limit: with four significant digits, or from 1000 on a whole number."""
     digits = f"{limit:.0f}" if abs(limit) >= 1000.0 else f"{limit:.4g}"
     return digits.replace("-", "−")
 
 
 def trend_sentences(trend: Any) -> tuple[str, ...]:
-    """Return sentences on the findings of a machine's trend, the most important first.
+    """Return sentences on the trend of a machine, the most important sentence first.
 
-    A trend is the change of one machine's parameters over its campaigns. Sentences on the
-    limitations of the trend are not included.
+    A trend is the change of one machine's parameters over its campaigns. Sentences on limitations
+    of the trend are not included.
     """
     estimates = trend.estimates
     probability_of_time = 0.0
@@ -1254,10 +1311,10 @@ def population_sentences(population: Any) -> tuple[str, ...]:
 
 
 def population_doubts(doubts: Any) -> tuple[str, ...]:
-    """Return sentences on the limitations of a population of machines.
+    """Return sentences on the limitations of the results for a population of machines.
 
-    ``doubts`` is the result for the population, which lists its limitations. They matter above all
-    if the population serves as a prior for another machine.
+    ``doubts`` is the result for the population, which lists the limitations. The limitations matter
+    above all if the population serves as a prior for another machine.
     """
     return _sentences("population_doubts", doubts)
 
@@ -1266,9 +1323,9 @@ def population_doubts(doubts: Any) -> tuple[str, ...]:
 
 
 def annex_words(degree: int, averaged: bool) -> str:
-    """Return a sentence on the model that the numbers of the annex are from.
+    """Return a sentence that names the model whose numbers the annex shows.
 
-    The annex is the sections of the report that follow the two sheets of the certificate.
+    The annex consists of the sections of the report that follow the two sheets of the certificate.
     ``degree`` is the model's degree of compliance in force; ``averaged`` states whether the numbers
     of the sheets are averages over models.
     """
@@ -1276,9 +1333,10 @@ def annex_words(degree: int, averaged: bool) -> str:
 
 
 def averaged_over(probabilities: Mapping[str, float]) -> str:
-    """Return a heading that names everything that numbers are averaged over.
+    """Return a heading that names the models and explanations over which numbers are averaged.
 
-    ``probabilities`` are those of the averaged models and of the rival explanations, by name.
+    ``probabilities`` holds the probabilities of the averaged models and of the rival explanations.
+    The keys are the names of models and explanations.
     """
     degrees = [name for name in probabilities if name in DEGREE_NAMES]
     rivals = [name for name in probabilities if name not in DEGREE_NAMES]
@@ -1291,8 +1349,8 @@ def averaged_over(probabilities: Mapping[str, float]) -> str:
 def instrument_words(force_N: float, same_instrument: bool) -> str:
     """Return sentences on what a comparison of two campaigns assumes.
 
-    The sentences state the force at which parameters are compared, and whether both campaigns were
-    run with the same instrument.
+    The sentences state the force ``force_N`` [N] at which compliances are compared, and whether
+    both campaigns used the same instrument.
     """
     return _sentence("instrument_words", force_N, same_instrument)
 
@@ -1300,25 +1358,29 @@ def instrument_words(force_N: float, same_instrument: bool) -> str:
 def difference_doubts(
     first: str, other: str, converged: bool, conflict: tuple[str, float] | None
 ) -> tuple[str, ...]:
-    """Return English sentences on reasons not to use the differences between two campaigns, if any.
+    """Return sentences on reasons not to use the differences between two campaigns, if any.
 
     ``first`` and ``other`` are the names of the campaigns. ``converged`` states whether the fit of
-    the other one converged. ``conflict`` is the coefficient of a common instrument about which the
-    campaigns disagree most, and the p-value of their disagreement, multiplied by the number of
-    coefficients compared (Bonferroni); None if no coefficient can be compared. A sentence names the
-    coefficient only if this p-value is below 1 %.
+    the second campaign has converged. ``conflict`` is about the coefficient of the common
+    instrument about which the campaigns disagree most. It holds the name of the coefficient and the
+    p-value of the disagreement, multiplied by the number of compared coefficients (Bonferroni); it
+    is None if no coefficient can be compared. A sentence names the coefficient only if this p-value
+    is below 1 %.
     """
     return _sentences("difference_doubts", first, other, converged, conflict)
 
 
 def interval_of(entry: Mapping[str, Any]) -> tuple[float, float]:
-    """Return both ends of the credible interval in the JSON record of a parameter."""
+    """Return the two ends of the credible interval that the JSON record of a parameter states."""
     low, high = entry[_interval_key(entry)]
     return low, high
 
 
 def percent_of(result: Mapping[str, Any]) -> str:
-    """Return the probability of the intervals in the JSON record of a fit, such as "95 %"."""
+    """Return a text with the probability of the intervals in the JSON record of a fit.
+
+    An example is "95 %".
+    """
     entry = next(iter(result["parameters"].values()))
     return f"{_interval_key(entry).removeprefix('ci')} %"
 
@@ -1328,7 +1390,10 @@ def _interval_key(entry: Mapping[str, Any]) -> str:
 
 
 def alert_sentences(fit: Fit, result: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return sentences that warn against using the numbers of a fit, or advise caution."""
+    """Return sentences that warn against the use of a fit's numbers or advise caution.
+
+    ``result`` is the JSON record of the fit.
+    """
     grave = tuple(concern for concern in fit.concerns if concern.kind not in ("forces", "centre"))
     sentences = list(concern_sentences(grave, result["sampler"]))
     is_explained = "not-converged" in fit.kinds or "truncation" in fit.kinds
@@ -1340,11 +1405,11 @@ def alert_sentences(fit: Fit, result: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def change_sentence(first: str, other: str, table: pd.DataFrame, prob: float) -> str:
-    """Return a sentence on the parameters in which a campaign differs from the first one.
+    """Return a sentence that names the parameters in which two campaigns differ.
 
     ``first`` and ``other`` are the names of the campaigns; ``table`` holds the differences of all
-    parameters. A parameter is named if the credible interval of its difference, with the
-    probability ``prob``, excludes zero. Slopes are not named.
+    parameters. A parameter is named if the credible interval of its difference excludes zero;
+    ``prob`` is the probability of this interval. Slopes are not named.
     """
     tail = 0.5 - 0.5 * prob
     probability = table["probability_of_increase"]

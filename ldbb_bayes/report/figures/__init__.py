@@ -1,7 +1,7 @@
-"""Figures: functions that take a posterior or another result and return a Matplotlib Figure.
+"""Functions that draw figures. Each takes a posterior or another result, and returns a Figure.
 
-PALETTE (colours), force_colours, new_figure and styled help users to make their own figures in the
-same style.
+The returned object is a Matplotlib Figure. Users can make their own figures in the same style with
+PALETTE (colours), force_colours, new_figure and styled.
 """
 
 import lazy_loader

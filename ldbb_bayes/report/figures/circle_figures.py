@@ -28,14 +28,14 @@ from ldbb_bayes.results import Array
 __all__ = ["residuals", "traces"]
 
 _DRAWS = 600
-# Largest number of readings drawn as dots in a figure of polar traces, over all its tests.
+# Largest number of readings of all tests together that a figure of polar traces draws as dots.
 _MOST_DOTS = 2400
-# Largest number of tests that a figure of polar traces shows with 95 % bands; more bands would
+# A figure of polar traces has 95 % bands only if it has at most this many tests. More bands would
 # overlap too much.
 _MOST_BANDS = 12
 # Largest number of labels on the colour scale of forces in a figure of polar traces.
 _MOST_NAMED_FORCES = 9
-# Largest number of tests whose residuals (reading minus prediction) are drawn in a figure.
+# Largest number of tests whose residuals (reading minus prediction) a figure shows.
 _MOST_RESIDUALS = 10
 _ANGLE = np.linspace(0.0, 2 * np.pi, 361)
 _DASHED = (0, (4, 3))
@@ -44,10 +44,12 @@ _BOX = MappingProxyType({"facecolor": "white", "edgecolor": "none", "pad": 0.5, 
 
 @dataclass(frozen=True, eq=False)
 class _Traces:
-    """Readings, predictions and radial scale of a figure of polar traces, one panel for each plane.
+    """Readings, predictions and radial scale of a figure of polar traces.
 
-    ``beta`` and ``phi`` are posterior draws of the parameters, shape (draws, p), and of the
-    hyper-parameters, shape (draws, h). ``words`` are the labels of the figure by name.
+    ``bound`` is a model bound to a campaign. ``beta``, shape (draws, p), holds random draws of the
+    p parameters from the posterior. ``phi``, shape (draws, h), holds random draws of the h
+    hyper-parameters (scales of noise and of other effects). ``words`` holds the texts of the
+    figure; the keys are the names of the texts.
     """
 
     bound: BoundModel
@@ -80,7 +82,8 @@ class _Traces:
     def zero_radius(self) -> float:
         """Distance from the centre of a polar panel at which a zero reading is drawn [µm].
 
-        It is negative if all readings are far above zero; no zero reading can then be drawn.
+        The distance is negative if all readings are far above zero. A zero reading then has no
+        place in the panel.
         """
         return 0.9 * self.span - self.low
 
@@ -104,7 +107,7 @@ class _Traces:
 
     @property
     def stride(self) -> int:
-        """Step through the readings of a test: only every ``stride``-th reading is drawn."""
+        """Number n for which only every n-th reading of a test is drawn."""
         return -(-sum(map(len, self.readings_um)) // _MOST_DOTS)
 
     @cached_property
@@ -116,21 +119,22 @@ class _Traces:
 def traces(posterior: xr.DataTree, words: Mapping[str, str] = WORDS) -> Figure:
     """Draw polar traces of the readings of all tests, in one panel for each plane.
 
-    The figure shows readings, the prediction of the model (effects of machine, bar and balls),
-    rings in µm, and a colour scale of forces in the order of the traces. If there are at most 12
-    tests, it also shows the 95 % band for the readings of a new circle.
+    Each panel shows the readings, the prediction of the model (effects of machine, bar and balls),
+    and rings labelled in µm. If there are at most 12 tests, the panels also show the 95 % band for
+    the readings of a new circle. A colour scale at the right states the forces, in the order of the
+    traces.
 
     Parameters
     ----------
     posterior : DataTree
         Posterior from `sample` or `load`.
     words : mapping of str to str
-        Labels of the figure by name. Default: English.
+        Texts of the figure; the keys are the names of the texts. Default: English texts.
 
     Returns
     -------
     Figure
-        A Matplotlib figure with a polar panel for each plane and the scale of forces.
+        A Matplotlib figure with a polar panel for each plane, and a panel for the scale of forces.
 
     Examples
     --------
@@ -192,8 +196,8 @@ def _draw_trace(axes: Any, shown: _Traces, r: int) -> None:
 def _draw_rings(axes: Any, shown: _Traces, plane: str) -> None:
     """Draw the scale of the polar panel of one plane.
 
-    The scale consists of rings in µm, angles, the names of the machine axes and, if it lies in the
-    panel, the circle of zero readings.
+    The scale consists of rings labelled in µm, of angles, and of the names of the machine axes. The
+    circle of zero readings is drawn if it lies in the panel.
     """
     zero = shown.zero_radius
     if shown.has_nominal_circle:
@@ -259,8 +263,8 @@ def _panel_head(shown: _Traces, plane: str) -> str:
 def _draw_force_scale(figure: Figure, shown: _Traces) -> None:
     """Draw the colour scale of forces at the right of the figure.
 
-    Forces increase upwards if the trace at the largest force is outside that at the smallest force,
-    otherwise downwards.
+    Forces increase upwards if the trace at the largest force lies outside the trace at the smallest
+    force. If it lies inside, forces increase downwards.
     """
     forces_N = shown.bound.setting.force_N
     levels = np.unique(forces_N)
@@ -289,9 +293,9 @@ def _draw_force_scale(figure: Figure, shown: _Traces) -> None:
 
 
 def _mean_reading(shown: _Traces, force_N: float) -> float:
-    """Return the mean reading of all tests at the force ``force_N`` [µm].
+    """Return the mean reading [µm] of all tests at the force ``force_N`` [N].
 
-    The result is the mean of the mean readings of these tests.
+    The result is the mean of the mean readings of the single tests.
     """
     means = []
     for readings, force in zip(shown.readings_um, shown.bound.setting.force_N, strict=True):
@@ -301,9 +305,9 @@ def _mean_reading(shown: _Traces, force_N: float) -> float:
 
 
 def _round_step(size: float) -> float:
-    """Return the round step of a scale that is nearest to ``size``.
+    """Return the round number that is nearest to ``size``, as the step between rings of a scale.
 
-    Round steps are 1, 2, 5 or 10 times a power of ten.
+    Round numbers are 1, 2, 5 or 10 times a power of ten.
     """
     power = 10.0 ** np.floor(np.log10(size))
     steps = power * np.array([1.0, 2.0, 5.0, 10.0])
@@ -314,9 +318,9 @@ def _round_step(size: float) -> float:
 def residuals(posterior: xr.DataTree) -> Figure:
     """Draw the residuals, reading minus prediction, against angle for up to ten tests.
 
-    The prediction includes the effects of machine, bar and balls. Two effects that the model has
-    for each circle separately are left in the residuals: the set-up shift and the discrepancy, a
-    deviation that no other effect explains.
+    The prediction includes the effects of machine, bar and balls. It does not include two effects
+    that differ from circle to circle, so that the residuals still contain them. These effects are
+    the set-up shift and the discrepancy, which is a deviation that no other effect explains.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
-"""Figures of a comparison of models: evidence, and curves together with local fits.
+"""Figures of a comparison of models: the evidence, and parameters against force with local fits.
 
-ln B is the log Bayes factor, by which the readings favour one model over another. A local fit uses
-only the tests at two neighbouring forces.
+ln B is the log Bayes factor, which states how much the readings favour one model over another. A
+local fit uses only the tests at two neighbouring forces.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from ldbb_bayes.results import Array
 __all__ = ["compliance_with_local_fits", "evidence", "geometry_with_local_fits"]
 
 _LINES = ("-", "--", ":")  # Matplotlib line styles of the models in a figure, used in turn
-# The scale of log Bayes factors ln B is never broken at an absolute value below this [nat].
+# A scale of log Bayes factors is broken only where the absolute value is larger than this [nat].
 _MIDDLE_NAT = 20.0
 _BREAK_MARK = ((-0.6, -1.0), (0.6, 1.0))  # ends (x, y) of the stroke that marks a broken scale
 
@@ -31,40 +31,41 @@ _BREAK_MARK = ((-0.6, -1.0), (0.6, 1.0))  # ends (x, y) of the stroke that marks
 
 
 class _Assumption(NamedTuple):
-    """Log Bayes factor of two models under one assumption, and how well the readings support it.
+    """Log Bayes factor of two models under one assumption, and the evidence for this assumption.
 
-    ``error`` is that of the log Bayes factor [nat]. ``is_allowed`` is false if the readings reject
-    the assumption.
+    ``error`` is the numerical standard error of the log Bayes factor [nat]. ``is_allowed`` is false
+    if the readings reject the assumption.
     """
 
     name: str
     log_bayes_factor: float
     error: float
-    #: log evidence for the assumption, minus that for the models' own assumption [nat]; None if the
-    #: assumption is a width of the slopes' prior
+    #: log evidence for this assumption, minus the log evidence for the assumption that the models
+    #: make [nat]; None if the assumption is about the width of the slopes' prior
     gain: float | None
     is_allowed: bool
 
 
 @styled
 def evidence(comparison: Comparison) -> Figure:
-    """Draw the log Bayes factor ln B under every width of the slopes' prior and every assumption.
+    """Draw the log Bayes factor ln B of two models under several assumptions.
 
-    ln B is that of the second model over the first. Slopes are changes of compliance with force;
-    the assumptions are about how circles differ from one another. Bars on the dots are 95 %
-    intervals of the numerical error. The numbers at the right are the log evidences of the
-    assumptions minus that of the models' own assumption. The scale is linear. It is broken if
-    assumptions that the readings reject give values far from the others.
+    ln B is that of the second model over the first. Each row is one assumption: about the width of
+    the prior of the slopes (changes of compliance with force), or about how circles differ from one
+    another. Bars on the dots are 95 % intervals of the numerical error. The numbers at the right
+    are the log evidence for each assumption about circles, minus the log evidence for the
+    assumption that the models make. The scale is linear. It is broken if assumptions that the
+    readings reject give values far from all other values.
 
     Parameters
     ----------
     comparison : Comparison
-        Comparison of models that `compare` returns.
+        Comparison of models, as `compare` returns it.
 
     Returns
     -------
     Figure
-        A Matplotlib figure with a row for each width and assumption, ln B in nat.
+        A Matplotlib figure with a row for each assumption, ln B in nat.
 
     Examples
     --------
@@ -125,7 +126,7 @@ def _assumptions(comparison: Comparison) -> list[_Assumption]:
 class _Stretch(NamedTuple):
     """One stretch of the broken scale of the log Bayes factor, from ``low`` to ``high`` [nat].
 
-    Outer stretches lie to the left or to the right of the middle one, which contains zero.
+    The middle stretch contains zero. Stretches to its left and to its right are outer stretches.
     """
 
     low: float
@@ -134,12 +135,12 @@ class _Stretch(NamedTuple):
 
 
 def _stretches(value: Array, allowed: Array) -> list[_Stretch]:
-    """Return the stretches of the broken scale of log Bayes factors; empty ones are left out.
+    """Return the stretches of the broken scale of log Bayes factors, from left to right.
 
-    The stretches are returned from left to right. ``value``, shape (n,), are the log Bayes factors
-    under n assumptions; ``allowed``, shape (n,), is false for assumptions that the readings reject.
-    The middle stretch contains all values under assumptions that are not rejected, and all values
-    between −20 and 20 nat.
+    ``value``, shape (n,), holds the log Bayes factors under n assumptions [nat]. ``allowed``, shape
+    (n,), is false for assumptions that the readings reject. The middle stretch contains all values
+    under assumptions that the readings do not reject, and all values between −20 and 20 nat.
+    Stretches without a value are left out.
     """
     near = max(_MIDDLE_NAT, 1.2 * float(np.abs(value[allowed]).max(initial=0.0)))
     left = value[value < -near]
@@ -165,9 +166,10 @@ def _stretch(low: float, high: float, *, is_outer: bool) -> _Stretch:
 
 
 def _draw_stretch(axes: Axes, assumptions: Sequence[_Assumption], stretch: _Stretch) -> None:
-    """Draw the log Bayes factors that lie in one stretch of a broken axis, one assumption a row.
+    """Draw the log Bayes factors that lie in one stretch of a broken scale.
 
-    Filled marks are assumptions that the readings allow. Bars have ± 1.96 numerical errors.
+    There is one row for each assumption. A mark is filled if the readings do not reject the
+    assumption. Error bars extend 1.96 numerical standard errors to each side.
     """
     rows = np.arange(len(assumptions))[::-1]
     value = np.array([assumption.log_bayes_factor for assumption in assumptions])
@@ -222,19 +224,20 @@ def _gain_words(gain: float | None) -> str:
 
 @styled
 def compliance_with_local_fits(comparison: Comparison) -> Figure:
-    """Draw compliance C against force F: model average, mean of every model, and local fits.
+    """Draw every compliance C against the force F, in all models and in local fits.
 
-    The figure corresponds to Fig. 15 of the paper. The average is over models with and without each
-    slope (change of compliance with force). If the comparison has no such average, the first model
-    is drawn in its place. A local fit uses only the tests at two neighbouring forces. It has its
-    own geometric errors and therefore estimates the tangent d(F C)/dF rather than C. For this
-    reason, the tangent of the average is drawn, too.
+    The figure shows the mean in every model, the average over models, and the local fits. It
+    corresponds to Fig. 15 of the paper. The average is over models with and without each slope
+    (change of compliance with force). If the comparison has no average, the first model is drawn
+    instead. A local fit uses only the tests at two neighbouring forces. Each local fit estimates
+    the geometric errors anew. It therefore estimates the tangent d(F C)/dF and not C. For this
+    reason, the figure also shows the tangent of the average.
 
     Parameters
     ----------
     comparison : Comparison
-        Comparison that `compare` returns. If it was made with ``evidence_only``, it has no local
-        fits, and the figure shows none.
+        Comparison of models, as `compare` returns it. If the comparison was made with
+        ``evidence_only``, it has no local fits, and the figure shows none.
 
     Returns
     -------
@@ -270,7 +273,7 @@ def compliance_with_local_fits(comparison: Comparison) -> Figure:
 
 @styled
 def geometry_with_local_fits(comparison: Comparison) -> Figure:
-    """Draw the geometric errors of every model and of local fits against force.
+    """Draw every geometric error against the force, in all models and in local fits.
 
     A local fit uses only the tests at two neighbouring forces. The figure corresponds to Fig. 16 of
     the paper.
@@ -278,8 +281,8 @@ def geometry_with_local_fits(comparison: Comparison) -> Figure:
     Parameters
     ----------
     comparison : Comparison
-        Comparison that `compare` returns. If it was made with ``evidence_only``, it has no local
-        fits, and the figure shows none.
+        Comparison of models, as `compare` returns it. If the comparison was made with
+        ``evidence_only``, it has no local fits, and the figure shows none.
 
     Returns
     -------
@@ -302,7 +305,7 @@ def geometry_with_local_fits(comparison: Comparison) -> Figure:
 
 
 def _draw_nothing(axes: Axes, name: str, factor: float) -> None:
-    """Draw nothing; used for panels without a credible band."""
+    """Draw nothing. The figure of geometric errors uses this function, as it has no bands."""
 
 
 def _draw_against_force(
@@ -311,12 +314,12 @@ def _draw_against_force(
     title: str,
     draw_beneath: Callable[[Axes, str, float], None],
 ) -> Figure:
-    """Draw a panel for every parameter: its mean in each model against force, and local fits.
+    """Draw parameters against force, in all models and in local fits, with a panel for each.
 
-    A local fit uses only the tests at two neighbouring forces. ``names`` are the parameters.
-    ``draw_beneath`` is called before the curves are drawn, with the panel, the parameter and the
-    factor from its internal unit to the unit shown. ``title`` is the first part of the figure's
-    title.
+    A local fit uses only the tests at two neighbouring forces. ``names`` are the names of the
+    parameters. ``title`` is the first part of the figure's title. ``draw_beneath`` is a function
+    that is called for each panel before the curves are drawn. Its arguments are the panel, the name
+    of the parameter, and the factor from the parameter's internal unit to the unit shown.
     """
     first = next(iter(comparison.models.values()))
     figure, all_axes = panels(len(names), 3, 1.7, 0.9)
@@ -336,9 +339,10 @@ def _draw_against_force(
 
 
 def _mean_curve(model: Any, name: str) -> tuple[Array, Array]:
-    """Return forces [N] and the posterior mean of a parameter in one model at each force.
+    """Return forces [N], and the posterior mean of a parameter at each of these forces.
 
-    The mean is in the internal unit (mm, N, rad).
+    The mean is that in one model, in the internal unit of the parameter (mm, N, rad). ``name`` is
+    the name of the parameter. Both arrays have the shape (forces,).
     """
     curves = model.compliance_against_force
     if name in curves:
@@ -348,10 +352,11 @@ def _mean_curve(model: Any, name: str) -> tuple[Array, Array]:
 
 
 def _draw_local_fits(axes: Axes, local_fits: pd.DataFrame, name: str, factor: float) -> None:
-    """Draw the local fits of one parameter, that is, fits to the tests at two neighbouring forces.
+    """Draw the estimates of one parameter from local fits.
 
-    ``factor`` converts the parameter's internal unit to the unit shown. A least-squares estimate
-    that lies beyond the panel's range appears as an arrow at the edge of the panel.
+    A local fit uses only the tests at two neighbouring forces. ``name`` is the name of the
+    parameter; ``factor`` converts its internal unit to the unit shown. A least-squares estimate
+    beyond the panel's range is drawn as an arrow at the edge of the panel.
     """
     if local_fits.empty:
         return

@@ -1,4 +1,4 @@
-"""Figure of a design: expected uncertainty of every parameter under each plan."""
+"""Figure of a design: the uncertainty of every parameter that is expected after each plan."""
 
 from __future__ import annotations
 
@@ -26,7 +26,8 @@ _LONGEST_BAR = 0.72
 class _PlanBars(NamedTuple):
     """Bars of one plan of tests in the figure of expected uncertainties.
 
-    ``sd`` holds the expected standard deviation of each parameter, by name, in mm, N and rad.
+    ``sd`` holds the expected standard deviation of each parameter, in internal units (mm, N, rad).
+    The keys are the names of the parameters.
     """
 
     name: str
@@ -36,19 +37,19 @@ class _PlanBars(NamedTuple):
 
 @styled
 def expected_widths(design: Design, today: Mapping[str, float] = MappingProxyType({})) -> Figure:
-    """Draw bars of each parameter's expected standard uncertainty under each plan of tests.
+    """Draw bars that show each parameter's standard uncertainty, as expected after several plans.
 
-    Plans are the recommended tests, the tests compared with them, and the limit of ever more
+    The plans are the recommended tests, the plans that the design was compared with, and very many
     repetitions of the recommended tests. Each parameter has its own scale of bars. Slopes are left
-    out, unless the design aims at nothing else.
+    out unless the design aims only at slopes.
 
     Parameters
     ----------
     design : Design
-        Design that `design` returns.
+        Design, as the function `design` returns it.
     today : mapping of str to float
-        Present standard uncertainty by parameter, in internal units (mm, N, rad). Default: none is
-        drawn.
+        Present standard uncertainties in internal units (mm, N, rad). The keys are the names of the
+        parameters. Default: no present uncertainties are drawn.
 
     Returns
     -------
@@ -101,9 +102,11 @@ def expected_widths(design: Design, today: Mapping[str, float] = MappingProxyTyp
 
 
 def _plans(design: Design, today: Mapping[str, float]) -> list[_PlanBars]:
-    """Return standard deviations to draw as bars: today, under every plan, and at least.
+    """Return the bars of every plan of tests, in the order in which they are drawn.
 
-    ``today`` are the present standard deviations by parameter; it is empty before any reading.
+    The first bars are the present standard deviations ``today``, unless ``today`` is empty. The
+    last bars are the standard deviations after very many repetitions of the recommended tests. The
+    keys of ``today`` are the names of the parameters.
     """
     plans = []
     if today:
@@ -124,9 +127,10 @@ def _expected_sd(expected: Mapping[str, Any]) -> dict[str, float]:
 
 
 def _drawn(design: Design) -> dict[str, Any]:
-    """Return what is expected of every parameter that the figure shows, by name.
+    """Return the expected uncertainty of every parameter that the figure shows.
 
-    Slopes are left out, unless the design aims at nothing else.
+    The keys are the names of the parameters. Slopes are left out unless the design aims only at
+    slopes.
     """
     aims = without_slopes(design.parameters)
     drawn = {}
@@ -139,7 +143,8 @@ def _drawn(design: Design) -> dict[str, Any]:
 def _sizes(expected_by_name: Mapping[str, Any], plans: list[_PlanBars]) -> Array:
     """Return the expected standard uncertainties of all plans, shape (plans, parameters).
 
-    The uncertainties are in the units that the figure shows, such as nm/N.
+    The uncertainties are in the units that the figure shows, such as nm/N. The keys of
+    ``expected_by_name`` are the names of the parameters.
     """
     factors = [display_unit(expected.unit)[0] for expected in expected_by_name.values()]
     rows = []

@@ -1,4 +1,4 @@
-"""Figure of the principal stiffnesses of a machine in space: the ellipsoid of its compliance."""
+"""Figure of a machine's compliance in space, drawn as an ellipsoid."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from ldbb_bayes.units import display_unit, plus_minus
 __all__ = ["compliance_ellipsoid"]
 
 _HEIGHT = 4.4  # height of the figure [inch]
-_MERIDIANS = 24  # number of lines of each kind on the ellipsoid
-_VIEW_DEG = (22.0, 35.0)  # elevation and azimuth of the view
-_ZOOM = 0.88  # size of the panel in space, at which the names of its axes are not cut
-_FARTHEST = 1.15  # half edge of the box about the ellipsoid, relative to the largest compliance
+_MERIDIANS = 24  # steps in latitude of the net on the ellipsoid; it has twice as many in longitude
+_VIEW_DEG = (22.0, 35.0)  # elevation and azimuth from which the ellipsoid is seen [°]
+_ZOOM = 0.88  # relative size of the 3D panel; at this size the names of the axes are not cut off
+_FARTHEST = 1.15  # ratio of half the edge of the drawn box to the ellipsoid's longest semi-axis
 
 
 @styled
 def compliance_ellipsoid(posterior: xr.DataTree) -> Figure:
     """Draw the compliance in space as an ellipsoid, with the principal stiffnesses ± U.
 
-    The distance from the centre to the surface along a principal axis is the compliance along it:
-    the longest axis is the softest. The force is the largest one tested, and the place the centre
-    of the first circle.
+    The distance from the centre to the surface along a principal axis is the compliance along this
+    axis, so that the longest axis is the softest. The compliance is that at the largest force
+    tested, and at the centre of the first circle.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ def compliance_ellipsoid(posterior: xr.DataTree) -> Figure:
     Returns
     -------
     Figure
-        A Matplotlib figure with one panel in space.
+        A Matplotlib figure with one three-dimensional panel.
 
     Raises
     ------
@@ -89,14 +89,20 @@ def compliance_ellipsoid(posterior: xr.DataTree) -> Figure:
 
 
 def _semi_axes(principal: PrincipalStiffness) -> Array:
-    """Return the semi-axes of the ellipsoid as vectors, one per row, softest first [nm/N]."""
+    """Return the semi-axes of the ellipsoid as vectors [nm/N], shape (3, 3).
+
+    Each row is one vector; the first row is the softest axis.
+    """
     factor, _ = display_unit("mm/N")
     rows = [np.array(axis.direction) * (factor / axis.stiffness.median) for axis in principal.axes]
     return np.array(rows)
 
 
 def _draw_surface(axes: Any, semi_axes: Array) -> None:
-    """Draw the surface that the semi-axes span, as a net."""
+    """Draw the surface of the ellipsoid with a net of lines.
+
+    ``semi_axes``, shape (3, 3), holds the semi-axes of the ellipsoid as rows [nm/N].
+    """
     longitude = np.linspace(0.0, 2.0 * np.pi, 2 * _MERIDIANS + 1)[:, None]
     latitude = np.linspace(-0.5 * np.pi, 0.5 * np.pi, _MERIDIANS + 1)[None, :]
     unit_sphere = np.stack(

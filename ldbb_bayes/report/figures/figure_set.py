@@ -1,4 +1,4 @@
-"""All figures of a posterior, and a function that writes them into a folder."""
+"""List of all figures of a posterior, and a function that writes the figures into a folder."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from ldbb_bayes.report.figures.style import save_figure
 
 __all__ = ["FIGURES", "save_figures"]
 
-#: Functions that draw the figures of a posterior, by the name of the figure.
+#: Functions that draw the figures of a posterior. The keys are the names of the figures.
 FIGURES: Mapping[str, Callable[[xr.DataTree], Figure]] = MappingProxyType(
     {
         "traces": traces,
@@ -44,21 +44,21 @@ def save_figures(
     *,
     formats: Sequence[str] = ("png", "svg"),
 ) -> list[Path]:
-    """Draw every figure of a posterior into a folder.
+    """Draw every figure of a posterior, and write the figures into a folder.
 
     Parameters
     ----------
     posterior : DataTree
         Posterior from `sample` or `load`.
     folder : path
-        Folder for the files; it is made if missing.
+        Folder for the files. The folder is made if it does not exist.
     formats : sequence of str
-        File formats: png, svg or pdf, one or several.
+        One or several file formats: png, svg or pdf.
 
     Returns
     -------
     list of Path
-        The files written.
+        Paths of the files that were written.
 
     Examples
     --------

@@ -1,4 +1,7 @@
-"""Figures of the parameters of a posterior: intervals, compliance against force, pairs."""
+"""Figures of the parameters of a posterior.
+
+The figures show credible intervals, compliance against force, and pairs of parameters.
+"""
 
 from __future__ import annotations
 
@@ -27,18 +30,19 @@ from ldbb_bayes.units import display_name, display_unit, inside_name, is_slope, 
 __all__ = ["WORDS", "compliance_against_force", "corner", "forest"]
 
 _CATALOGUE = files("ldbb_bayes.report") / "templates" / "words_en.toml"
-#: English labels of the figures that the certificate's sheets show, by name of the label.
+#: English texts in the figures of the certificate's sheets; the keys are the names of the texts.
 WORDS: Mapping[str, str] = MappingProxyType(
     tomllib.loads(_CATALOGUE.read_text(encoding="utf-8"))["figures"]
 )
-# Regular expressions for the names of parameters that a corner plot (of pairs of parameters) shows
-# by default: direct compliances, rotations caused by moments, scale errors, and squareness.
+# Regular expressions for the names of the parameters that a corner plot shows by default: direct
+# compliances, rotations caused by moments, scale errors, and squareness errors. A corner plot shows
+# pairs of parameters.
 _CORNER_PARAMETERS = (r"C_([XYZ])\1.", r"C_([ABC])\1.", r"E_([XYZ])\1\d", r"E_[ABC]0..")
 _MOST_IN_CORNER = 8
 # Largest number of parameters in a corner plot if no parameter matches ``_CORNER_PARAMETERS``.
 _MOST_WITHOUT_PATTERN = 6
 _CURVE_DRAWS = 1500
-# Room between a band and the frame of its panel, as a share of the panel's height.
+# Empty space between a band and the frame of its panel, as a share of the panel's height.
 _ROOM_ABOVE = 0.1
 
 
@@ -46,21 +50,21 @@ _ROOM_ABOVE = 0.1
 
 
 class _FigureRow(NamedTuple):
-    """One row of the figure of credible intervals, in internal units (mm, N, rad)."""
+    """One row of the figure of credible intervals. Draws are in internal units (mm, N, rad)."""
 
     label: str
     unit: str
-    draws: Array  #: draws from the posterior, shape (draws,)
-    prior_draws: Array | None  #: draws from the prior; None if it is flat, or not drawn
+    draws: Array  #: random draws from the posterior, shape (draws,)
+    prior_draws: Array | None  #: random draws from the prior; None if the row shows no prior
 
 
 @styled
 def forest(posterior: xr.DataTree) -> Figure:
     """Draw the 95 % and 50 % credible intervals of every parameter, in one panel for each unit.
 
-    The change of each compliance C(F) over the tested forces F is drawn in the place of its slopes,
-    in panels of its own. Faint lines show the 95 % intervals of the priors. The texts at the right
-    state value ± U (k = 2), or the 95 % interval of a skewed distribution.
+    Separate panels show the change of each compliance C(F) over the tested forces F; slopes are not
+    drawn. Faint lines show the 95 % intervals of the priors. The texts at the right state the value
+    ± U (k = 2), or the 95 % interval if the distribution is skewed.
 
     Parameters
     ----------
@@ -97,9 +101,10 @@ def forest(posterior: xr.DataTree) -> Figure:
 
 
 def _forest_panels(posterior: xr.DataTree) -> dict[str, list[_FigureRow]]:
-    """Return the rows of every panel of the figure of credible intervals, by label of its axis.
+    """Return the rows of every panel of the figure of credible intervals.
 
-    The panels are those of compliances, of their changes with force and of geometric errors.
+    The keys are the labels of the panels' axes. Panels with compliances come first, then panels
+    with changes of compliances with force, then panels with geometric errors.
     """
     compliances: dict[str, list[_FigureRow]] = {}
     geometry: dict[str, list[_FigureRow]] = {}
@@ -128,9 +133,9 @@ def _forest_panels(posterior: xr.DataTree) -> dict[str, list[_FigureRow]]:
 
 
 def _draw_intervals(axes: Axes, rows: Sequence[_FigureRow]) -> None:
-    """Draw the credible intervals of quantities that have the same unit, one row for each.
+    """Draw the credible intervals of quantities with the same unit in a panel.
 
-    ``axes`` is the panel.
+    ``axes`` is the panel. Each quantity has one row.
     """
     heights = style.name_rows(axes, [row.label for row in rows])
     texts = []
@@ -146,8 +151,8 @@ def _draw_intervals(axes: Axes, rows: Sequence[_FigureRow]) -> None:
         axes.plot(mean, height, "o", color="white", markeredgecolor=ACCENT, markersize=3.6)
         texts.append(plus_minus(summary["mean"], summary["sd"], interval, row.unit))
     axes.axvline(0.0, color=GREY, linewidth=0.8)
-    # Keep the limits of the scale that suit the posterior's intervals, because intervals of priors
-    # may be much wider.
+    # Fix the limits of the scale now, before the intervals of the priors are drawn. These may be
+    # much wider than the intervals of the posterior.
     axes.set_xlim(axes.get_xlim())
     for height, row in zip(heights, rows, strict=True):
         if row.prior_draws is not None:
@@ -163,14 +168,16 @@ def _draw_intervals(axes: Axes, rows: Sequence[_FigureRow]) -> None:
 
 @styled
 def compliance_against_force(posterior: xr.DataTree, words: Mapping[str, str] = WORDS) -> Figure:
-    """Draw every compliance C(F) against force F, with its 95 % band, over the tested forces.
+    """Draw every compliance C(F) against the force F, with a 95 % band.
+
+    The forces F are those from the smallest to the largest force tested.
 
     Parameters
     ----------
     posterior : DataTree
         Posterior from `sample`, `load` or `average`.
     words : mapping of str to str
-        Labels of the figure by name. Default: English.
+        Texts of the figure; the keys are the names of the texts. Default: English texts.
 
     Returns
     -------
@@ -244,10 +251,10 @@ def corner(posterior: xr.DataTree, names: Sequence[str] | None = None) -> Figure
     posterior : DataTree
         Posterior from `sample`, `load` or `average`.
     names : sequence of str, optional
-        Names of the parameters. Default: up to eight of the direct compliances, the rotations
-        caused by moments such as C_CCY, the scale errors and the squareness errors; if there are
-        none of these, the first six parameters. Parameters with the same value in all draws are
-        left out.
+        Names of the parameters. Default: at most eight parameters, which are direct compliances,
+        rotations caused by moments (such as C_CCY), scale errors and squareness errors. If the
+        posterior has none of these, the default is the first six parameters. Parameters that have
+        the same value in all draws are left out.
 
     Returns
     -------
@@ -269,7 +276,7 @@ def corner(posterior: xr.DataTree, names: Sequence[str] | None = None) -> Figure
         ...
     ldbb_bayes.errors.InputError: ...
     """
-    # Import the package corner only here, because it loads pyplot.
+    # Import the package corner only when it is needed, because it loads pyplot.
     from corner import corner as draw_corner
 
     group = posterior["posterior"]

@@ -1,4 +1,7 @@
-"""Figures of the machine's tool path: circular-test quantities, and contributions to the path."""
+"""Figures of the machine's tool path.
+
+They show circular-test quantities, and the contributions of compliances and geometric errors.
+"""
 
 from __future__ import annotations
 
@@ -27,9 +30,9 @@ from ldbb_bayes.units import display_name, round_like, round_uncertainty
 __all__ = ["circularity", "contributions", "parameter_contributions"]
 
 _DRAWS = 500
-# Number of forces at which the curves of circular-test quantities against force are computed.
+# Number of points (forces) on a curve of a circular-test quantity against force.
 _FORCES = 13
-# Largest number of forces, one panel each, in the figure of contributions to the tool path.
+# Largest number of forces in the figure of contributions to the tool path. Each force has a panel.
 _MOST_FORCES = 6
 _EXPLANATION = "Line: mean, band: 95 %\nAbove: peak to peak {}, median and 95 % interval"
 
@@ -63,8 +66,9 @@ _SOURCES = {
 def circularity(posterior: xr.DataTree) -> Figure:
     """Draw circular-test quantities of the machine's tool path against force, with 95 % bands.
 
-    The quantities are G, F_max and F_min, squareness and scale mismatch. Crosses show the values
-    computed from the readings themselves, which include the effects of balls and bar.
+    The quantities are the circular deviations G, F_max and F_min, squareness and scale mismatch.
+    Crosses show values that are computed from the readings alone; these values include the effects
+    of balls and bar.
 
     Parameters
     ----------
@@ -93,8 +97,8 @@ def circularity(posterior: xr.DataTree) -> Figure:
         panel = _PANELS[k % len(_PANELS)]
         plane = planes[k // len(_PANELS)]
         rows = table[table["plane"] == plane]
-        # The tool path depends on the radius of the circle: use only readings of tests at the
-        # radius for which the curves are drawn.
+        # Use only readings of tests with the radius for which the curves are drawn, because the
+        # tool path depends on the radius of the circle.
         is_same_radius = measured["radius_mm"] == rows["radius_mm"].iloc[0]
         readings = measured[(measured["plane"] == plane) & is_same_radius]
         _draw_quantities(axes, panel.quantities, rows, readings)
@@ -123,9 +127,9 @@ def _draw_quantities(
 def contributions(posterior: xr.DataTree) -> Figure:
     """Draw the contributions of compliance and geometry to the tool path, at up to six forces.
 
-    The sum of the two contributions is drawn, too. All have 95 % bands; the title of each panel
-    states the peak-to-peak value of the sum. Offsets of the tool ball are left out. The figure
-    corresponds to Fig. 8 of the paper.
+    The sum of the two contributions is drawn, too. Each curve has a 95 % band, and the title of
+    each panel states the peak-to-peak value of the sum. Offsets of the tool ball are left out. The
+    figure corresponds to Fig. 8 of the paper.
 
     Parameters
     ----------
@@ -169,8 +173,9 @@ def contributions(posterior: xr.DataTree) -> Figure:
 def parameter_contributions(posterior: xr.DataTree) -> Figure:
     """Draw the contribution of every parameter to the tool path at the highest force.
 
-    There is a panel for every compliance (with its slope) and geometric error, with a 95 % band and
-    the peak-to-peak value. The figure corresponds to Figs. 9 and 10 of the paper.
+    Each compliance (with its slope) and each geometric error has a panel. The curve in a panel has
+    a 95 % band, and the title states the peak-to-peak value. The figure corresponds to Figs. 9 and
+    10 of the paper.
 
     Parameters
     ----------
@@ -213,11 +218,11 @@ def parameter_contributions(posterior: xr.DataTree) -> Figure:
 def _paths(
     posterior: xr.DataTree, bound: BoundModel, plane: str, force_N: float, sources: Sequence[str]
 ) -> Mapping[str, Array]:
-    """Return contributions to the tool path on the first circle of a plane [µm], by source.
+    """Return the contributions of several sources to the tool path on a plane's first circle [µm].
 
-    ``sources`` are the names of the parameters, or groups of parameters, that contribute. Each
-    array has the shape (draws, 360), for random draws from the posterior and the angles 0° … 359°.
-    The random draws are those that `decompose_deviation` uses.
+    ``sources`` are names of parameters, or of groups of parameters; they are the keys of the
+    result. Each array has the shape (draws, 360), for random draws from the posterior and the
+    angles 0° … 359°. The random draws are those that `decompose_deviation` uses.
     """
     circle = first_circle(bound, plane)
     beta, _ = draws_of(posterior, bound, path_contributions.DRAWS)
@@ -225,10 +230,10 @@ def _paths(
 
 
 def _peak_to_peak_words(path: Array) -> str:
-    """Return the peak-to-peak value of tool paths as text, such as "17.2 [11.5, 39.8] µm".
+    """Return a text with the peak-to-peak value of tool paths, such as "17.2 [11.5, 39.8] µm".
 
-    ``path`` has one tool path [µm] per random draw from the posterior, shape (draws, angles). The
-    text states the median and the 95 % interval over the draws.
+    ``path``, shape (draws, angles), holds one tool path [µm] for each random draw from the
+    posterior. The text states the median and the 95 % interval over the draws.
     """
     low, median, high = np.quantile(extremes_of(path).width, [0.025, 0.5, 0.975])
     _, decimals = round_uncertainty((high - low) / 4.0)

@@ -1,7 +1,7 @@
-"""Atlases: the patterns of a machine's compliances and geometric errors on a circle.
+"""Atlases: figures with the patterns of all compliances or geometric errors of a machine.
 
-The pattern of a compliance or error is its effect on the reading as a function of the angle on the
-circle.
+The pattern of a compliance, or of a geometric error, is its effect on the reading of a circular
+test as a function of the angle on the circle.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ from ldbb_bayes.units import display_name
 __all__ = ["compliance_atlas", "geometric_atlas"]
 
 _ANGLE = np.linspace(0.0, 2 * np.pi, 361)
-# Largest deviation of a drawn pattern from the drawn circle, as a share of the circle's radius.
+# Largest distance between a drawn pattern and the drawn circle, as a share of the circle's radius.
 _SWING = 0.45
 _DASHED = (0, (4, 3))
 
 
 @styled
 def compliance_atlas(machine: Machine, circle: Circle | None = None) -> Figure:
-    """Draw the patterns of all joint compliances, that is, their effects on readings of a circle.
+    """Draw the patterns of all joint compliances, that is, their effects on the readings.
 
-    Compliances with proportional patterns have the same colour. The model keeps one of them, which
-    is drawn bold.
+    Compliances whose patterns are proportional to each other have the same colour. The model keeps
+    only one compliance of each colour, whose pattern is drawn bold.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def compliance_atlas(machine: Machine, circle: Circle | None = None) -> Figure:
 
 @styled
 def geometric_atlas(machine: Machine, circle: Circle | None = None) -> Figure:
-    """Draw the patterns of the geometric errors, that is, their effects on readings of a circle.
+    """Draw the patterns of all geometric errors, that is, their effects on the readings.
 
     Parameters
     ----------
@@ -116,10 +116,11 @@ def _atlas(
     without_effect: Collection[str],
     title: str,
 ) -> Figure:
-    """Draw the pattern of every parameter around the circle, each in a polar panel.
+    """Draw the pattern of every parameter around a circle, with a polar panel for each parameter.
 
-    Patterns are scaled to equal height. Names in ``bold`` are emphasised; patterns of names in
-    ``without_effect`` are drawn as a plain circle.
+    All patterns are scaled to the same height. Parameters in ``bold`` are drawn with thicker lines.
+    Parameters in ``without_effect`` have no effect on the readings; their pattern is drawn as a
+    circle.
     """
     figure, all_axes = panels(len(patterns), 4, 1.7, 0.7, subplot_kw={"projection": "polar"})
     axes: Any

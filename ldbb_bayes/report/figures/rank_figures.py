@@ -1,8 +1,8 @@
 """Figure of simulation-based calibration: ranks of true values among posterior draws.
 
-Campaigns are simulated with known parameters and fitted. The rank of a true value is the number of
-random draws from its posterior that are below it. If the method is right, the ranks of many
-simulated campaigns are uniformly distributed.
+Simulation-based calibration simulates many campaigns with known parameters and fits each of them.
+The rank of a true value is the number of random draws from the posterior that are below the true
+value. If the method is right, the ranks of many campaigns are uniformly distributed.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ _COLUMNS = 4
 
 @styled
 def rank_ecdf(validation: Validation) -> Figure:
-    """Draw the empirical distribution of every quantity's ranks, minus the uniform distribution.
+    """Draw the distribution function of every quantity's ranks, minus that of uniform ranks.
 
     A rank is the number of posterior draws that are below the true value in one simulated campaign.
-    If the ranks are uniformly distributed, the curves of all quantities together stay inside the
-    grey band with the stated probability.
+    If the ranks of all quantities are uniformly distributed, all curves lie inside the grey bands
+    with the probability for which ``validation`` has computed the bands.
 
     Parameters
     ----------
     validation : Validation
-        Ranks of simulated campaigns that `calibrate` returns.
+        Ranks of simulated campaigns, as `calibrate` returns them.
 
     Returns
     -------

@@ -1,4 +1,7 @@
-"""Figure of stiffness by direction: the compliance along the bar as a rose."""
+"""Figure of the stiffness by direction, drawn as a rose.
+
+A rose is a polar curve that shows the compliance along the bar in every direction of a plane.
+"""
 
 from __future__ import annotations
 
@@ -28,23 +31,25 @@ from ldbb_bayes.units import display_unit
 
 __all__ = ["stiffness_rose"]
 
-# The rings end at this multiple of the largest compliance that is drawn without its band, so that a
-# band of hardly determined compliances does not hide the rest.
+# Largest ratio of the radius of a panel to the largest compliance on a curve. A band that reaches
+# farther is cut off, so that the wide band of a hardly determined compliance does not make the
+# curves too small.
 _FARTHEST = 1.6
-# Place of the rings' labels [°]: between the axes, where lines are seldom crowded.
+# Angle at which the labels of the rings are written [°]. Few lines cross there.
 _LABEL_ANGLE_DEG = 67.5
-# Background of a ring's label: it hides curves that would make the label hard to read.
+# Background of a ring's label. It hides curves that would make the label hard to read.
 _LABEL_GROUND = {"facecolor": "white", "alpha": 0.85, "edgecolor": "none", "pad": 0.6}
-# Heights of a figure with one rose, and of a row of roses by their number [inch].
+# Height of a figure with one rose, and heights of a row with two or three roses [inch].
 _HEIGHT = 3.0
 _ROW_HEIGHTS = {2: 3.2, 3: 2.5}
-# Width and height of a compact figure of one plane, which a sheet shows beside another one [inch].
+# Width and height of a compact figure of one plane [inch]. A sheet of the certificate shows this
+# figure beside another figure.
 _COMPACT_SIZE = (3.4, 3.7)
-# Widths of a rose and of the curves beside it, relative to each other.
+# Relative widths of the panel with the rose and of the panel with the curves at its right.
 _WIDTHS = (1.0, 1.7)
 _RINGS = 4  # largest number of rings
 _TICKS_DEG = np.arange(0, 361, 45)
-# Sizes of the labels of directions and of rings [pt].
+# Sizes of the letters in the labels of directions and in the labels of rings [points].
 _DIRECTION_SIZE = 8
 _RING_SIZE = 7
 
@@ -53,26 +58,27 @@ _RING_SIZE = 7
 def stiffness_rose(
     posterior: xr.DataTree, words: Mapping[str, str] = WORDS, *, compact: bool = False
 ) -> Figure:
-    """Draw the compliance along the bar by direction, at the smallest and the largest force.
+    """Draw the compliance along the bar in every direction of each plane, as a polar curve.
 
-    A line far from the centre means a soft direction. Each force has its 95 % band. A dashed line
-    shows the softest direction at the largest force, if the readings determine it. If one plane was
-    tested, the same curves stand beside the rose over the direction, where they are easier to read
-    off, with the softest direction ± U.
+    The curves are those at the smallest and at the largest force tested, each with a 95 % band. A
+    direction is soft where a curve is far from the centre. A dashed line shows the softest
+    direction at the largest force, if the readings determine this direction. If only one plane was
+    tested, a second panel shows the same curves against the angle, with the softest direction ± U.
 
     Parameters
     ----------
     posterior : DataTree
         Posterior from `sample`, `load` or `average`.
     words : mapping of str to str
-        Labels of the figure by name. Default: English.
+        Texts of the figure; the keys are the names of the texts. Default: English texts.
     compact : bool
-        Whether the figure of one plane has the rose alone, and is only as wide.
+        Whether the figure of a single plane is narrow and has only the polar panel.
 
     Returns
     -------
     Figure
-        A Matplotlib figure with a polar panel for each plane.
+        A Matplotlib figure with a polar panel for each plane, and for a single plane also with a
+        panel of the curves against the angle.
 
     Examples
     --------
@@ -103,7 +109,10 @@ def stiffness_rose(
 
 
 def _rose_alone(roses: Sequence[PlaneStiffness], words: Mapping[str, str], title: str) -> Figure:
-    """Return a narrow figure of one plane, with its title in lines below each other."""
+    """Return a narrow figure of one plane that has only the polar panel.
+
+    The title is broken into several lines.
+    """
     figure = new_figure(*_COMPACT_SIZE)
     axes = figure.add_subplot(projection="polar")
     _draw_rose(axes, roses, words)
@@ -113,7 +122,10 @@ def _rose_alone(roses: Sequence[PlaneStiffness], words: Mapping[str, str], title
 
 
 def _rose_with_curves(roses: Sequence[PlaneStiffness], words: Mapping[str, str]) -> Figure:
-    """Return a figure of one plane: the rose, and at its right the same curves over the angle."""
+    """Return a figure of one plane with two panels.
+
+    The left panel is the rose; the right panel shows the same curves against the angle.
+    """
     figure = new_figure(WIDTH, _HEIGHT)
     grid = figure.add_gridspec(1, 2, width_ratios=_WIDTHS)
     rose_axes = figure.add_subplot(grid[0], projection="polar")
@@ -129,9 +141,10 @@ def _draw_rose(
     roses: Sequence[PlaneStiffness],
     words: Mapping[str, str],
 ) -> None:
-    """Draw the compliance along the bar in one plane, for every force.
+    """Draw the compliance along the bar in one plane as polar curves, one curve for each force.
 
-    ``roses`` are the stiffnesses of the plane, with the largest force last.
+    ``roses`` holds the stiffness by direction in the plane at each force; the largest force is
+    last.
     """
     last = roses[-1]
     factor, _ = display_unit("mm/N")
@@ -157,7 +170,10 @@ def _draw_rose(
 
 
 def _label_rings(axes: Any, limit: float) -> None:
-    """Draw rings and write their values above all curves."""
+    """Draw the rings of a polar panel, and write the value of each ring on top of the curves.
+
+    ``limit`` is the value at the rim of the panel.
+    """
     rings = [ring for ring in MaxNLocator(_RINGS).tick_values(0.0, limit) if 0.0 < ring < limit]
     axes.set_yticks(rings, [""] * len(rings))
     for ring in rings:
@@ -178,7 +194,11 @@ def _draw_curves(
     roses: Sequence[PlaneStiffness],
     words: Mapping[str, str],
 ) -> None:
-    """Draw the compliance along the bar over the direction, and the softest direction ± U."""
+    """Draw the compliance along the bar against the angle, and the softest direction ± U.
+
+    ``roses`` holds the stiffness by direction in the plane at each force; the largest force is
+    last.
+    """
     last = roses[-1]
     factor, unit = display_unit("mm/N")
     limit = _farthest_ring(roses) * factor
@@ -204,7 +224,7 @@ def _draw_curves(
 
 
 def _farthest_ring(roses: Sequence[PlaneStiffness]) -> float:
-    """Return the compliance at the rim of a rose, in mm/N."""
+    """Return the compliance at the rim of a rose's polar panel [mm/N]."""
     largest = max(rose.compliance.max() for rose in roses)
     reach = max(largest, roses[-1].compliance_high.max())
     limit = min(_FARTHEST * largest, 1.05 * reach)
@@ -212,10 +232,13 @@ def _farthest_ring(roses: Sequence[PlaneStiffness]) -> float:
 
 
 def _coloured(roses: Sequence[PlaneStiffness]) -> Iterator[tuple[PlaneStiffness, str]]:
-    """Yield the stiffness at every force with the colour of its curve."""
+    """Yield the stiffness by direction at every force, each with the colour of its curve."""
     yield from zip(roses, reversed(PALETTE[: len(roses)]), strict=True)
 
 
 def _closed(values: Array, turn: float = 0.0) -> Array:
-    """Return values around a circle with the first one repeated at the end, plus ``turn``."""
+    """Return values around a circle, to which the first value plus ``turn`` is added at the end.
+
+    The curve through the returned values, shape (n + 1,), is closed.
+    """
     return np.append(values, values[0] + turn)

@@ -1,7 +1,7 @@
-"""Common style of all figures, and functions for elements that several figures have.
+"""Common style of all figures, and functions that draw elements of several figures.
 
-Colour-blind readers can tell the colours apart, and every axis states its unit. Matplotlib's
-interface pyplot is not used.
+Colour-blind readers can distinguish the colours, and every axis states its unit. The functions do
+not use Matplotlib's interface pyplot.
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ __all__ = ["PALETTE", "force_colours", "new_figure", "save_figure", "styled"]
 
 P = ParamSpec("P")
 
-# Width of a figure [inch], at which its letters are readable on a screen 390 pixels wide.
+# Width of a figure [inch]. At this width, its letters can be read on a screen of 390 pixels width.
 WIDTH = 6.3
-#: Colours for lines and points, in turn; colour-blind readers can distinguish them.
+#: Colours for lines and points. Colour-blind readers can distinguish them.
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 ACCENT = PALETTE[0]
 GREY = "#8C8C8C"
 FAINT = "#B8B8B8"
 LIGHT = "#D9D9D9"
-# Colour of each model term (source of uncertainty) by class name, the same in all figures. Terms
-# that a user defines get colours from ``_SPARE``.
+# Colours of the model terms (sources of uncertainty), which are the same in all figures. The keys
+# are the class names of the terms. Terms that a user defines get colours from ``_SPARE``.
 _TERM_COLOURS = {
     "BallForm": PALETTE[1],
     "BarLength": PALETTE[3],
@@ -51,7 +51,8 @@ _TERM_COLOURS = {
     "Parameters": LIGHT,
 }
 _SPARE = ("#882255", "#44AA99", "#999933", "#332288")
-# Metadata of Matplotlib that leave the date out of a file, by its format; PNG files have no date.
+# Metadata for Matplotlib that leave the date out of a file. The keys are file formats; PNG files
+# have no date.
 _NO_DATE: dict[str, dict[str, Any]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
 _STYLE = mpl.rc_params_from_file(
     Path(__file__).with_name("figures.mplstyle"), use_default_template=False
@@ -59,7 +60,7 @@ _STYLE = mpl.rc_params_from_file(
 
 
 def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
-    """Return a function that draws a figure in the common style.
+    """Decorate a function, so that it draws its figure in the common style.
 
     Parameters
     ----------
@@ -69,8 +70,8 @@ def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
     Returns
     -------
     callable
-        The same function, which now draws in the common style. The Matplotlib settings of its
-        caller are unchanged after each call.
+        Function that takes the same arguments as ``draw``, and returns the same figure in the
+        common style. After a call, Matplotlib has the same settings as before.
 
     Examples
     --------
@@ -89,7 +90,7 @@ def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
             figure = draw(*args, **kwargs)
             engine = figure.get_layout_engine()
             if engine is not None:
-                # Compute the layout of the figure once here, not for every file written.
+                # Compute the layout of the figure once, and not again for every file.
                 engine.execute(figure)
                 figure.set_layout_engine("none")
             return figure
@@ -98,12 +99,12 @@ def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """Return an empty figure, whose panels will not overlap.
+    """Return an empty figure. Panels that are added to the figure do not overlap.
 
     Parameters
     ----------
     width, height : float
-        Size in inches.
+        Width and height of the figure [inch].
 
     Returns
     -------
@@ -117,8 +118,8 @@ def new_figure(width: float, height: float) -> Figure:
     >>> figure.get_size_inches().tolist()
     [6.3, 3.0]
     """
-    # The padding between panels is larger than Matplotlib's default, because letters may be a
-    # little wider at another resolution.
+    # The horizontal space between panels is larger than Matplotlib's default, because letters may
+    # be a little wider in a file with another resolution.
     return Figure(figsize=(width, height), layout=ConstrainedLayoutEngine(w_pad=0.08))
 
 
@@ -150,10 +151,10 @@ def force_colours(forces_N: Sequence[float]) -> list[Any]:
 
 
 def axis_label(name: str, unit: str) -> tuple[float, str]:
-    """Return the unit factor and the label of an axis for a parameter.
+    """Return a factor and a label for an axis that shows a parameter.
 
-    The factor converts the internal ``unit`` of the parameter ``name`` to the unit in the label. An
-    example of a label is "C_XXX (nm/N)".
+    The label states the parameter and the unit, for example "C_XXX (nm/N)". The factor converts a
+    value from ``unit``, the internal unit of the parameter ``name``, to the unit in the label.
     """
     factor, label = display_unit(unit)
     return factor, f"{display_name(name)} ({label})"
@@ -180,9 +181,9 @@ def panels(
 
 
 def name_rows(axes: Axes, names: Sequence[str]) -> Array:
-    """Label the rows of a panel with parameter names, the first at the top.
+    """Label the rows of a panel with names. The first name is at the top.
 
-    Return the vertical positions of the rows, in the order of ``names``.
+    Return the vertical positions of the rows, shape (rows,), in the order of ``names``.
     """
     rows = np.arange(len(names))[::-1]
     axes.set_yticks(rows, [display_name(name) for name in names])
@@ -194,16 +195,17 @@ def name_rows(axes: Axes, names: Sequence[str]) -> Array:
 def right_labels(axes: Axes, rows: Any, texts: Sequence[str]) -> None:
     """Write a text at the right of each row of a panel.
 
-    ``rows`` are the vertical positions of the rows; ``texts`` has one text per row.
+    ``rows`` holds the vertical positions of the rows, and ``texts`` the text of each row.
     """
     for row, text in zip(rows, texts, strict=True):
         axes.text(1.015, row, text, fontsize=8, va="center", transform=axes.get_yaxis_transform())
 
 
 def term_colours(terms: Iterable[str]) -> dict[str, str]:
-    """Return a colour for every model term (source of uncertainty), by class name.
+    """Return a colour for every model term (source of uncertainty).
 
-    The terms are in the order in which their bars are stacked.
+    ``terms`` are the class names of the terms. They are the keys of the result, in the order in
+    which the bars of the terms are stacked.
     """
     distinct_terms = list(dict.fromkeys(terms))
     user_terms = [term for term in distinct_terms if term not in _TERM_COLOURS]
@@ -212,10 +214,10 @@ def term_colours(terms: Iterable[str]) -> dict[str, str]:
 
 
 def band(axes: Axes, x: Any, limits: Any, colour: Any, alpha: float = 0.2, **options: Any) -> None:
-    """Shade the area between two curves over ``x``: the lower and the upper one of ``limits``.
+    """Shade the area between two curves.
 
-    ``alpha`` is the opacity of the shade, from 0 to 1. ``options`` are passed to
-    ``Axes.fill_between``.
+    ``limits`` holds the lower and the upper curve as functions of ``x``. ``alpha`` is the opacity
+    of the shade, from 0 to 1. ``options`` are passed to ``Axes.fill_between``.
     """
     axes.fill_between(x, limits[0], limits[1], color=colour, alpha=alpha, linewidth=0, **options)
 
@@ -246,16 +248,16 @@ def save_figure(
     figure : Figure
         The Matplotlib figure.
     folder : path
-        Folder for the files; it is made if missing.
+        Folder for the files. The folder is made if it does not exist.
     name : str
         Name of the files without extension.
     formats : sequence of str
-        File formats: png, svg or pdf, one or several.
+        One or several file formats: png, svg or pdf.
 
     Returns
     -------
     list of Path
-        The files written.
+        Paths of the files that were written.
 
     Examples
     --------

@@ -1,7 +1,7 @@
 """Figures of verdicts and uncertainty budgets.
 
-Verdicts state how far the readings determine each parameter; their figure shows the prior and the
-posterior density of each parameter. Budgets show the sources of each uncertainty.
+A verdict states how far the readings determine a parameter. The figure of verdicts shows the prior
+and the posterior density of each parameter. A budget states the sources of an uncertainty.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from ldbb_bayes.units import display_name, display_unit, round_uncertainty
 
 __all__ = ["budget_bars", "prior_and_posterior"]
 
-# A source of uncertainty is not drawn if its share of the variance is below this for every
-# parameter [%].
+# A source of uncertainty is not drawn if, for every parameter, its share of the variance is below
+# this [%].
 _SMALLEST_SHARE = 0.5
-# The name of a source of uncertainty is written on its bar if the bar shows more than this share of
-# the variance per letter of the name [%].
+# The name of a source of uncertainty is written on a bar if the length of the bar [% of the
+# variance], divided by the number of letters of the name, is more than this.
 _SHARE_PER_LETTER = 1.75
 # Weights of red, green and blue in the brightness of a colour.
 _LUMINANCE = (0.2126, 0.7152, 0.0722)
@@ -39,13 +39,13 @@ _VERDICT_COLOURS = {"identified": PALETTE[2], "prior-limited": PALETTE[4], "conf
 def prior_and_posterior(identifiability: Identifiability) -> Figure:
     """Draw the prior and the posterior density of every parameter, in one panel each.
 
-    Both are normal densities without the condition that compliances are not negative. The colour of
-    the posterior shows the verdict on the parameter: how far the readings determine it.
+    Both are normal densities, without the condition that no compliance is negative. The colour of
+    the posterior density shows the verdict on how far the readings determine the parameter.
 
     Parameters
     ----------
     identifiability : Identifiability
-        Verdicts on the parameters that `identify` returns.
+        Verdicts on the parameters, as `identify` returns them.
 
     Returns
     -------
@@ -55,7 +55,7 @@ def prior_and_posterior(identifiability: Identifiability) -> Figure:
     Raises
     ------
     InputError
-        For an object other than the result of `identify`.
+        ``identifiability`` is not a result of `identify`.
 
     Examples
     --------
@@ -108,7 +108,7 @@ def _draw_densities(axes: Axes, entry: ParameterIdentifiability) -> None:
 
 
 def _bell(value: Array, mean: float, sd: float) -> Array:
-    """Return a normal density at the given values, scaled so that the largest is one."""
+    """Return a normal density at the points ``value``, shape (n,), scaled to a peak of 1."""
     density = np.exp(-0.5 * ((value - mean) / sd) ** 2)
     return density / density.max()
 
@@ -128,7 +128,8 @@ def budget_bars(budgets: Mapping[str, Budget]) -> Figure:
     Parameters
     ----------
     budgets : mapping of str to Budget
-        Uncertainty budgets by parameter; `budget_uncertainty` returns them.
+        Uncertainty budgets, as `budget_uncertainty` returns them. The keys are the names of the
+        parameters.
 
     Returns
     -------
@@ -170,9 +171,10 @@ def _draw_source(
 ) -> None:
     """Draw the bars of one source of uncertainty, one bar per parameter.
 
-    ``start`` and ``shares``, one value per parameter, are the left ends and the lengths of the bars
-    [% of the variance]; ``rows`` are their vertical positions. Bars that are long enough have the
-    source's name, ``words``, on them, so that the figure can also be read without colours.
+    ``rows`` holds the vertical positions of the bars, ``start`` their left ends, and ``shares``
+    their lengths [% of the variance]; each has the shape (parameters,). ``words`` is the name of
+    the source. The name is written on bars that are long enough, so that the figure can also be
+    read without colours.
     """
     axes.barh(
         rows,

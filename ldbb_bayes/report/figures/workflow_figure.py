@@ -20,23 +20,26 @@ from ldbb_bayes.report.figures.style import (
 
 __all__ = ["workflow_checks"]
 
-# Probability of the interval of each sorted p-value of the circles left out.
+# Each sorted p-value lies in the drawn interval with this probability if all p-values are uniformly
+# distributed.
 _PROB = 0.95
 
 
 @styled
 def workflow_checks(workflow: Workflow) -> Figure:
-    """Draw the results of a workflow's checks: circles, dependence on the prior, and models.
+    """Draw the results of the checks of a Bayesian workflow.
 
-    The panels are: the range of every circle and the interval that the prior expects of it; the
-    p-values of the circles left out, sorted, with the 95 % interval of each if all are uniform; the
-    parameters that depend on their prior; and the weights of the models that together predict
-    circles left out best. The ranks of the calibration have a figure of their own, `rank_ecdf`.
+    The first panel shows the range of every circle, and the interval in which the prior expects the
+    range. For the second panel, each circle was left out of a fit and then predicted. The panel
+    shows the sorted p-values of these predictions, with the 95 % interval of each p-value if all
+    are uniformly distributed. The third panel shows the parameters that depend on their prior. The
+    fourth panel shows the weights with which the models together predict left-out circles best. The
+    function `rank_ecdf` draws the ranks of the calibration.
 
     Parameters
     ----------
     workflow : Workflow
-        Findings that `check_workflow` returns.
+        Results of the checks, as `check_workflow` returns them.
 
     Returns
     -------
@@ -63,7 +66,7 @@ def workflow_checks(workflow: Workflow) -> Figure:
 
 
 def _draw_prior_ranges(axes: Axes, workflow: Workflow) -> None:
-    """Draw the measured range of every circle over the interval that the prior expects."""
+    """Draw the measured range of every circle, and the interval in which the prior expects it."""
     rows = name_rows(axes, list(workflow.prior_ranges))
     surprising = workflow.surprising_circles
     for row, (name, expected) in zip(rows, workflow.prior_ranges.items(), strict=True):
@@ -85,7 +88,11 @@ def _draw_prior_ranges(axes: Axes, workflow: Workflow) -> None:
 
 
 def _draw_left_out(axes: Axes, workflow: Workflow) -> None:
-    """Draw the sorted p-values of circles left out, and the interval of each under uniformity."""
+    """Draw the sorted p-values of left-out circles, and an interval for each p-value.
+
+    Each p-value lies in its interval with a probability of 95 % if all p-values are uniformly
+    distributed.
+    """
     by_size = sorted(workflow.left_out.items(), key=lambda entry: entry[1].p_value)
     names = [name for name, _ in by_size]
     rows = name_rows(axes, names)
@@ -114,7 +121,7 @@ def _draw_left_out(axes: Axes, workflow: Workflow) -> None:
 
 
 def _draw_sensitivity(axes: Axes, workflow: Workflow) -> None:
-    """Draw the sensitivity to the prior of the parameters that depend on it."""
+    """Draw the sensitivity to the prior, for the parameters that depend on their prior."""
     sensitivity = workflow.prior_sensitivity
     axes.set_xlabel("power-scaling sensitivity (1)")
     axes.set_title("Parameters that depend on the prior", fontsize=9)
@@ -129,7 +136,10 @@ def _draw_sensitivity(axes: Axes, workflow: Workflow) -> None:
 
 
 def _draw_weights(axes: Axes, workflow: Workflow) -> None:
-    """Draw the stacking weights of the models, with the log densities of the circles left out."""
+    """Draw the stacking weights of the models, and state how well each predicts left-out circles.
+
+    The texts at the right state the log predictive density of each model minus that of the best.
+    """
     rows = name_rows(axes, list(workflow.stacking_weights))
     axes.barh(rows, list(workflow.stacking_weights.values()), color=ACCENT, height=0.6)
     best = max(workflow.elpd.values())
