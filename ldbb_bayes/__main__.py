@@ -1,4 +1,4 @@
-"""Start of the program by ``python -m ldbb_bayes`` or by the command ``ldbb-bayes``."""
+"""Start of the program with ``python -m ldbb_bayes`` or with the command ``ldbb-bayes``."""
 
 from __future__ import annotations
 

@@ -145,9 +145,9 @@ def entries_of(source: Any) -> dict[str, Any]:
 def brief(value: Any, longest: int = _LONGEST_VALUE) -> str:
     """Return any value as a text of one line with at most ``longest`` characters.
 
-    Arrays, tables and long collections are displayed by their size. An object is displayed as the
-    name of its class with its non-empty attributes. If the text is too long, attributes that have
-    their default values are left out, and if necessary also the last attributes.
+    For arrays, tables and long collections, the text states only their size. An object is displayed
+    as the name of its class with its non-empty attributes. If the text is too long, attributes that
+    have their default values are left out, and if necessary also the last attributes.
     """
     kind = type(value).__name__
     if getattr(value, "shape", ()):

@@ -110,7 +110,8 @@ class Table:
     caption: str
     heads: tuple[str, ...]  #: heads of the columns, each with its unit, such as force (N)
     numeric: tuple[bool, ...]  #: whether each column holds numbers, which are aligned right
-    rows: tuple[tuple[Any, ...], ...]  #: rows of cells; the first cell of a row is its name
+    #: rows of cells; the first cell of a row is the name of the row
+    rows: tuple[tuple[Any, ...], ...]
 
     @classmethod
     def of(

@@ -314,8 +314,8 @@ def ranked(items: Iterable[T], key: Callable[[T], float], *, tolerance: float = 
     """Return items in the order of a sort key, the largest key first.
 
     ``key`` is a function that gives the sort key of an item. Items whose keys agree within the
-    relative tolerance keep their order, so that the order does not depend on rounding errors. Keys
-    below 1e-12 of the largest count as zero.
+    relative tolerance keep their original order, so that the order does not depend on rounding
+    errors. Keys below 1e-12 of the largest key count as zero.
     """
     entries = [_Ranked(key(item), i, item) for i, item in enumerate(items)]
     entries.sort(key=_largest_key_first)

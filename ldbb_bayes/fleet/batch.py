@@ -62,8 +62,8 @@ class Batch(Result):
     campaigns: int  #: number of all campaigns of the batch
     done: int  #: number of campaigns fitted successfully, in this run or an earlier one
     failures: int  #: number of campaigns that could not be fitted
-    #: number of fitted campaigns for which the sampler did not reach the effective number of draws
-    #: that was asked for
+    #: number of fitted campaigns for which the sampler did not reach the requested effective number
+    #: of draws
     not_converged: int
     #: number of fitted campaigns whose readings do not fit the model, or contradict the condition
     #: that no compliance is negative
@@ -125,9 +125,9 @@ def run_batch(
     sampler : {"independent", "joint"}
         Method of drawing from the posterior; see `sample`.
     executor : Executor, or callable that starts one, optional
-        Where campaigns are fitted. Default: in this process, one after the other. A function that
-        starts an executor, such as ``process_executor``, is called after this run has locked
-        ``out``, and the lock is kept until the workers have ended.
+        Executor that runs the fits. Default: this process fits one campaign after the other. A
+        function that starts an executor, such as ``process_executor``, is called after this run has
+        locked ``out``, and the lock is kept until the workers have ended.
     seed : int
         Seed of the random draws, a whole number from 0 to 2^63 − 1.
     ess : float
@@ -146,7 +146,8 @@ def run_batch(
         Limits of quantities for all campaigns, see `assess_conformity`; they replace the limits in
         campaign.toml. The keys are the names of the quantities.
     resume : bool
-        Whether to continue an earlier run in ``out``. If there is none, a new batch begins.
+        Whether to continue an earlier run in ``out``. If there is no earlier run, a new batch
+        begins.
     retry : bool
         Whether to fit failed campaigns again when resuming.
     force : bool
@@ -285,12 +286,12 @@ def _fit_campaigns(
     retry: bool,
     progress: Callable[[int, int, int], None] | None,
 ) -> int:
-    """Fit the campaigns of a batch that have no row yet, and return how many these are.
+    """Fit the campaigns of a batch that have no row yet, and return the number of these campaigns.
 
     The rows are kept in the ``journal``, a database in the folder of the batch, in which each new
     row is saved. If ``retry`` is true, campaigns that failed in an earlier run are fitted again as
-    well. ``executor`` runs the fits in other processes; if it is None, they run in this one.
-    ``progress`` is called with the numbers of finished, of all and of failed campaigns.
+    well. ``executor`` runs the fits in other processes; if it is None, the fits run in this
+    process. ``progress`` is called with the numbers of finished, of all and of failed campaigns.
     """
     jobs = _pending_jobs(journal, retry)
     (campaigns,) = journal.execute("SELECT count(*) FROM campaigns").fetchone()

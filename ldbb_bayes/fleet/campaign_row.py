@@ -55,14 +55,14 @@ class Settings:
     ess: float = 1000.0
     prob: float = 0.95
     compare: bool = True
-    #: fields of `Campaign`, by name, for campaigns that are read from tidy CSV files, which cannot
-    #: state them
+    #: fields of `Campaign` for campaigns that are read from tidy CSV files, which cannot state
+    #: these fields; the keys are the names of the fields
     table: Mapping[str, Any] = field(default_factory=dict)
-    #: fields of `Instrument`, by name, from certificates; they replace the same fields that the
-    #: campaigns themselves state
+    #: fields of `Instrument` from certificates; the keys are the names of the fields. They replace
+    #: the same fields that the campaigns themselves state.
     certificates: Mapping[str, Any] = field(default_factory=dict)
-    #: tolerance of each quantity as text, by name of the quantity; these tolerances replace those
-    #: that the campaigns themselves state
+    #: tolerances as texts; the keys are the names of the quantities. They replace the tolerances
+    #: that the campaigns themselves state.
     tolerances: Mapping[str, str] = field(default_factory=dict)
 
     @property

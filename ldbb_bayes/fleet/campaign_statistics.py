@@ -71,7 +71,8 @@ def sufficient_statistics(posterior: HyperPosterior) -> SufficientStatistics:
     Parameters
     ----------
     posterior : posterior density of the campaign's hyper-parameters (scales of the noise and of
-        other effects). It must allow negative compliances, and its priors must not be flat.
+        other effects). This density must allow negative compliances, and its priors must not be
+        flat.
     """
     bound = posterior.bound
     chosen = _choose_coefficients(bound)

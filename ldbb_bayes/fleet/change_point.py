@@ -3,14 +3,14 @@
 c_t = c + Δ e_j 1[t ≥ k] + w_t, t = 1..n
 
 c_t are the machine's p parameters in campaign t of n; c is their level before any change. From
-campaign k on, parameter j differs by the step Δ: e_j is the unit vector of that parameter, and
-1[t ≥ k] is one from campaign k on, zero before. w_t is the machine's scatter from campaign to
-campaign, with the standard deviation r. b are the s errors of the instrument, the same in all
-campaigns. In units of the prior's sd:
+campaign k on, parameter j differs by the step Δ. The unit vector of that parameter is e_j. The
+factor 1[t ≥ k] is one from campaign k on and zero before. w_t is the machine's scatter from
+campaign to campaign, with the standard deviation r. b are the s errors of the instrument, the same
+in all campaigns. In units of the prior's sd:
 
 c ~ N(0, I), b ~ N(0, I), w_t ~ N(0, r² I), r ~ HalfNormal(repeatability), Δ ~ N(0, change_scale²)
 
-There is one step or none. If there is one, all p (n − 1) pairs of a parameter j and a campaign k
+At most one step occurs. If a step occurs, all p (n − 1) pairs of a parameter j and a campaign k
 from 2 to n are equally probable a priori. A hypothesis states a value of r, and either the
 parameter j and the campaign k of a step, or that there is no step. Under each hypothesis all
 distributions are Gaussian: w_t is integrated out in each campaign, and the posterior follows from
@@ -83,8 +83,8 @@ def hypotheses(carried: Gaussian, parameters: int, change_scale: float) -> Gauss
 
     A hypothesis assumes one of r values of the machine's scatter from campaign to campaign. It also
     assumes that one of the p parameters changed by a step just before one of the campaigns 2 to n,
-    or that none changed. c are the levels of the p parameters before the step Δ, b the errors of
-    the instrument; q is the number of all elements of c and b.
+    or that no parameter changed. c are the levels of the p parameters before the step Δ, b the
+    errors of the instrument; q is the number of all elements of c and b.
 
     The Gaussians have the shape (r, n, p, q + 1). The indices 0 to n − 2 of the second array axis
     mean a step just before the campaigns 2 to n; its last index, n − 1, means no step. Values are
@@ -118,7 +118,7 @@ def hypotheses(carried: Gaussian, parameters: int, change_scale: float) -> Gauss
 
 
 def _sum_from_here_on(series: Array) -> Array:
-    """Return, for each campaign, the sum over this campaign and all later ones.
+    """Return, for each campaign, the sum over this campaign and all later campaigns.
 
     The second axis of ``series`` and of the result counts the campaigns in order of time.
     """
@@ -132,8 +132,8 @@ def hypothesis_probabilities(
 
     A hypothesis assumes one of r values of the machine's scatter from campaign to campaign. It also
     assumes that one of the p parameters changed by a step just before one of the campaigns 2 to n,
-    or that none changed. The indices 0 to n − 2 of the second array axis mean a step just before
-    the campaigns 2 to n. Its last index, n − 1, means no step; the probability of no step is
+    or that no parameter changed. The indices 0 to n − 2 of the second array axis mean a step just
+    before the campaigns 2 to n. Its last index, n − 1, means no step; the probability of no step is
     divided equally among the p parameters. All probabilities together sum to one.
 
     Parameters
@@ -156,7 +156,7 @@ def instrument_moments(posteriors: Gaussian, probabilities: Array) -> tuple[Arra
     Mean and covariance are those of the mixture of all hypotheses, weighted by their probabilities.
     A hypothesis assumes one of r values of the machine's scatter from campaign to campaign. It also
     assumes that one of the p parameters changed by a step just before one of the campaigns 2 to n,
-    or that none changed. Mean and covariance are in units of the errors' prior sd.
+    or that no parameter changed. Mean and covariance are in units of the errors' prior sd.
 
     Parameters
     ----------
@@ -199,7 +199,7 @@ def current_levels(posteriors: Gaussian, probabilities: Array, *, prob: float = 
     The result is that of the mixture of all hypotheses, weighted by their probabilities. A
     hypothesis assumes one of r values of the machine's scatter from campaign to campaign. It also
     assumes that one of the p parameters changed by a step just before one of the campaigns 2 to n,
-    or that none changed.
+    or that no parameter changed.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """Meaning of a fitted compliance: the weighted sum of joint compliances that it stands for.
 
-Readings cannot resolve the compliance of every joint, only some weighted sums of compliances. A
-model keeps one compliance for each of these sums.
+Readings do not determine the compliance of every joint. They determine only some weighted sums of
+the compliances of joints. A model keeps one compliance for each of these sums.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _NEGLIGIBLE = 0.05
 def stands_for(campaign: Campaign) -> dict[str, dict[str, float]]:
     """Return the weighted sum of joint compliances that every fitted compliance stands for.
 
-    The readings of circles cannot resolve the compliance of every joint, only some weighted sums.
+    The readings of circles determine only some weighted sums of the compliances of joints.
 
     Parameters
     ----------
@@ -65,14 +65,15 @@ def same_meaning(name: str, one: Meaning, other: Meaning) -> bool:
     """Return whether a compliance stands for the same sum of joint compliances in two campaigns.
 
     Two weighted sums count as the same if they differ by at most 5 % of the compliance's default
-    prior sd. For this comparison, each joint's compliance is independent of the others and has its
+    prior sd. For this comparison, the compliances of joints are taken as independent, each with its
     default prior sd. A work ball mounted a millimetre higher, for example, changes a sum by less.
 
     Parameters
     ----------
-    name : label of the fitted compliance that both sums belong to, such as C_XXX.
-    one, other : weights of the joints' compliances, by their labels, in the sums that the
-        compliance stands for in two campaigns.
+    name : label of the fitted compliance, such as C_XXX, which stands for the first sum in one
+        campaign and for the second sum in another.
+    one, other : the two sums. In each sum, the keys are the labels of the joints' compliances, and
+        the values are their weights.
     """
     labels = sorted(set(one) | set(other))
     names = [ComplianceName(*label[2:]) for label in (name, *labels)]

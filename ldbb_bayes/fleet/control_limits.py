@@ -2,8 +2,9 @@
 
 A point is the estimate of a parameter from one campaign alone. Its limits are the ends of the
 interval in which this estimate should lie according to the earlier campaigns. In the shapes of
-arrays, n is the number of campaigns, p that of parameters, s that of instrument errors, and q = p +
-s. r is the number of nodes (values) of the machine's scatter from campaign to campaign.
+arrays, n is the number of campaigns, p that of parameters and s that of instrument errors. q stands
+for the sum of p and s, and r for the number of nodes (values) of the machine's scatter from
+campaign to campaign.
 """
 
 from __future__ import annotations
@@ -24,8 +25,8 @@ __all__ = ["LIMITS", "ChartPoints", "chart_points"]
 # the machine does not change. A normal distribution has this probability within three standard
 # deviations.
 LIMITS = 0.997
-# Smallest standard deviation of the distribution that earlier campaigns predict for an estimate. It
-# prevents divisions by zero.
+# Smallest standard deviation of the distribution that earlier campaigns predict for an estimate.
+# This limit prevents divisions by zero.
 _SMALLEST_SD = 1e-300
 
 
@@ -118,7 +119,7 @@ def _history(carried: Gaussian) -> Gaussian:
     ``carried``, shape (r, n, q), holds the likelihoods of q parameters and instrument errors from n
     campaigns in order of time, for each of r values of the machine's scatter from campaign to
     campaign. The result has the shape (r, n − 1, q): one Gaussian of the q quantities for each
-    campaign but the first, from all campaigns before it and the prior N(0, I).
+    campaign except the first, from all earlier campaigns and the prior N(0, I).
     """
     precision = np.cumsum(carried.precision[:, :-1], axis=1)
     shift = np.cumsum(carried.shift[:, :-1], axis=1)

@@ -96,8 +96,8 @@ def write_dataset(
 
     Parameters
     ----------
-    rows : function that returns, on each call, a new iterator over all rows; for a row see
-        `fit_row`.
+    rows : function that returns, on each call, a new iterator over all rows; `fit_row` describes a
+        row.
     target : Parquet file to write.
     about : information on the batch for the metadata of the file.
 
@@ -106,7 +106,7 @@ def write_dataset(
     InputError
         If the file cannot be written.
     """
-    import pyarrow as pa  # an optional dependency
+    import pyarrow as pa  # imported here, because pyarrow need not be installed
     import pyarrow.parquet as pq
 
     schema = _schema(rows(), about)
@@ -136,7 +136,7 @@ def _schema(rows: Iterable[Mapping[str, Any]], about: Mapping[str, Any]) -> pa.S
     direction and each quantity with a tolerance that occurs in any row. ``about`` is information on
     the batch for the metadata.
     """
-    import pyarrow as pa  # an optional dependency
+    import pyarrow as pa  # imported here, because pyarrow need not be installed
 
     unit_by_parameter: dict[str, str] = {}
     quantities: dict[str, None] = {}
@@ -156,7 +156,7 @@ def _schema(rows: Iterable[Mapping[str, Any]], about: Mapping[str, Any]) -> pa.S
 
 
 def _field(name: str, kind: str, unit: str = "") -> pa.Field:
-    import pyarrow as pa  # an optional dependency
+    import pyarrow as pa  # imported here, because pyarrow need not be installed
 
     element = kind.removeprefix("list<").removesuffix(">")
     arrow_type = pa.type_for_alias(element)
@@ -284,7 +284,7 @@ def _read(
     matches the name of a quantity, the columns of this quantity are returned, too.
     """
     check_pyarrow()
-    import pyarrow as pa  # an optional dependency
+    import pyarrow as pa  # imported here, because pyarrow need not be installed
 
     paths = [path] if isinstance(path, str | os.PathLike) else list(path)
     if not paths:
@@ -359,7 +359,7 @@ def _read_table(
     table does not have are left out. ``further`` is a pattern: if it matches the name of a
     quantity, the columns of this quantity are requested, too.
     """
-    import pyarrow as pa  # an optional dependency
+    import pyarrow as pa  # imported here, because pyarrow need not be installed
     import pyarrow.parquet as pq
 
     try:

@@ -46,7 +46,7 @@ _SLOPE = re.compile(r"(C_.+)_([12])")
 
 @dataclass(frozen=True, eq=False)
 class FleetStatistics:
-    """Gaussian likelihoods of n campaigns, free of the priors used in their fits.
+    """Gaussian likelihoods of n campaigns: the posteriors of their fits, divided by the priors.
 
     The likelihoods are of the c parameters to analyse and of s errors of the instrument, such as
     mount and force gain. A likelihood has a precision matrix Λ (inverse covariance) and a shift η
@@ -246,9 +246,9 @@ def reference_sd(
 
     The reference sd is that of the parameter's default prior or, if larger, the median of the sds
     of the parameter's priors in the fits. Priors in the fits may be wider than the default because
-    a compliance stands for those of several joints, or because the user knows of more compliant
-    machines. Priors in the fits with another mean than zero are left out: they state how well a
-    parameter is known, not how large it may be.
+    a compliance stands for the compliances of several joints, or because the user knows of more
+    compliant machines. Priors in the fits whose mean is not zero are left out, because they state
+    how well a parameter is known, not how large it may be.
 
     Parameters
     ----------
@@ -296,8 +296,8 @@ def _likelihood(row: Mapping[Any, Any], wanted: Sequence[str], force_N: float) -
     row
         Row of the campaign in the table of a batch, with its posterior moments and priors.
     wanted
-        Names of the q quantities: parameters and instrument errors. Those that the campaign does
-        not have get zeros.
+        Names of the q quantities: parameters and instrument errors. For quantities that the
+        campaign does not have, the likelihood contains zeros.
     force_N
         Common reference force [N], to which compliances are extrapolated along their slopes.
     """
@@ -365,10 +365,11 @@ def _full_covariance(lower_triangle: Sequence[float], q: int) -> Array:
 def _map_to_force(names: Sequence[str], wanted: Sequence[str], force_change_N: float) -> Array:
     """Return the matrix that converts a campaign's quantities to another reference force.
 
-    Its rows are for the quantities ``wanted``, its columns for the quantities ``names`` that the
-    campaign has. The reference force changes by ``force_change_N``. A compliance then changes by
-    its slope times this change, plus its curvature times the square of this change. ``wanted`` must
-    not contain slopes and curvatures, because they depend on the reference force, too.
+    The rows of the matrix belong to the quantities ``wanted``, and the columns to the quantities
+    ``names`` that the campaign has. The reference force changes by ``force_change_N``. A compliance
+    then changes by its slope times this change, plus its curvature times the square of this change.
+    ``wanted`` must not contain slopes and curvatures, because they depend on the reference force,
+    too.
     """
     matrix = np.zeros((len(wanted), len(names)))
     for i, name in enumerate(wanted):

@@ -84,9 +84,9 @@ def judge_machines(
 
     The spreads s are the standard deviations of the machines' parameters about the mean μ of the
     population. Random draws of s are made from their posterior given all machines. For each
-    machine, weights turn them into draws from the posterior given the other machines. If these
-    weights cannot be trusted, new draws are made from that posterior. New draws are made for at
-    most 200 machines, the most outlying machines first.
+    machine, weights turn these draws into draws from the posterior given the other machines. If the
+    weights cannot be trusted, new draws are made from the posterior given the other machines. New
+    draws are made for at most 200 machines, the most outlying machines first.
 
     Parameters
     ----------
@@ -95,8 +95,8 @@ def judge_machines(
     shared : Gaussian of the mean μ and of the errors b of the instrument, given each draw of s and
         all machines; see `shared_quantities`.
     seed : seed of new draws of s.
-    progress : function called with two numbers of machines: those for which new draws have been
-        made, and all those for which new draws are needed.
+    progress : function that is called with two numbers: the number of machines for which new draws
+        have been made, and the number of all machines for which new draws are needed.
     """
     likelihood = density.likelihood
     n = len(likelihood.shift)
@@ -132,8 +132,8 @@ class _LeftOut(NamedTuple):
     """
 
     #: ln p(y_m | y_−m, s), the log density of the readings of machine m given those of all other
-    #: machines, up to a constant, for each of n machines and k random draws of the spreads s, (k,
-    #: n)
+    #: machines, up to a constant, for each of n machines and k random draws of the spreads s, shape
+    #: (k, n)
     log_density: Array
     #: difference of each of c parameters from what the other machines predict for it, divided by
     #: its standard deviation, for n machines and k random draws of the spreads, shape (c, k, n)
@@ -214,7 +214,7 @@ def _compare(
     Parameters
     ----------
     separate
-        Estimates of the parameters from each machine left out alone.
+        Estimates of the parameters of each machine left out, from this machine alone.
     precision
         Inverse covariances of the Gaussians, shape (q, q, k, n).
     shift

@@ -107,7 +107,7 @@ class _DrawLimits(NamedTuple):
 # of the machines about the mean) are summarised.
 _SPREAD_DRAWS = _DrawLimits(pairs=4_000_000, lowest=2048, highest=8192)
 # Limits of the number of random draws of the population's spreads from which the estimates for
-# every machine are computed. These draws are the first of those from which the spreads are
+# every machine are computed. These draws are the first of the draws from which the spreads are
 # summarised.
 _MACHINE_DRAWS = _DrawLimits(pairs=1_000_000, lowest=256, highest=2048)
 
@@ -362,7 +362,8 @@ def fit_population(
         Names of the parameters to analyse. Default: all constant compliances, that is, those at
         the reference force.
     exclude : sequence of str
-        Campaigns (path as given, its last part, or name) and machines (machine_id) to leave out.
+        Campaigns and machines to leave out. A campaign is given by its path as in the table, by the
+        last part of this path or by its name; a machine is given by its machine_id.
     since : str, optional
         Date (ISO 8601); campaigns that are earlier or have no date are left out.
     include_misfits : bool
@@ -588,9 +589,10 @@ def _pool_parameters(
 def _instrument_sd(
     statistics: FleetStatistics, weight: Array, shared: Gaussian, sd: Array
 ) -> Array:
-    """Return the part of the sd of the population's mean that is due to instrument errors, (c,).
+    """Return the part of the sd of the population's mean that is due to instrument errors.
 
-    The sd is given for each of c parameters in units of the parameter's prior sd.
+    The result has the shape (c,): one part of an sd for each of c parameters, in units of the
+    parameter's prior sd.
 
     Parameters
     ----------
@@ -715,7 +717,7 @@ def _caveats(
     judged: JudgedMachines | None,
     machines: Sequence[str],
 ) -> list[Caveat]:
-    """Return the limitations that a reader of a population must know before using its numbers.
+    """Return the limitations that a user of a population's numbers must know.
 
     ``judged`` is the comparison of each machine with the other machines; it is None if there are
     too few machines. ``machines`` are the names of all machines.

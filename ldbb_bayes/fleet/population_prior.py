@@ -89,8 +89,8 @@ class PopulationPrior(Shown):
         Raises
         ------
         InputError
-            If the priors of the model are flat, a compliance is fixed or has a prior of its own, or
-            the model states another reference force.
+            If the priors of the model are flat, a compliance is fixed or the model states another
+            prior for it, or the model states another reference force.
         """
         prior = model.prior
         if prior.flat:

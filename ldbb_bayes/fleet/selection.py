@@ -97,15 +97,15 @@ def choose(
     order of a circle's readings fails its check, and those whose readings contradict the condition
     that no compliance is negative. Readings a thousand times too large, for example, would move the
     mean of a population and widen its spread. They would also hide a change of their machine.
-    Further campaigns are left out, too: those that could not be fitted, those whose row lacks
+    Further campaigns are also left out: those that could not be fitted, those whose row lacks
     sufficient statistics, those that the user excludes, and those whose readings are the same as
     those of an earlier row.
 
     Parameters
     ----------
     rows : table of a batch, as `read_batch` returns it.
-    exclude : campaigns (file path as given, its last part, or the name) and machines (machine_id)
-        to leave out.
+    exclude : campaigns and machines to leave out. A campaign is given by its path as in the table,
+        by the last part of this path or by its name; a machine is given by its machine_id.
     since : date (ISO 8601); campaigns that are earlier or have no date are left out.
     include_misfits : whether to keep campaigns whose readings do not fit the model.
     among : table of the whole batch; every name in ``exclude`` must be in this table. Default:
@@ -158,7 +158,7 @@ def _leave_out(
     """Return the rows that are kept, and add a caveat that names the campaigns left out.
 
     ``is_left_out`` states for each row of a batch's table whether it is left out. The caveat has
-    the given kind and text and is added to the list ``caveats``, unless no row is left out.
+    the given kind and text and is added to the list ``caveats``, if at least one row is left out.
     """
     _note(kind, rows[is_left_out], caveats, text)
     return rows[~is_left_out]

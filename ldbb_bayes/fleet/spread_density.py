@@ -117,7 +117,7 @@ def spread_slices(spread: Array, likelihood: Gaussian) -> Iterator[slice]:
 def shared_quantities(likelihood: Gaussian, spread: Array) -> Gaussian:
     """Return the distribution of mean μ and instrument errors b for k values of the spreads s.
 
-    μ is the mean of the population, s are the standard deviations of the machines about it. The
+    μ is the mean of the population, s are the standard deviations of the machines about μ. The
     distribution is a Gaussian of q quantities, the c elements of μ and then the elements of b,
     shape (k, q). Its attribute ``log_integral`` is ln p(y | s), the log density of all readings y
     given the spreads, up to a constant. All values are in units of the prior sd.
@@ -285,7 +285,8 @@ class Spreads:
     Spreads are the standard deviations of the machines about the mean of their population.
     """
 
-    #: k random draws of the spreads of c parameters, in units of the parameters' prior sd, (k, c)
+    #: k random draws of the spreads of c parameters, in units of the parameters' prior sd, shape
+    #: (k, c)
     spread: Array
     #: logarithm of the posterior density divided by the density drawn from, up to a constant, for
     #: each of k random draws, shape (k,)
@@ -297,7 +298,8 @@ class Spreads:
     pareto_k: float
     #: value of Pareto's k̂ of the weights above which the random draws cannot be trusted
     good_k: float
-    mode: Array  #: mode of the posterior density of ln s, with the spreads s of c parameters, (c,)
+    #: mode of the posterior density of ln s, with the spreads s of c parameters, shape (c,)
+    mode: Array
 
     @property
     def trusted(self) -> bool:

@@ -113,7 +113,7 @@ class ParameterChange(Result):
     level_now: Summary
     #: standard uncertainty of the parameter due to the errors of the instrument, which shift the
     #: estimates from all campaigns together; the points and limits of the control chart do not
-    #: include it
+    #: include this uncertainty
     common_sd: float
 
 
@@ -295,7 +295,8 @@ def find_trend(
         Names of the parameters to follow. Default: all constant compliances, that is, those at the
         reference force.
     exclude : sequence of str
-        Campaigns (path as given, its last part, or name) to leave out.
+        Campaigns to leave out. A campaign is given by its path as in the table, by the last part of
+        this path or by its name.
     since : str, optional
         Date (ISO 8601); campaigns that are earlier or have no date are left out.
     include_misfits : bool
@@ -307,8 +308,8 @@ def find_trend(
         Whether all campaigns used the same bar, so that errors of mount and force gain do not
         average out.
     tolerances : mapping of str to str or Tolerance, optional
-        Limits of parameters and stiffnesses, see `assess_conformity`. Default: those stated by the
-        newest campaign.
+        Limits of parameters and stiffnesses, see `assess_conformity`. Default: the limits that the
+        newest campaign states.
     change_scale : float
         Prior standard deviation of a change, in units of the parameter's reference standard
         deviation; the default is 2e-5 mm/N for C_XXX.
@@ -483,10 +484,11 @@ def _visits(
 ) -> tuple[Visit, ...]:
     """Return the campaigns of a trend, each with the probability of a change just before it.
 
-    The probability is zero for the first campaign. ``names`` and ``dates`` are those of the n
-    campaigns. ``step_probabilities``, shape (r, n − 1, p), are the joint posterior probabilities of
-    a step of each of p parameters just before each campaign but the first, and of each of r values
-    of the machine's scatter from campaign to campaign.
+    The probability of a change is zero for the first campaign. ``names`` and ``dates`` are those of
+    the n campaigns. ``step_probabilities``, shape (r, n − 1, p), holds joint posterior
+    probabilities. Each is the probability that the machine's scatter from campaign to campaign has
+    one of r values, and that one of p parameters changed by a step just before one of the campaigns
+    2 to n.
     """
     change_before = [0.0, *step_probabilities.sum(axis=(0, 2)).tolist()]
     return tuple(map(Visit, names, dates, change_before))
@@ -528,9 +530,9 @@ def _parameter_change(
     posteriors
         Gaussians of levels, instrument errors and step under every hypothesis, see `hypotheses`.
     step_probabilities
-        Joint posterior probabilities of a step of this parameter just before each campaign but the
-        first, and of each of r values of the machine's scatter from campaign to campaign, shape
-        (r, n − 1).
+        Joint posterior probabilities, shape (r, n − 1). Each is the probability that the machine's
+        scatter from campaign to campaign has one of r values, and that this parameter changed by a
+        step just before one of the campaigns 2 to n.
     levels
         Values of all parameters at the last campaign.
     chart
@@ -570,11 +572,11 @@ def _parameter_change(
 def _change(weight: Array, mean: Array, sd: Array, prob: float) -> Summary:
     """Return mean, sd and credible interval of the size of a parameter's step.
 
-    They are those of a mixture of hypotheses with the weights ``weight``, which sum to one. A
-    hypothesis states just before which campaign the step occurred, and how large the machine's
-    scatter from campaign to campaign is. ``mean`` and ``sd`` are the mean and standard deviation of
-    the size under each hypothesis. All sizes are in units of the parameter's prior sd. ``prob`` is
-    the probability of the interval.
+    Mean, sd and interval are those of a mixture of hypotheses with the weights ``weight``, which
+    sum to one. A hypothesis states just before which campaign the step occurred, and how large the
+    machine's scatter from campaign to campaign is. ``mean`` and ``sd`` are the mean and standard
+    deviation of the size under each hypothesis. All sizes are in units of the parameter's prior sd.
+    ``prob`` is the probability of the interval.
     """
     mean = mean.ravel()
     sd = sd.ravel()
@@ -619,9 +621,9 @@ def _estimates(
     chart
         Points and limits of the control chart, in units of the parameters' prior sds.
     step_probabilities
-        Joint posterior probabilities of a step of each parameter just before each campaign but the
-        first, and of each of r values of the machine's scatter from campaign to campaign, shape
-        (r, n − 1, p).
+        Joint posterior probabilities, shape (r, n − 1, p). Each is the probability that the
+        machine's scatter from campaign to campaign has one of r values, and that one of the p
+        parameters changed by a step just before one of the campaigns 2 to n.
     prob
         Probability of the credible intervals.
     """
@@ -657,7 +659,7 @@ def _conformities(
 ) -> dict[str, dict[str, Conformity]]:
     """Return a dictionary with decisions on conformity with tolerances for each quantity.
 
-    The keys are the names of the quantities, which are parameters or stiffnesses. The value is a
+    The keys are the names of the quantities, which are parameters or stiffnesses. Each value is a
     dictionary of decisions, whose keys are the campaigns. Each decision follows from one campaign
     alone. The uncertainties include that due to the instrument's errors, which all campaigns share.
 

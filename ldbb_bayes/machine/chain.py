@@ -73,9 +73,9 @@ class Circle(Shown):
            [-50., 0., 0.]])
     """
 
-    radius_mm: float = 150.0  #: nominal distance between the balls
-    #: position (X, Y, Z) of the work ball; the coordinate normal to the plane affects only lever
-    #: arms
+    radius_mm: float = 150.0  #: nominal distance between the balls [mm]
+    #: position (X, Y, Z) of the work ball [mm]; the coordinate normal to the plane affects only
+    #: lever arms
     centre_mm: Sequence[float] = (0.0, 0.0, 0.0)
     plane: str = "XY"  #: plane of the circle; angles are measured from the plane's first axis
 
@@ -110,8 +110,8 @@ class Joint:
 
     axis: str  #: name of the linear axis: X, Y or Z
     branch: Branch  #: what the axis carries: ``tool`` or ``workpiece``
-    #: position of the joint's frame with all axes at zero, relative to the point where the two
-    #: balls coincide
+    #: position (X, Y, Z) of the joint's frame with all axes at zero [mm], relative to the point
+    #: where the two balls coincide
     frame_mm: Sequence[float]
 
     @property
@@ -160,9 +160,9 @@ class Machine(Shown):
     topology: str = "wCAFYXZSt"  #: machine axes in order from workpiece to tool
     #: planes of the circular tests: one or more of XY, YZ and ZX
     planes: str | Sequence[str] = ("XY",)
-    #: position (X, Y, Z) of the frame of each joint with all axes at zero, by the letter of the
-    #: joint's axis. The position is relative to the point where the two balls coincide. The frame
-    #: of a joint that is not listed here is at this point, as in the paper.
+    #: position (X, Y, Z) of the frame of each joint with all axes at zero [mm]; the keys are the
+    #: letters of the joints' axes. The position is relative to the point where the two balls
+    #: coincide. The frame of a joint that is not listed here is at this point, as in the paper.
     frames_mm: Mapping[str, Sequence[float]] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:

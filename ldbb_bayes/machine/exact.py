@@ -122,8 +122,8 @@ def _branch_transform(
     """Return the homogeneous transforms from the machine's foundation to tool or workpiece.
 
     There is one matrix of shape (4, 4) for each of n angles of the bar; the result has the shape
-    (n, 4, 4). ``branch`` is ``tool`` or ``workpiece``; ``errors`` are values of geometric errors by
-    name.
+    (n, 4, 4). ``branch`` is ``tool`` or ``workpiece``; ``errors`` holds values of geometric errors;
+    the keys are their names.
     """
     transform = np.broadcast_to(np.eye(4), (len(angle_rad), 4, 4))
     position = circle.position_mm(angle_rad)
@@ -140,8 +140,8 @@ def _joint_transform(
 
     The transforms contain the nominal motion and the error motions of the joint (Eq. 4-5 and 8-9 of
     the paper). ``coordinate`` (n,) are nominal displacements along the joint's axis [mm], which are
-    minus the machine coordinate if the joint carries the workpiece. ``errors`` are values of
-    geometric errors by name.
+    minus the machine coordinate if the joint carries the workpiece. ``errors`` holds values of
+    geometric errors; the keys are their names.
     """
     motion = np.zeros((len(coordinate), 3), dtype=np.result_type(float, *errors.values()))
     motion[:, joint.index] = coordinate

@@ -3,10 +3,11 @@
 A unit force along the bar, whose direction is B̂, loads joint k with the wrench g_k = J_kᵀ B̂ =
 (B̂, lever × B̂), shape (6,): three forces and three moments about the joint's frame. J_k is the
 Jacobian of the joint. A compliance C_ijk is the displacement or rotation i caused by the force or
-moment j at joint k. It changes the reading by g_k,i · g_k,j per unit force (Eq. 20 of the paper).
-An error motion e of joint k, with three displacements and three rotations about the same frame,
-changes the reading by g_k · e if the joint carries the tool, and by −g_k · e if it carries the
-workpiece (Eq. 16-23). If all lever arms lie in the plane, this is the paper's planar model.
+moment j at joint k. This compliance changes the reading by g_k,i · g_k,j per unit force and per
+unit of the compliance (Eq. 20 of the paper). An error motion e of joint k, with three displacements
+and three rotations about the same frame, changes the reading by g_k · e if the joint carries the
+tool, and by −g_k · e if it carries the workpiece (Eq. 16-23). If all lever arms lie in the plane,
+this is the paper's planar model.
 
 Circles cannot separate all compliances (Table 2 of the paper). Some compliances never change a
 reading (null columns), and some change readings in proportion to each other (proportional sets). Of
@@ -191,8 +192,8 @@ class Kept:
     #: effects of these further compliances are linear combinations of the effects of several kept
     #: compliances.
     absorbed: tuple[Mapping[ComplianceName, float], ...]
-    #: for each kept compliance, whether it is a deflection in the direction of the load itself,
-    #: which cannot be negative
+    #: for each kept compliance, whether it cannot be negative because it is a deflection in the
+    #: direction of the load
     not_negative: tuple[bool, ...]
     null: tuple[str, ...]  #: names of the compliances that never change a reading
     #: names of compliances whose effect on the reading is a linear combination of the effects of

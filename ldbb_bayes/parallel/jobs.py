@@ -29,8 +29,8 @@ _JOBS_PER_WORKER = 4
 # Largest number of jobs that are submitted and not yet finished, for an executor whose number of
 # workers is not known.
 _JOBS_IN_FLIGHT = 64
-# Lock that makes jobs in threads of one process run one at a time, because these threads share the
-# filters of warnings and BLAS (the linear algebra library behind NumPy). One thread may take the
+# Lock that makes jobs in threads of one process run one at a time, because these threads share BLAS
+# (the linear algebra library behind NumPy) and the filters of warnings. One thread may take the
 # lock twice, because a job may itself run jobs.
 _TURN = threading.RLock()
 
