@@ -14,16 +14,17 @@ from ldbb_bayes.parallel import WorkerDiedError, process_executor
 
 __all__ = ["Desk"]
 
-MOST_WAITING = 100  # largest number of requests that wait for an answer; further ones are refused
+MOST_WAITING = 100  # largest number of requests that wait for an answer; more are refused
 ANSWER_S = 120.0  # longest time that the process may take for one answer [s]
-_ATTEMPTS = 2  # largest number of attempts to answer a request; the second is in a new process
+_ATTEMPTS = 2  # largest number of attempts to answer a request; the last uses a new process
 _LONGEST_MESSAGE = 300
 
 
 class Desk:
     """One process that answers the requests of all browser pages, one request at a time.
 
-    If the process dies, or takes longer than two minutes for an answer, a new one replaces it.
+    If the process dies, or takes longer than two minutes for an answer, it is replaced by a new
+    process.
     """
 
     def __init__(self) -> None:

@@ -175,8 +175,9 @@ def _lines(name: str, text: str) -> list[str]:
 def _number(field_option: Option, flag: str, text: str) -> float:
     """Return the number that the user typed into a field.
 
-    A decimal comma is accepted. Raise an `InputError` if the text is no number, has marks between
-    thousands, or lies outside the limits of the field's option. ``flag`` is that option's name.
+    A decimal comma is accepted. Raise an `InputError` if the text is no number or has marks between
+    thousands, or if the number is outside the limits of the field's option. ``flag`` is that
+    option's name.
     """
     typed = _type_read(field_option)
     has_thousands = re.fullmatch(r"[-−]?[1-9]\d{0,2}([.,]\d{3})+", text) or "_" in text
@@ -208,7 +209,7 @@ def _number(field_option: Option, flag: str, text: str) -> float:
 def _argument(
     group_name: str, make: Callable[..., Any], choices: Mapping[str, str], folder: Path
 ) -> Any:
-    """Return the argument that ``ldbb-bayes report`` would make from a group of options.
+    """Return the argument that ``ldbb-bayes report`` would make from the options of a group.
 
     Parameters
     ----------
@@ -217,7 +218,7 @@ def _argument(
     make
         Function that makes the argument from the values of the options.
     choices
-        Texts typed on the page, by the name of the entry field.
+        Texts typed on the page; the keys are the names of the entry fields.
     folder
         Folder of the session with the added files.
     """
@@ -239,12 +240,12 @@ def report_settings(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
     folder
         Folder of the session (one browser tab).
     choices
-        Texts typed on the page, by the name of the entry field.
+        Texts typed on the page; the keys are the names of the entry fields.
 
     Returns
     -------
     dict
-        Values of the options by name.
+        Values of the options; the keys are the names of the options.
 
     Raises
     ------
@@ -263,12 +264,13 @@ def source_from(folder: Path, choices: Mapping[str, str]) -> ReportSource:
     folder
         Folder of the session (one browser tab).
     choices
-        Texts typed on the page, by the name of the entry field.
+        Texts typed on the page; the keys are the names of the entry fields.
 
     Returns
     -------
     ReportSource
-        Paths of the files, with the layout of their tables and fields of campaign and instrument.
+        Paths of the files, the layout of their tables, and the fields of the campaign and of the
+        instrument that the user stated.
 
     Raises
     ------
@@ -312,7 +314,7 @@ def read_files(folder: Path, choices: Mapping[str, str]) -> SourceCampaign:
     folder
         Folder of the session (one browser tab).
     choices
-        Texts typed on the page, by the name of the entry field.
+        Texts typed on the page; the keys are the names of the entry fields.
 
     Returns
     -------

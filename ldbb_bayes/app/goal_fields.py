@@ -1,4 +1,4 @@
-"""Goals that are typed on the page: the largest U (k = 2) wanted of each parameter."""
+"""Goals typed on the browser page: the largest expanded uncertainty U wanted for a parameter."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ __all__ = ["GOAL_PREFIX", "goal_texts", "with_goals"]
 
 # Beginning of the name of every entry field for a goal; the name of the parameter follows.
 GOAL_PREFIX = "goal_"
-# Longest text of a goal that is read [characters].
+# Number of characters of a goal's text that are read; further characters are ignored.
 _LONGEST_TEXT = 40
 
 
 def goal_texts(settings: Mapping[str, Any]) -> dict[str, str]:
-    """Return the texts typed as goals, by parameter; empty fields are left out.
+    """Return the texts typed as goals, by name of the parameter; empty fields are left out.
 
     Parameters
     ----------
@@ -50,21 +50,23 @@ def with_goals(
     Parameters
     ----------
     rows
-        Rows with the expected standard uncertainties ``sd``, of half of all machines like the
-        pilot, and ``likely_sd``, of nine in ten, by the name ``key`` of the parameter.
+        Rows of the table, one for each parameter. ``key`` is the name of the parameter. ``sd`` and
+        ``likely_sd`` are the largest standard uncertainties to expect on half, and on nine in ten,
+        of the machines that are possible given the readings so far.
     texts
-        Texts typed as goals, by parameter.
+        Texts typed as goals; the keys are the names of the parameters.
     bound
-        The model, which knows the units of the parameters.
+        Model bound to the campaign, which states the units of the parameters.
     estimates
         Estimates of the parameters, to which goals in percent are relative.
 
     Returns
     -------
     list
-        Rows with the largest U ``wanted``, and how many machines have a smaller one, ``reached``:
-        "nine" in ten, "half" or "no". Without a goal both are empty. A text that cannot be read
-        gives ``wanted`` empty and a message as ``refused``.
+        The rows, each with three further texts. ``wanted`` is the largest U (k = 2) that the goal
+        permits. ``reached`` states on how many of the possible machines U is small enough: "nine"
+        in ten, "half" or "no". ``refused`` is the error message if the text of the goal cannot be
+        read. Texts that do not apply are empty.
     """
     extended = []
     for row in rows:
@@ -79,7 +81,7 @@ def with_goals(
 def _goal_row(
     row: Mapping[str, Any], text: str, bound: BoundModel, estimates: Mapping[str, float]
 ) -> dict[str, Any]:
-    """Return what one row states about the goal that ``text`` states."""
+    """Return the texts ``wanted`` and ``reached`` of a row with a goal, or ``refused``."""
     name = row["key"]
     try:
         goal = goals_in(bound, {name: text})[name]

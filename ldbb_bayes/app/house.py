@@ -24,8 +24,8 @@ __all__ = ["House"]
 
 MOST_SESSIONS = 32  # largest number of sessions (browser tabs) at the same time
 LOOK_S = 1.0  # time between checks whether sessions (browser tabs) have ended [s]
-# Time without a request from the browser page after which a fit is stopped, if the fit of a page
-# that sent requests within this time waits [s].
+# A fit is stopped if its page has sent no request for this time [s]. The fit is stopped only if
+# another fit is waiting, whose page has sent a request within this time.
 ABANDONED_S = 150.0
 _FIT = "from ldbb_bayes.app.worker import main; main()"
 
@@ -37,7 +37,7 @@ class House:
     folder: Path  #: Folder that holds one folder for each session.
     desk: Desk  #: Process that answers the requests of all sessions.
     templates: Templates = field(default_factory=Templates)  #: Templates of the browser page.
-    sessions: dict[str, Session] = field(default_factory=dict)  #: Sessions by their keys.
+    sessions: dict[str, Session] = field(default_factory=dict)  #: Sessions, by `Session.key`.
     #: Lock that lets only one fit run at a time; the fit uses all cores.
     turn: asyncio.Semaphore = field(default_factory=lambda: asyncio.Semaphore(1))
 
@@ -77,7 +77,10 @@ class House:
                     shutil.rmtree(folder, ignore_errors=True)
 
     def _stop_abandoned_fits(self) -> None:
-        """Stop fits whose page no longer sends requests, if the fit of a page that does waits."""
+        """Stop fits whose page no longer sends requests, but only if another fit is waiting.
+
+        The page of the waiting fit must have sent a request within the last 150 seconds.
+        """
         abandoned = []
         is_awaited = False
         for session in self.sessions.values():
@@ -96,9 +99,9 @@ class House:
     async def fit(self, session: Session) -> None:
         """Write the report of a session (one browser tab) in a separate process.
 
-        The process reads a copy of the session's files. The report replaces an earlier one only
-        when it is complete. The state of the report, or a refusal, is stored as the outcome of the
-        session.
+        The process reads a copy of the session's files. An earlier report is replaced only after
+        the new report is complete. The state of the report, or a refusal, is stored as the outcome
+        of the session.
         """
         job = session.folder / JOB
         try:

@@ -33,12 +33,13 @@ _DIRECTIONS: Mapping[str, tuple[Direction, ...]] = {
     "CCW": ("CCW",),
 }
 _MOST_CIRCLES = 60  # largest number of tests in a plan
-# Largest number of candidate tests from which the best tests are chosen, unless there are so many
-# combinations of ball angles, radii and directions that each has the fewest levels of force.
+# Largest number of candidate tests from which the best tests are chosen. It is exceeded only if
+# there are so many combinations of ball angles, radii and directions that even the fewest levels of
+# force for each of them give more candidates.
 _MOST_CANDIDATES = 180
-# Largest number of circles for which the optimiser of design starts several times.
+# Largest number of circles for which the search for the best tests starts from several designs.
 _MOST_SEARCHED_CIRCLES = 12
-# Fewest levels of force from which the best tests are chosen: the lowest, the highest, the middle.
+# Fewest levels of force from which the best tests are chosen: lowest, middle and highest force.
 _FEWEST_LEVELS = 3
 # Number of possible states of the machine and noise over which a forecast is averaged while the
 # user moves a slider. It is smaller than for the final forecast, so that the forecast is fast.
@@ -137,7 +138,8 @@ def _report_of(folder: Path) -> _Report:
 def _test_settings(settings: Mapping[str, Any]) -> str:
     """Return those values of the page's sliders that describe the tests, as JSON text.
 
-    The text is the key of cached computations. Sliders for time and cost, and goals, are left out.
+    The text is the key of cached computations. The sliders for time and cost, and the fields for
+    goals, are left out.
     """
     not_of_tests = ("fine", *_COSTS)
     stated = {}
@@ -192,8 +194,8 @@ class _PlannedTests(NamedTuple):
 def _planned_tests(report: _Report, settings_json: str) -> _PlannedTests:
     """Return the tests that the sliders of the page describe, in the order in which to run them.
 
-    If the user asks for the best tests, these are the tests with the most expected information.
-    Otherwise equally spaced forces are combined with the ball angles, radii and directions in turn.
+    If the user asks for the best tests, the tests with the most expected information are returned.
+    If not, equally spaced forces are combined with the ball angles, radii and directions in turn.
 
     Parameters
     ----------
@@ -235,7 +237,7 @@ def _space_of_sliders(
     """Return the space of possible tests that the page's sliders and settings describe.
 
     The space has all combinations of the work ball's and the tool ball's angles. The radii are
-    those of the tests already run, and the radius of the slider if it is above zero.
+    those of the tests already run, and that of the slider if the slider's value is above zero.
     """
     work_deg = [sliders["turn"] * k for k in range(int(sliders["work"]))]
     tool_deg = [sliders["turn"] * k for k in range(int(sliders["tool"]))]
@@ -269,16 +271,18 @@ def _kinds_of_test(space: Space, force_N: float) -> list[lb.CircularTest]:
 def _best_tests(space: Space, sliders: Mapping[str, float]) -> tuple[lb.CircularTest, ...]:
     """Return the tests with the most expected information, as the command ``design`` finds them.
 
-    They are chosen from all combinations of ball angles, radii and directions of ``space``, at
-    forces in equal steps from the lowest to the highest of the page's ``sliders``. If equal steps
-    of force, in turn with all these, promise more than the tests found, they are returned.
+    The tests are chosen from all combinations of ball angles, radii and directions of ``space``, at
+    forces in equal steps from the lowest to the highest force of the page's ``sliders``. If the
+    tests that `_equally_spaced_tests` returns give more expected information than the tests found,
+    the equally spaced tests are returned.
     """
     low = sliders["low"]
     high = sliders["high"]
     kinds = len(_kinds_of_test(space, low))
     most_levels = max(_FEWEST_LEVELS, _MOST_CANDIDATES // kinds)
     levels = _force_levels(low, high, max(2, min(round(high - low) + 1, most_levels)))
-    # Ball angles ascend, as those given to design do: the search starts from the same tests.
+    # Sort the ball angles, as in a call of ``design``, so that the search starts from the same
+    # tests.
     clockings_deg = tuple(sorted(space.clockings_deg))
     candidates = replace(space, forces_N=levels, clockings_deg=clockings_deg)
     number = int(sliders["circles"])
@@ -296,8 +300,9 @@ def _best_tests(space: Space, sliders: Mapping[str, float]) -> tuple[lb.Circular
 def _best_counts(candidates: Space, number: int) -> tuple[Array, float]:
     """Return how often to run each candidate test, and the value of the criterion.
 
-    For many circles, and among many candidates, the optimiser of ``design`` starts once, from the
-    rounded best shares, and not several times.
+    The search is that of ``design``, which starts from several designs. If there are more than 12
+    circles or more than 180 candidates, the search starts only once, from the rounded best shares
+    (fractions of the tests that are run at each candidate).
     """
     search = candidates.search
     if number <= _MOST_SEARCHED_CIRCLES and len(candidates.tests) <= _MOST_CANDIDATES:
@@ -324,9 +329,9 @@ def _pairs_in_turn(first: Sequence[Any], second: Sequence[Any], number: int) -> 
 def _force_levels(low: float, high: float, number: int) -> list[float]:
     """Return ``number`` equally spaced forces from ``low`` to ``high`` [N].
 
-    They are rounded to whole newtons if the rounded forces differ and are above zero. Otherwise
-    they are rounded to tenths, and forces that are then equal are returned once. If ``number`` is
-    one, the force is ``high``, because the highest force gives the most information.
+    They are rounded to whole newtons if the rounded forces differ and are above zero. If not, they
+    are rounded to tenths of a newton, and forces that are then equal are returned once. If
+    ``number`` is one, the force is ``high``, because the highest force gives the most information.
     """
     if number == 1:
         levels = [high]
@@ -419,8 +424,8 @@ def _expected_uncertainties(report: _Report, settings_json: str, *, fine: bool) 
     settings_json
         Values of the page's sliders by name, as JSON.
     fine
-        Whether to average over as many possible states of the machine as a final forecast does;
-        otherwise fewer are used, which is faster.
+        Whether to average over as many possible states of the machine as a final forecast does. If
+        False, fewer states are used, which is faster.
     """
     space, plan_of_tests, _ = _planned_tests(report, settings_json)
     sd_today = _pilot_of(report).sd

@@ -49,7 +49,7 @@ _SAVED_FILES = {
     "parameters.csv": "tables/averaged.csv",
 }
 # Table that is downloaded as parameters.csv if constant and linear compliance could not be
-# averaged. It has the results of the fit itself, as has the report.
+# averaged. The table then has the results of the fit itself, and so has the report.
 _FIT_TABLE = "tables/results.csv"
 _ZIPPED_FOLDERS = {"tables.zip": "tables", "campaign.zip": "campaign", "report.zip": ""}
 
@@ -122,7 +122,7 @@ async def _leave(house: House, session: Session, request: Request) -> Response:
 
 
 async def _read_json(request: Request) -> dict[str, Any] | None:
-    """Return the JSON object that a request contains; an empty one for an empty request.
+    """Return the JSON object that a request contains; an empty dict for an empty request.
 
     Return None if the content of the request is no JSON object, or is too large.
     """
@@ -149,7 +149,8 @@ def file_name(sent: str) -> str:
     Returns
     -------
     str
-        Last element of the file path, with plain characters only; empty if none are left.
+        Last element of the file path, in which special characters are replaced by underscores; an
+        empty string if nothing is left.
     """
     name = PureWindowsPath(PurePosixPath(sent).name).name
     name = re.sub(r"[^\w+\-.,()\[\] ]", "_", name).strip(" .")
@@ -161,7 +162,7 @@ def file_name(sent: str) -> str:
 async def _add_file(house: House, session: Session, request: Request) -> Response:
     """Store a file that the browser sends for a session (one browser tab).
 
-    It is stored completely or not at all.
+    The file is stored completely or not at all.
     """
     sent_name = request.path_params["name"]
     name = file_name(sent_name)
@@ -231,7 +232,7 @@ async def _take_example(house: House, session: Session, request: Request) -> Res
 async def _take_choices(house: House, session: Session, request: Request) -> Response:
     """Store the texts that the user typed on the page, or the language that the user chose.
 
-    The request contains them as a JSON object of texts by the name of the entry field.
+    The request contains the texts as a JSON object, whose keys are the names of the entry fields.
     """
     sent = await _read_json(request)
     if sent is None or not all(_is_entry(text) for text in sent.values()):
@@ -289,7 +290,7 @@ async def _show_forecast(house: House, session: Session, request: Request) -> Re
 
 
 async def _send_result(house: House, session: Session, request: Request) -> Response:
-    """Return the response with a file of the session's report or plan, or with files as a ZIP.
+    """Return a response with a file of the session's report or plan, or with a ZIP archive.
 
     The last part of the URL path is the name of the file.
     """
@@ -341,7 +342,7 @@ def _zip_folder(folder: Path) -> bytes:
     return buffer.getvalue()
 
 
-#: HTTP method, URL path within a session, and answering function of every request.
+#: HTTP method and URL path (within a session) of every request, and the function that answers it.
 ROUTES: tuple[tuple[str, str, Answer], ...] = (
     ("GET", "/", _show_page),
     ("GET", "/part/{name}", _show_section),

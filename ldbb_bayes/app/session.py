@@ -36,7 +36,7 @@ class Session:
     key: str  #: Random text that identifies the session in URL paths.
     folder: Path  #: Folder of the session's files.
     language: str  #: Language of the page, en or de.
-    #: Texts that the user typed on the page, by the name of the entry field.
+    #: Texts that the user typed on the page; the keys are the names of the entry fields.
     choices: dict[str, str] = field(default_factory=dict)
     #: Names of the entry fields whose texts could not be used when the files were last read.
     wrong: list[str] = field(default_factory=list)
@@ -105,7 +105,8 @@ class Session:
         """Remove typed entries that no longer apply, and count one more change of the files.
 
         The names of deleted certificates no longer apply. If the files include a ``campaign.toml``,
-        neither do entries about the campaign and its tables, because this file states them.
+        entries about the campaign and its tables no longer apply either, because this file states
+        the same.
         """
         file_sizes = self.held
         has_campaign_file = TOML in file_sizes
@@ -147,7 +148,7 @@ class Session:
     def word(self, key: str, **values: object) -> str:
         """Return the text of a refusal in the language of the session.
 
-        ``key`` names the text, and ``values`` are filled in.
+        ``key`` is the name of the text, and ``values`` are inserted into the text.
         """
         return str(words_of_page(self.language)["errors"][key]).format(**values)
 

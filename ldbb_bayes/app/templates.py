@@ -34,7 +34,8 @@ def words_of_page(language: str) -> Mapping[str, Any]:
     Returns
     -------
     dict
-        Texts by short names; those of a section of the page are in a dictionary of their own.
+        The texts; the keys are short names. The texts of a section of the page are in a dictionary
+        of their own.
     """
     return tomllib.loads((PAGES / f"words_{language}.toml").read_text(encoding="utf-8"))
 
@@ -50,7 +51,9 @@ def _with_decimal_mark(context: jinja2.runtime.Context, value: object) -> str:
 
 @jinja2.pass_context
 def _translate_phrases(context: jinja2.runtime.Context, text: str) -> str:
-    """Return a message on imported files, with its known phrases in the page's language.
+    """Return a message about imported files, with known phrases translated.
+
+    The phrases are translated into the language of the page.
 
     ``context`` holds the values with which the template is filled.
     """

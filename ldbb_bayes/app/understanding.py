@@ -22,8 +22,8 @@ from ldbb_bayes.units import two_digits
 
 __all__ = ["refusal", "understand"]
 
-# Approximate largest number of points with which the readings of a test are drawn in a polar plot;
-# more cannot be seen.
+# Approximate largest number of points with which the readings of a test are drawn in a polar plot.
+# More points would not be visible.
 _MOST_POINTS = 360
 # Radius at which the lowest reading is drawn in a polar plot [units of the SVG drawing].
 _INNER_RADIUS = 22.0
@@ -76,14 +76,14 @@ def understand(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
     folder
         Folder of the session (one browser tab).
     choices
-        Texts typed on the page, by the name of the entry field.
+        Texts typed on the page; the keys are the names of the entry fields.
 
     Returns
     -------
     dict
         Tests, traces (polar plots of the readings), assumptions and remarks about odd readings. If
-        the files cannot be read, it holds the reason and the names of the entry fields that cause
-        it instead.
+        the files cannot be read, the dict holds only the reason and the names of the entry fields
+        that cause the error.
     """
     try:
         campaign, imported = read_files(folder, choices)
@@ -116,17 +116,17 @@ def understand(folder: Path, choices: Mapping[str, str]) -> dict[str, Any]:
 def _wrong_entries(folder: Path, choices: Mapping[str, str], error: InputError) -> list[str]:
     """Return the names of the entry fields whose texts cause an error when files are read.
 
-    An entry is to blame if the files can be read after it is removed. If there is no such entry,
-    those whose removal changes the message of the error are returned.
+    An entry causes the error if the files can be read after the entry is removed. If there is no
+    such entry, return the names of the fields whose removal changes the error message.
 
     Parameters
     ----------
     folder
         Folder of the session.
     choices
-        Texts typed on the page, by the name of the entry field.
+        Texts typed on the page; the keys are the names of the entry fields.
     error
-        The error that was raised.
+        The error that was raised when the files were read with all entries.
     """
     to_blame = []
     involved = []
@@ -142,7 +142,10 @@ def _wrong_entries(folder: Path, choices: Mapping[str, str], error: InputError) 
 
 
 def _test_rows(preview: Any, traces: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Return the rows of the page's table of tests: texts by column, and the hue of each trace."""
+    """Return the rows of the page's table of tests, each a dict of texts by column.
+
+    A row also has the hue of the test's trace, and the list of remarks on the test.
+    """
     hues = {}
     for trace in traces:
         for path in trace["paths"]:
@@ -171,10 +174,10 @@ def _test_rows(preview: Any, traces: Sequence[Mapping[str, Any]]) -> list[dict[s
 
 
 def _in_one_row(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return rows of assumptions in which those of one quantity of several files are one row.
+    """Return the rows of assumptions, with successive rows on the same quantity joined into one.
 
-    Such a quantity, as the force, has a value and a place for each file; the first row's reason is
-    kept.
+    A quantity such as the force may be assumed for several files. The joined row lists the values
+    and the places of all of them, and keeps the reason of the first row.
     """
     merged: list[dict[str, Any]] = []
     for row in rows:
@@ -214,8 +217,8 @@ def _uncertainties_by_part(campaign: lb.Campaign) -> dict[str, list[dict[str, An
     """Return the uncertainties that a fit assumes for each part of the instrument.
 
     The result has a list of entries for each part, such as bar or balls. An entry names the field
-    of the page that would state it, and is marked as stated if a calibration certificate states
-    the uncertainty.
+    of the page in which the user can state the uncertainty. It is marked as stated if a calibration
+    certificate states the uncertainty.
     """
     entries_by_part: dict[str, list[dict[str, Any]]] = {}
     for assumed in lb.terms.uncertainties(campaign).assumed:
@@ -252,9 +255,10 @@ _FACTORS = {"1": 100.0, "rad": 180.0 / math.pi, "N": 1.0}
 
 
 def _instrument_entry(campaign: lb.Campaign, assumed: Any, part: str) -> dict[str, Any]:
-    """Return what the page shows of one assumption on the instrument: words, ± U and its origin.
+    """Return what the page shows of one uncertainty of the instrument: its description and ± U.
 
-    ``part`` is the part of the instrument. U is twice the prior standard deviation.
+    U is twice the prior standard deviation. ``part`` is the part of the instrument. The entry also
+    states whether a calibration certificate states the uncertainty.
     """
     factor = _FACTORS.get(assumed.unit, 1e3)
     label = _LABELS.get(assumed.unit, "µm")
@@ -317,8 +321,9 @@ def _trace(campaign: lb.Campaign, plane: str) -> dict[str, Any]:
 def _ring_readings(low: float, high: float, spread: float) -> list[float]:
     """Return the readings [µm] at which a polar plot has rings: about four multiples of a step.
 
-    They lie between the lowest and the highest reading, ``low`` and ``high``. The step is 1, 2 or 5
-    times a power of ten. ``spread`` is the range of readings, or the smallest range that is shown.
+    The rings lie between the lowest and the highest reading, ``low`` and ``high``. The step is 1, 2
+    or 5 times a power of ten. ``spread`` is the range of readings, or the smallest range that is
+    shown.
     """
     power = 10.0 ** np.floor(np.log10(spread / _RINGS))
     wanted = (high - low) / _RINGS

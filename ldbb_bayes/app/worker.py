@@ -1,4 +1,4 @@
-"""Functions that processes of the server run: answer a request, or write a session's report.
+"""Functions that run in processes of the server: they answer a request, or write a report.
 
 A session is one browser tab of ``ldbb-bayes app``.
 """

@@ -1,6 +1,6 @@
 """Effect of each possible calibration certificate of the instrument on the uncertainties U.
 
-U is the expanded uncertainty (k = 2) of a parameter. It is forecast before the fit.
+U is the expanded uncertainty (k = 2) of a parameter. The effects are forecast before the fit.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ __all__ = ["effects_of_certificates", "uncertainty_change"]
 
 _MOST_EFFECTS = 4  # largest number of reduced uncertainties U that are shown for a certificate
 _SMALLEST_EFFECT = 0.05  # smallest relative reduction of an uncertainty U that is shown
-# Part of the instrument that a certificate covers, by the field of the instrument that it states.
+# Part of the instrument that a certificate covers. The keys are the fields of the instrument that
+# the certificate states.
 _PARTS = {
     "work": "balls",
     "tool": "balls",
@@ -41,16 +42,16 @@ def effects_of_certificates(folder: Path, choices: Mapping[str, str]) -> dict[st
     folder
         Folder of the session (one browser tab).
     choices
-        Texts typed on the page, by the name of the entry field.
+        Texts typed on the page; the keys are the names of the entry fields.
 
     Returns
     -------
     dict
-        ``today``: a row for every parameter with its U, given the certificates that are stated now.
-        ``effects``: the name of each new certificate and rows for the largest reductions of U, by
-        the part of the instrument that the certificate would cover; the key ``all`` is for all
-        certificates together. At most four reductions are listed for each certificate, each of more
-        than 5 %. Rows are those of `uncertainty_change`.
+        ``today``: one row for every parameter, with its U given the certificates that are stated
+        now. ``effects``: a dict with one entry for each new certificate. Its key is the part of the
+        instrument that the certificate would cover, or ``all`` for all certificates together. The
+        entry has the name of the certificate, and rows for the largest reductions of U: at most
+        four, each of more than 5 %. All rows are those of `uncertainty_change`.
 
     Raises
     ------

@@ -198,7 +198,7 @@ class _Holder:
 def _held_by(family: CampaignFamily) -> dict[str, _Holder]:
     """Return the largest source of the variance of every goal's parameter after very many circles.
 
-    The keys are the names of the parameters. The circles are very many of every kind.
+    The keys are the names of the parameters. There are very many circles of every kind.
     """
     bound = family.bound
     run = len(family.space.pilot.tests) if family.space.augment else 0
