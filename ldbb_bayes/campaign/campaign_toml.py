@@ -44,8 +44,8 @@ class _TestFile(_PlannedTest):
 
 
 # The classes _Balls, _Bar, _Mount, _Force and _Angle are the tables of campaign.toml that hold
-# certified values. The key U_um of the table [bar] becomes the field bar_U_um of `Instrument`;
-# other keys follow the same rule.
+# certified values. The key U_um of the table [bar] becomes the field bar_U_um of `Instrument`; the
+# names of the other fields are formed in the same way.
 @dataclass(frozen=True, config=_STRICT)
 class _Balls:
     work: Ball = field(default_factory=Ball)
@@ -233,9 +233,9 @@ def _instrument_of(path: Path, file: _CampaignFile) -> Instrument:
 def _read_test(toml: Path, number: int, entry: _TestFile) -> CircularTest:
     """Return the test that one table [[test]] of campaign.toml describes.
 
-    If the table names a file, its readings are read; otherwise the test is a planned one. ``toml``
-    is the path of campaign.toml, ``number`` the number of the table, counted from 1, for error
-    messages, and ``entry`` the validated content of the table.
+    If the table names a file, the readings are read from this file. If not, the test is a planned
+    test. ``toml`` is the path of campaign.toml, ``number`` the number of the table, counted from 1,
+    for error messages, and ``entry`` the validated content of the table.
     """
     if entry.file is None:
         return _planned_test(f"{toml}, test {number}", entry)

@@ -124,7 +124,7 @@ def _test_table(campaign: Campaign, test: CircularTest) -> dict[str, Any]:
 
 
 def _planned_angles_table(test: CircularTest) -> dict[str, Any]:
-    """Return number, first angle and arc of a planned test's angles under their TOML keys.
+    """Return number, first angle and arc of a planned test's angles under keys of campaign.toml.
 
     Raise an `InputError` if the angles are not evenly spaced within one turn.
     """

@@ -300,9 +300,9 @@ class CalibrationCertificate(Shown):
     def ball(self) -> dict[str, Any]:
         """Return a ball's deviation from sphericity [µm] and the name of its certificate.
 
-        The keys are those of campaign.toml: sphericity_um and certificate. The certificate may
-        state several form deviations. The expanded uncertainty (k = 2) of each is added to it, and
-        the largest sum is returned as the deviation from sphericity.
+        The keys are those of campaign.toml: sphericity_um and certificate. To every form deviation
+        that the certificate states, its expanded uncertainty (k = 2) is added. The largest sum is
+        returned as the deviation from sphericity.
         """
         largest_bound = 0.0
         quantity = None
@@ -380,9 +380,9 @@ def _is_of_length(
 ) -> bool:
     """Return whether a certified quantity belongs to a bar of the nominal length ``length_mm``.
 
-    It does if this length stands in the name of the quantity or of an XML element that contains it,
-    as in ``Bar 100 mm``. It also does if one of ``nominals``, the certified nominal lengths, has
-    this value and stands in the same element.
+    This is so if the length stands in the name of the quantity or of an XML element that contains
+    the quantity, as in ``Bar 100 mm``. It is also so if one of ``nominals``, the certified nominal
+    lengths, has this value and stands in the same element.
     """
     texts = " ".join((*quantity.holders, quantity.name))
     for match in _LENGTH_IN_NAME.finditer(texts):
@@ -437,9 +437,9 @@ def _name_apart(quantity: CertifiedQuantity, others: Sequence[CertifiedQuantity]
 def _title_with_holder(quantity: CertifiedQuantity) -> str:
     """Return a text that names a certified quantity and an XML element that contains it.
 
-    An example is "Bar: length error". The element is the innermost one of the certificate whose
-    name contains no underscore, because names with underscores are technical. If there is no such
-    element, or if the quantity has no name, return the title of the quantity alone.
+    An example is "Bar: length error". The element is the innermost element whose name contains no
+    underscore, because names with underscores are technical. If there is no such element, or if the
+    quantity has no name, return the title of the quantity alone.
     """
     if quantity.name:
         for holder in reversed(quantity.holders):

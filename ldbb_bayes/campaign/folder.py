@@ -41,7 +41,7 @@ TRUTH_NAME = "truth.json"
 # Name of the file in the folder of an imported campaign that states how the foreign files were
 # read.
 IMPORT_NAME = "import.toml"
-# Longest name, machine_id or date of a campaign that `labels_of` returns [characters]; longer ones
+# Longest name, machine_id or date of a campaign that `labels_of` returns [characters]; longer texts
 # are left out.
 _LONGEST_LABEL = 200
 
@@ -52,7 +52,7 @@ def read_campaign(
     """Return the campaign or plan that a campaign folder, a campaign.toml or a tidy CSV describes.
 
     A tidy CSV is a table with one reading in each row, and columns named like the fields of
-    `CircularTest`. For other tables, see `import_campaign`.
+    `CircularTest`. For tables that are not tidy, see `import_campaign`.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def read_campaign(
         states; a tidy CSV states no such values.
     **options : object
         Values of fields of `Campaign`, such as ``radius_mm=150``. They are permitted only with a
-        tidy CSV, because otherwise ``campaign.toml`` states them.
+        tidy CSV, because a ``campaign.toml`` states these values itself.
 
     Returns
     -------
@@ -153,8 +153,8 @@ def write_campaign(
     """Write a campaign or plan into a folder, completely or not at all; return the folder's path.
 
     The folder holds ``campaign.toml``. If the campaign is not a plan, the folder also holds one CSV
-    file of readings for each test. Numbers are written with all digits, so that exactly the same
-    numbers are read again.
+    file of readings for each test. Numbers are written with all digits, so that reading the folder
+    returns exactly the same numbers.
 
     Parameters
     ----------

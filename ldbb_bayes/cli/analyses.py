@@ -310,8 +310,8 @@ def _design_for_goals(
 def _running_order(plan: lb.Campaign) -> str:
     """Return the names of a plan's tests, in the order in which to run them, as one text.
 
-    After each name, direction, radius and angles of the balls stand in brackets. Those that are the
-    same in all tests are left out.
+    After each name, direction, radius and angles of the balls stand in brackets. A setting that is
+    the same in all tests is left out.
     """
     settings_by_test = []
     for test in plan.tests:

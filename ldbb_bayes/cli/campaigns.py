@@ -48,8 +48,8 @@ def import_(
     """Read tables as instruments and spreadsheets write them, and write them as a campaign.
 
     Prints what it assumed about the tables. An option, or the file of --layout, can state every
-    assumed value instead. At a terminal it asks what the tables leave open, such as which of two
-    units readings are in.
+    assumed value instead. At a terminal it asks for information that the tables do not give, such
+    as which of two units readings are in.
     """
     # These are imported here, because only this command needs them.
     from ldbb_bayes.cli.questions import can_ask, import_with_answers

@@ -46,10 +46,10 @@ def report(
     """Make a page and a PDF for signing from files of readings, or from fits.
 
     Files are read, checked and fitted, models are compared, and the next tests are chosen.
-    Questions are asked only at a terminal: what the files leave open, and at most three about
-    machine, mount and balls. The page, the PDF, JSON, DCC, tables, campaign and fit are written
-    into the folder FILE_report beside the first file. The report of a fit is written into the
-    folder of the fit. Exit code 1: the random draws of a fit did not reach the wanted effective
+    Questions are asked only at a terminal: for information that the files do not give, and at most
+    three about machine, mount and balls. The page, the PDF, JSON, DCC, tables, campaign and fit are
+    written into the folder FILE_report beside the first file. The report of a fit is written into
+    the folder of the fit. Exit code 1: the random draws of a fit did not reach the wanted effective
     number; the page then says so at its top.
     """
     # These are imported here, because they load Matplotlib and fpdf2, which takes a long time.
