@@ -30,7 +30,8 @@ __all__ = ["draw_new_noise_factors", "shape_probabilities"]
 # values mean that circles scatter alike.
 _SHAPES = np.array([1.5, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0, 40.0])
 # Prior probability of the first value of the shape a; the other values have equal prior
-# probabilities. It is so large that a few circles cannot rule out that the next circle is unusual.
+# probabilities. This probability is so large that a few circles cannot rule out that the next
+# circle is unusual.
 _FIRST_PROBABILITY = 0.5
 
 

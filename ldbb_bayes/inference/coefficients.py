@@ -219,9 +219,9 @@ def elastic_draws_with(
 ) -> ElasticDraws:
     """Return what `elastic_draws` returns, but with shared nuisances that are already drawn.
 
-    ``shared``, shape (draws, q), are the coefficients of the nuisances that tests share. They are
-    not used if the model has no term `JointLoad` (joints that yield to their own load). The other
-    arguments are those of `elastic_draws`.
+    ``shared``, shape (draws, q), are the coefficients of the nuisances that tests share. These
+    coefficients are not used if the model has no term `JointLoad` (joints that yield to their own
+    load). The other arguments are those of `elastic_draws`.
     """
     bound = draws.bound
     at_forces = np.stack([bound.compliance_at(force) for force in force_N])

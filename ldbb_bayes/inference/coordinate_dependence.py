@@ -46,7 +46,7 @@ class IndependentPoints(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Dependence:
-    """How mean and width of h coordinates u depend on the first k of them.
+    """How mean and width of h coordinates u depend on the first k coordinates.
 
     The rows of both matrices hold the coefficients of the constant 1, of the first k coordinates,
     and of the squares of these coordinates. A coordinate depends only on coordinates with a smaller
@@ -59,7 +59,7 @@ class Dependence:
 
     @property
     def leading(self) -> int:
-        """Number k of coordinates on which the others depend."""
+        """Number k of coordinates on which coordinates with a larger index depend."""
         return len(self.mean) // 2
 
     def remove(self, u: Array) -> IndependentPoints:
@@ -105,8 +105,8 @@ class _Polynomials:
     skewness: Array  # weighted skewness of the k coordinates, shape (k,)
     # standard deviations of the polynomials of degree two before these are scaled, shape (k,)
     square_sd: Array
-    linear: Array  # first polynomial of each coordinate at n points, shape (n, k)
-    square: Array  # second polynomial of each coordinate at n points, shape (n, k)
+    linear: Array  # polynomial of degree one of each coordinate at n points, shape (n, k)
+    square: Array  # polynomial of degree two of each coordinate at n points, shape (n, k)
 
     def coefficients(self, of_linear: Array, of_square: Array) -> Array:
         """Convert coefficients of the polynomials to coefficients of powers of the coordinates.
@@ -142,7 +142,7 @@ def _polynomials(leading: Array, weight: Array) -> _Polynomials:
 
 
 def fit_dependence(u: Array, weight: Array) -> Dependence:
-    """Return how mean and width of h coordinates depend on the first of them, fitted to n points.
+    """Fit to n points how mean and width of h coordinates depend on the first k coordinates.
 
     A coefficient that does not exceed three standard errors is zero. The standard error is computed
     as if the number of points were the effective sample size of the weights.

@@ -154,7 +154,7 @@ class LogDensity(Shown):
         """Return the joint log density ln p(y | x) + ln p(x) of the readings y and of x.
 
         x holds the parameters, then the hyper-parameters, shape (d,) or (n, d). The result is −inf
-        where the prior density p(x) is zero. It is never NaN.
+        where the prior density p(x) is zero. The result is never NaN.
         """
         return self._evaluate(x, self._log_joint)
 

@@ -143,7 +143,8 @@ class _Decomposition(NamedTuple):
     """Singular value decomposition U Σ Vᵀ of the weighted polynomials at the m nodes of a sample.
 
     Row i of the decomposed matrix holds the values of all polynomials at node i, times the square
-    root of the weight of the node. Singular values Σ that are zero but for rounding are left out.
+    root of the weight of the node. Singular values Σ that are zero except for rounding errors are
+    left out.
     """
 
     left: Array  #: left singular vectors U, shape (m, rank)

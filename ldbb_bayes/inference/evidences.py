@@ -110,7 +110,8 @@ class Evidences(Shown):
         hyper-parameters (scales of the noise and of other effects). Nodes of equal models are
         computed once. Models share one calculation if they differ only in slopes, in rival
         explanations of slopes (such as joints that yield to their own load), and in whether
-        compliances may be negative. Their nodes follow from those of the largest model among them.
+        compliances may be negative. The nodes of such models follow from the nodes of the largest
+        of these models.
         """
         models_by_key = {model_to_toml(model): model for model in models}
         for key in sorted(models_by_key, key=lambda key: _largest_first(models_by_key[key])):

@@ -139,8 +139,8 @@ class Fit(Result):
     sensitivity: dict[str, dict[str, float]]
     #: largest change of any parameter when a test is left out, in units of the parameter's standard
     #: uncertainty. Keys are the names of the tests whose readings fail the posterior predictive
-    #: check of a Fourier order. Empty if there is no such test, if the prior is flat, or if the
-    #: campaign has one test only.
+    #: check of a Fourier order. The dict is empty if no test fails this check, if the prior is
+    #: flat, or if the campaign has one test only.
     shift: dict[str, float]
     #: largest share by which a parameter's interval grows if the noise is as strong as the readings
     #: show at the Fourier orders 13 to 16; zero unless a posterior predictive check of the noise or

@@ -29,9 +29,9 @@ _ALONG_AXIS = np.array([0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0
 # Number of independent randomisations (scrambles) of the Sobol sequence; the scatter between them
 # gives the error of an integral.
 _SCRAMBLES = 8
-# Each randomised Sobol sequence (of quasi-random points) gives at least ``_FEWEST_POINTS`` points
-# in the first round of sampling. It gives at least ``_POINTS_PER_DIMENSION`` times the number of
-# dimensions if this is more. The number is then rounded up to a power of two.
+# In the first round of sampling, each randomised Sobol sequence (of quasi-random points) gives at
+# least ``_FEWEST_POINTS`` points, and at least ``_POINTS_PER_DIMENSION`` times as many points as
+# there are dimensions. The number of points is rounded up to a power of two.
 _FEWEST_POINTS = 32.0
 _POINTS_PER_DIMENSION = 1.5
 # Each round of importance sampling starts with this many times the points with which the round

@@ -74,8 +74,8 @@ def draw_jointly(posterior: HyperPosterior, size: int, rng: np.random.Generator)
     share is too small, the weight is multiplied by this probability itself, and β is drawn from a
     density shifted (tilted) towards compliances that are not negative. The probability of
     acceptance is the weight divided by twice an estimate of the mean weight. If this ratio exceeds
-    one, φ may be used several times, with different β as far as there are enough. ``posterior`` is
-    the posterior density of φ.
+    one, φ may be used several times, with different β if there are enough of these. ``posterior``
+    is the posterior density of φ.
 
     Raises
     ------

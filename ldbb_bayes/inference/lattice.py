@@ -108,8 +108,8 @@ def _first_step(h: int, tolerance: float) -> float:
     """Return the step, or spacing of the points, with which a lattice in h dimensions starts.
 
     The step is in units of the standard deviation of the Gaussian fitted to the density at its
-    highest mode. It is 2 if ``tolerance``, the error allowed in the log integral [nat], is 0.01 or
-    more. Otherwise it is a little shorter than a Gaussian density would need to reach the
+    highest mode. The step is 2 if ``tolerance``, the error allowed in the log integral [nat], is
+    0.01 or more. Otherwise it is a little shorter than a Gaussian density would need to reach the
     tolerance.
     """
     if tolerance >= _LOOSE_TOLERANCE:

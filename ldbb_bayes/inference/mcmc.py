@@ -129,11 +129,11 @@ class Assessment:
         return self.share(rule, walkers=walkers) >= 1.0 and self.rhat_max <= rule.rhat
 
     def share(self, rule: StoppingRule, *, walkers: int) -> float:
-        """Return the smallest ratio of an effective sample size to the one that is required.
+        """Return the smallest ratio of an effective sample size to its required value.
 
         The draws suffice if the ratio is one or more. The effective sample sizes for mean and tails
-        must reach ``ess`` of the rule. For walkers, the one for the mean must also reach
-        ``lengths`` times the number of walkers, because the draws must span ``lengths``
+        must reach ``ess`` of the rule. For walkers, the effective sample size for the mean must
+        also reach ``lengths`` times the number of walkers, because the draws must span ``lengths``
         autocorrelation times. ``walkers`` is the number of walkers of all ensembles together, or 0
         for independent draws.
         """
@@ -229,8 +229,8 @@ def run_ensembles(
     Parameters
     ----------
     log_density : callable
-        Function that returns the log density, shape (n,), at points of shape (n, d). It may be −inf
-        but not NaN.
+        Function that returns the log density, shape (n,), at points of shape (n, d). The log
+        density may be −inf but not NaN.
     starts : array, shape (ensembles, walkers, d)
         Starting points of the walkers.
     rule : StoppingRule
@@ -340,7 +340,7 @@ class _Ensemble:
 def _moves(redraw: Redraw | None) -> list[tuple[Any, float]]:
     """Return the kinds of moves of emcee's walkers, each with its share of all moves.
 
-    Moves to independent points are among them if there is a source ``redraw`` of such points.
+    Moves to independent points are included if there is a source ``redraw`` of such points.
     """
     moves = [
         (emcee.moves.DEMove(), 1.0 - _JUMP_SHARE),

@@ -194,8 +194,9 @@ def refit_mixture(proposal: Mixture, points: Array, weight: Array) -> Mixture:
     """Return a mixture with each component of ``proposal`` refitted to weighted points.
 
     ``points`` has the shape (n, h); the weights, shape (n,), sum to one. The weight of each point
-    is divided among the components in proportion to their density there, multiplied by their share
-    of the mixture. Components that receive less than 2 % of the weight stay as they are.
+    is divided among the components, in proportion to the density of each component at the point
+    times the share of the component in the mixture. Components that receive less than 2 % of the
+    weight stay as they are.
     """
     by_component = proposal.by_component(points)
     weights = weight * np.exp(by_component - np.logaddexp.reduce(by_component, axis=0))

@@ -244,8 +244,8 @@ class HyperPosterior:
 
         If this density is ``truncated``, the nodes are first those of the density that allows
         negative compliances, with weights multiplied by the probability, given φ, that no
-        compliance is negative. If these miss the tolerance, further nodes are computed where the
-        truncated density is large. The nodes with the smaller error are returned.
+        compliance is negative. If these nodes miss the tolerance, further nodes are computed where
+        the truncated density is large. The nodes with the smaller error are returned.
         """
         if not self.truncated:
             return Nodes(self, self._integral(tolerance))
@@ -523,7 +523,7 @@ class HyperPosterior:
         return np.asarray(log_density + self._scores.log_jacobian(scores))
 
     def _derivatives(self, point: Array, *, exact: bool = False) -> tuple[Array, Array]:
-        """Return gradient and Hessian of the smooth log density at a point, (h,) and (h, h).
+        """Return gradient, shape (h,), and Hessian, (h, h), of the smooth log density at a point.
 
         The noise factors of two circles hardly depend on each other. Unless ``exact`` is True,
         mixed second derivatives with respect to two noise factors are not computed, so that the

@@ -43,7 +43,7 @@ class GaussianFactor:
     """
 
     axis: int  #: index of the coordinate among all h coordinates
-    slopes: Array  #: change of the mean per unit of each other coordinate, shape (h − 1,)
+    slopes: Array  #: change of the coordinate's mean per unit of each other coordinate, (h − 1,)
     intercept: float  #: mean of the coordinate where all other coordinates are zero
     sd: float  #: standard deviation of the coordinate about its mean
 

@@ -125,9 +125,9 @@ def record_from(
 ) -> dict[str, Any]:
     """Return the record that the group ``provenance`` of a posterior keeps as JSON text.
 
-    It states the campaign, the model, how the sampler ran, the quality of the fit, the versions of
-    the software, the seed of the random numbers and when sampling ``started``. ``bound`` is the
-    model, applied to its campaign.
+    The record states the campaign, the model, how the sampler ran, the quality of the fit, the
+    versions of the software, the seed of the random numbers and when sampling ``started``.
+    ``bound`` is the model, applied to its campaign.
     """
     system = f"Python {platform.python_version()}, {platform.system()} {platform.machine()}"
     return {

@@ -37,8 +37,8 @@ class RelatedModels:
     Parameters
     ----------
     plain : Nodes
-        Nodes of the given model, which allows negative compliances. It should be the largest of the
-        models, because its posterior of φ is then wide enough for all of them.
+        Nodes of the given model, which allows negative compliances. The given model should be the
+        largest of the models, because its posterior of φ is then wide enough for all of them.
     tolerance : float
         Error allowed in every log evidence [nat].
     """

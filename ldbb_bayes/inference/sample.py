@@ -47,8 +47,9 @@ _CHAINS = 4
 # Number of walkers of an ensemble of emcee, unless four times the number of parameters and
 # hyper-parameters is larger.
 _WALKERS = 128
-# Number of independent draws as a multiple of the required effective sample size. It is above one
-# because the computed effective sample size of every parameter must reach the required one.
+# Number of independent draws as a multiple of the required effective sample size. The multiple is
+# above one because the computed effective sample size of every parameter must reach the required
+# one.
 _SURPLUS = 1.3
 # Number of further independent draws of each chain, so that the computed effective sample size of
 # every parameter reaches the required one.

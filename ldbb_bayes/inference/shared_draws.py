@@ -46,7 +46,7 @@ def draw_with_shared(
     φ are the hyper-parameters; ``free``, shape (w, h), holds them in unbounded coordinates.
     ``bound`` is the model, applied to its campaign. There are w × ``repeats`` draws, and those for
     one value of φ follow each other. Raise an `InputError` if the model allows no negative
-    compliances and no draw without them is found.
+    compliances and no draw without negative compliances is found.
     """
     p = len(bound.names)
     phi = bound.hyper_prior.phi(free)
