@@ -1,4 +1,4 @@
-"""Roles of the columns of a foreign table, and units, both found from the columns' headers.
+"""Roles and units of the columns of a foreign table, found from the headers of the columns.
 
 A role is what a column holds: angle, reading, time, force, pressure, direction or test.
 """
@@ -44,10 +44,10 @@ __all__ = [
 _NUMBERING = {"name", "no", "nr", "number", "id", "label", "index"}
 # Pattern of the name of a column for one of several runs, such as "Run 1" or "Reading run 1".
 _RUN = re.compile(rf"(?P<name>(?:.*\W)?(?:{WORDS['names']['run']}))\W*(?P<number>\d{{1,3}})")
-# Roles that follow from the unit of a column if its name shows no role.
+# Roles that a column can get from its unit if its name shows no role.
 _ROLES_BY_UNIT = ("angle", "reading", "force")
 # A role word of at most this many letters, such as "t" or "dir", must be a whole word of a header;
-# a longer one may also be the beginning of a word.
+# a longer role word may also be the beginning of a word of the header.
 _SHORT_WORD = 3
 # Pattern of an opening bracket, before the unit in a header.
 BRACKET = re.compile(r"[\[({<]")
@@ -56,8 +56,8 @@ _INSIDE_BRACKETS = re.compile(r"[\[({<]\s*([^\[\](){}<>]+?)\s*(?=[\[\](){}<>])")
 _RANGE = re.compile(r"-?\d+\s*(?:-|–|to|\.\.\.?)\s*\d+\s*(?=°|deg)")
 # Pattern of a factor before a unit in a header, as in "10-3 mm" (10⁻³ mm), "x 10 µm" or "0.1 µm".
 _FACTOR = re.compile(r"[x×*]|\S*[\d⁰¹²³⁴⁵⁶⁷⁸⁹]\S*")
-# Pattern of a column's number in its header, as in "reading 2 µm": one or two digits. A text that
-# begins with 10 is a factor instead.
+# Pattern of a column's number in its header, as in "reading 2 µm": one or two digits. Digits that
+# begin with 10 are a factor and not the number of a column.
 _COLUMN_NUMBER = re.compile(r"(?!10)\d{1,2}")
 _UNIT_AFTER_IN = re.compile(r"(.*?)\s+in\s+(.+)")
 _UNIT_AT_END = re.compile(r"(.*?)(?:\s*/\s*|_|\s*,\s*|\s+)([^\s/_,\d]+)\s*")
@@ -73,7 +73,8 @@ class Header(NamedTuple):
     """Name and unit that the header of a column states."""
 
     name: str
-    #: unit by the name that this package uses; an unknown unit as written; empty without a unit
+    #: this package's name of the unit; an unknown unit stays as it is written in the header; empty
+    #: if the header states no unit
     unit: str
 
 
@@ -125,8 +126,8 @@ def _stated_unit(name: str, texts: Sequence[str], is_scaled: bool) -> str:
     """Return the unit that the header of a column states in brackets or after "in".
 
     ``name`` is the name of the column, and ``texts`` are the texts in brackets or after "in". If
-    they state no known unit, several units, or a unit with a factor (``is_scaled``), return them
-    joined; later code raises an error for such an unknown unit.
+    these texts state no known unit, more than one unit, or a unit with a factor (``is_scaled``),
+    return the texts joined by "and"; later code raises an error for this unknown unit.
     """
     is_german_angle = comparable(name).startswith("winkel")
     if is_german_angle and len(texts) == 1 and comparable(texts[0]) == "grad":
@@ -165,8 +166,9 @@ def _unit_at_end(header: str) -> Header:
 def has_role(name: str, role: str) -> bool:
     """Return whether the name of a column contains a word for ``role``, such as angle or time.
 
-    For the role of test, every word of the name must be such a word or one like "number". A name
-    with a word for another quantity, such as "maximum", has no role of force or pressure.
+    For the role "test", every word of the name must be a word for a test or a word such as
+    "number". For the roles "force" and "pressure", the name must not contain a word such as
+    "maximum", which shows that the column holds another quantity.
     """
     name_words = re.findall(r"[^\W\d_]+", comparable(name[:LONGEST_NAME]))
     role_words = ROLES[role]
@@ -191,8 +193,8 @@ def names_any_role(cell: str) -> bool:
 def names_columns(cells: Sequence[str]) -> bool:
     """Return whether a row of cells is the header of a table.
 
-    A header has two words or more, and no number. A row with numbers is also a header if its words
-    name two of angle, reading and time.
+    A header has at least two cells with words, and no number. A row with numbers is also a header
+    if its words name at least two of the roles angle, reading and time.
     """
     words = [cell for cell in cells if _is_word(cell)]
     if len(words) < 2:
@@ -207,9 +209,9 @@ def names_columns(cells: Sequence[str]) -> bool:
 
 
 def heads_loads(cells: Sequence[str]) -> bool:
-    """Return whether a row is the header of a table whose columns of readings have bare numbers.
+    """Return whether a row is a header in which numbers alone name the columns of readings.
 
-    An example is ``Angle,100,300,600``.
+    An example is ``Angle,100,300,600``, where the numbers are loads.
     """
     name = unit_of(cells[0]).name
     names_abscissa = has_role(name, "angle") or has_role(name, "time")
@@ -241,7 +243,7 @@ class ColumnRoles:
 def find_columns(
     place: str, layout: Layout, headers: Sequence[str], units: Sequence[str] = ()
 ) -> ColumnRoles:
-    """Return the roles of the columns, as the layout states them or else from their headers.
+    """Return the roles of the columns: those that the layout states, the rest from the headers.
 
     Parameters
     ----------
@@ -252,15 +254,17 @@ def find_columns(
     headers
         Header of each column; all are empty for a table without a header.
     units
-        Unit of each column; empty where none is stated. A column whose name is not known has the
-        role of its unit, if no other column has that role or unit.
+        Unit of each column; empty for a column without a stated unit. A column whose name is not
+        known gets the role of its unit if no other column has that role or that unit.
 
     Raises
     ------
     InputError
-        If a stated column does not exist, if several columns could have the same role, if there are
-        several columns of readings beside a column that names tests, or if the layout states no
-        roles for a table without a header that does not have exactly two columns.
+        If a stated column does not exist, if several columns could have the same role, or if a
+        table has both several columns of readings and a column that names tests. Also for a table
+        without a header, in two cases: if the layout states roles, but not both the readings and
+        the angles or times; or if the layout states no role and the table does not have exactly
+        two columns.
     """
     roles = _stated_columns(place, layout, headers)
     if not any(headers):
@@ -285,9 +289,9 @@ def find_columns(
 def _settle_time(roles: ColumnRoles, layout: Layout, headers: Sequence[str]) -> None:
     """Decide which column has the role of time, and record it in ``roles``.
 
-    If there is a column of angles, no column keeps this role, unless the layout states it. If no
-    column has the role of angle or of time, the column ``time_s`` gets the role of time. Otherwise
-    the column ``time_s`` holds the time at which each test started.
+    If there is a column of angles, a column has the role of time only if the layout states so. If
+    no column has the role of angle or of time, the column ``time_s`` gets the role of time. In all
+    other cases, a column ``time_s`` holds the time at which each test started.
     """
     if "angle" in roles.columns:
         if "time" not in layout.columns:
@@ -299,7 +303,7 @@ def _settle_time(roles: ColumnRoles, layout: Layout, headers: Sequence[str]) -> 
 def _settle_readings(roles: ColumnRoles) -> None:
     """Remove other roles from the columns of readings, and complete the list of these columns.
 
-    If ``roles.readings`` is empty, the column with the role of reading is put into it.
+    If the list ``roles.readings`` is empty, the column with the role of reading is added.
     """
     for role, column in list(roles.columns.items()):
         if role != "reading" and column in roles.readings:
@@ -331,8 +335,9 @@ def _stated_columns(place: str, layout: Layout, headers: Sequence[str]) -> Colum
 def _columns_without_header(place: str, roles: ColumnRoles, width: int) -> ColumnRoles:
     """Return the roles of the columns of a table without a header.
 
-    ``roles`` are those that the layout states. If it states none, there must be two columns, angle
-    and reading. ``width`` is the number of columns. ``place`` names the table in error messages.
+    ``roles`` are the roles that the layout states. If the layout states none, the table must have
+    two columns: angle and reading. ``width`` is the number of columns. ``place`` names the table in
+    error messages.
     """
     has_abscissa = "angle" in roles.columns or "time" in roles.columns
     if "reading" in roles.columns and has_abscissa:
@@ -364,7 +369,7 @@ def _find_role(place: str, role: str, roles: ColumnRoles, headers: Sequence[str]
         roles.readings = _several_readings(free, candidates, headers)
         candidates = roles.readings[:1] or candidates
     if role == "test" and len(candidates) > 1 and _numbered(candidates, headers):
-        # Columns "Run 1", "Run 2" hold the readings of a test each.
+        # Each of the columns "Run 1", "Run 2" holds the readings of one test.
         if not roles.readings and "reading" not in roles.columns:
             roles.readings = candidates
             roles.columns["reading"] = candidates[0]
@@ -381,7 +386,7 @@ def _find_role(place: str, role: str, roles: ColumnRoles, headers: Sequence[str]
 def _several_candidates(
     place: str, role: str, candidates: Sequence[int], headers: Sequence[str]
 ) -> InputError:
-    """Return the error for several columns that could have a role.
+    """Return the error for a role that several columns could have.
 
     ``place`` names the table, and ``candidates`` are the indices of the columns.
     """
@@ -399,7 +404,10 @@ def _several_candidates(
 
 
 def _find_role_by_unit(role: str, roles: ColumnRoles, units: Sequence[str]) -> None:
-    """Give a role that no column has to the only free column with a unit of that role."""
+    """Assign a role that no column has to the only free column with a unit of that role.
+
+    If there are several such columns, none gets the role. A free column has no role yet.
+    """
     has_abscissa = "angle" in roles.columns or "time" in roles.columns
     if role in roles.columns or (role == "angle" and has_abscissa):
         return
@@ -415,17 +423,17 @@ def _find_role_by_unit(role: str, roles: ColumnRoles, units: Sequence[str]) -> N
 def _several_readings(
     free: Sequence[int], candidates: Sequence[int], headers: Sequence[str]
 ) -> list[int]:
-    """Return the columns of readings if each of several is a test; an empty list otherwise.
+    """Return the indices of the columns of readings if there are several, each for one test.
 
-    Such columns are named after the load of their test, as 36 N [mm], after a run, as Run 1, or by
-    a bare number.
+    The header of such a column states the load of its test (``36 N [mm]``), names a run
+    (``Run 1``), or is a number alone. Return an empty list if the table has no such columns.
 
     Parameters
     ----------
     free
         Indices of the columns that have no role.
     candidates
-        Those of them whose headers name readings.
+        Indices of those free columns whose headers name readings.
     headers
         Header of each column.
     """
@@ -465,14 +473,15 @@ def _candidates(role: str, columns: Sequence[int], headers: Sequence[str]) -> li
             candidates.append(column)
     other_columns = [column for column in candidates if headers[column] not in PER_TEST]
     if role == "reading" and len(other_columns) > 1:
-        # A column "Radius" or "Diameter" beside one of deviations holds the nominal circle.
+        # Beside a column of deviations, a column "Radius" or "Diameter" holds the nominal size of
+        # the circle.
         deviations = [column for column in other_columns if not _names_circle(headers[column])]
         other_columns = deviations or other_columns
     return other_columns or candidates
 
 
 def _names_circle(header: str) -> bool:
-    """Return whether a header is nothing but a word for the circle's radius or diameter."""
+    """Return whether a header consists only of a word for the circle's radius or diameter."""
     name = comparable(unit_of(header).name)
     return any(re.fullmatch(entry["words"], name, re.IGNORECASE) for entry in _CIRCLE_WORDS)
 
@@ -480,7 +489,8 @@ def _names_circle(header: str) -> bool:
 def _column_index(place: str, role: str, reference: str | int, headers: Sequence[str]) -> int:
     """Return the index of the column that the layout states for a role.
 
-    ``reference`` is the number of the column from 1, or its header with or without the unit.
+    ``reference`` is the number of the column, counted from 1, or its header with or without the
+    unit.
     ``place`` names the table in error messages, and ``headers`` are the headers of its columns.
     """
     if isinstance(reference, int):

@@ -30,12 +30,12 @@ _LARGEST_GAP_STEPS = 3.0
 
 @dataclass
 class MeasuredArc:
-    """Arc of a test as one file holds it: a whole circle or one half of it."""
+    """Arc of a circular test as one file holds it: the whole circle or half of the circle."""
 
     recording: Recording
     fields: dict[str, Any]  #: stated fields of the circular test, by name
-    angle_deg: Array  #: angles of the n readings, shape (n,)
-    reading_um: Array  #: the n readings, shape (n,)
+    angle_deg: Array  #: angles of the n readings [deg], shape (n,)
+    reading_um: Array  #: the n readings [µm], shape (n,)
 
     def to_test(self) -> CircularTest:
         """Return the circular test that consists of the readings and fields of this arc."""
@@ -54,7 +54,7 @@ class MeasuredArc:
 
     @property
     def runs_counter_clockwise(self) -> bool:
-        """Whether the bar runs counter-clockwise, with increasing angles."""
+        """Whether the bar runs counter-clockwise, that is, whether its angles increase."""
         return bool(self.angle_deg[-1] > self.angle_deg[0])
 
     def shared_fields(self) -> dict[str, Any]:
@@ -101,11 +101,12 @@ def _are_halves(first: MeasuredArc, second: MeasuredArc) -> bool:
 
 
 def _join(first: MeasuredArc, second: MeasuredArc) -> MeasuredArc:
-    """Return two half circles as one test.
+    """Return the arc of one test that consists of two half circles.
 
-    Whole turns are added to the angles of the second half, so that they continue those of the
-    first. The name of the test is the common beginning of the names of both halves, or else the
-    name of the first half. The test starts when the earlier half does.
+    Whole turns are added to the angles of the second half, so that its angles continue the angles
+    of the first half. The name of the test is the common beginning of the names of both halves, or
+    else the name of the first half. The start time of the test is the start time of the earlier
+    half.
     """
     n_turns = round((first.angle_deg[-1] - second.angle_deg[0]) / TURN_DEG)
     first_name = str(first.fields["name"])

@@ -60,7 +60,8 @@ class LineStatement:
     #: number of the line in its file; if the line is on another sheet than the test, a text with
     #: the number and the sheet
     line: int | str
-    #: what leaves the number open, if it is NaN for another reason than a mark between thousands
+    #: reason why the number is NaN, unless the reason is a comma or point that may separate
+    #: thousands
     doubt: str = ""
 
 
@@ -70,15 +71,15 @@ class _Quantity(NamedTuple):
     field: str  #: field of a test or campaign that the quantity states, such as radius_mm
     words: str  #: regular expression for the words that name the quantity
     usual_unit: str  #: unit that is assumed if the line states none; empty if a unit is necessary
-    #: permitted units, each with its size in the unit at the end of the field's name
+    #: permitted units, each with its size in the unit with which the name of the field ends
     units: Mapping[str, float]
-    is_of_bar: bool  #: whether the quantity is the length of the bar, which an extension changes
+    is_of_bar: bool  #: whether the quantity is the length of a bar, which may have an extension
 
 
 def _expand_parts() -> dict[str, str]:
-    """Return parts of regular expressions from ``words.toml``, by name.
+    """Return a dict with the parts of regular expressions in ``words.toml``; its keys are names.
 
-    If a part refers to an earlier part by its name, the earlier part is inserted.
+    If a part contains the name of an earlier part, the name is replaced by the earlier part.
     """
     expanded: dict[str, str] = {}
     for name, pattern in WORDS["parts"].items():
@@ -87,7 +88,10 @@ def _expand_parts() -> dict[str, str]:
 
 
 def _quantities() -> dict[str, _Quantity]:
-    """Return the quantities that lines above a table may state, with words and units, by name."""
+    """Return a dict with the quantities that lines above a table may state.
+
+    The keys are the names of the quantities in ``words.toml``.
+    """
     quantities = {}
     for key, entry in WORDS["numbers"].items():
         units = entry["units"]
@@ -107,20 +111,22 @@ _QUANTITIES = _quantities()
 # Pattern of a complete number in a line above a table. It does not match the beginning of a time, a
 # date or a longer number.
 _WHOLE_NUMBER = rf"(?P<number>{NUMBER_IN_TEXT})(?![\d:/]|[.,]\d|[\-−]\d|\s\d{{3}}(?!\d))(?!')"
-# Pattern of a unit that a line states before the number: "in" and a word, or a text in brackets.
+# Pattern of a unit that a line states before the number. The unit is a word after "in", a text in
+# brackets, or a symbol such as mm with a separator behind it.
 _UNIT_BEFORE = (
     r"(?:in\s+(?P<inside>[^\s:=;,|]+)|[\[(](?:in\s+)?(?P<brackets>[^\])]*)[\])]"
     r"|(?P<cell_before>mm|cm|inch|in|N|kN|daN|bar|MPa|mm/min)(?=[;,|\t]|\s?[:=]))"
 )
 # Pattern of a decimal mark without decimals and of a tolerance, which may follow a number.
 _TOLERANCE = rf"\.?(?:\s?(?:±|\+/?[-−])\s?{NUMBER_IN_TEXT})?"
-# Pattern of the word that follows a number, in the same cell or in the next one.
+# Pattern of the word that follows a number, in the same cell or in the next cell.
 _FOLLOWING = _TOLERANCE + r"\s*(?P<cell>[;|,\t]?)\s*(?P<following>[^\s;,|()\[\]]*)"
-# Patterns, by field, of the words that precede a name in a line above a table, such as "Operator".
-# ``_NAME_AFTER`` is the pattern of such words together with the name.
+# Patterns of the words that precede a name in a line above a table, such as "Operator"; the keys
+# are the fields that the names state. ``_NAME_AFTER`` is the pattern of such words together with
+# the name.
 _NAME_WORDS = {key: words % _PARTS for key, words in WORDS["names"].items()}
 _NAME_AFTER = rf"{_PARTS['cell']}(?:%s)\s*(?:[:=]\s*[;,|\t]?|[;|\t])\s*(\w(?:[^;,|\t]|,\s)*)"
-# Patterns of statements in words, such as "plane XY" or a date, by the field that they state.
+# Patterns of statements in words, such as "plane XY" or a date; the keys are the stated fields.
 _IN_WORDS = {key: words % _PARTS for key, words in WORDS["in_words"].items()}
 _IN_WORDS |= {key: _NAME_AFTER % words for key, words in _NAME_WORDS.items()}
 # Pattern of a cell that holds a label, such as "Operator" or "Date", without its value.
@@ -148,22 +154,24 @@ _LENGTH = re.compile(
 _LETTER_AND_NUMBER = re.compile(
     r"(?<![\w.])(?:CR|[RrDØø])\s?[:=]?\s?(?:[5-9]\d|[1-9]\d\d)(?![\w.,])"
 )
-# Pattern of a word for the circle, and of one for the bar with a number as large as a radius.
+# Pattern of a word for the circle.
 _CIRCLE = re.compile(rf"(?<![^\W_])(?:{WORDS['circle']['named']})", re.IGNORECASE)
+# Pattern of a word for the bar, followed by a number as large as a radius in mm (50 to 999).
 _BAR_AND_NUMBER = re.compile(
     rf"(?<!\w)(?:{WORDS['circle']['bar']})\b.*?(?<![\w.,])(?:[5-9]\d|[1-9]\d\d)(?![\d.,])"
     r"(?!\s?\w{3})",
     re.IGNORECASE,
 )
-# Pattern of words for the ball bar, whose balls are no other quantity.
+# Pattern of words for the ball bar. In these words, "ball" does not name another quantity.
 _BALL_BAR = re.compile(WORDS["circle"]["ball_bar"], re.IGNORECASE)
-# What leaves the length of a bar open.
+# Reason why the total length of a bar is not known, for messages.
 _WITH_EXTENSION = "a bar and an extension"
-# Smallest and largest radius or diameter of a circle [µm].
+# Smallest and largest length that may be the radius or diameter of a circle [µm].
 _RADII_UM = (2e4, 2e6)
 # Largest number of characters of a line that a note shows.
 _LENGTH_SHOWN = 60
-# Pattern of a text that ends with a word such as "under", before a load that has no value.
+# Pattern of a text that ends with a word such as "under". In "under load", the word "load" does not
+# state a value.
 _UNDER = re.compile(
     r"\b(?:unter|under|mit|with|ohne|without|bei|sous|sotto|bajo)\s+$", re.IGNORECASE
 )
@@ -177,7 +185,8 @@ _SENSE = re.compile(
 _DIRECTION = re.compile(_DIRECTION_WORDS["after"], re.IGNORECASE)
 # Pattern of words which show that a line is about the sense in which angles are counted.
 _SENSE_OF_ANGLE = re.compile(WORDS["angle_convention"]["sense"], re.IGNORECASE)
-# Patterns of words, such as "rechts", that mean a sense after a word for direction.
+# Patterns of words, such as "rechts", that mean clockwise or counter-clockwise if they follow a
+# word for direction.
 _SIDES = {
     "CW": re.compile(rf"[\s:=;,|]*(?:{_DIRECTION_WORDS['right']})(?!\w)", re.IGNORECASE),
     "CCW": re.compile(rf"[\s:=;,|]*(?:{_DIRECTION_WORDS['left']})(?!\w)", re.IGNORECASE),
@@ -188,8 +197,8 @@ _ANGLES = re.compile(WORDS["angle_convention"]["subject"], re.IGNORECASE)
 _TRAVEL = re.compile(_DIRECTION_WORDS["travel"], re.IGNORECASE)
 # Pattern of words, such as anticlockwise, that mean counter-clockwise.
 _COUNTER = re.compile(_DIRECTION_WORDS["counter"], re.IGNORECASE)
-# Patterns, by field, of words which show that a line is about this field, even if the line cannot
-# be understood.
+# Patterns of words which show that a line is about a field, even if the line cannot be understood;
+# the keys are the fields.
 _SUBJECTS = {
     "force_N": re.compile(rf"\b{_QUANTITIES['force_N'].words}\b", re.IGNORECASE),
     "pressure_bar": re.compile(rf"\b{_QUANTITIES['pressure_bar'].words}\b", re.IGNORECASE),
@@ -201,9 +210,10 @@ _SUBJECTS = {
 
 
 def statements_in(lines: Lines) -> dict[str, list[LineStatement]]:
-    """Return all statements in lines of text, by the field of a test or campaign that they state.
+    """Return a dict with all statements in lines of text, as lists of statements on each field.
 
-    Numbers with an unknown unit, and quantities of another kind (maximum, ambient, …), are ignored.
+    The keys are fields of a test or campaign. Numbers with an unknown unit, and quantities that are
+    not fields, such as a maximum or an ambient value, are ignored.
     """
     statements: dict[str, list[LineStatement]] = {}
     is_extended = any(names_extension(text[:LONGEST_TEXT]) for _, text in lines)
@@ -231,7 +241,10 @@ def statements_in(lines: Lines) -> dict[str, list[LineStatement]]:
 
 
 def _radii_before_words(text: str) -> Iterator[tuple[float, str]]:
-    """Yield radii [mm], with their unit, whose length stands before its name: ``100 mm bar``."""
+    """Yield each radius that is stated before its name, as in ``100 mm bar``.
+
+    Each item is a pair of the radius [mm] and its unit as the text writes it.
+    """
     for quantity in _QUANTITIES.values():
         if quantity.field != "radius_mm":
             continue
@@ -244,7 +257,10 @@ def _radii_before_words(text: str) -> Iterator[tuple[float, str]]:
 
 @cache
 def _pattern_behind(words: str) -> re.Pattern[str]:
-    """Return the compiled pattern of a length before its name, such as ``100 mm bar``."""
+    """Return the compiled pattern of a length before its name, such as ``100 mm bar``.
+
+    ``words`` is the pattern of the name.
+    """
     return re.compile(
         rf"(?<![\d.,:/-])(?P<number>{NUMBER_IN_TEXT})\s?(?P<unit>[^\W\d_]+|\")\s(?:{words})"
         r"(?![\w=:])",
@@ -272,8 +288,9 @@ def _stated_number(
 ) -> LineStatement | None:
     """Return the number that a line states for a quantity, in the unit of its field.
 
-    The number is NaN if it can be read in two ways, such as 1,000. Return None if it belongs to
-    another quantity, has another unit or is too large to be computed with.
+    The number is NaN if it can be read in two ways, such as 1,000. Return None if the number
+    belongs to another quantity, is part of a title, has a unit that is not permitted, or is too
+    large for computations.
 
     Parameters
     ----------
@@ -310,9 +327,10 @@ def _stated_number(
 def _length_with_extension(
     quantity: _Quantity, match: re.Match[str], line: int | str, is_extended: bool
 ) -> LineStatement | None:
-    """Return the length of a bar with its extension; NaN if a line leaves open whether it is added.
+    """Return the length of a bar together with its extension [mm].
 
-    Return None for other quantities, and for a bar without an extension.
+    The length is NaN if the lines do not show whether it includes the extension. Return None if the
+    quantity is not the radius, and for a bar without an extension.
 
     Parameters
     ----------
@@ -340,7 +358,8 @@ def _length_with_extension(
 def _is_in_title(match: re.Match[str]) -> bool:
     """Return whether a load without a unit is a title, as in ``Circular test under load 2``.
 
-    It is one if no mark stands before its number, or a word such as "under" before its name.
+    The load is a title if no separator, such as a colon, stands between its name and its number, or
+    if a word such as "under" stands before its name.
     """
     if _UNDER.search(match.string[: match.start()]):
         return True
@@ -348,10 +367,10 @@ def _is_in_title(match: re.Match[str]) -> bool:
 
 
 def _words_before_number(match: re.Match[str]) -> str:
-    """Return the text that precedes the number of a matched statement in the same cell.
+    """Return the words that precede the number of a matched statement in the same cell.
 
-    The name of the quantity is left out, and a unit before the number: the length of a ball bar is
-    not that of a ball, and in ``Feed [mm/min]: 2000`` min is no minimum.
+    The name of the quantity and a unit before the number are left out, because their words could be
+    mistaken for another quantity: "ball" in "ball bar", or "min" in ``Feed [mm/min]: 2000``.
     """
     before_match = match.string[: match.start()]
     cell = re.split(r"[;,|\t]", before_match)[-1]
@@ -389,7 +408,7 @@ def _stated_in_words(text: str) -> Iterator[tuple[str, str]]:
 
 
 def _value_in_words(key: str, value: str, matched: str) -> str:
-    """Return the value that the words of a line state for a field; empty if they are no value.
+    """Return the value that the words of a line state for a field; empty if they state no value.
 
     ``key`` is the name of the field, ``value`` the words that may be its value, and ``matched`` the
     whole statement, with the label in front of the value.
@@ -406,7 +425,7 @@ def _value_in_words(key: str, value: str, matched: str) -> str:
 
 
 def _is_header_beside(key: str, value: str, matched: str) -> bool:
-    """Return whether the words after a label are another label or a header, and not its value.
+    """Return whether the words after a label are another label or a header, and not a value.
 
     In ``Operator;Date``, for example, both are labels. ``key`` is the field of the label, ``value``
     the words after the label, and ``matched`` the label with these words.
@@ -419,10 +438,11 @@ def _is_header_beside(key: str, value: str, matched: str) -> bool:
 
 
 def _mount_states(passage: str, is_whole_line: bool) -> Iterator[str]:
-    """Yield "raw" or "compensated" if a passage says that the readings are so.
+    """Yield "raw" or "compensated" if a passage says that the readings are raw or compensated.
 
     Compensated readings are corrected for the deflection of the work ball's mount. A passage is a
-    line, or one cell of it. A single cell counts only if it also names the readings.
+    whole line or a single cell of a line. A cell counts only if it also names the readings; a whole
+    line also counts without naming the readings if it has a word such as "compensated".
     """
     remaining = " ".join(_FILLING.sub(" ", passage.casefold()).split())
     if not (_READINGS.search(passage) or (is_whole_line and "ompens" in remaining)):
@@ -433,10 +453,11 @@ def _mount_states(passage: str, is_whole_line: bool) -> Iterator[str]:
 
 
 def unknown_length(lines: Lines) -> str:
-    """Return a note on the first line with a length that may be the radius; empty without any.
+    """Return a note on the first line with a length that may be the radius of the circle.
 
-    Such a length has a unit of length and is as large as the radius of a circle, or stands behind a
-    letter for one, and no line above states the radius. An example is ``Reach: 100 mm``.
+    An example is ``Reach: 100 mm``. Such a length has a unit and is as large as the radius of a
+    circle, or it follows a letter for radius or diameter. A line with words for the circle counts
+    too. The note is empty if there is no such line, or if any line states the radius.
     """
     statements = statements_in(lines)
     if "radius_mm" in statements or "programmed_radius_mm" in statements:
@@ -449,7 +470,10 @@ def unknown_length(lines: Lines) -> str:
 
 
 def _possible_radius(text: str) -> str:
-    """Return the words of a line that may state the radius of a circle; empty if none do."""
+    """Return the words of a line that may state the radius of a circle.
+
+    The result is an empty string if the line has no such words.
+    """
     if OTHER_QUANTITY.search(_BALL_BAR.sub("bar", text)):
         return ""
     for match in _LENGTH.finditer(text):
@@ -471,8 +495,8 @@ def _possible_radius(text: str) -> str:
 def unknown_direction(lines: Lines) -> str:
     """Return a note on the first line that may state a direction but is not understood.
 
-    Such a line has a word for direction, or one such as clockwise; it neither states the direction
-    of travel nor is about angles. The note is empty without such a line.
+    Such a line has a word for direction or a word such as "clockwise", but it does not state the
+    direction of travel and is not about angles. The note is empty if there is no such line.
     """
     for line, content in lines:
         text = content[:LONGEST_TEXT]
@@ -501,9 +525,9 @@ def is_direction(text: str) -> bool:
 def directions_stated(lines: Lines, names: Sequence[str] = ()) -> set[str]:
     """Return the directions of travel, CW and CCW, that names and lines above a table state.
 
-    ``names`` are the names of test, column, sheet and file; only the first that contains a
-    direction counts. In a line, directions count after a word such as "direction", beside a word
-    such as "run" or "measured", and where they are the whole line.
+    ``names`` are the names of test, column, sheet and file; only the first name that contains a
+    direction counts. In a line, a direction counts if it follows a word such as "direction", if the
+    line also has a word such as "run" or "measured", or if the line is nothing but the direction.
     """
     directions: set[str] = set()
     for name in names:
@@ -552,10 +576,10 @@ def senses_in(text: str) -> set[str]:
 
 
 def not_understood(lines: Lines) -> dict[str, str]:
-    """Return notes on lines that mention a field but cannot be understood, by field.
+    """Return a dict with a note on each field that a line mentions but does not state clearly.
 
-    Such a line contains a word for the field, such as "force", but states no value that can be
-    read. The note names the first such line.
+    The keys are fields. Such a line contains a word for the field, such as "force", but no value
+    that can be read. The note on a field names the first such line.
     """
     unclear: dict[str, str] = {}
     for line, text in lines:

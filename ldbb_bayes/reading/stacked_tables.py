@@ -1,6 +1,6 @@
 """Several tables below each other in one sheet: pages of one table, or tables of several tests.
 
-The header of the first table stands again above each further one.
+The header of the first table is repeated above each further table.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from ldbb_bayes.reading.words import comparable
 
 __all__ = ["first_header", "split_tables"]
 
-# Pattern of a line that belongs to a printed page and states nothing.
+# Pattern of a cell that is empty or holds only the number of a printed page, as "Page 2 of 3".
 _PAGE = re.compile(
     r"\W*(?:page|seite|blatt|pagina|página|стр\.?|第)?\W*\d*"
     r"\W*(?:of|von|de|di|/|из)?\W*\d*\W*(?:页|頁)?",
@@ -26,13 +26,13 @@ _PAGE = re.compile(
 
 
 def split_tables(sheet: Sheet) -> list[Sheet]:
-    """Return the tables below each other in a sheet, each as a separate sheet.
+    """Return the tables that stand below each other in a sheet, each as a separate sheet.
 
-    A further table begins at a repeated header if there are other lines above it, such as
-    ``Direction: CCW``, or if the first cell below it is the same as in the first table, such as 0°.
-    Any other repeated header, with nothing or a page number above it, is left out, and its table
-    continues. The lines above the first table also count for the further tables, unless these state
-    the same fields themselves.
+    A repeated header begins a further table in two cases: if a line such as ``Direction: CCW``
+    stands directly above the header, or if the first cell below the header is the same as in the
+    first table, such as 0°. Any other repeated header is removed, together with a page number above
+    it, and the table continues below the header. A line above the first table also counts for a
+    further table, unless the lines above the further table state the same field.
     """
     header = first_header(sheet.rows)
     if header is None:
@@ -58,7 +58,10 @@ def split_tables(sheet: Sheet) -> list[Sheet]:
 
 
 def _repeated_headers(rows: Sequence[Row], header: int) -> list[int]:
-    """Return the indices of the rows that repeat the header, which is the row ``header``."""
+    """Return the indices of the rows below the header that repeat the header.
+
+    ``header`` is the index of the header among the rows.
+    """
     wanted = [comparable(cell) for cell in rows[header].cells]
     repeated = []
     for k in range(header + 1, len(rows)):
@@ -68,7 +71,11 @@ def _repeated_headers(rows: Sequence[Row], header: int) -> list[int]:
 
 
 def _end_of_numbers(rows: Sequence[Row], start: int, header: int) -> int:
-    """Return the index behind the last row of numbers between ``start`` and a header."""
+    """Return the index that follows the last row of numbers between two rows.
+
+    ``start`` is the index of the first row that is examined, and ``header`` that of the header at
+    which the examined rows end. Without a row of numbers, the result is ``start``.
+    """
     end = header
     while end > start and count_numbers(rows[end - 1].cells) < 2:
         end -= 1
@@ -76,7 +83,10 @@ def _end_of_numbers(rows: Sequence[Row], start: int, header: int) -> int:
 
 
 def first_header(rows: Sequence[Row]) -> int | None:
-    """Return the index of the first row of names above a row of numbers; None without any."""
+    """Return the index of the first header of a table; None if there is no header.
+
+    A header names columns, and one of the two rows below it holds numbers.
+    """
     for k in range(len(rows) - 1):
         cells = rows[k].cells
         if not (names_columns(cells) and any(names_any_role(cell) for cell in cells)):
@@ -97,14 +107,18 @@ def _begins_anew(rows: Sequence[Row], first_header: int, header: int) -> bool:
 
 
 def _is_of_page(row: Row, lines_above_first: Sequence[Row]) -> bool:
-    """Return whether a line is a number of a page, or a repeated line of the first page."""
+    """Return whether a line is a page number or repeats a line above the first table."""
     if any(row.cells == other.cells for other in lines_above_first):
         return True
     return all(_PAGE.fullmatch(cell) is not None for cell in row.cells)
 
 
 def _lines_that_hold(sheet: Sheet, first: Sequence[Row], lines: Sequence[Row]) -> list[Row]:
-    """Return those lines above the first table that the lines of a further table do not replace."""
+    """Return the lines above the first table that also hold for a further table.
+
+    A line does not hold if the lines above the further table (``lines``) state the same field.
+    ``first`` are all lines above the first table.
+    """
     stated = _keys_of(sheet, lines)
     return [row for row in first if not _keys_of(sheet, [row]) & stated]
 
@@ -118,7 +132,10 @@ def _keys_of(sheet: Sheet, rows: Sequence[Row]) -> set[str]:
 
 
 def _named_sheets(sheet: Sheet, tables: Sequence[list[Row]]) -> list[Sheet]:
-    """Return a sheet for each table, named after the file or sheet and what sets it apart."""
+    """Return a sheet for each table, named after the file or sheet and the table's direction.
+
+    If the directions do not distinguish the tables, their numbers take the place of the directions.
+    """
     names = []
     for number, rows in enumerate(tables, start=1):
         header = first_header(rows) or 0
