@@ -99,7 +99,7 @@ def import_parts(source: SourceCampaign) -> tuple[Any, ...]:
     Returns
     -------
     tuple
-        Tables and sentences.
+        Tables and sentences; empty if nothing was imported.
     """
     if source.imported is None:
         return ()
