@@ -76,8 +76,9 @@ _STANDARD_UNCERTAINTIES = ("sd", "u")
 # Names of columns with an estimate and its uncertainty. If a table is too wide, cells of some
 # columns are moved to lines beneath their rows; these columns are moved last.
 _ESTIMATE = frozenset(("mean", "sd", "ci_low", "ci_high", "difference"))
-# Names of columns whose texts can name the rows of a data frame. If the rows only have numbers, the
-# first of these columns that the data frame has names the rows.
+# Names of columns whose texts can name the rows of a data frame. If the rows are only numbered, the
+# first column in this list that exists in the data frame is used, and its texts are displayed as
+# the names of the rows.
 _NAMING = ("parameter", "quantity", "source")
 # Regular expression for units before which a line of text must not be broken.
 _UNIT = r"%|°|bar\b|[nµm]?m\b|k?N\b|[nµm]?rad\b|per kN|nats?\b|times\b|u\b"

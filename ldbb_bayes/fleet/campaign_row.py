@@ -58,10 +58,10 @@ class Settings:
     #: fields of `Campaign` for campaigns that are read from tidy CSV files, which cannot state
     #: these fields; the keys are the names of the fields
     table: Mapping[str, Any] = field(default_factory=dict)
-    #: fields of `Instrument` from certificates; the keys are the names of the fields. They replace
-    #: the same fields that the campaigns themselves state.
+    #: fields of `Instrument` from certificates; the keys are the names of the fields. These fields
+    #: replace the fields that the campaigns themselves state.
     certificates: Mapping[str, Any] = field(default_factory=dict)
-    #: tolerances as texts; the keys are the names of the quantities. They replace the tolerances
+    #: tolerances as texts; the keys are the names of the quantities. These tolerances replace those
     #: that the campaigns themselves state.
     tolerances: Mapping[str, str] = field(default_factory=dict)
 
@@ -224,11 +224,10 @@ def _functions_of_further_columns(
 
     The keys are the names of the quantities in these columns.
 
-    The Bayes factor is computed if the settings request it, the compliances of the model depend on
-    force, and the campaign has several forces. Sufficient statistics are computed from every fit.
-    If the priors are flat, neither the Bayes factor nor sufficient statistics are computed. The
-    stiffness by direction is computed from every fit, and conformity if the campaign has
-    tolerances.
+    The Bayes factor and the sufficient statistics are computed only if the priors are not flat. For
+    the Bayes factor, the settings must also request it, the compliances of the model must depend on
+    force, and the campaign must have several forces. The stiffness by direction is computed from
+    every fit. Conformity is computed if the campaign has tolerances.
     """
     model = settings.model
     steps: dict[str, Callable[[], dict[str, Any]]] = {}

@@ -35,7 +35,7 @@ _SEED = 0
 class SufficientStatistics:
     """Posterior moments of a campaign's parameters and of the errors of its instrument.
 
-    These are q quantities: first the parameters (compliances, slopes, geometric errors), then the
+    There are q quantities: first the parameters (compliances, slopes, geometric errors), then the
     errors of the instrument (such as mount and force gain), which may be the same in several
     campaigns. All values are in internal units (mm, N, rad).
     """
@@ -102,7 +102,7 @@ def sufficient_statistics(posterior: HyperPosterior) -> SufficientStatistics:
 
 
 class _ChosenCoefficients(NamedTuple):
-    """The q coefficients of a model whose moments are kept: parameters, then instrument errors.
+    """The q coefficients of a model for which moments are kept: parameters, then instrument errors.
 
     Instrument errors, such as those of mount and force gain, may be the same in several campaigns.
     """

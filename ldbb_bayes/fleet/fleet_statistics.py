@@ -207,8 +207,8 @@ def _instrument_errors(rows: pd.DataFrame) -> tuple[str, ...]:
     """Return the names of the instrument errors in the model of at least one campaign.
 
     Instrument errors, such as those of mount and force gain, may be the same in several campaigns.
-    The names are in the order of the kinds of the model's terms. ``rows`` are rows of the table of
-    a batch.
+    The names are sorted by the kind of the term (effect in the model) to which they belong.
+    ``rows`` are rows of the table of a batch.
     """
     names = set[str]().union(*rows["gaussian_names"])
     errors = [name for name in sorted(names) if Term.owner(name) is not Term]

@@ -185,7 +185,7 @@ def _has_kind(rows: pd.DataFrame, kinds: frozenset[str]) -> pd.Series[bool]:
 
 
 def labels(rows: pd.DataFrame) -> list[str]:
-    """Return the label of each campaign: its name, or its file path if the name is not unique.
+    """Return the label of each campaign: its name, or its file path if it has no unique name.
 
     Parameters
     ----------

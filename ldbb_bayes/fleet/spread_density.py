@@ -42,8 +42,8 @@ __all__ = [
     "spread_slices",
 ]
 
-# Largest product of the number of random draws of the spreads and the number of machines that are
-# computed in one block, so that the block fits into the processor's cache. Spreads are the standard
+# Largest number of pairs, each of a random draw of the spreads and a machine, that are computed in
+# one block. With this limit, a block fits into the processor's cache. Spreads are the standard
 # deviations of machines about the mean of their population.
 _PAIRS_AT_ONCE = 4096
 # Degrees of freedom of the Student t distribution from which ln s is drawn. s are the spreads, that

@@ -177,9 +177,9 @@ class Trend(Result):
     caveats: tuple[Caveat, ...]  #: limitations of the trend and of its campaigns
     #: table of the estimates from each campaign alone, one row per campaign and parameter
     estimates: Annotated[pd.DataFrame, Field(exclude=True)]
-    #: decisions on conformity with tolerances: one dictionary for each quantity with a tolerance,
-    #: whose keys are the campaigns. Each decision follows from one campaign alone, with a normal
-    #: distribution of the estimate.
+    #: decisions on conformity with tolerances: one dictionary for each quantity with a tolerance.
+    #: The keys of this dictionary are the campaigns. Each decision follows from one campaign alone,
+    #: with a normal distribution of the estimate.
     conformity: Mapping[str, Mapping[str, Conformity]]
     #: stiffness by direction from each campaign alone, in the order of time; the keys are names
     #: such as k_min. Empty if the batches have no stiffness by direction.
