@@ -1,4 +1,4 @@
-"""Public names of `lb.report`; each is imported when it is first asked for."""
+"""Public names of `lb.report`. Each name is imported when it is first used."""
 
 from . import figures as figures
 from .dcc_export import write_dcc as write_dcc

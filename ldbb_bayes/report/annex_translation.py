@@ -159,7 +159,7 @@ class AnnexTranslation:
                     formatter.seq = [self.text(name) for name in formatter.seq]
         return Picture(picture.key, self.text(picture.caption), picture.figure)
 
-    # ---- one text
+    # ---- translation of one text
 
     def _translated(self, text: str) -> str:
         translation = self._of(text)

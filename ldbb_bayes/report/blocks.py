@@ -105,7 +105,7 @@ class PictureRow:
 
     @property
     def shares(self) -> tuple[float, ...]:
-        """Share of the row's width that each figure gets, so that all have the same height."""
+        """Share of the row's width that each figure gets, so that all figures have one height."""
         ratios = []
         for picture in self.pictures:
             width, height = picture.figure.get_size_inches()

@@ -40,9 +40,9 @@ class Picture:
     def svg(self) -> str:
         """The figure as SVG text, ready to be inserted into an HTML page.
 
-        The figure adapts to the width of the screen. Its SVG title is the caption, so that screen
-        readers can read it. The ids of the SVG elements begin with the figure's name, so that no
-        two figures of a page share an id.
+        The figure adapts to the width of the screen. The title of the SVG is the caption, so that
+        screen readers can read the caption. The ids of the SVG elements begin with the figure's
+        name, so that no two figures of a page share an id.
         """
         text = _PROLOGUE.sub("", _draw_svg(self.figure))
         text = _REFERENCE.sub(rf"\g<1>{self.key}-", text)

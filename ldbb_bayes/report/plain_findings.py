@@ -147,7 +147,7 @@ def _with_U(quantity: StatedQuantity, words: Words) -> str:
     return words.number(f"{statement.value} ± {statement.expanded}")
 
 
-# ---- what to look at
+# ---- findings: what to look at or to repair
 
 
 def findings_of(numbers: SheetNumbers) -> tuple[Finding, ...]:
@@ -280,14 +280,14 @@ def _findings_in_words(numbers: SheetNumbers) -> Iterator[str]:
         yield words("plain.one_way")
 
 
-# ---- what was not determined, and the one step that would help most
+# ---- parameters that the readings do not determine, and the step that would help most
 
 
 def best_step(numbers: SheetNumbers) -> str:
-    """Return the name of the effect that contributes most to the undetermined parameters.
+    """Return the name of the effect that contributes most to the variance of some parameters.
 
-    The readings do not determine these parameters. For each effect, the shares in the variances of
-    these parameters are added up; the effect with the largest sum is returned.
+    These are the parameters that the readings hardly determine. For each effect, its shares in the
+    variances of these parameters are added up. The effect with the largest sum contributes most.
 
     Parameters
     ----------

@@ -159,7 +159,7 @@ def _certificates(findings: Findings, words: Words) -> str:
     return ", ".join(stated) or words("entries.none")
 
 
-# ---- what the numbers rest on
+# ---- assumptions on which the numbers depend
 
 
 def assumption_fields(numbers: SheetNumbers) -> Iterator[tuple[str, str]]:

@@ -116,7 +116,7 @@ def _signatures(words: Words) -> Fields:
 
 
 def _averaged_models(findings: Findings, words: Words) -> str:
-    """Return a sentence that names the model from which the numbers of the sheets are.
+    """Return a sentence that names the model that gave the numbers of the sheets.
 
     If the numbers are averages over models, the sentence states the probability of each model.
     """
@@ -221,8 +221,8 @@ def _sums(findings: Findings, words: Words) -> Iterator[str]:
 def _gum_sentence(numbers: SheetNumbers) -> str:
     """Return a sentence on the comparison of the sheet with the GUM's law of propagation.
 
-    The sentence states for which parameters both give the same interval. The comparison follows the
-    validation procedure of JCGM 101.
+    The sentence states for which parameters the sheet and the law of propagation give the same
+    interval. The comparison follows the validation procedure of JCGM 101.
     """
     words = numbers.words
     validation = numbers.findings.gum_validation

@@ -30,7 +30,7 @@ from ldbb_bayes.report import (
     identifiability_text,  # noqa: F401 - its import registers functions for identifiability
     machine_text,  # noqa: F401 - its import registers functions for machines
     next_circle_text,  # noqa: F401 - its import registers functions for the next circle
-    screens,  # noqa: F401 - its import registers what print shows of long results
+    screens,  # noqa: F401 - its import registers functions for short versions of results
     wording,
 )
 from ldbb_bayes.report.comparison_tables import (
@@ -167,7 +167,7 @@ def _passages_of_least_squares(result: LeastSquares) -> tuple[Passage, ...]:
     return (Table.of(caption, heads, rows, text=("unit",)),)
 
 
-# ---- check of the intervals by simulation; uncertainty budgets
+# ---- check of credible intervals by simulation, workflow, uncertainty budgets
 
 
 @parts_of.register
@@ -458,9 +458,9 @@ def _design_cell(value: Any) -> str:
 def _expected_table(design: Design) -> Table:
     """Return a table of the expected standard uncertainty u of every parameter.
 
-    The first column of values is for the recommended tests. Further columns state u for the other
-    designs that were compared, the limit of u for ever more repetitions of the recommended tests,
-    and the prior standard deviation.
+    The first column of values states u after the recommended tests. Further columns state u after
+    the designs that the recommended tests were compared with, u after very many repetitions of the
+    recommended tests, and the prior standard deviation.
     """
     rows = []
     for name, expected in design.expected.items():

@@ -156,8 +156,9 @@ NONE_ALIKE = "The readings determine every combination of what the model contain
 
 # ---- limits at which the wording of sentences changes; no result depends on them
 
-# Each parameter has a ratio of two expected uncertainties: that of the recommended design, and that
-# of a design in equal steps of force. Two of these ratios count as equal if they differ by less.
+# For each parameter, the uncertainty that is expected after the recommended design is divided by
+# the uncertainty expected after a design in equal steps of force. Two of these ratios count as
+# equal if they differ by less than this.
 _EQUAL_RATIOS = 2e-3
 _MOST_CHECKS = 3  # largest number of checks or parameters that a sentence on a fit names
 # Sentences say that the readings contradict non-negative compliances if the natural logarithm of
@@ -166,7 +167,7 @@ _CONTRADICTED = -13.815510557964274
 # Sentences state that a compliance increases (or decreases) with force only if the probability is
 # at least this. They name a slope as different from zero only if the probability is at least this.
 _SURE = 0.95
-# Sums of probabilities that differ by less than this count as equal.
+# A probability up to this counts as zero, because it may be a rounding error of a difference.
 _ROUNDING = 1e-9
 _MOST_NAMES = 5  # largest number of campaigns or tests that a sentence names
 _MOST_JOINED = 3  # a sentence names at most this many campaigns as outside control limits
@@ -296,7 +297,7 @@ def joined(items: Sequence[str], word: str = "and") -> str:
 
 
 def _first_names(names: Sequence[str]) -> str:
-    """Return a text with the first five names. It states the number of further ones ("3 more")."""
+    """Return a text with at most five names, and with the number of further names if any."""
     text = ", ".join(names[:_MOST_NAMES])
     if len(names) > _MOST_NAMES:
         text += f" and {len(names) - _MOST_NAMES} more"
@@ -308,7 +309,7 @@ def _joined_parameters(names: Sequence[str]) -> str:
     return joined([display_name(name) for name in names])
 
 
-# ---- effects (terms of the model) and what parameters are confounded with
+# ---- effects (model terms), and the effects that parameters are confounded with
 
 
 def unit_words(name: str) -> tuple[float, str]:
@@ -561,9 +562,9 @@ def quality_words(quality: Mapping[str, Any]) -> str:
 def sampler_words(sampler: Mapping[str, Any]) -> str:
     """Return a sentence on whether the sampler has converged, with the number of draws.
 
-    The sampler has converged if its draws have reached the requested effective sample size. The
-    sentence also states the effective sample size, and R-hat. ``sampler`` is the JSON record of the
-    sampler.
+    The sampler has converged if its draws have reached the effective sample size that was asked
+    for. The sentence also states the effective sample size, and R-hat. ``sampler`` is the JSON
+    record of the sampler.
     """
     return _sentence("sampler_words", sampler)
 
@@ -705,8 +706,8 @@ def machine_sentences(machine: Any) -> tuple[str, ...]:
 def sum_in_words(parameter: VisibleParameter) -> str:
     """Return a text with the sum of parameters that one parameter represents.
 
-    An example is "C_XXX + C_XXY". The text states the weights in the sum [mm or mm²] that differ
-    from 1.
+    An example is "C_XXX + C_XXY". A weight in the sum is stated, in mm or mm², if it differs from
+    1.
     """
     text = ""
     for name, weight in parameter.members.items():
@@ -752,8 +753,8 @@ def origin_words(origin: str) -> str:
 def origins_in_words(entry: ParameterIdentifiability) -> str:
     """Return a text with the shares of a parameter's variance by origin, such as "39 / 0 / 61".
 
-    The three shares [%] are from sources whose sizes were measured in the campaign, were stated by
-    the user, and are assumed.
+    The first share [%] is that of sources whose size was measured in the campaign, the second that
+    of sources whose size was stated, and the third that of sources whose size is assumed.
     """
     return " / ".join(f"{100.0 * share:.0f}" for share in entry.origin_shares.values())
 
@@ -762,8 +763,8 @@ def held_by_words(entry: ParameterIdentifiability) -> str:
     """Return a text with the sources of variance that decide the verdict on a parameter.
 
     An example is "mount 39 %, assumed". For a confounded parameter, the sources are the assumed
-    effects that it is confounded with. For any other parameter, it is the source with the largest
-    share of the variance.
+    effects that it is confounded with. For any other parameter, the text names only the source with
+    the largest share of the variance.
     """
     origin = origin_words(entry.held_by.origin)
     if str(entry.verdict) == "confounded":
@@ -971,7 +972,7 @@ def cure_items(
     return tuple(items)
 
 
-# ---- sentences on the check of intervals by simulation
+# ---- sentences on the check of credible intervals by simulation
 
 
 def validation_verdict(validation: Validation) -> str:
@@ -1224,9 +1225,10 @@ def changes_by_words(name: str, change: Mapping[str, Any]) -> str:
 def direction_words(change: Mapping[str, Any]) -> str:
     """Return a text that states whether a compliance increases or decreases with force.
 
-    ``change`` is the JSON record of the compliance's change over the tested forces. If neither is
-    certain, the text states the probabilities of both. For an average over models, it may also
-    state the probability that there is no change at all.
+    ``change`` is the JSON record of the compliance's change over the tested forces. If neither an
+    increase nor a decrease has a probability of at least 95 %, the text states both probabilities.
+    For an average over models, the text then also states the probability that there is no change at
+    all.
     """
     increase = change["probability_of_increase"]
     decrease = change["probability_of_decrease"]
@@ -1273,7 +1275,10 @@ def limit_words(lower: float | None, upper: float | None, factor: float = 1.0) -
 
 
 def _limit_digits(limit: float) -> str:
-    """Return a text with a limit: with four significant digits, or from 1000 on a whole number."""
+    """Return a text with a limit of a tolerance.
+
+    The limit has four significant digits. From 1000 on, it is rounded to a whole number.
+    """
     digits = f"{limit:.0f}" if abs(limit) >= 1000.0 else f"{limit:.4g}"
     return digits.replace("-", "−")
 
@@ -1361,11 +1366,11 @@ def difference_doubts(
     """Return sentences on reasons not to use the differences between two campaigns, if any.
 
     ``first`` and ``other`` are the names of the campaigns. ``converged`` states whether the fit of
-    the second campaign has converged. ``conflict`` is about the coefficient of the common
-    instrument about which the campaigns disagree most. It holds the name of the coefficient and the
-    p-value of the disagreement, multiplied by the number of compared coefficients (Bonferroni); it
-    is None if no coefficient can be compared. A sentence names the coefficient only if this p-value
-    is below 1 %.
+    the second campaign has converged. If both campaigns used the same instrument, they may disagree
+    about its errors. ``conflict`` holds the name of the coefficient about which they disagree most,
+    and the p-value of the disagreement, multiplied by the number of compared coefficients
+    (Bonferroni). ``conflict`` is None if no coefficient can be compared. A sentence names the
+    coefficient only if this p-value is below 1 %.
     """
     return _sentences("difference_doubts", first, other, converged, conflict)
 

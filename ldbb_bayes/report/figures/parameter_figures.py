@@ -239,7 +239,7 @@ def _draw_curve(axes: Axes, force_N: Array, curves: Array, words: Mapping[str, s
     axes.plot(force_N, curves.mean(axis=0), color=ACCENT, label=words["mean"])
 
 
-# ---- corner plot: figure of pairs of parameters
+# ---- corner plot, which shows pairs of parameters
 
 
 @styled
