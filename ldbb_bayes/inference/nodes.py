@@ -294,7 +294,8 @@ class HyperPosterior:
         Nodes are weighted values of the hyper-parameters φ (scales of the noise and of other
         effects). P(T | y, φ) is the probability, given the readings y and φ, of the condition T
         that no compliance is negative. This probability is computed at some of the nodes only
-        (`density_ratio`). If these do not suffice for the tolerance, it is computed at all nodes.
+        (`density_ratio`). If these nodes do not suffice for the tolerance, it is computed at all
+        nodes.
 
         Parameters
         ----------

@@ -53,7 +53,7 @@ __all__ = [
     "to_units",
 ]
 
-# Groups of arrays that the tree of a posterior, or a file of one, must have.
+# Groups of arrays that the tree and the file of a posterior must have.
 _GROUPS = ("posterior", "sample_stats", "observed_data", "constant_data", "provenance")
 # Dimensions of the arrays in the tree of a posterior that are not random draws. The keys are the
 # names of the arrays. ``test`` counts the tests, ``reading`` the readings of all tests.
@@ -523,9 +523,10 @@ def curves_of(
     """Return posterior draws of the compliances C(F) at n forces, shape (draws, n, compliances).
 
     ``force_N``, shape (n,), holds the forces F [N]. C(F) follows from the compliance at the
-    reference force and its slopes; see `compliance_curves`. At most ``size`` draws are used, all if
-    ``size`` is None. If the posterior is an average over models, the draws are grouped by model.
-    ``seed`` determines the random draws of effects that are not among the parameters.
+    reference force and its slopes; see `compliance_curves`. At most ``size`` draws are used; if
+    ``size`` is None, all draws are used. If the posterior is an average over models, the draws are
+    grouped by model. ``seed`` determines the random draws of effects that are not among the
+    parameters.
     """
     rng = np.random.default_rng(seed)
     curves = [
@@ -546,9 +547,9 @@ def elastic_draws_of(
     """Return posterior draws of compliances and of the elastic deflection around circles.
 
     ``circles`` are indices of tests whose circles are used; ``force_N``, shape (n,), holds the
-    forces of the bar [N]; see `elastic_draws`. At most ``size`` draws are used, all if ``size`` is
-    None. If the posterior is an average over models, the draws are grouped by model. ``seed``
-    determines the random draws of effects that are not among the parameters.
+    forces of the bar [N]; see `elastic_draws`. At most ``size`` draws are used; if ``size`` is
+    None, all draws are used. If the posterior is an average over models, the draws are grouped by
+    model. ``seed`` determines the random draws of effects that are not among the parameters.
     """
     rng = np.random.default_rng(seed)
     by_model = [
