@@ -170,7 +170,7 @@ def _mean_ratio(sample: _Sample, log_ratio: Array, fitted: Array) -> _MeanRatio:
     ``log_ratio`` and ``fitted``, shape (m,), are ln(g / f) and the polynomial q that is fitted to
     ln(g / f), at the m nodes of ``sample``. The mean is that under the density f e^q. Residuals at
     the nodes to which q is fitted are smaller than residuals at other nodes. Each residual is
-    therefore divided by one minus the leverage of its node. This makes the error rather too large
+    therefore divided by one minus the leverage of its node. This makes the error too large rather
     than too small (MacKinnon and White, Journal of Econometrics 29 (1985) 305).
     """
     share = sample.weight * np.exp(fitted - fitted.max())

@@ -29,7 +29,7 @@ _SINGULAR = 1e-10
 
 @dataclass(frozen=True, eq=False)
 class LeastSquares(Result):
-    """Least-squares estimate of the parameters, and how well it fits.
+    """Least-squares estimate of the parameters, and how well the estimate fits the readings.
 
     Examples
     --------

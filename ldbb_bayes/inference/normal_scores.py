@@ -204,7 +204,7 @@ class NormalScores:
 
 @dataclass(frozen=True)
 class _FreeProposal:
-    """ProposalDensity in normal scores, as a density of unbounded coordinates."""
+    """Density of unbounded coordinates, converted from a `ProposalDensity` of normal scores."""
 
     coordinates: NormalScores
     of_scores: ProposalDensity
