@@ -208,7 +208,7 @@ def parts_of_fit(result: Mapping[str, Any]) -> tuple[Passage, ...]:
     Returns
     -------
     tuple
-        Tables and sentences, in their order.
+        Tables and sentences, in the order in which they are shown.
     """
     campaign = result["campaign"]
     quality = result["fit"]

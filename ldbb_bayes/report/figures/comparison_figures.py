@@ -22,7 +22,7 @@ from ldbb_bayes.results import Array
 __all__ = ["compliance_with_local_fits", "evidence", "geometry_with_local_fits"]
 
 _LINES = ("-", "--", ":")  # Matplotlib line styles of the models in a figure, used in turn
-# A scale of log Bayes factors is broken only where the absolute value is larger than this [nat].
+# The scale of log Bayes factors is never broken between minus this value and this value [nat].
 _MIDDLE_NAT = 20.0
 _BREAK_MARK = ((-0.6, -1.0), (0.6, 1.0))  # ends (x, y) of the stroke that marks a broken scale
 

@@ -133,7 +133,7 @@ def _forest_panels(posterior: xr.DataTree) -> dict[str, list[_FigureRow]]:
 
 
 def _draw_intervals(axes: Axes, rows: Sequence[_FigureRow]) -> None:
-    """Draw the credible intervals of quantities with the same unit in a panel.
+    """Draw in one panel the credible intervals of quantities that have the same unit.
 
     ``axes`` is the panel. Each quantity has one row.
     """
