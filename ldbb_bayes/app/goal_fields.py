@@ -19,17 +19,17 @@ _LONGEST_TEXT = 40
 
 
 def goal_texts(settings: Mapping[str, Any]) -> dict[str, str]:
-    """Return the texts typed as goals, by name of the parameter; empty fields are left out.
+    """Return the texts typed as goals; empty fields are left out.
 
     Parameters
     ----------
     settings
-        Values of the page's sliders and fields, by name.
+        Values of the page's sliders and fields; the keys are the names of sliders and fields.
 
     Returns
     -------
     dict
-        Texts such as "10 µrad" or "5 %".
+        Texts such as "10 µrad" or "5 %"; the keys are the names of the parameters.
     """
     texts = {}
     for name, value in settings.items():

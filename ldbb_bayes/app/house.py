@@ -38,7 +38,7 @@ class House:
     desk: Desk  #: Process that answers the requests of all sessions.
     templates: Templates = field(default_factory=Templates)  #: Templates of the browser page.
     sessions: dict[str, Session] = field(default_factory=dict)  #: Sessions, by `Session.key`.
-    #: Lock that lets only one fit run at a time; the fit uses all cores.
+    #: Lock that lets only one fit run at a time, because a fit uses all cores.
     turn: asyncio.Semaphore = field(default_factory=lambda: asyncio.Semaphore(1))
 
     def begin(self, language: str) -> Session | None:

@@ -112,7 +112,7 @@ class _Report(NamedTuple):
     time_ns: int
 
 
-# Campaign on which a plan of the next tests is based, with the uncertainties of its fit.
+# Campaign on which a plan of the next tests is based, with the results of its fit.
 class _Pilot(NamedTuple):
     campaign: lb.Campaign  #: Campaign of the session's report.
     #: Standard uncertainty of every parameter from the fit with compliance linear in force.
@@ -168,7 +168,7 @@ def _space_of(
     radii_mm
         Radii of the circles [mm].
     directions
-        Directions of travel, CW and CCW; empty for those of the earlier tests.
+        Directions of travel, CW and CCW. If empty, those of the earlier tests are used.
     augment
         Whether the new tests are evaluated together with the readings of the earlier tests.
     """
@@ -288,7 +288,8 @@ def _best_tests(space: Space, sliders: Mapping[str, float]) -> tuple[lb.Circular
     number = int(sliders["circles"])
     equally_spaced = _equally_spaced_tests(space, sliders)
     if min(number, len(levels)) < candidates.search.levels:
-        # Linear compliance needs two forces: there is nothing to choose.
+        # Tests at two forces, as linear compliance needs them, are not possible: there is nothing
+        # to choose.
         return equally_spaced
     counts, value = _best_counts(candidates, number)
     if candidates.objective(equally_spaced).value(np.ones(len(equally_spaced))) > value:
@@ -329,8 +330,8 @@ def _pairs_in_turn(first: Sequence[Any], second: Sequence[Any], number: int) -> 
 def _force_levels(low: float, high: float, number: int) -> list[float]:
     """Return ``number`` equally spaced forces from ``low`` to ``high`` [N].
 
-    They are rounded to whole newtons if the rounded forces differ and are above zero. If not, they
-    are rounded to tenths of a newton, and forces that are then equal are returned once. If
+    The forces are rounded to whole newtons if the rounded forces differ and are above zero. If not,
+    they are rounded to tenths of a newton, and forces that are then equal are returned once. If
     ``number`` is one, the force is ``high``, because the highest force gives the most information.
     """
     if number == 1:
@@ -354,7 +355,7 @@ def forecast(folder: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
     folder
         Folder of the session (one browser tab).
     settings
-        Values of the page's sliders, by name.
+        Values of the page's sliders; the keys are the names of the sliders.
 
     Returns
     -------
@@ -493,7 +494,7 @@ def plan(folder: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
     folder
         Folder of the session (one browser tab); the plan is written into its subfolder ``plan``.
     settings
-        Values of the page's sliders, by name.
+        Values of the page's sliders; the keys are the names of the sliders.
 
     Returns
     -------

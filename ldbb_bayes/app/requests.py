@@ -210,7 +210,7 @@ async def _receive(request: Request, path: Path, most_bytes: int) -> bool:
 
 
 async def _remove_file(house: House, session: Session, request: Request) -> Response:
-    """Delete one file of the session (one browser tab), or all files if its name is ``*``."""
+    """Delete one file of the session (one browser tab), or all files if the name is ``*``."""
     session.drop(request.path_params["name"])
     return JSONResponse({})
 

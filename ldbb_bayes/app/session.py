@@ -59,7 +59,7 @@ class Session:
     #: Identifiers of the browser tabs that were closed. A late request from such a tab does not
     #: open the tab again.
     closed: set[str] = field(default_factory=set)
-    #: Original names of the added files, by the names under which the files are stored.
+    #: Original names of the added files; the keys are the names under which the files are stored.
     names: dict[str, str] = field(default_factory=dict)
     #: Lock that lets only one file be added at a time, so that the limit on the total size holds.
     adding: asyncio.Lock = field(default_factory=asyncio.Lock)
@@ -80,7 +80,7 @@ class Session:
 
     @property
     def held(self) -> dict[str, int]:
-        """Sizes [bytes] of the files that the user added, by name, in the order of their import."""
+        """Sizes [bytes] of the added files in the order of import; the keys are the file names."""
         paths = sorted((self.folder / FILES).iterdir(), key=_import_order)
         return {path.name: path.stat().st_size for path in paths}
 
@@ -153,7 +153,10 @@ class Session:
         return str(words_of_page(self.language)["errors"][key]).format(**values)
 
     def said(self) -> dict[str, str]:
-        """Return the typed texts by the name of the entry field, and the report's language."""
+        """Return the typed texts and the report's language.
+
+        The keys are the names of the entry fields.
+        """
         return {**self.choices, "language": self.language}
 
     def stop(self) -> None:
@@ -188,8 +191,8 @@ def kill_process(process: asyncio.subprocess.Process | None) -> None:
     Parameters
     ----------
     process
-        Process to end, with all processes of its group; on Windows, only the process itself. None
-        and ended processes are ignored.
+        Process to end, with all processes of its group; on Windows, only the process itself. If it
+        is None or has ended already, nothing is done.
     """
     if process is None or process.returncode is not None:
         return

@@ -33,7 +33,7 @@ _LOOK_AT_PARENT_S = 1.0  # time between checks whether the process of the server
 
 
 def warm() -> None:
-    """Do nothing; a call in a new process imports this module before the first request."""
+    """Do nothing; the call makes a new process import this module before the first request."""
 
 
 def answer(work: Callable[..., dict[str, Any]], folder: str, *arguments: Any) -> dict[str, Any]:

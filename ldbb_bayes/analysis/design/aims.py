@@ -1,10 +1,10 @@
 """Aims of a campaign under way, and the distances from them after one more circle.
 
 There are two kinds of aims. One is that a quantity has at most the standard uncertainty u*. If the
-uncertainty u is expected, the distance from this aim is ln(u/u*). The other is that the log Bayes
-factor of the true one of two models is at least t. If the log Bayes factor Φ is expected, the
-distance from this aim is ln(t/Φ). Distances from several aims can be added, because each is zero
-where its aim is expected to be just reached.
+uncertainty u is expected, the distance from this aim is ln(u/u*). The other is a decision between
+two models: the log Bayes factor in favour of the true model is to be at least t. If the log Bayes
+factor Φ is expected, the distance from this aim is ln(t/Φ). Distances from several aims can be
+added, because each is zero where its aim is expected to be just reached.
 """
 
 from __future__ import annotations
@@ -53,7 +53,8 @@ class UncertaintyAim:
     if the hyper-parameters are unknown.
     """
 
-    #: weights w of the p parameters in units of their prior standard deviations, shape (p,)
+    #: weights w, shape (p,), by which the p parameters in units of their prior standard deviations
+    #: are multiplied
     weights: Array
     target: float  #: standard uncertainty asked for
     #: factor by which uncertainties are multiplied: the present standard uncertainty with unknown
@@ -85,8 +86,9 @@ class UncertaintyAim:
 class SlopesAim:
     """Aim that the evidence decides whether the compliances change with force."""
 
-    columns: Sequence[int]  #: indices of the slopes among the p parameters
-    threshold: float  #: log Bayes factor asked for [nat]
+    #: indices of the slopes (changes of compliance with force) among the p parameters
+    columns: Sequence[int]
+    threshold: float  #: log Bayes factor that is enough for the decision [nat]
     is_reached: bool  #: whether the aim is reached already
 
     def distance(self, covariance: Array) -> Array:

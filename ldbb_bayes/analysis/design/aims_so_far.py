@@ -79,7 +79,7 @@ class GoalSoFar(Result):
 class ToleranceSoFar(Result):
     """Decision whether a quantity keeps its tolerance: now, and after the best next circle."""
 
-    now: Conformity  #: decision now, as `assess_conformity` states it
+    now: Conformity  #: present decision, as `assess_conformity` returns it
     decided_next: float  #: probability of a decision after the best next circle
 
     @property
@@ -91,11 +91,11 @@ class ToleranceSoFar(Result):
 class Known(NamedTuple):
     """Posterior of the p parameters given the circles run, in internal units (mm, N, rad)."""
 
-    bound: BoundModel  # the model, applied to the circles run
+    bound: BoundModel  # model bound to the circles run
     mean: Array  # posterior means, shape (p,)
     sd: Array  # posterior standard deviations, shape (p,)
     draws: Array  # posterior draws, shape (n, p)
-    # equally likely values of the hyper-parameters (scales of the noise and of other effects),
+    # K equally likely values of the h hyper-parameters (scales of the noise and of other effects),
     # shape (K, h); lengths in mm
     phi: Array
 
@@ -178,7 +178,9 @@ class GoalState:
 def goal_states(
     goals: Mapping[str, Goal], known: Known, covariance: Array, confidence: float
 ) -> dict[str, GoalState]:
-    """Return the state of every goal before the next circle, by name of the parameter.
+    """Return the state of every goal before the next circle.
+
+    The keys are the names of the goals' parameters.
 
     ``known`` is the posterior given the circles run, and ``covariance``, shape (K, p, p), are the
     covariances of the parameters at K values of the hyper-parameters. ``confidence`` is the
@@ -214,7 +216,8 @@ class ToleranceState:
     def so_far(self, after: Array) -> ToleranceSoFar:
         """Return the present decision, and the probability of one after the best next circle.
 
-        ``after``, shape (K, p, p), are the covariances of the parameters after that circle.
+        ``after``, shape (K, p, p), are the covariances of the p parameters after that circle, at K
+        values of the hyper-parameters.
         """
         sd = self.now.sd
         sd_next = min(float(np.sqrt((self.aim.sd(after) ** 2).mean())), sd)

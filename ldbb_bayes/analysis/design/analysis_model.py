@@ -18,10 +18,11 @@ __all__ = ["analysis_model"]
 
 
 def analysis_model(space: Space, tests: Sequence[CircularTest]) -> HybridModel:
-    """Return the model for an analysis of these tests alone.
+    """Return the model for an analysis of planned tests alone.
 
-    Its reference force and the prior standard deviations of the slopes are those of the pilot: the
-    campaign or plan that the design starts from.
+    The reference force of the model and the prior standard deviations of the slopes are those of
+    the pilot: the campaign or plan that the design starts from. ``space`` is the space of the
+    design, and ``tests`` are the planned tests.
     """
     model = space.model
     setting = space.bound.setting

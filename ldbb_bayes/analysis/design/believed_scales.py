@@ -1,10 +1,10 @@
 """Scales of noise and effects that the analysis of planned tests may believe in.
 
 φ are the hyper-parameters: the scales of the noise and of other effects. An analysis does not know
-the true scales of a machine. It estimates the scales from the readings and the prior, and the
-uncertainty that it states is an average over all scales that it believes to be possible. These
-include large scales even if the readings scatter little: three circles that agree do not prove that
-a fourth circle would agree with them.
+the true scales of a machine. It estimates the scales from the readings and the prior. The
+uncertainty that the analysis states is an average over all scales that it believes to be possible.
+These include large scales even if the readings scatter little: three circles that agree do not
+prove that a fourth circle would agree with them.
 
 The normal score of a scale is the standard normal quantile of the scale's cumulative prior
 probability, so that the prior of the scores v is N(0, 1). Readings y ~ N(0, V(v)) carry the Fisher
@@ -58,7 +58,7 @@ def believed_scales(bound: BoundModel, phi: Array, draws: int, seed: int) -> Arr
     -------
     Array
         Hyper-parameters, shape (K, draws, h), lengths in mm. If there are more than 24 circles, all
-        are the true values ``phi``.
+        values equal the true values ``phi``.
     """
     machines, size = phi.shape
     if len(bound.campaign.tests) > _MOST_CIRCLES:
@@ -196,7 +196,7 @@ class _Effects(NamedTuple):
 def _effects_at(bound: BoundModel, phi: Array) -> _Effects:
     """Return all effects on the planned readings, and their variances at w values of the scales.
 
-    ``phi``, shape (w, h), are the hyper-parameters, lengths in mm.
+    ``phi``, shape (w, h), are w values of the h hyper-parameters, lengths in mm.
     """
     values = dict(zip(bound.hyper_prior.names, phi.T, strict=True))
     factors = [test.factor for test in bound.reduced]

@@ -52,8 +52,8 @@ _CERTIFICATE_TOLERANCE = 1e-4
 # Candidate tests whose share (fraction) of the tests is below this are left out of the table of the
 # best shares.
 _LISTED_SHARE = 1e-4
-# More circles of the same kind count as useless for a parameter if more than this share of its
-# expected standard uncertainty would remain even after very many of them.
+# More circles count as useless for a parameter if more than this share of its expected standard
+# uncertainty would remain even after very many more circles like those of the design.
 _STUCK_SHARE = 0.8
 # Default step between the force levels that a design chooses from [N].
 _FORCE_STEP_N = 1.0
@@ -92,7 +92,7 @@ class Judged(Forecast):
     #: names
     tests: Records
     #: efficiency of these tests by the criterion of the design, relative to the best division of as
-    #: many tests among the candidates; zero if they leave a parameter undetermined
+    #: many tests among the candidates; zero if these tests leave a parameter undetermined
     efficiency: float
 
 
@@ -167,7 +167,7 @@ class Design(Forecast):
     #: efficiency of the design by its criterion, relative to ``shares``, the best division of the
     #: same number of tests among the candidates
     efficiency: float
-    #: certificate that no other shares of the tests are better than ``shares``, if it ``holds``
+    #: certificate that states whether ``shares`` are proven to be the best shares of the tests
     certificate: Certificate
     #: best division of the tests, one row per candidate test with a share above 0.0001: force_N,
     #: the columns that `columns` names, and share, the fraction of the tests that are run at this
@@ -181,10 +181,11 @@ class Design(Forecast):
     compared: tuple[Judged, ...]
     limits: Limits  #: limits of what the recommended tests can show
     #: root mean square of the values of each hyper-parameter (scales of the noise and of other
-    #: effects) that the forecast averages over; lengths in µm, λ and decay are pure numbers
+    #: effects) that the forecast averages over; lengths in µm; the relative scatter λ of a circle,
+    #: and the decay of the balls' form errors with their order, are pure numbers
     hyper_um: dict[str, float]
-    #: whether the values of the hyper-parameters come from readings (those of the campaign that the
-    #: design starts from), not from their prior
+    #: whether the values of the hyper-parameters come from the readings of the campaign that the
+    #: design starts from; if not, they come from the prior
     measured: bool
     pilot: Pilot  #: campaign or plan that the design starts from
     #: one row per candidate test: force_N, the columns that `columns` names, and sensitivity, the
@@ -207,8 +208,8 @@ class Design(Forecast):
     def tests(self) -> tuple[CircularTest, ...]:
         """The recommended tests; a test that is to be run several times is repeated.
 
-        They have the order of the candidates, the tests that could be run: by plane and direction,
-        then by radius, angles of the balls, and force.
+        The tests are in the order of the candidates (the tests that could be run), which are sorted
+        by plane and direction, then by radius, angles of the balls, and force.
         """
         return self._require_planned().tests
 
@@ -264,8 +265,9 @@ class Design(Forecast):
             One row per parameter, in internal units (mm, N, rad). ``sd`` is the expected standard
             deviation, and ``sd_error`` its standard error, from the scatter over possible states of
             the machine. Three columns are for comparison: ``prior_sd`` is the prior standard
-            deviation, ``floor_sd`` is the one that would remain if every test were run very many
-            times, and ``baseline_sd`` is the one expected of a design in equal steps of force.
+            deviation, ``floor_sd`` is the standard deviation that would remain if every test were
+            run very many times, and ``baseline_sd`` is the standard deviation expected of a design
+            in equal steps of force.
         """
         columns = ["unit", "prior_sd", "sd", "sd_error", "floor_sd"]
         frame = pd.DataFrame([vars(entry) for entry in self.expected.values()], columns=columns)
@@ -370,9 +372,9 @@ def design(
     linear Gaussian model and averaged over the hyper-parameters (the scales of the noise and of
     other effects): over their posterior given the pilot, or over their prior if the pilot is a
     plan. The expected standard deviations account for the truncation (compliances must not be
-    negative); criteria and evidence do not. The reference force F0, the force range and the
-    estimate Ĉ of the compliances about which the model is linearised are those of the pilot. The
-    plan must therefore be analysed with the attribute ``model`` of the design.
+    negative); criteria and evidence do not account for it. The reference force F0, the force range
+    and the estimate Ĉ of the compliances about which the model is linearised are those of the
+    pilot. The plan must therefore be analysed with the attribute ``model`` of the design.
 
     Parameters
     ----------
@@ -397,23 +399,23 @@ def design(
         Criterion to optimize. ``eig``: expected information gain. ``d``: determinant of the
         covariance of the parameters. ``a``: sum of their variances. ``c``: variance of one
         parameter. ``i``: mean variance of the compliances C(F). ``discriminate``: evidence about
-        the slopes. Default: ``eig`` with proper priors, ``d`` with flat ones.
+        the slopes. Default: ``eig`` with proper priors, ``d`` with flat priors.
     parameters : sequence of str
         Names of the parameters of interest; all other parameters are nuisances. Default: all
         parameters that the criterion is about.
     augment : bool
         Whether the pilot's tests count as run, so that ``tests`` is the number of tests added.
     against : mapping of str to Campaign
-        Designs to compare with: campaigns or plans by name.
+        Designs for comparison: campaigns or plans, whose names are the keys.
     slope_size : float
         Size of the slopes that the tests are to detect, in prior standard deviations.
     seed : int
         Seed of the random numbers of search and forecast.
     goals : mapping of str to str, float or Goal, optional
-        Largest expanded uncertainties U (k = 2) by parameter, such as {"C_XXX": "5 %", "E_C0YX":
-        "10 µrad"}; numbers are in internal units (mm, N, rad). The number of circles then follows
-        from the goals, and ``tests``, ``criterion``, ``parameters``, ``against`` and ``slope_size``
-        must not be given.
+        Largest expanded uncertainties U (k = 2); the keys are the names of the parameters, as in
+        {"C_XXX": "5 %", "E_C0YX": "10 µrad"}; numbers are in internal units (mm, N, rad). The
+        number of circles then follows from the goals, and ``tests``, ``criterion``, ``parameters``,
+        ``against`` and ``slope_size`` must not be given.
     costs : Costs, optional
         With goals: machine times, and the price of machine time. Default: 3 min for a circle, 15
         min for a set-up and 5 min for a turn of the balls; 60 units of money for an hour.
@@ -446,7 +448,7 @@ def design(
     require_model(model)
     require_campaign(pilot)
     if pilot.is_plan and pilot.pilot is not None:
-        # A plan knows no more than its own pilot.
+        # A plan adds no readings to those of its own pilot: start from that pilot.
         pilot = pilot.pilot
     check_seed(seed)
     if goals is not None:
@@ -556,8 +558,8 @@ def _force_levels(forces_N: Sequence[float]) -> tuple[float, ...]:
 def _levels_in_range(pilot: Campaign) -> list[float]:
     """Return the force levels [N] from the lowest to the highest force of a pilot, in 1 N steps.
 
-    The pilot is the campaign or plan that a design starts from. Its highest force is always the
-    last level.
+    The pilot is the campaign or plan that a design starts from. The highest force of the pilot is
+    always the last level.
     """
     low = float(pilot.forces_N.min())
     high = float(pilot.forces_N.max())

@@ -1,4 +1,4 @@
-"""Families of campaigns: all campaigns with the same clockings, radii and certificates.
+"""Families of campaigns, which have the same clockings, radii and certificates.
 
 A clocking is a pair of angles by which the two balls are turned in their sockets. Campaigns of one
 family differ in the number of circles, and in the force, direction of travel, clocking and radius
@@ -79,10 +79,11 @@ class CampaignFamily:
         return QuickForecast(objective, limits / scale)
 
     def lowest_price(self, costs: Costs, circles: int) -> float:
-        """Return the lowest price of a campaign of this many circles, in the unit of all prices.
+        """Return the lowest price of a campaign of ``circles`` circles.
 
-        The campaign has every clocking and radius of the family. The price is that of the machine
-        time, with as few set-ups and turns of the balls as possible, and of the certificates.
+        The campaign has every clocking and radius of the family. The price includes the
+        certificates, and the machine time with as few set-ups and turns of the balls as possible.
+        It is in the unit of money of `Costs`.
         """
         space = self.space
         kinds = len({str(test.plane) for test in space.templates}) * len(space.radii_mm)
@@ -105,8 +106,8 @@ class CampaignFamily:
     def _least_levels(self) -> int:
         """Least number of different forces of a campaign.
 
-        It is two if compliances may depend on force and the campaign does not add to tests that are
-        run already, else one.
+        The number is two if compliances may depend on force, except if the campaign adds to tests
+        that are run already. In all other cases it is one.
         """
         if self.space.augment or self.space.model.degree == 0:
             return 1
@@ -167,7 +168,7 @@ class CampaignFamily:
         return price_of(costs, minutes_of(costs, tests), self.certificates_price)
 
     def plan_of(self, tests: Sequence[CircularTest]) -> Campaign:
-        """Return the tests as a plan in running order, whose instrument has the certificates."""
+        """Return the tests in running order, as a plan whose instrument has the certificates."""
         plan = self.space.plan_of(tests, seed=self.space.seed)
         if not self.offers:
             return plan

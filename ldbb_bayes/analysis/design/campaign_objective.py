@@ -25,7 +25,7 @@ from ldbb_bayes.results import Array
 
 __all__ = ["objective_of", "prediction_weight"]
 
-# Elements of a test's matrix G, whose product GᵀG is the information matrix of the test, are
+# Elements of a test's matrix G, whose product GᵀG is the information matrix of the test, count as
 # rounding errors if they are below this share of the largest element in their column.
 _ROUNDING_ERROR = 1e-12
 # Number of forces over which criterion I averages the variance of predicted compliances. They span
@@ -108,7 +108,7 @@ class _Layout(NamedTuple):
     """
 
     columns: NDArray[np.int_]  # indices of the coefficients needed, those of interest last
-    rows: NDArray[np.int_]  # indices of rows that are not zero in all tests
+    rows: NDArray[np.int_]  # indices of rows that are not zero in at least one test
     has_prior: NDArray[np.bool_]  # whether each coefficient has a proper prior, not a flat one
 
 

@@ -116,8 +116,8 @@ def add_foreseen_tests(
 def _model_depends_on_radius(pilot: Campaign, tests: Sequence[CircularTest]) -> bool:
     """Return whether the parameters of the model depend on the radii of the circles.
 
-    They do only if a frame or the centre of a circle lies off the machine's origin. ``tests`` are
-    the tests of designs; those of the pilot are considered too.
+    The parameters depend on the radii only if a frame or the centre of a circle lies off the
+    machine's origin. ``tests`` are the tests of designs; those of the pilot are considered too.
     """
     if any(any(frame) for frame in pilot.frames_mm.values()):
         return True
@@ -239,10 +239,10 @@ def bind_plan(model: HybridModel, plan: Campaign) -> BoundModel:
 
 
 def _with_times(plan: Campaign, pilot: Campaign) -> Campaign:
-    """Return the plan with times for its tests, whose mean is the mean time of the pilot's tests.
+    """Return a plan with times for its tests; their mean is the mean time of the pilot's tests.
 
-    From these times follows how a drift acts on the tests. A plan whose tests are not run in the
-    order in which it lists them, or that adds to its pilot, is returned unchanged.
+    The times decide how a drift acts on the tests. A plan whose tests are not run in the order in
+    which it lists them, or that adds to its pilot, is returned unchanged.
     """
     if plan.order is not None or plan.adds_to_pilot:
         return plan
@@ -284,10 +284,10 @@ def running_order(
 ) -> tuple[CircularTest, ...]:
     """Return tests in an order in which a drift does not look like an effect of force.
 
-    Tests of one set-up form a block. Within it, tests of one plane and radius form a block, and
-    within this, tests of one clocking of the work ball. All these blocks are in random order. In
-    one work-ball block the angles of the tool ball ascend, in the next block they descend, and so
-    on. Tests with the same angles of both balls are in random order.
+    Tests of one set-up form a block. Within this block, tests of one plane and radius form a block.
+    Within that block, tests with one angle of the work ball form a block. All these blocks are in
+    random order. In one work-ball block the angles of the tool ball ascend, in the next block they
+    descend, and so on. Tests with the same angles of both balls are in random order.
     """
     ordered: list[CircularTest] = []
     for setup_block in _random_blocks(tests, _setup, rng):

@@ -54,9 +54,9 @@ def offers_in(stated: Mapping[str, float]) -> tuple[CertificateOffer, ...]:
     Parameters
     ----------
     stated
-        Prices of the certificates. The keys are "balls G10", "work ball G5", "tool ball G5", with
-        these or other grades, "bar" (length to 1 µm), "mount" (2 %), "force" (0.5 %, linearity 0.2
-        %, random 1 N) or "angle" (0.05°).
+        Prices of the certificates. The keys are "balls G10", "work ball G5" or "tool ball G5"
+        (other grades are possible), "bar" (length to 1 µm), "mount" (2 %), "force" (0.5 %,
+        linearity 0.2 %, random 1 N) or "angle" (0.05°).
 
     Returns
     -------

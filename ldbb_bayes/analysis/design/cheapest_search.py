@@ -6,7 +6,7 @@ takes the campaign that the quick forecast (`quick_forecast`) finds nearest to t
 campaign seems near enough, the full forecast (`forecast`) decides whether the goals are reached.
 Uncertainties by the quick forecast are too small by a factor that hardly differs between campaigns
 of one family. This factor is estimated from the full forecasts made so far. u/u* is a standard
-uncertainty divided by the largest one that its goal permits.
+uncertainty divided by the largest standard uncertainty that its goal permits.
 """
 
 from __future__ import annotations
@@ -71,11 +71,12 @@ class FoundCampaign:
 
 @dataclass(frozen=True, eq=False)
 class CheapestCampaigns:
-    """Result of the search: campaigns that reach all goals, or the one that comes nearest."""
+    """Result of the search: campaigns that reach all goals, or the campaign nearest to them."""
 
     campaigns: tuple[FoundCampaign, ...]  #: the campaigns that reach all goals, the cheapest first
-    #: if no campaign of the largest number of circles reaches all goals, the one that reaches them
-    #: on most machines; None if some campaign reaches them, or if no full forecast was made
+    #: if no campaign of the largest number of circles reaches all goals, the campaign that reaches
+    #: them on most machines; None if some campaign reaches all goals, or if no full forecast was
+    #: made
     nearest: FoundCampaign | None
 
 
@@ -95,7 +96,7 @@ def judge_plan(
 def _excess(stated: StatedByMachines, goals: Mapping[str, Goal]) -> Array:
     """Return ln(u/u*) of every goal on every possible machine, shape (machines, goals).
 
-    u is the standard uncertainty of the goal's parameter, and u* the largest one permitted.
+    u is the standard uncertainty of the goal's parameter, and u* the largest that the goal permits.
     """
     columns = []
     for name, goal in goals.items():
@@ -161,11 +162,11 @@ def find_cheapest(
     families
         Families of campaigns.
     goals
-        Goals by name of the parameter.
+        Goals; the keys are the names of the parameters.
     costs
         Costs of circles, set-ups and turns of the balls, and the longest machine time.
     probability
-        Least share of the possible machines on which all goals are met.
+        Least share of the possible machines on which all goals must be met.
     number
         Largest number of campaigns to return.
 
@@ -223,7 +224,7 @@ def _with_more_circles(campaign: FoundCampaign, number: int, costs: Costs) -> li
 
 
 class _Search:
-    """Search in all families, in which the full forecasts of one family also help the others."""
+    """Search in all families; the search in a family uses the forecasts of families before it."""
 
     def __init__(self, goals: Mapping[str, Goal], costs: Costs, probability: float) -> None:
         self._goals = goals
@@ -272,7 +273,7 @@ class _Search:
         return float(np.quantile(excess, self._probability)) - distance
 
     def _keep_nearest(self, campaign: FoundCampaign) -> None:
-        """Keep a campaign that misses the goals if it meets them on more machines than before."""
+        """Keep a campaign that misses the goals if it meets them on the most machines so far."""
         if self.nearest is None or self._share_met(campaign) > self._share_met(self.nearest):
             self.nearest = campaign
 
@@ -287,8 +288,8 @@ class _Search:
         """Return a campaign of a family that meets the goals, or None.
 
         The number of circles is ``circles`` of ``progress``, or a smaller number if that suffices.
-        The result is None if the best campaign of that number does not meet the goals, takes too
-        long, or lacks a clocking or radius of the family.
+        The result is None if the best campaign of ``circles`` circles does not meet the goals,
+        needs too much machine time, or lacks a clocking or radius of the family.
         """
         family = progress.family
         circles = progress.circles

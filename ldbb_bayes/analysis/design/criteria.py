@@ -124,7 +124,7 @@ class LogBayesFactor:
 
     If the model with the parameters is true, and their root mean square is ``size`` prior standard
     deviations, the mean of ln B is ½ Σ [(1 + size² λ) λ/(1 + λ) − ln(1 + λ)]. If the parameters are
-    zero, it is ½ Σ [λ/(1 + λ) − ln(1 + λ)]. Φ is half the difference of these two means. It never
+    zero, it is ½ Σ [λ/(1 + λ) − ln(1 + λ)]. Φ is half the difference of these two means. Φ never
     decreases when tests are added. For one parameter, the design with the largest Φ is T-optimum.
     As Φ is not concave, a search may end at a local maximum.
     """

@@ -1,8 +1,8 @@
 """Evidence that planned tests will give for or against slopes of the compliances with force.
 
 B is the Bayes factor of the model with the slopes over the model without slopes. ln B is computed
-for the linear Gaussian model, in which compliances may be negative. It is averaged over the
-hyper-parameters φ (the scales of the noise and of other effects).
+for the linear Gaussian model, in which compliances may be negative. The results are averaged over
+the hyper-parameters φ (the scales of the noise and of other effects).
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class Discrimination(Result):
     """Expected log Bayes factor ln B of slopes over no slopes, and chances of decisive evidence.
 
     Slopes are changes of the compliances with force. Fields that end in ``_with`` hold if there are
-    slopes, those in ``_without`` if there are none.
+    slopes; fields that end in ``_without`` hold if there are no slopes.
     """
 
     #: root mean square of the slopes (changes of compliance with force) that are assumed to exist,

@@ -57,7 +57,8 @@ _MEANS_PER_STATE = 4
 # Share of the possible machines for which the analysis states at most the likely standard
 # uncertainty.
 _LIKELY = 0.9
-# Standard error of the median of normally distributed values, relative to that of their mean.
+# Standard error of the median of normally distributed values, divided by the standard error of
+# their mean.
 _ERROR_OF_MEDIAN = 1.2533
 # The floor of a parameter's uncertainty is its expected standard deviation if every test were run
 # this many times.
@@ -80,10 +81,10 @@ class Expected(Result):
     (compliances must not be negative); ``untruncated_sd`` is the median without truncation. All but
     ``prior_sd`` are infinite if, with flat priors, the tests leave a parameter undetermined.
     ``sd_error`` is the standard error of ``sd`` from the scatter over possible states of the
-    machine. It is somewhat too large, because states are spread more evenly than independent ones.
-    ``floor_sd`` is the standard deviation if every test were run a million times. It is due to
-    nuisance effects that all tests share, and is reduced for the truncation in the same ratio as
-    ``sd``.
+    machine. It is somewhat too large, because the states are spread more evenly than independent
+    states would be. ``floor_sd`` is the standard deviation if every test were run a million times.
+    It is due to nuisance effects that all tests share, and is reduced for the truncation in the
+    same ratio as ``sd``.
     """
 
     unit: str
@@ -99,7 +100,7 @@ class Expected(Result):
 class Forecast(Result):
     """Forecast of planned tests: expected uncertainties, information gain, evidence on slopes."""
 
-    #: prior and expected standard deviation of each parameter, by name
+    #: prior and expected standard deviation of each parameter; the keys are the names
     expected: dict[str, Expected]
     #: expected Kullback-Leibler divergence of the posterior from the prior [nat]; infinite for a
     #: flat prior
@@ -304,7 +305,7 @@ def _evidence(
 
 
 def _undetermined_forecast(bound: BoundModel) -> Forecast:
-    """Return the forecast of tests that leave parameters undetermined: all sds are infinite."""
+    """Return the forecast of tests that leave parameters undetermined, with infinite values."""
     expected = {}
     for parameter in bound.parameters:
         expected[parameter.name] = Expected(
@@ -382,8 +383,8 @@ def stated_variances(
     states
         K states of the machine before the tests.
     covariance
-        Posterior covariances of the p parameters in each state, without truncation, for n values
-        of the scales, shape (K, n, p, p), in internal units (mm, N, rad).
+        Posterior covariances of the p parameters in each state if compliances may be negative, for
+        n values of the scales, shape (K, n, p, p), in internal units (mm, N, rad).
     truncated
         Whether the analyses use the condition that no compliance is negative; this has no effect if
         the model does not have this condition.
@@ -410,7 +411,7 @@ def stated_variances(
 
 
 def _is_possible(bound: BoundModel, states: States) -> Array:
-    """Return, for each state, whether it counts as possible: no compliance is negative.
+    """Return for each state whether it is possible, which means that no compliance is negative.
 
     The result has the shape (states,). If every state has a negative compliance, all states count
     as possible.
@@ -422,23 +423,25 @@ def _is_possible(bound: BoundModel, states: States) -> Array:
 
 
 def _moments_inside(bound: BoundModel, means: Array, covariance: Array) -> tuple[Array, Array]:
-    """Return means and variances of the parameters if no compliance may be negative.
+    """Return means and variances of the parameters under the condition T.
+
+    T is the condition that no compliance is negative.
 
     Parameters
     ----------
     bound
         Model bound to the new tests.
     means
-        Posterior means without this condition in internal units (mm, N, rad), shape (repetitions,
+        Posterior means without the condition T in internal units (mm, N, rad), shape (repetitions,
         states, n, p).
     covariance
-        Posterior covariances without this condition, for n values of the scales in each state,
+        Posterior covariances without the condition T, for n values of the scales in each state,
         shape (states, n, p, p), in internal units.
 
     Returns
     -------
     mean, variance : Array
-        Moments in internal units, of the shape of ``means``.
+        Means and variances in internal units, of the shape of ``means``.
     """
     scale = bound.scale
     p = len(scale)
@@ -447,8 +450,8 @@ def _moments_inside(bound: BoundModel, means: Array, covariance: Array) -> tuple
     shift, covariance_inside, axes = bound.truncation.orthants(
         means.reshape(-1, p), spread
     ).moments()
-    # In standard coordinates, the covariance of the parameters without truncation is the identity.
-    # Along the directions ``axes`` that the truncation restricts, it becomes ``covariance_inside``.
+    # In standard coordinates, the covariance of the parameters without T is the identity. Under T,
+    # the covariance along the directions ``axes`` that T restricts is ``covariance_inside``.
     along_axes = spread @ np.swapaxes(axes, 1, 2)
     change_along_axes = along_axes @ (covariance_inside - np.eye(shift.shape[1]))
     change = np.einsum("kpd,kpd->kp", change_along_axes, along_axes).reshape(means.shape)
@@ -513,11 +516,11 @@ def posteriors(bound: BoundModel, phi: Array, run: int) -> tuple[Gaussian | None
     Returns
     -------
     posterior : Gaussian or None
-        Posterior in which compliances may be negative; None where, with flat priors, a parameter is
+        Posterior in which compliances may be negative; None if a parameter with a flat prior is
         undetermined.
     floor : Array
         Standard deviations of the p parameters if every test were run a million times, shape (p,):
-        their root mean square over the K values of φ. Empty where ``posterior`` is None.
+        their root mean square over the K values of φ. Empty if ``posterior`` is None.
     """
     phi = extend_hyper_parameters(bound, phi, run)
     first = information_of(bound, phi[0])

@@ -80,7 +80,7 @@ class StatedGoal(Result):
 
 @dataclass(frozen=True)
 class GoalForecast(Result):
-    """Expanded uncertainties of the parameter of one goal to expect from a campaign."""
+    """Expanded uncertainties to expect from a campaign for the parameter of one goal."""
 
     unit: str
     #: expanded uncertainty (k = 2) that the analysis states at most for half of all possible
@@ -132,7 +132,7 @@ class GoalPlan(Result):
 
 @dataclass(frozen=True, eq=False)
 class CustomaryPlan(Result):
-    """A campaign as people run it today, and the best one with the same number of circles."""
+    """A campaign as people run it today, and the best campaign of the same number of circles."""
 
     name: str  #: kind of the customary campaign, such as "equal steps"
     customary: GoalPlan  #: campaign as people run it today
@@ -154,7 +154,7 @@ class GoalDesign(Result):
     ()
     """
 
-    goals: dict[str, StatedGoal]  #: goals by name of the parameter
+    goals: dict[str, StatedGoal]  #: goals; the keys are the names of the parameters
     probability: float  #: least share of the possible machines on which all goals are to be met
     costs: Costs  #: costs of circles, set-ups, turns of the balls and machine time
     #: campaigns, the cheapest first, that reach all goals except those that are met already and
@@ -182,7 +182,7 @@ class GoalDesign(Result):
 
     @property
     def all_reached(self) -> bool:
-        """Whether every goal is met already, or will be by the cheapest campaign."""
+        """Whether every goal is met already, or will be met by the cheapest campaign."""
         return self.all_met or bool(self.plans and not self.unreachable)
 
     @property
@@ -367,7 +367,10 @@ def _reachable(
 def _near_misses(
     nearest: FoundCampaign, goals: Mapping[str, Goal], costs: Costs, probability: float
 ) -> dict[str, NearMiss]:
-    """Return the goals that the largest campaign meets on too few machines, and the causes.
+    """Return the goals that a campaign meets on too few machines, and the causes.
+
+    ``nearest`` is this campaign. Of the largest campaigns of all families, it comes nearest to the
+    goals.
 
     If the campaign meets every single goal on enough machines, but not all goals together, all
     goals are returned.
@@ -418,7 +421,7 @@ def _plan_of(campaign: FoundCampaign, goals: Mapping[str, Goal], costs: Costs) -
 def _customary_plans(
     best: FoundCampaign, goals: Mapping[str, Goal], costs: Costs
 ) -> tuple[CustomaryPlan, ...]:
-    """Return campaigns as people run them today, each with the best one of as many circles.
+    """Return campaigns as people run them today, each with the best campaign of its length.
 
     Customary campaigns have only the certificates that the instrument has already, and the first
     radius of the best campaign's family.

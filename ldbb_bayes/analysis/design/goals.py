@@ -23,7 +23,7 @@ __all__ = ["COVERAGE_FACTOR", "Goal", "goals_in"]
 
 # Coverage factor k of the expanded uncertainty U = k u that a goal is about (GUM, 6.3.3).
 COVERAGE_FACTOR = 2.0
-# A number followed by a percent sign, such as 5 %: a goal relative to the value itself.
+# Pattern of a goal that is relative to the value itself: a number and a percent sign, as in 5 %.
 _PERCENTAGE = re.compile(r"\s*([+−-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)\s*%\s*", re.IGNORECASE)
 # Signs that may stand before a goal. They are ignored, because a goal always is an upper limit of
 # U, which extends equally to both sides.
@@ -55,7 +55,7 @@ class Goal(Result):
         return self.share is not None
 
     def limit_U(self, value: ArrayLike) -> Array:
-        """Return the largest U that the goal permits where the parameter has these values.
+        """Return the largest U that the goal permits for given values of the parameter.
 
         Parameters
         ----------
@@ -98,7 +98,7 @@ class Goal(Result):
 
 
 def goals_in(bound: BoundModel, stated: Mapping[str, str | float | Goal]) -> dict[str, Goal]:
-    """Return goals by name of the parameter, after reading and checking them.
+    """Read and check goals, and return them with the names of the parameters as keys.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ def goals_in(bound: BoundModel, stated: Mapping[str, str | float | Goal]) -> dic
     Returns
     -------
     dict
-        Goals by name of the parameter, in the order in which they were stated.
+        Goals in the order in which they were stated; the keys are the names of the parameters.
 
     Raises
     ------

@@ -6,10 +6,10 @@ whether compliance is constant or linear in force, and a decision whether a tole
 campaign may stop as soon as every aim is reached with the confidence asked for. Evidence and
 posterior do not depend on the reason why a campaign was stopped.
 
-The best next circle is the one with the smallest sum of expected distances from all aims (`aims`).
-No fit is needed for the choice: the distances follow from the information that every possible
-circle gives, at a few values of the hyper-parameters φ (scales of the noise and of other effects)
-that are likely given the readings.
+The best next circle is the circle with the smallest sum of expected distances from all aims
+(`aims`). No fit is needed for the choice: the distances follow from the information that every
+possible circle gives, at a few values of the hyper-parameters φ (scales of the noise and of other
+effects) that are likely given the readings.
 """
 
 from __future__ import annotations
@@ -120,8 +120,8 @@ class NextCircle(Result):
     model_is_aim: bool  #: whether the decision between constant and linear compliance is an aim
     tolerances: dict[str, ToleranceSoFar]  #: decisions on tolerances, by quantity
     finished: bool  #: whether every aim is reached, so that the campaign may stop
-    #: number of further circles after which every aim is expected to be reached; None if 20 are not
-    #: enough
+    #: number of further circles after which every aim is expected to be reached; None if 20 circles
+    #: are not enough
     more_circles: int | None
     #: the best next circles, the best first. Columns: force_N, angles of the balls, radius, other
     #: settings in which circles differ, and share, the fraction by which the circle reduces the
@@ -214,8 +214,8 @@ def next_circle(
         augment=True,
         seed=seed,
     )
-    # Goals are read before evidences are computed, which takes long, so that a bad goal is refused
-    # at once.
+    # Evidences take a long time to compute. Read the goals first, so that a bad goal is refused at
+    # once.
     read_goals = _read_goals(goals, space)
     evidences = Evidences(space.pilot, tolerance=_TOLERANCE)
     known = known_from(evidences.of(model)[0], seed)

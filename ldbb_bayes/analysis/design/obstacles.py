@@ -1,7 +1,7 @@
 """Goals that no number of circles reaches: the cause, and the certificate that would help most.
 
 If an uncertainty remains above its goal even after very many of all circles that could be run, its
-cause is an effect that is the same in all circles and that they cannot measure.
+cause is an effect that is the same in all circles and that the circles cannot measure.
 """
 
 from __future__ import annotations
@@ -53,13 +53,13 @@ class NearMiss(Result):
     """A goal that very many circles would reach, but no campaign that can be run.
 
     With few circles the analysis knows the scales of noise and effects less well than with very
-    many. Therefore a goal just above the uncertainty after very many circles may not be reached by
-    any campaign that can be run.
+    many circles. Therefore a goal just above the uncertainty after very many circles may not be
+    reached by any campaign that can be run.
     """
 
     circles: int  #: number of circles of the largest campaign
-    #: expanded uncertainty (k = 2) that nine in ten of the possible machines state at most after
-    #: the largest campaign, in the parameter's unit
+    #: expanded uncertainty (k = 2) that the analysis of the largest campaign states at most on nine
+    #: in ten possible machines, in the parameter's unit
     likely_U: float
     #: share of the possible machines on which the largest campaign meets the goal
     probability: float
@@ -139,9 +139,10 @@ def _floors_with(
 ) -> dict[str, float]:
     """Return ln(u/u*) of every goal after very many circles, with one more certificate.
 
-    u is the standard uncertainty of the goal's parameter, u* the largest one permitted. ``name`` is
-    the name of the certificate, and ``statements`` are the values of the fields of the instrument
-    that the certificate states. The keys of the result are the names of the goals' parameters.
+    u is the standard uncertainty of the goal's parameter, and u* the largest standard uncertainty
+    that the goal permits. ``name`` is the name of the certificate, and ``statements`` are the
+    values of the fields of the instrument that the certificate states. The keys of the result are
+    the names of the goals' parameters.
     """
     offer = CertificateOffer(name, 0.0, statements)
     offers = (*family.offers, offer)
@@ -154,12 +155,13 @@ def _most_helpful(
 ) -> tuple[str, float]:
     """Return the certificate that helps a goal most, and ln(u/u*) after very many circles with it.
 
-    ``name`` is the name of the goal's parameter. The first certificate with which the goal is
-    reached is taken. If no single certificate is enough, but all together are, all together are
-    taken. If these are not enough either, the single certificate that reduces u most is taken, or
-    none (an empty string) if it reduces u by less than a tenth. ``floor`` is ln(u/u*) without
-    further certificates. ``floors_with`` holds ln(u/u*) with each certificate, by certificate and
-    then by goal.
+    u is the standard uncertainty of the goal's parameter ``name``, and u* the largest standard
+    uncertainty that the goal permits. The first certificate with which the goal is reached is
+    returned. If no single certificate is enough, but all certificates together are enough, all are
+    returned. If all together are not enough either, the single certificate that reduces u most is
+    returned; if it reduces u by less than a tenth, an empty string is returned. ``floor`` is
+    ln(u/u*) without further certificates. ``floors_with`` holds ln(u/u*) with each certificate, by
+    certificate and then by goal.
     """
     singles = [key for key in floors_with if key != _ALL_CERTIFICATES]
     for key in floors_with:

@@ -8,10 +8,10 @@ circles scatter alike, and it allows negative compliances. `forecast_plan`, whic
 these simplifications, is used for the best campaigns.
 
 Let r_g = u_g/u*_g be the expected standard uncertainty of the parameter of goal g, divided by the
-largest one that the goal permits. The distance of a campaign from its goals is the mean over φ of
-ln max_g r_g. It is zero where the goals are just met. The maximum is replaced by a smooth function
-of all r_g (log-sum-exp), so that the distance also decreases if a goal comes nearer that is not the
-farthest.
+largest standard uncertainty that the goal permits. The distance of a campaign from its goals is the
+mean over φ of ln max_g r_g. It is zero where the goals are just met. The maximum is replaced by a
+smooth function of all r_g (log-sum-exp), so that the distance also decreases if a goal other than
+the farthest goal comes nearer.
 """
 
 from __future__ import annotations
@@ -99,7 +99,7 @@ class QuickForecast:
         return self.distances(np.full(self.candidates, _VERY_MANY))
 
     def best_counts(self, circles: int, start: Array) -> Array:
-        """Return the campaign of this many circles that a search finds nearest to the goals.
+        """Return the campaign of ``circles`` circles that a search finds nearest to the goals.
 
         Circles are added one by one, each time the circle that leaves the smallest distance. Then
         every circle in turn is exchanged for the best circle in its place. The exchanges are
@@ -158,8 +158,8 @@ class QuickForecast:
         """Return the distances after one more circle of every candidate, shape (candidates,).
 
         Let Σ be the covariance of all coefficients before this circle, ``covariance``, shape (K, p,
-        p). After one more circle the covariance is Σ − ΣGᵀ(1 + GΣGᵀ)⁻¹GΣ, of which only the
-        variances of the goals' parameters are computed.
+        p). A circle adds GᵀG to the precision matrix, so that the covariance after the circle is Σ
+        − ΣGᵀ(1 + GΣGᵀ)⁻¹GΣ, of which only the variances of the goals' parameters are computed.
         """
         number = self._limits.shape[1]
         variances = []
@@ -179,8 +179,8 @@ class QuickForecast:
     def _distance(self, variances: Array) -> Array:
         """Return the distances from the goals, shape (...).
 
-        ``variances``, those of the goals' parameters, has the shape (..., K, goals), for K values
-        of φ.
+        ``variances`` are the variances of the goals' parameters at K values of φ, shape (..., K,
+        goals).
         """
         soft = logsumexp(_SHARPNESS * self._log_ratio(variances), axis=-1) / _SHARPNESS
         return np.asarray(soft.mean(axis=-1))

@@ -56,10 +56,10 @@ _STARTS = 6
 # rate at which the criterion grows with the share of a candidate; the bound is the mean of the
 # sensitivities, weighted by the shares.
 _SHARES_TOLERANCE = 1e-5
-# The search restarts from perturbed designs at most ``_MAX_RESTARTS`` times, and less often if the
-# cost of all restarts would otherwise exceed ``_RESTART_COST``. The cost is the number of elements
-# of the precision matrices, times the number of tests, times the number of candidates that are
-# tried as a replacement of each test, times the number of restarts.
+# The search restarts from perturbed designs ``_MAX_RESTARTS`` times, or less often if the cost of
+# so many restarts would exceed ``_RESTART_COST``. The cost is the number of elements of the
+# precision matrices, times the number of tests, times the number of candidates that are tried as a
+# replacement of each test, times the number of restarts.
 _MAX_RESTARTS = 100
 _RESTART_COST = 4_000_000
 # If at most this many designs are possible, the search does not restart from perturbed designs.
@@ -129,8 +129,8 @@ def exchange(
         Random generator for the order in which tests are replaced, and for the candidates that are
         tried.
     feasible
-        Function that takes the counts of a design and returns whether it is allowed. Default: all
-        designs are.
+        Function that takes the counts of a design and returns whether the design is allowed.
+        Default: all designs are.
     thorough
         Whether, at the end, more candidates are tried as a replacement of each test. If not, only a
         few are tried throughout.
@@ -220,7 +220,7 @@ class Search:
     """Search for the best design among candidate tests.
 
     A candidate is a test that could be run; a design has a number of tests for each candidate. The
-    objective states how good a design is; ``seed`` is that of the random numbers.
+    objective states how good a design is; ``seed`` is the seed of the random numbers.
     """
 
     objective: Objective
@@ -296,9 +296,9 @@ class Search:
     def _merge_close_forces(self, counts: Array, value: float) -> tuple[Array, float]:
         """Return the design with close forces merged, and the value of its criterion.
 
-        All tests at one of two close forces move to the other force, if that costs at most 0.01 %
-        of the efficiency. ``counts`` is the number of tests of each candidate before merging, and
-        ``value`` the value of the criterion for it.
+        All tests at one of two close forces move to the other force, if this lowers the efficiency
+        by at most 0.01 %. ``counts`` is the number of tests of each candidate before merging, and
+        ``value`` is the criterion of the design before merging.
         """
         unmerged_value = value
         close_N = _CLOSE_FORCES * np.ptp(self.forces_N)
@@ -320,8 +320,8 @@ class Search:
 
         ``counts`` holds the number of tests of each candidate. If all tests are at one force but
         two forces are needed, one test is replaced by a random candidate at another force. If no
-        candidate differs enough from the force of the other tests, these are moved to the lowest
-        force first.
+        candidate differs enough from the force of the other tests, all other tests are first moved
+        to the lowest force.
         """
         if self._is_feasible(counts):
             return counts
@@ -334,9 +334,9 @@ class Search:
         return _with_tests(others, rng.choice(candidates))
 
     def _completing_candidates(self, counts: Array) -> list[int]:
-        """Return the indices of candidates of which one test completes a design.
+        """Return the indices of candidates that can give a design enough different forces.
 
-        Such a test gives the design enough different forces.
+        One more test of any of these candidates is enough.
 
         ``counts`` holds the number of tests of each candidate.
         """

@@ -4,7 +4,7 @@ A candidate is a test that could be run, once or several times. Shares are the f
 that are run at each candidate. The number of tests of candidate i, n_i, is its share times N, and
 need not be a whole number. The criterion Φ is the figure of merit to be made large. The sensitivity
 of candidate i is N ∂Φ/∂n_i, the derivative of Φ with respect to n_i, times N. The bound is the mean
-of the sensitivities, weighted by the shares; for the best shares no sensitivity exceeds it.
+of the sensitivities, weighted by the shares; for the best shares, no sensitivity exceeds the bound.
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ class Optimum(Shown):
     def excess(self) -> float:
         """Largest sensitivity divided by ``bound``, minus one; zero for the best shares of tests.
 
-        If the criterion is concave, its value for any design of as many tests exceeds that for
+        If the criterion is concave, its value for any design of as many tests exceeds the value for
         these shares by at most ``bound`` times this excess.
         """
         return float(self.sensitivity.max() / self.bound - 1.0)
@@ -123,8 +123,9 @@ def certificate(objective: Objective, share: Array, tests: float) -> Optimum:
     -------
     Optimum
         The shares; the criterion Φ; the sensitivities, which are the derivatives of Φ with respect
-        to n_i, times N; and the bound, their mean weighted by the shares. The shares are the best
-        if no sensitivity exceeds the bound (Kiefer and Wolfowitz 1960).
+        to n_i, times N; and the bound, which is the mean of the sensitivities, weighted by the
+        shares. The shares are the best if no sensitivity exceeds the bound (Kiefer and Wolfowitz
+        1960).
     """
     value, slope = objective.sensitivity(tests * share)
     return Optimum(share, value, tests * slope, float(tests * slope @ share))
@@ -138,7 +139,7 @@ def optimal_shares(objective: Objective, tests: float, *, tolerance: float = 1e-
     sensitivities, weighted by the shares. The algorithm optimizes the shares of a few active
     candidates, then adds candidates whose sensitivity exceeds the bound. These two steps are
     repeated until the relative excess of the largest sensitivity over the bound is within the
-    tolerance, until they no longer raise the criterion, or 400 times at most.
+    tolerance, until the steps no longer raise the criterion, or 400 times at most.
 
     Parameters
     ----------

@@ -38,8 +38,8 @@ from ldbb_bayes.units import inside_name
 __all__ = ["CriterionName", "Space"]
 
 CriterionName = Literal["eig", "d", "a", "c", "i", "discriminate"]
-# Columns, beside the force, of the tables of tests in a design. The first are in every table; the
-# others are in a table only if the tests differ in them.
+# Columns, beside the force, of the tables of tests in a design. ``_FIXED_COLUMNS`` are in every
+# table. A column of ``_OPTIONAL_COLUMNS`` is in a table only if tests differ in it.
 _FIXED_COLUMNS = ("work_ball_deg", "tool_ball_deg", "radius_mm")
 _OPTIONAL_COLUMNS = ("plane", "direction", "setup")
 # Number of values of the hyper-parameters (scales of the noise and of other effects) that the
@@ -181,8 +181,8 @@ class Space:
     def frame(self, tests: Sequence[CircularTest]) -> pd.DataFrame:
         """Return a table of tests with force, angles of the balls and radius, one row per test.
 
-        The table also has columns for plane, direction and set-up, each only if it is not the same
-        for all candidates (tests that could be run) and compared tests.
+        The table also has columns for plane, direction and set-up. Each of these columns is there
+        only if the candidates (tests that could be run) and the compared tests differ in it.
         """
         all_tests = (*self.tests, *self.compared_tests)
         columns = ["force_N", *_FIXED_COLUMNS]
