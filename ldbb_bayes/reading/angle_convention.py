@@ -16,7 +16,13 @@ from ldbb_bayes.reading.recording import Recording
 from ldbb_bayes.reading.unit_lines import unit_mentioned
 from ldbb_bayes.reading.words import LONGEST_TEXT, WORDS
 
-__all__ = ["AngleConvention", "angle_convention"]
+__all__ = [
+    "AngleConvention",
+    "angle_convention",
+    "angle_of_axis",
+    "name_is_about_angles",
+    "says_where_angles_begin",
+]
 
 _WORDS = WORDS["angle_convention"]
 # Pattern of the axis at which angles begin, after words such as "from" or "zero at".
@@ -28,9 +34,10 @@ _ZERO = re.compile(
 )
 # Pattern of an axis before the zero, as in "+Y = 0°".
 _ZERO_BEHIND = re.compile(_WORDS["zero_behind"], re.IGNORECASE)
-# Pattern of words that turn the sense of angles, and of one for the sense of mathematics.
+# Patterns of words that turn the sense of angles, for the sense of mathematics, and that deny.
 _REVERSED = re.compile(_WORDS["reversed"], re.IGNORECASE)
 _MATHEMATICAL = re.compile(_WORDS["math"], re.IGNORECASE)
+_DENIED = re.compile(WORDS["reading_sign"]["denied"], re.IGNORECASE)
 # Pattern of words of lines about angles that say nothing on where they begin and how they run.
 _HARMLESS = re.compile(_WORDS["harmless"], re.IGNORECASE)
 # Pattern of words for angles from north, clockwise.
@@ -166,7 +173,7 @@ def _convention_in_words(
         recording.note("angle", f"from {zero}, {sense}", entry.source, options)
     recording.log.keep(angle_zero=zero, angle_sense=sense)
     sign = -1 if sense == "CW" else 1
-    return AngleConvention(sign, -sign * _angle_of_axis(recording, zero, plane))
+    return AngleConvention(sign, -sign * angle_of_axis(recording, zero, plane))
 
 
 def _note_words(recording: Recording, words: list[_Words], convention: AngleConvention) -> None:
@@ -188,13 +195,13 @@ def _single(recording: Recording, subject: str, stated: list[str]) -> str:
     return values[0] if values else ""
 
 
-def _angle_of_axis(recording: Recording, axis: str, plane: str) -> float:
+def angle_of_axis(recording: Recording, axis: str, plane: str) -> float:
     """Return the angle [deg] of an axis such as −Y from the first axis of the plane."""
     letter = axis[-1]
     if letter not in plane:
         raise InputError(
             f"{recording.place}: angles must begin at an axis of plane {plane}, got {axis}. Give"
-            " --angle-zero, or --plane."
+            " --angle-zero (of a log: --start-deg), or --plane."
         )
     angle = _RIGHT_ANGLE_DEG * plane.index(letter)
     if axis.startswith("-"):
@@ -211,8 +218,8 @@ def _words_of(recording: Recording) -> list[_Words]:
         if _SUBJECT.search(text) and not _OTHER_SUBJECT.search(text):
             words.append(_words_in(recording, f"line {line}", text, is_header=False))
     for name in recording.names_of_files():
-        text = name_as_words(name)
-        if _ANGLE.search(text) or _ZERO.search(text) or _COMPASS.search(text):
+        if name_is_about_angles(name):
+            text = name_as_words(name)
             words.append(_words_in(recording, "its name", text, is_header=False))
     return [entry for entry in words if entry.zero or entry.sense]
 
@@ -235,6 +242,20 @@ def _words_in(recording: Recording, source: str, text: str, is_header: bool) -> 
     return _Words(zero, sense, source)
 
 
+def name_is_about_angles(name: str) -> bool:
+    """Return whether a name says something on angles, as ``300N_fromY_cw``."""
+    text = name_as_words(name)
+    return any(words.search(text) for words in (_ANGLE, _ZERO, _COMPASS))
+
+
+def says_where_angles_begin(text: str) -> bool:
+    """Return whether a line says at which axis angles begin, or that they run clockwise."""
+    if not _SUBJECT.search(text) or _OTHER_SUBJECT.search(text):
+        return False
+    is_turned = _ANGLE.search(text) is not None and "CW" in senses_in(text)
+    return _zero_in(text) not in ("", "+X") or is_turned
+
+
 def _zero_in(text: str) -> str:
     """Return the axis, such as +Y, at which angles begin according to a text; empty if none."""
     match = _ZERO.search(text) or _ZERO_BEHIND.search(text)
@@ -252,7 +273,9 @@ def _check_reversed(recording: Recording, source: str, text: str, is_header: boo
     if layout.angle_sense is not None or layout.angle_sign is not None:
         return
     is_about_angles = is_header or _ANGLE.search(text) is not None
-    if not is_about_angles or _MATHEMATICAL.search(text) or _REVERSED.search(text) is None:
+    if not is_about_angles or _MATHEMATICAL.search(text) or _DENIED.search(text):
+        return
+    if _REVERSED.search(text) is None:
         return
     raise OpenQuestionError(
         f"{recording.place}: angles must run clockwise or counter-clockwise, got"

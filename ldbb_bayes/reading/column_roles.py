@@ -82,18 +82,39 @@ def unit_of(header: str) -> Header:
     """Return name and unit that a header states: "Angle" and "deg" for ``Angle [°]``.
 
     An unknown unit, in brackets or after "in", is returned unchanged; it leads to an error only if
-    the column is used.
+    the column is used. The same holds for two units of one kind, which are returned joined.
     """
+    stated = _name_and_unit(header)
+    behind = re.split(r"[\])}>]", header)[-1]
+    for text in (stated.name, behind):
+        words = re.split(r"[\s_]+", text.strip())
+        if _contradicts(words[-1], stated.unit):
+            return Header(stated.name, f"{words[-1]} and {stated.unit}")
+    return stated
+
+
+def _contradicts(word: str, unit: str) -> bool:
+    """Return whether a word of a header is another unit of the same kind as ``unit``."""
+    other = unit_named(word)
+    if other in ("", unit) or len(word) < 2 or comparable(word) == "in":
+        return False
+    return any(other in units and unit in units for units in UNITS.values())
+
+
+def _name_and_unit(header: str) -> Header:
+    """Return name and unit of a header; a unit in brackets or behind the name counts."""
     header = header.strip().lstrip("#%").strip()
     if len(header) > LONGEST_NAME:
         return Header(header, "")
     name = BRACKET.split(header)[0].strip(" _")
+    if not name:  # the unit stands in front, as in "[mm] Reading"
+        name = re.split(r"[\])}>]", header)[-1].strip(" _")
     before_brackets = _unit_before_remark(header, name)
     if before_brackets is not None:
         return before_brackets
     bracketed = [_RANGE.sub("", text) for text in _INSIDE_BRACKETS.findall(header)]
     if name and bracketed:
-        after_brackets = re.split(r"[\])}>]", header)[-1]
+        after_brackets = re.split(r"[\])}>]", header)[-1].removesuffix(name)
         is_scaled = re.search(r"\d", after_brackets) is not None
         is_after_in = _UNIT_AFTER_IN.fullmatch(header) is not None
         return Header(name, _stated_unit(name, bracketed, is_scaled and not is_after_in))
@@ -468,8 +489,10 @@ def _candidates(role: str, columns: Sequence[int], headers: Sequence[str]) -> li
     """
     candidates = []
     for column in columns:
-        name = unit_of(headers[column]).name
-        if has_role(name, role):
+        header = unit_of(headers[column])
+        # A column "Circle [mm]" holds a length, but "Run 1 [mm]" the readings of a test.
+        is_length = header.unit in UNITS["reading"] and _RUN.fullmatch(header.name.lower()) is None
+        if has_role(header.name, role) and not (role == "test" and is_length):
             candidates.append(column)
     other_columns = [column for column in candidates if headers[column] not in PER_TEST]
     if role == "reading" and len(other_columns) > 1:

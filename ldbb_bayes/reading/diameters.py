@@ -6,6 +6,7 @@ from ldbb_bayes.errors import require
 from ldbb_bayes.reading.measured_length import (
     doubles_readings,
     leaves_length_open,
+    may_be_diameter,
     measured_length,
     names_diameter,
 )
@@ -70,6 +71,14 @@ def _check_open_lines(recording: Recording, is_stated: bool) -> None:
                 "measured",
                 ("radius", "diameter"),
             )
+    header = recording.heading.headers[recording.heading.roles["reading"]]
+    if may_be_diameter(header) and not is_stated:
+        raise OpenQuestionError(
+            f"{recording.place}: readings must be of radius or diameter, got the header"
+            f" {header[:_TEXT_SHOWN]!r}. Say which: --measured.",
+            "measured",
+            ("radius", "diameter"),
+        )
     for name in recording.names_of_files():
         if names_diameter(name) and not is_stated:
             raise OpenQuestionError(

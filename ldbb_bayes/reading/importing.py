@@ -34,6 +34,7 @@ from ldbb_bayes.reading.lines_above import (
     unknown_length,
 )
 from ldbb_bayes.reading.loads_above import with_loads_in_header
+from ldbb_bayes.reading.log_start import check_feed_is_whole
 from ldbb_bayes.reading.names import unknown_length_in_name
 from ldbb_bayes.reading.paired_columns import split_pairs
 from ldbb_bayes.reading.recording import LOAD_LISTS, LOAD_ROLES, Recording, option_for
@@ -145,6 +146,8 @@ def import_campaign(
     matched = set(paths) - {Path(file) for file in named}
     selection = _select_tables(paths, matched, layout, log)
     recordings = _split_into_tests(selection, layout, campaign, log)
+    for recording in recordings:
+        check_feed_is_whole(recording)
     loads = _stated_loads(recordings, layout)
     take_stated_fields(campaign, recordings)
     take_start_times(campaign, recordings, log)
@@ -162,20 +165,22 @@ def import_campaign(
     _note_unused_loads(lines_of_all_tests, log)
     unclear = not_understood(lines_of_all_tests)
     for recording in recordings:
-        lines_above = recording.heading.lines_above
-        length = ""
-        if recording.fields.get("radius_mm") is None:
-            length = unknown_length(lines_above) or unknown_length_in_name(recording.names())
-        if length:
-            unclear.setdefault("radius_mm", length)
-        direction = unknown_direction([*lines_of_all_tests, *lines_above])
-        if direction:
-            unclear.setdefault("direction", direction)
+        unclear = _not_understood_of(recording) | unclear
     assumed = note_assumed_fields(campaign, tests, log, unclear)
     campaign.setdefault("name", _campaign_name(paths))
     return Imported(
         Campaign(tuple(tests), **campaign), log.layout(layout), log.assumptions(), assumed
     )
+
+
+def _not_understood_of(recording: Recording) -> dict[str, str]:
+    """Return notes on lines and names of a test that may state radius or direction, by field."""
+    lines_above = recording.heading.lines_above
+    notes = {"direction": unknown_direction([*recording.lines_of_all_tests, *lines_above])}
+    if recording.fields.get("radius_mm") is None:
+        length = unknown_length([*lines_above, *recording.constant_columns])
+        notes["radius_mm"] = length or unknown_length_in_name(recording.names())
+    return {key: note for key, note in notes.items() if note}
 
 
 def _select_tables(

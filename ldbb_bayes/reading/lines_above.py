@@ -150,16 +150,18 @@ _DIRECTION_WORDS: Mapping[str, Any] = WORDS["directions"]
 _LENGTH = re.compile(
     rf"[^;,|\t]*?(?P<number>(?<![\d.,:/-]){NUMBER_IN_TEXT})[\s;|\t]?(?P<unit>[^\W\d_]+|\")(?![/\w])"
 )
+# Pattern of a unit in brackets and the number behind it.
+_UNIT_AND_NUMBER = re.compile(rf"[\[(]([^\W\d]+)[\])]\s*[:=]?\s*({NUMBER_IN_TEXT})")
 # Pattern of a letter for radius or diameter with a number directly behind it, such as D200.
 _LETTER_AND_NUMBER = re.compile(
-    r"(?<![\w.])(?:CR|[RrDØø])\s?[:=]?\s?(?:[5-9]\d|[1-9]\d\d)(?![\w.,])"
+    r"(?<![\w.])(?:CR|[RrDØø])\s?[:=]?\s?(?:[5-9]\d|[1-9]\d\d)(?:[.,]\d+)?(?![\w.,])"
 )
 # Pattern of a word for the circle.
 _CIRCLE = re.compile(rf"(?<![^\W_])(?:{WORDS['circle']['named']})", re.IGNORECASE)
 # Pattern of a word for the bar, followed by a number as large as a radius in mm (50 to 999).
 _BAR_AND_NUMBER = re.compile(
-    rf"(?<!\w)(?:{WORDS['circle']['bar']})\b.*?(?<![\w.,])(?:[5-9]\d|[1-9]\d\d)(?![\d.,])"
-    r"(?!\s?\w{3})",
+    rf"(?<!\w)(?:{WORDS['circle']['bar']})\b.*?(?<![\w.,])(?:[5-9]\d|[1-9]\d\d)(?:[.,]\d+)?"
+    r"(?![\d.,]|-\d)(?!\s?\w{3})",
     re.IGNORECASE,
 )
 # Pattern of words for the ball bar. In these words, "ball" does not name another quantity.
@@ -191,6 +193,8 @@ _SIDES = {
     "CW": re.compile(rf"[\s:=;,|]*(?:{_DIRECTION_WORDS['right']})(?!\w)", re.IGNORECASE),
     "CCW": re.compile(rf"[\s:=;,|]*(?:{_DIRECTION_WORDS['left']})(?!\w)", re.IGNORECASE),
 }
+# Pattern of a turn to a side, which may be the direction.
+_TURNED_TO_SIDE = re.compile(_DIRECTION_WORDS["turned"], re.IGNORECASE)
 # Pattern of a line that is about angles.
 _ANGLES = re.compile(WORDS["angle_convention"]["subject"], re.IGNORECASE)
 # Pattern of words for the way the machine went, such as "run" or "measured".
@@ -378,6 +382,9 @@ def _words_before_number(match: re.Match[str]) -> str:
     for unit in (match["inside"], match["brackets"]):
         if unit:
             words = words.replace(unit, "")
+    if " of " in match["words"]:
+        # In "diameter of workpiece", the words themselves name another quantity.
+        words += _BALL_BAR.sub("", match["words"])
     return cell + words
 
 
@@ -463,7 +470,9 @@ def unknown_length(lines: Lines) -> str:
     if "radius_mm" in statements or "programmed_radius_mm" in statements:
         return ""
     for line, content in lines:
-        length = _possible_radius(content[:LONGEST_TEXT])
+        # A unit in brackets before the number, as in "Circle [mm]: 100", goes behind it.
+        text = _UNIT_AND_NUMBER.sub(r"\2 \1", content[:LONGEST_TEXT])
+        length = _possible_radius(text)
         if length:
             return f"line {line} says {length[:_LENGTH_SHOWN]}, not taken"
     return ""
@@ -502,7 +511,7 @@ def unknown_direction(lines: Lines) -> str:
         text = content[:LONGEST_TEXT]
         if _ANGLES.search(text) or directions_stated([(line, text)]):
             continue
-        if senses_in(text) or _DIRECTION.search(text):
+        if senses_in(text) or _DIRECTION.search(text) or _TURNED_TO_SIDE.search(text):
             return f"line {line} says {text.strip()[:_LENGTH_SHOWN]!r}, not understood"
     return ""
 

@@ -9,6 +9,7 @@ from ldbb_bayes.reading.words import LONGEST_TEXT, OTHER_QUANTITY, WORDS, compar
 __all__ = [
     "doubles_readings",
     "leaves_length_open",
+    "may_be_diameter",
     "measured_length",
     "measured_length_stated",
     "names_diameter",
@@ -19,6 +20,8 @@ _WORDS = WORDS["diameters"]
 _DIAMETER = re.compile(rf"(?<![a-zäöüéèáâ])(?:{_WORDS['header']})")
 # Pattern of a diameter inside a longer word, such as Kreisdurchmesser.
 _LONG_WORD = re.compile("durchmesser|diamet")
+# Pattern of the letter D alone in a header.
+_LETTER = re.compile(_WORDS["letter"])
 _RADIAL = re.compile(_WORDS["radial"])
 # Pattern of a line that is about the readings.
 _READINGS = re.compile(_WORDS["line"])
@@ -60,6 +63,12 @@ def doubles_readings(text: str) -> bool:
     words = comparable(text[:LONGEST_TEXT])
     is_about_readings = _READINGS.search(words) or _RADIAL.search(words)
     return is_about_readings is not None and _DOUBLED.search(words) is not None
+
+
+def may_be_diameter(header: str) -> bool:
+    """Return whether a header of readings may be of the diameter, as ``D [um]`` or ``2 x dR``."""
+    words = comparable(header[:LONGEST_TEXT]).replace("_", " ")
+    return _LETTER.search(words) is not None or _DOUBLED.search(words) is not None
 
 
 def leaves_length_open(text: str) -> bool:

@@ -21,6 +21,8 @@ _ARC = re.compile(
     rf"(?=.*?[^A-Za-z]?(?:[XYZIJK]\s?{_NUMBER}|C?R\s?=?\s?{_NUMBER}))",
     re.IGNORECASE,
 )
+# Pattern of a line that is nothing but the word of an arc.
+_WORD_OF_ARC = re.compile(r"\W*G0?(?P<sense>[23])\W*", re.IGNORECASE)
 # Pattern of the coordinates of the centre, counted from the start of the arc.
 _CENTRE = re.compile(rf"(?<![A-Za-z])[IJK]\s?=?\s?(?P<number>{_NUMBER})", re.IGNORECASE)
 # Pattern of the radius of an arc.
@@ -66,7 +68,7 @@ def programmed_arcs(lines: Sequence[tuple[int | str, str]]) -> list[ProgrammedAr
     arcs = []
     for line, content in lines:
         text = content[:LONGEST_TEXT]
-        match = _ARC.search(text)
+        match = _ARC.search(text) or _WORD_OF_ARC.fullmatch(text)
         if match is None:
             continue
         radius = _radius_in(text, is_absolute)

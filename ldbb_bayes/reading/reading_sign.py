@@ -9,6 +9,7 @@ import re
 
 from ldbb_bayes.errors import InputError
 from ldbb_bayes.reading.bar_extensions import names_extension
+from ldbb_bayes.reading.names import LOAD_IN_NAME
 from ldbb_bayes.reading.open_question import OpenQuestionError
 from ldbb_bayes.reading.recording import Recording
 from ldbb_bayes.reading.words import LONGEST_TEXT, WORDS, comparable
@@ -23,11 +24,16 @@ _WORD = re.compile(
     re.IGNORECASE,
 )
 _OTHER_SUBJECT = re.compile(_WORDS["other"], re.IGNORECASE)
-# Patterns of a line about readings or their sign, and of words that turn the sign.
+# Patterns of a line about readings or their sign, of words that deny, and that turn the sign.
 _SUBJECT = re.compile(_WORDS["subject"], re.IGNORECASE)
+_DENIED = re.compile(_WORDS["denied"], re.IGNORECASE)
 _TURNED = re.compile(_WORDS["turned"], re.IGNORECASE)
 # Pattern of a number other than −1, which shows that a line states a value and no sign.
 _OTHER_NUMBER = re.compile(r"(?<![^\W_])\d(?<![-−]1)(?<![-−] 1)|(?<![^\W_])\d{2}")
+# Pattern of a unit in brackets at the beginning of a header.
+_UNIT_IN_FRONT = re.compile(r"^\s*[\[(<{][^\])>}]*[\])>}]\s*(?=[-−–\w])")
+# Pattern of a header of readings that turns their sign, or may do so.
+_TURNED_HEADER = re.compile(_WORDS["header"])
 # Pattern of a word in the name of a file for readings whose sign is turned.
 _TURNED_NAME = re.compile(r"(?<![^\W\d_])(?:invert\w*|negated?|reversed|flipped)", re.IGNORECASE)
 # Pattern of a line that says what a sign of readings means.
@@ -92,22 +98,18 @@ def _stated_signs(recording: Recording) -> dict[int, str]:
     for line, text in (*recording.lines_of_all_tests, *recording.heading.lines_above):
         texts[f"line {line}"] = text
     sources: dict[int, str] = {}
-    for name in recording.names_of_files():
-        turned = _TURNED_NAME.search(name)
-        if turned is not None and recording.layout.sign is None:
-            reason = f"its name says {turned[0]!r}, not understood"
-            recording.note("sign of the reading", "1: a longer bar is positive", reason, "--sign")
-    if _MINUS.search(comparable(header)):
+    _note_names(recording)
+    if _MINUS.search(_words_of_header(header)):
         sources[-1] = f"the header {header!r}"
     for source, text in texts.items():
-        if _NOMINAL_LESS_ACTUAL.search(comparable(text[:LONGEST_TEXT])):
+        if _NOMINAL_LESS_ACTUAL.search(_words_of_header(text)):
             sources.setdefault(-1, source)
             continue
         words = _words_in(text)
         sign = None
         if words:
             sign = _sign_of(words)
-        elif not _turns_sign(text):
+        elif not (_turns_sign(text) or _is_turned_header(source, text)):
             _note_unread(recording, source, text)
             continue
         if sign is not None:
@@ -123,6 +125,21 @@ def _stated_signs(recording: Recording) -> dict[int, str]:
     return sources
 
 
+def _words_of_header(header: str) -> str:
+    """Return a header in small letters, with blanks for underscores, without a unit in front."""
+    words = comparable(header[:LONGEST_TEXT]).replace("_", " ")
+    return _UNIT_IN_FRONT.sub("", words)
+
+
+def _note_names(recording: Recording) -> None:
+    """Note words in names of files that may turn the sign of readings."""
+    for name in recording.names_of_files():
+        turned = _TURNED_NAME.search(name)
+        if turned is not None and recording.layout.sign is None:
+            reason = f"its name says {turned[0]!r}, not understood"
+            recording.note("sign of the reading", "1: a longer bar is positive", reason, "--sign")
+
+
 def _note_unread(recording: Recording, source: str, text: str) -> None:
     """Note a line that may say what the sign of readings means, but is not understood."""
     text = text[:LONGEST_TEXT]
@@ -133,13 +150,24 @@ def _note_unread(recording: Recording, source: str, text: str) -> None:
         recording.note("sign of the reading", "1: a longer bar is positive", reason, "--sign")
 
 
+def _is_turned_header(source: str, text: str) -> bool:
+    """Return whether a text is a header of readings that may have the other sign.
+
+    An example is ``Shortening [um]``. A header with a minus in front is understood.
+    """
+    words = _words_of_header(text)
+    is_understood = _MINUS.search(words) is not None
+    is_turned = _TURNED_HEADER.search(words) is not None
+    return source.startswith("the header") and is_turned and not is_understood
+
+
 def _turns_sign(text: str) -> bool:
     """Return whether a text turns the sign of readings, as ``Readings inverted``.
 
     Such a text is not about angles or loads, and holds no number but −1.
     """
-    text = text[:LONGEST_TEXT]
-    if _OTHER_SUBJECT.search(text) or _OTHER_NUMBER.search(text):
+    text = LOAD_IN_NAME.sub("", text[:LONGEST_TEXT])
+    if _OTHER_SUBJECT.search(text) or _OTHER_NUMBER.search(text) or _DENIED.search(text):
         return False
     return _SUBJECT.search(text) is not None and _TURNED.search(text) is not None
 

@@ -96,6 +96,8 @@ class Recording:
     #: place (line number and sheet) and text of each line that concerns all tests, from sheets
     #: without a table
     lines_of_all_tests: Sequence[tuple[str, str]]
+    #: columns without a role whose cells are equal in all rows of the test, as lines of text
+    constant_columns: Sequence[tuple[int | str, str]] = ()
     #: units that are assumed for columns without one, by the role of the column
     assumed_units: dict[str, AssumedUnit] = field(default_factory=dict)
 

@@ -140,6 +140,21 @@ class _SheetColumns:
                 texts[header] = cells[row]
         return texts
 
+    def constant_lines(self, rows: Sequence[int]) -> list[tuple[int | str, str]]:
+        """Return columns without a role whose cells are equal in the rows of a test, as lines.
+
+        A column ``R [mm]`` of 100 becomes the line ``R [mm]: 100``. ``rows`` are the indices of the
+        rows.
+        """
+        lines: list[tuple[int | str, str]] = []
+        in_use = {*self.heading.roles.values(), *self.heading.readings, *self.unit_columns.values()}
+        for column, header in enumerate(self.heading.headers):
+            cells = set(self._cells_with_units(column, rows))
+            if header and column not in in_use and len(cells) == 1 and header not in PER_TEST:
+                place = f"{self.heading.line}, column {header!r}"
+                lines.append((place, f"{header}: {cells.pop()}"))
+        return lines
+
     def constant_statements(self, rows: Sequence[int]) -> dict[str, list[LineStatement]]:
         """Return what columns without a role state about a test, by field.
 
@@ -147,15 +162,8 @@ class _SheetColumns:
         the table does: a column ``R [mm]`` of 100 states the radius. ``rows`` are the indices of
         the rows.
         """
-        lines = []
-        in_use = {*self.heading.roles.values(), *self.heading.readings, *self.unit_columns.values()}
-        for column, header in enumerate(self.heading.headers):
-            cells = {self.cells[column][row] for row in rows}
-            if header and column not in in_use and len(cells) == 1 and header not in PER_TEST:
-                place = f"{self.heading.line}, column {header!r}"
-                lines.append((place, f"{header}: {cells.pop()}"))
         statements = {}
-        for key, statements_of_field in statements_in(lines).items():
+        for key, statements_of_field in statements_in(self.constant_lines(rows)).items():
             if key in _FIELDS_OF_COLUMNS:
                 statements[key] = statements_of_field
         return statements
@@ -246,6 +254,7 @@ def split_sheet(
                 log=log,
                 fields=fields,
                 lines_of_all_tests=overview.of_all_tests,
+                constant_columns=columns.constant_lines(rows),
             )
 
 

@@ -30,6 +30,10 @@ _NARROW = {code: code - 0xFEE0 for code in range(0xFF01, 0xFF5F)} | {0x3000: 0x2
 _PICTURE_SIGNATURES = (b"%PDF-", b"\x89PNG\r\n", b"\xff\xd8\xff", b"GIF8")
 # Characters that may separate the cells of a text file, in order of preference.
 _SEPARATORS = (";", "\t", "|", ",", " ")
+# Characters that seldom stand within cells. Blanks are not considered if one of these splits the
+# lines with a score larger than this.
+_SURE = (";", "\t", "|")
+_SURE_SCORE = 1.3
 # Number of lines by which possible separators of cells are compared.
 _SAMPLE_LINES = 200
 # A separator of cells is preferred to one earlier in the order of preference only if its score is
@@ -115,6 +119,8 @@ def _find_separator(lines: Sequence[str]) -> str:
     if not sample:
         return best_separator
     for separator in _SEPARATORS:
+        if separator == " " and best_separator in _SURE and best_score > _SURE_SCORE:
+            continue  # blanks then stand within cells, as before a unit
         score = _separator_score(sample, separator)
         if score > best_score + _SCORE_MARGIN:
             best_separator = separator

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ldbb_bayes.errors import InputError, require
+from ldbb_bayes.reading.angle_convention import name_is_about_angles
 from ldbb_bayes.reading.column_units import unit_size
 from ldbb_bayes.reading.lines_above import directions_stated
 from ldbb_bayes.reading.names import load_in_name, load_is_ambiguous, radius_in_name
@@ -269,7 +270,8 @@ def _directions_above(recording: Recording) -> _StatedSenses:
     do not count.
     """
     lines_above = recording.heading.lines_above
-    senses = directions_stated(lines_above, recording.names())
+    names = [name for name in recording.names() if not name_is_about_angles(name)]
+    senses = directions_stated(lines_above, names)
     if senses:
         return _StatedSenses(senses, "a line above the table, or the name")
     arcs = programmed_arcs(lines_above)

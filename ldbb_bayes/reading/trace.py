@@ -22,6 +22,7 @@ from ldbb_bayes.reading.laps import (
     direction_of_travel,
     on_the_circle,
 )
+from ldbb_bayes.reading.log_start import start_at_axis
 from ldbb_bayes.reading.log_times import times_of_log
 from ldbb_bayes.reading.reading_sign import sign_of_readings
 from ldbb_bayes.reading.recording import AssumedUnit, Recording, option_for
@@ -139,10 +140,22 @@ def _angles_of_column(recording: Recording) -> Array:
         )
     assumed = recording.assumed_units.get("angle", _DEGREES)
     size = unit_size(recording, "angle", assumed.unit, assumed.reason)
-    plane = recording.fields.get("plane") or recording.campaign.get("plane") or "XY"
-    convention = angle_convention(recording, plane)
+    convention = angle_convention(recording, _plane_of(recording))
     angle = convention.sign * (raw * size - convention.offset_deg)
     return np.unwrap(angle, period=TURN_DEG)
+
+
+def _plane_of(recording: Recording) -> str:
+    return recording.fields.get("plane") or recording.campaign.get("plane") or "XY"
+
+
+def _start_of_circle(recording: Recording) -> float:
+    """Return the angle [deg] at which the circle of a log starts, in numbers or at an axis."""
+    if quantity_of(recording, "start_deg") is None:
+        at_axis = start_at_axis(recording, _plane_of(recording))
+        if at_axis is not None:
+            return at_axis
+    return _angle_or_zero(recording, "start_deg")
 
 
 def _angles_of_log(recording: Recording, direction: str | None) -> _Log:
@@ -158,7 +171,7 @@ def _angles_of_log(recording: Recording, direction: str | None) -> _Log:
             f"{recording.place}: a log over time must come with its feed, got none. Give"
             " --feed-mm-per-min."
         )
-    start_deg = _angle_or_zero(recording, "start_deg")
+    start_deg = _start_of_circle(recording)
     overshoot_deg = _angle_or_zero(recording, "overshoot_deg")
     reason = "a log holds no more"
     recording.note("feed", "constant from the first reading on", reason, "--overshoot-deg")

@@ -15,10 +15,15 @@ import numpy as np
 from ldbb_bayes.campaign.campaign import ForceLaw
 from ldbb_bayes.reading.column_units import is_unit_stated
 from ldbb_bayes.reading.lines_above import Lines, statements_in
-from ldbb_bayes.reading.measured_length import doubles_readings
+from ldbb_bayes.reading.measured_length import doubles_readings, may_be_diameter
 from ldbb_bayes.reading.open_question import OpenQuestionError
 from ldbb_bayes.reading.recording import AssumedUnit, Recording
-from ldbb_bayes.reading.unit_lines import mentions_scale, multiplies_readings, unit_mentioned
+from ldbb_bayes.reading.unit_lines import (
+    header_has_factor,
+    mentions_scale,
+    multiplies_readings,
+    unit_mentioned,
+)
 from ldbb_bayes.reading.words import UNITS
 
 __all__ = ["assume_units"]
@@ -158,7 +163,10 @@ def _assume_reading_unit(recordings: Sequence[Recording], campaign: Mapping[str,
         )
     reason = f"numbers up to {size.largest:.4g} fit no other unit"
     for recording in recordings:
-        _check_mentions(recording, fitting[0])
+        source = _check_mentions(recording, fitting[0])
+        if source:
+            recording.assumed_units["reading"] = AssumedUnit(fitting[0], source)
+            continue
         recording.assumed_units["reading"] = AssumedUnit(fitting[0], reason)
 
 
@@ -173,20 +181,29 @@ def _check_factors(recording: Recording) -> None:
     """
     if "reading" not in recording.numbers or recording.layout.reading_unit is not None:
         return
+    column = recording.heading.roles["reading"]
+    header = recording.heading.headers[column]
+    unit = recording.heading.units[column]
+    # A unit with a factor is refused with the unit.
+    is_unit_plain = re.search(r"\d", unit) is None
+    if is_unit_plain and header_has_factor(header) and not may_be_diameter(header):
+        raise _unread_factor(recording, f"the header {header[:_TEXT_SHOWN]!r}")
     for line, content in _lines_of(recording):
         text = content.strip()[:_TEXT_SHOWN]
         if multiplies_readings(content) and not doubles_readings(content):
-            raise OpenQuestionError(
-                f"{recording.place}: the unit of readings must be known, got {text!r} in line"
-                f" {line}. Say which unit the numbers in the file have: --unit (a tenth of a"
-                " micrometre: --unit '0.1 um').",
-                "reading_unit",
-                list(UNITS["reading"]),
-            )
-        unit = recording.heading.units[recording.heading.roles["reading"]]
+            raise _unread_factor(recording, f"{text!r} in line {line}")
         if unit and (mentions_scale(content) or _mentions_other(line, content, unit)):
             reason = f"line {line} says {text!r}, not used"
             recording.note("unit of the reading", unit, reason, "--unit")
+
+
+def _unread_factor(recording: Recording, shown: str) -> OpenQuestionError:
+    return OpenQuestionError(
+        f"{recording.place}: the unit of readings must be known, got {shown}. Say which unit the"
+        " numbers in the file have: --unit (a tenth of a micrometre: --unit '0.1 um').",
+        "reading_unit",
+        list(UNITS["reading"]),
+    )
 
 
 def _mentions_other(line: int | str, text: str, unit: str) -> bool:
@@ -196,16 +213,22 @@ def _mentions_other(line: int | str, text: str, unit: str) -> bool:
     return unit_mentioned(text) not in ("", unit)
 
 
-def _check_mentions(recording: Recording, unit: str) -> None:
-    """Raise an error if a line or name mentions another unit of readings than the fitting one."""
+def _check_mentions(recording: Recording, unit: str) -> str:
+    """Return a note on the line or name that mentions the fitting unit of readings; empty if none.
+
+    Raise an error if a line or name mentions another unit.
+    """
+    note = ""
     mentions = []
     for line, text in _lines_of(recording):
         if not statements_in([(line, text)]):
             mentions.append((f"line {line}", text))
-    mentions += [("a name", name) for name in recording.names_of_files()]
+    mentions += [("its name", name) for name in recording.names_of_files()]
     for source, text in mentions:
         mentioned = unit_mentioned(text)
-        if source == "a name" and _COUNTS.search(text):
+        if mentioned == unit:
+            note = f"{source} says {text.strip()[:_TEXT_SHOWN]!r}"
+        if source == "its name" and _COUNTS.search(text):
             mentioned = text
         if mentioned not in ("", unit):
             raise OpenQuestionError(
@@ -214,6 +237,7 @@ def _check_mentions(recording: Recording, unit: str) -> None:
                 "reading_unit",
                 list(UNITS["reading"]),
             )
+    return note
 
 
 def _um_per_N(size: _ReadingSize, unit: str) -> float:

@@ -20,6 +20,7 @@ __all__ = [
     "UNIT_COLUMN",
     "UNIT_KEYS",
     "has_factor",
+    "header_has_factor",
     "mentions_scale",
     "multiplies_readings",
     "unit_mentioned",
@@ -59,13 +60,16 @@ _UNIT_ALONE = re.compile(
 )
 # Pattern of a line that multiplies or divides readings by a number.
 _MULTIPLIED = re.compile(_WORDS["multiplied"], re.IGNORECASE)
+# Pattern of a factor in the header of readings, outside the brackets of its unit.
+_FACTOR_OF_HEADER = re.compile(_WORDS["factor_of_header"], re.IGNORECASE)
+_IN_BRACKETS = re.compile(r"\[[^\]]*\]|\([^)]*(?:m|in|inch|mil|\")\)|\{[^}]*\}")
 # Pattern of a word that may be a unit, with a number or another unit before or behind it.
 _MENTIONED = re.compile(
     r"(?<![\w.,/])(?P<number>\d[\d.,]*\s?)?(?P<unit>[^\W\d_]+)(?![\w/])", re.IGNORECASE
 )
 # Pattern of a factor in front of a unit.
 _FACTOR = re.compile(r"[x×*]\s*\d|\d")
-_UNREAD_FACTOR = re.compile(r"[x×*]\s*\d\S*\s*[^\W\d_]+", re.IGNORECASE)
+_UNREAD_FACTOR = re.compile(r"(?<!\d)(?<!\d )[x×*]\s*\d\S*\s*[^\W\d_]+", re.IGNORECASE)
 _LABEL_WORD = re.compile(r"[^\W\d_]+")
 _UNIT_WORD = re.compile(_WORDS["label"], re.IGNORECASE)
 _FILLING = re.compile(_WORDS["filling"], re.IGNORECASE)
@@ -123,8 +127,11 @@ def units_stated(text: str) -> dict[str, str]:
 def _unit_alone(text: str) -> str:
     """Return the unit of readings that a line consists of: ``mm``, ``[mm]`` or ``Readings [mm]``.
 
-    The result is empty for any other line.
+    A unit with a factor that is not read, as in ``x 10 um``, is returned as written. The result is
+    empty for any other line.
     """
+    if has_factor(text):
+        return text.strip()
     match = _UNIT_ALONE.fullmatch(text)
     if match is None or comparable(text) in _ALSO_WORDS:
         return ""
@@ -238,14 +245,27 @@ def multiplies_readings(text: str) -> bool:
     return _MULTIPLIED.search(text[:LONGEST_TEXT]) is not None
 
 
+def _words_outside_brackets(header: str) -> str:
+    return _IN_BRACKETS.sub(" ", header[:LONGEST_TEXT]).replace("_", " ")
+
+
+def header_has_factor(header: str) -> bool:
+    """Return whether a header multiplies or divides its readings, as ``Reading x10 [um]``."""
+    return _FACTOR_OF_HEADER.search(_words_outside_brackets(header)) is not None
+
+
 def unit_mentioned(text: str) -> str:
     """Return the first unit of readings that a text mentions, not behind a number; empty if none.
 
-    Examples are ``Columns: deg, mm`` and the name ``300N_mm``.
+    Examples are ``Columns: deg, mm`` and the name ``300N_mm``. A unit with a factor that is not
+    read, as in ``Unit - x 10 um``, is returned with it.
     """
     words = re.sub(r"[_\-]", " ", text[:LONGEST_TEXT])
     if _OTHER.search(words):
         return ""
+    with_factor = _UNREAD_FACTOR.search(words)
+    if with_factor is not None and unit_named(with_factor[0].split()[-1]) in UNITS["reading"]:
+        return with_factor[0]
     for match in _MENTIONED.finditer(words):
         unit = unit_named(match["unit"])
         is_word = comparable(match["unit"]) in _ALSO_WORDS or len(match["unit"]) < 2

@@ -79,12 +79,44 @@ DIAMETER_WORDS = (
     "Diametral error",
     "Écart diamètre",
     "Dia. error",
+    "Deviation Ø",
+    "Delta diam",
+    "dØ",
+    "D deviation",
+    "D - Dnom",
+    "2dR",
+    "2 x dR",
+    "Durchm.-Abw.",
+    "Double deviation",
+    "Reading (diameter)",
 )
 DIAMETER_LINES = (
     "Values: diameter deviations",
     "Messwerte: Durchmesser",
     "Readings are of the diameter",
     "Output: diametral",
+    "Mode: diameter",
+    "Measurement type: diameter",
+    "Messgröße: Durchmesser",
+    "Quantity: ΔD",
+    "Readings doubled",
+    "Values: 2 x radial deviation",
+    "Column 2: diameter deviation",
+    "Deviation (diameter)",
+)
+NEGATED_WORDS = (
+    "-dR",
+    "R0 - R",
+    "Nominal - actual",
+    "Nominal minus actual",
+    "Soll-Ist",
+    "Reading inverted",
+    "Deviation (neg)",
+    "Negative deviation",
+    "Shortening",
+    "Stauchung",
+    "-1*dR",
+    "Inward deviation",
 )
 ANGLE_WORDS = ("Angle", "Winkel", "theta", "角度", "Угол", "Position", "phi")
 # How the unit stands in the header of a column, by the place of the unit.
@@ -96,9 +128,18 @@ HEADERS = {
     "slash": "{word} / {unit}",
     "comma": "{word}, {unit}",
     "underscore": "{word}_{unit}",
+    "tight brackets": "{word}({unit})",
+    "angle brackets": "{word} <{unit}>",
+    "braces": "{word} {{{unit}}}",
+    "dash": "{word} - {unit}",
+    "colon": "{word}: {unit}",
+    "brackets with in": "{word} (in {unit})",
+    "unit first": "[{unit}] {word}",
+    "given in": "{word} given in {unit}",
+    "twice": "{word} {unit} [{unit}]",
 }
 # Places in a header where a word that is no unit is a word of the header.
-_BARE = ("no brackets", "slash", "comma", "underscore", "nameless column")
+_BARE = ("no brackets", "slash", "comma", "underscore", "dash", "colon", "nameless column")
 READING_PLACES = (*HEADERS, "row", "line", "column", "cells", "format", "nowhere")
 ANGLE_PLACES = (*HEADERS, "row", "line", "cells", "nowhere")
 READING_UNIT_LINES = (
@@ -110,6 +151,13 @@ READING_UNIT_LINES = (
     "Messwerte in {u}",
     "Deviation unit: {u}",
     "Scale: 1 {u} per count",
+    "Readings [{u}]",
+    "Deviation ({u})",
+    "[{u}]",
+    "{u}",
+    "Reading unit; {u}",
+    "Measurement unit - {u}",
+    "Units ({u})",
 )
 ANGLE_UNIT_LINES = ("Angle unit: {u}", "Unit of angle = {u}", "Angles in {u}", "Winkel in {u}")
 RADIUS_LINES = (
@@ -144,7 +192,47 @@ RADIUS_LINES = (
     "Test circle dia {d} mm",
     "半径: {r} mm",
     "Радиус: {r} мм",
+    "Radius: {r} ± 0.01 mm",
+    "Radius: {r} +/- 0.01 mm",
+    "Radius = {r}. mm",
+    "Radius, mm: {r}",
+    "Radius (in mm): {r}",
+    "radius_mm={r}",
+    "radius_mm;{r}",
+    "Half diameter: {r} mm",
+    "2R = {d} mm",
+    "Diameter/2 = {r} mm",
+    "Radius (programmed) {r} mm",
+    "Bar: {h} mm + extension {h} mm",
+    "Bar {h} + {h} mm",
+    "Bar: {h} mm with extension {h} mm",
+    "Ballbar {h} mm; extension {h} mm",
+    "Stab {h} mm + Verlängerung {h} mm",
+    "Ballbar {r}",
+    "Bar (mm): {r}",
+    "R{r}",
+    "R: {r}",
+    "CR={r}",
+    "L = {r} mm",
+    "Ball centre distance: {r} mm",
+    "Distance between balls {r} mm",
+    "Calibrated length: {r} mm",
+    "Circle size {d} mm",
+    "G41 D{d}",
+    "C X+{r} Y+0 DR+",
+    "Size of circle;{d};mm",
+    "Radius µm: {um}",
 )
+# Blocks of G-code above a table, each with the direction of its arc.
+PROGRAM_LINES = {
+    "G2 X{r} Y0 I-{r} J0 F2000": "CW",
+    "N20 G3 I-{r}": "CCW",
+    "G03 X0 Y0 R{r}": "CCW",
+    "G02X0Y0I-{r}J0": "CW",
+    "G3 X0 Y0 CR={r}": "CCW",
+    "G17 G2 I{r}": "CW",
+    "G20 G2 I-{ri}": "CW",
+}
 # Lines and headers about angles, each with the angle from +X at which angles begin [deg], and +1 or
 # −1 for counter-clockwise or clockwise.
 ANGLE_LINES = {
@@ -167,6 +255,33 @@ ANGLE_LINES = {
     "Bezug der Winkel: +Y, UZS": (90.0, -1),
     "Angle axis: Y (cw)": (90.0, -1),
     "Compass angles": (90.0, -1),
+    "Angles: negative": (0.0, -1),
+    "Angles negative": (0.0, -1),
+    "Winkel negativ": (0.0, -1),
+    "Angle sign: -1": (0.0, -1),
+    "Angles reversed": (0.0, -1),
+    "Angles: left-handed": (0.0, -1),
+    "Angles decreasing": (0.0, -1),
+    "Angle = -theta": (0.0, -1),
+    "theta = 90 - angle": (90.0, -1),
+    "Winkel rechtsdrehend": (0.0, -1),
+    "Angles multiplied by -1": (0.0, -1),
+    "Angle: math negative": (0.0, -1),
+    "Angular direction: CW": (0.0, -1),
+    "phi: CW": (0.0, -1),
+    "Negative angles: counter-clockwise": (0.0, -1),
+    "0 deg: +Y; cw": (90.0, -1),
+    "+Y = 0°; angles cw": (90.0, -1),
+    "Y+ is 0 deg": (90.0, 1),
+    "Polar axis: +Y": (90.0, 1),
+    "0° = 12 o'clock": (90.0, -1),
+    "Azimuth": (90.0, -1),
+    "Zero at top": (90.0, -1),
+    "Angles start at -Y; ccw": (270.0, 1),
+    "Winkel von Y": (90.0, -1),
+    "Angle 0 = Y+ (clockwise)": (90.0, -1),
+    "Angle offset = 90": (90.0, 1),
+    "Angles as on the drawing": (90.0, -1),
 }
 ANGLE_ADDITIONS = {
     " from Y clockwise": (90.0, -1),
@@ -176,6 +291,14 @@ ANGLE_ADDITIONS = {
     " clockwise from Y": (90.0, -1),
     " ab Y im UZS": (90.0, -1),
     " CW+": (0.0, -1),
+    " negative": (0.0, -1),
+    " (reversed)": (0.0, -1),
+    " negativ": (0.0, -1),
+    " (from Y axis)": (90.0, -1),
+    " ccw from -Y": (270.0, 1),
+    " (0=Y; CW)": (90.0, -1),
+    " left-handed": (0.0, -1),
+    " N=0": (90.0, -1),
 }
 SIGN_LINES = (
     "Positive reading: bar shorter",
@@ -183,7 +306,97 @@ SIGN_LINES = (
     "Vorzeichen: positiv = kürzer",
     "Positive values mean a shorter bar",
     "Readings count positive inwards",
+    "Positive = inside",
+    "Negative: away from centre",
+    "Compression positive",
+    "Readings inverted",
+    "Reading sign: inverted",
+    "Sign: -1",
+    "Vorzeichen: umgekehrt",
+    "Readings multiplied by -1",
+    "Deviation = nominal - measured",
+    "Reading = -(R - R0)",
+    "Plus: material",
+    "Reading increases when bar shortens",
+    "Polarity: reversed",
 )
+# Lines and headers that multiply readings, each with the factor.
+FACTOR_LINES = {
+    "Values x 10": 10.0,
+    "Readings multiplied by 10": 10.0,
+    "Readings divided by 2": 0.5,
+    "Gain: 10": 10.0,
+    "Multiply by 10": 10.0,
+    "Scale factor 1000": 1000.0,
+    "All values times 1000": 1000.0,
+    "Sensitivity: 0.5": 0.5,
+}
+FACTOR_WORDS = {
+    "Reading x10": 10.0,
+    "10*dR": 10.0,
+    "Reading/10": 0.1,
+    "Reading (x1000)": 1000.0,
+    "dR x 10": 10.0,
+}
+# What names of files add, each with what it means: fields of a meaning.
+NAME_ADDITIONS = {
+    "_R{r}": {},
+    " R{r}mm": {},
+    "_radius_{r}mm": {},
+    "_{r}mm": {},
+    "_D{d}": {},
+    "_bar{r}": {},
+    " r={r}": {},
+    "_angle_cw": {"zero_deg": 0.0, "sense": -1},
+    "_fromY_cw": {"zero_deg": 90.0, "sense": -1},
+    " angles from Y clockwise": {"zero_deg": 90.0, "sense": -1},
+    "_compass": {"zero_deg": 90.0, "sense": -1},
+    "_diameter": {"is_diameter": True},
+    " Durchmesser": {"is_diameter": True},
+    "_inverted": {"sign": -1},
+    "_negated": {"sign": -1},
+}
+# Columns that hold the radius in all rows: header, and cell.
+RADIUS_COLUMNS = {
+    "R [mm]": "{r}",
+    "Radius": "{r}",
+    "Radius [mm]": "{r}",
+    "Diameter [mm]": "{d}",
+    "Bar length [mm]": "{r}",
+    "Radius [cm]": "{cm}",
+    "radius_mm": "{r}",
+    "Circle [mm]": "{r}",
+    "Ballbar": "{r} mm",
+}
+# Feeds as lines above a log write them, each with the feed [mm/min].
+FEED_LINES = {
+    "Feed: 2000 mm/min": 2000.0,
+    "Feed 1500": 1500.0,
+    "Vorschub [mm/min]: 1500": 1500.0,
+    "Feed: 1.5 m/min": 1500.0,
+    "Feed rate = 25 mm/s": 1500.0,
+    "Feed: 60 ipm": 1524.0,
+    "Feed: 1500 ± 10 mm/min": 1500.0,
+    "Feed: 2000 mm/min; override 50 %": 1000.0,
+    "Feed: 2000 mm/min x 50 %": 1000.0,
+    "Vorschub 1500 (programmiert)": 1500.0,
+    "F1500": 1500.0,
+}
+# Starts of the circle as lines above a log write them, each with the angle [deg].
+START_LINES = {
+    "Start angle: 90°": 90.0,
+    "Start: 90": 90.0,
+    "Startwinkel 180 deg": 180.0,
+    "Start angle [rad]: 1.5707963": 90.0,
+    "Start: 100 gon": 90.0,
+    "Begin: 90 deg": 90.0,
+    "Start at +Y": 90.0,
+    "Start point: Y-": 270.0,
+    "Start position -X": 180.0,
+    "Angles from Y": 90.0,
+}
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "min": 60.0, "sec": 1.0, "milliseconds": 1e-3, "µs": 1e-6}
+TIME_WORDS = ("Time", "t", "Zeit", "Elapsed time", "时间")
 DIRECTION_LINES = {
     "Direction: CW": "CW",
     "Direction: counterclockwise": "CCW",
@@ -193,6 +406,12 @@ DIRECTION_LINES = {
     "Run: CCW": "CCW",
     "Measured clockwise": "CW",
     "Sens horaire": "CW",
+    "Rotation: CW": "CW",
+    "Direction: negative": "CW",
+    "Turned right": "CW",
+    "Drehrichtung: rechts": "CW",
+    "G2": "CW",
+    "Direction: G3": "CCW",
 }
 SHAPES = ("files", "files", "files", "long", "wide")
 FORCE_PLACES = ("name", "name", "name", "line", "column")
@@ -213,6 +432,10 @@ class Meaning:
     radius_mm: float = 150.0
     N_per_force: float = 1.0
     direction: str | None = None
+    #: of a log over time: feed [mm/min], and seconds in the unit of its times; a feed of zero for
+    #: tables of angles
+    feed_mm_per_min: float = 0.0
+    s_per_time: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,7 +468,8 @@ def circle_of(written: WrittenCircle, meaning: Meaning) -> Circle:
         reading = 0.5 * reading
     if meaning.is_distance:
         reading = reading - 1e3 * meaning.radius_mm
-    angle = meaning.sense * written.angle * meaning.deg_per_angle + meaning.zero_deg
+    angle = written.angle * _deg_per_number(meaning)
+    angle = meaning.sense * angle + meaning.zero_deg
     return Circle(
         written.force * meaning.N_per_force,
         np.mod(np.round(angle, 3), 360.0),
@@ -253,6 +477,14 @@ def circle_of(written: WrittenCircle, meaning: Meaning) -> Circle:
         meaning.radius_mm,
         meaning.direction,
     )
+
+
+def _deg_per_number(meaning: Meaning) -> float:
+    """Return the angle that belongs to one of the numbers that stand for angles, or for times."""
+    if meaning.feed_mm_per_min == 0.0:
+        return meaning.deg_per_angle
+    mm_per_number = meaning.feed_mm_per_min / 60.0 * meaning.s_per_time
+    return float(np.rad2deg(mm_per_number / meaning.radius_mm))
 
 
 def _written(circle: Circle, name: str, meaning: Meaning) -> WrittenCircle:
@@ -263,11 +495,14 @@ def _written(circle: Circle, name: str, meaning: Meaning) -> WrittenCircle:
     if meaning.is_diameter:
         reading = 2.0 * reading
     angle = np.mod(meaning.sense * (circle.angle_deg - meaning.zero_deg), 360.0)
+    order = np.arange(len(angle))
+    if meaning.feed_mm_per_min:
+        order = np.argsort(angle)
     return WrittenCircle(
         name,
         float(f"{circle.force_N / meaning.N_per_force:.7g}"),
-        np.round(angle / meaning.deg_per_angle, 7),
-        np.round(reading / meaning.um_per_reading, 9),
+        np.round(angle / _deg_per_number(meaning), 7)[order],
+        np.round(reading / meaning.um_per_reading, 9)[order],
         meaning,
     )
 
@@ -302,23 +537,34 @@ class _Draft:
     is_unit_of_force_stated: bool = True
     #: unit of each circle's readings, where it differs from circle to circle
     changing_units: Sequence[str] = ()
+    #: what the names of files add, and the header and cell of a column of radii
+    name_addition: str = ""
+    radius_column: str = ""
+    #: line that states the unit of readings
+    unit_line: str = ""
+    #: factor by which the numbers of readings are multiplied
+    factor: float = 1.0
 
     def add_line(self, lines: Sequence[str] | Mapping[str, object], unit: str = "") -> str:
         """Put one of the lines above the table, with the radius or a unit, and return it."""
         line = pick(self.random, lines)
-        radius = self.meaning.radius_mm
-        self.above.append(
-            line.format(
-                r=f"{radius:g}",
-                d=f"{2.0 * radius:g}",
-                ri=f"{radius / 25.4:.9f}",
-                cm=f"{radius / 10.0:g}",
-                m=f"{radius / 1e3:g}",
-                s=self.separator,
-                u=unit,
-            )
-        )
+        self.above.append(self.with_radius(line, unit))
         return line
+
+    def with_radius(self, text: str, unit: str = "") -> str:
+        """Return a text with the radius, in some unit, or a unit in its places."""
+        radius = self.meaning.radius_mm
+        return text.format(
+            r=f"{radius:g}",
+            d=f"{2.0 * radius:g}",
+            h=f"{radius / 2.0:g}",
+            ri=f"{radius / 25.4:.9f}",
+            cm=f"{radius / 10.0:g}",
+            m=f"{radius / 1e3:g}",
+            um=f"{radius * 1e3:g}",
+            s=self.separator,
+            u=unit,
+        )
 
     def number(self, value: float, digits: int) -> str:
         return f"{value:.{digits}f}".replace(".", self.decimal)
@@ -328,7 +574,7 @@ class _Draft:
         return self.changing_units[k] if self.changing_units else self.reading_unit
 
     def meaning_of(self, k: int) -> Meaning:
-        size = READING_UNITS[self.unit_of(k)]
+        size = READING_UNITS[self.unit_of(k)] / self.factor
         return replace(self.meaning, um_per_reading=size)
 
 
@@ -342,15 +588,25 @@ def mutation(random: Random) -> Mutation:
         Meaning(1.0),
     )
     _draw_readings(draft)
-    _draw_angles(draft)
+    is_log = chance(random, 0.12)
+    if not is_log:
+        _draw_angles(draft)
     _draw_circle(draft)
     draft.shape = pick(random, SHAPES)
+    if is_log:
+        _draw_log(draft)
+    elif draft.shape == "files":
+        _draw_name(draft)
+    random.shuffle(draft.above)
     if draft.reading_place == "format":
         draft.shape = "workbook"
     if draft.shape == "files":
         draft.force_place = pick(random, FORCE_PLACES)
         draft.force_unit = pick(random, FORCE_UNITS)
         draft.meaning = replace(draft.meaning, N_per_force=FORCE_UNITS[draft.force_unit])
+    if draft.radius_column and draft.shape != "files":
+        draft.radius_column = ""
+        draft.add_line(RADIUS_LINES)
     if draft.shape != "wide" and draft.reading_place in ("line", "column", "cells", "brackets"):
         is_separate = draft.shape == "files" or draft.reading_place in ("column", "cells")
         if is_separate and chance(random, 0.15):
@@ -377,9 +633,18 @@ def _draw_readings(draft: _Draft) -> None:
         draft.meaning = replace(draft.meaning, is_distance=True)
         draft.reading_unit = pick(random, ("mm", "um", "inch"))
         draft.reading_word = pick(random, ("Distance", "Length", "Radius", "Reading"))
-    elif chance(random, 0.05):
+    elif chance(random, 0.1):
         draft.meaning = replace(draft.meaning, sign=-1)
-        draft.add_line(SIGN_LINES)
+        if chance(random, 0.5):
+            draft.add_line(SIGN_LINES)
+        else:
+            draft.reading_word = pick(random, NEGATED_WORDS)
+    elif chance(random, 0.08):
+        if chance(random, 0.5):
+            draft.factor = FACTOR_LINES[draft.add_line(FACTOR_LINES)]
+        else:
+            draft.reading_word = pick(random, FACTOR_WORDS)
+            draft.factor = FACTOR_WORDS[draft.reading_word]
 
 
 def _draw_angles(draft: _Draft) -> None:
@@ -411,10 +676,57 @@ def _draw_circle(draft: _Draft) -> None:
     if chance(random, 0.4):
         radius = float(random.choice([50.0, 100.0, 120.5, 200.0, 250.0, 300.0]))
         draft.meaning = replace(draft.meaning, radius_mm=radius)
-        draft.add_line(RADIUS_LINES)
+        if chance(random, 0.2):
+            draft.radius_column = pick(random, RADIUS_COLUMNS)
+        elif draft.meaning.direction is None and chance(random, 0.15):
+            direction = PROGRAM_LINES[draft.add_line(PROGRAM_LINES)]
+            draft.meaning = replace(draft.meaning, direction=direction)
+        else:
+            draft.add_line(RADIUS_LINES)
     if draft.angle_place == "line":
         draft.add_line(ANGLE_UNIT_LINES, draft.angle_unit)
-    random.shuffle(draft.above)
+
+
+def _draw_name(draft: _Draft) -> None:
+    """Choose what the names of files add to the force, and what it means."""
+    random = draft.random
+    if draft.reading_place == "format" or not chance(random, 0.2):
+        return
+    addition = pick(random, NAME_ADDITIONS)
+    changed = NAME_ADDITIONS[addition]
+    plain = Meaning(1.0)
+    # What lines and headers change already is not changed again.
+    for key in changed:
+        if getattr(draft.meaning, key) != getattr(plain, key):
+            return
+    if "zero_deg" in changed and draft.meaning.sense != plain.sense:
+        return
+    draft.name_addition = draft.with_radius(addition)
+    draft.meaning = replace(draft.meaning, **changed)
+
+
+def _draw_log(draft: _Draft) -> None:
+    """Choose feed, start, direction and unit of the times of a log."""
+    random = draft.random
+    draft.shape = "files"
+    draft.angle_word = pick(random, TIME_WORDS)
+    draft.angle_unit = pick(random, TIME_UNITS)
+    draft.angle_place = pick(random, (*HEADERS, "row"))
+    feed = FEED_LINES[draft.add_line(FEED_LINES)]
+    start = 0.0
+    if chance(random, 0.5):
+        start = START_LINES[draft.add_line(START_LINES)]
+    direction = draft.meaning.direction
+    if direction is None and chance(random, 0.4):
+        direction = DIRECTION_LINES[draft.add_line(DIRECTION_LINES)]
+    draft.meaning = replace(
+        draft.meaning,
+        zero_deg=start,
+        sense=-1 if direction == "CW" else 1,
+        direction=direction,
+        feed_mm_per_min=feed,
+        s_per_time=TIME_UNITS[draft.angle_unit],
+    )
 
 
 def _header(word: str, unit: str, place: str) -> str:
@@ -450,6 +762,7 @@ def _files(draft: _Draft) -> Mutation:
             unit_line = unit_line.replace("1 ", "")
         if "counts" in (*draft.changing_units, draft.reading_unit):
             unit_line = READING_UNIT_LINES[0]
+    draft.unit_line = unit_line
     if draft.shape == "files":
         files, circles = _one_file_each(draft, circles, unit_line)
     else:
@@ -470,6 +783,8 @@ def _files(draft: _Draft) -> Mutation:
         f"force {draft.force_unit} in {draft.force_place}",
         draft.reading_word,
         draft.angle_word,
+        draft.radius_column,
+        draft.name_addition,
         unit_line,
         *draft.above,
     ]
@@ -484,6 +799,9 @@ def _stated(draft: _Draft) -> frozenset[str]:
     place = draft.reading_place
     if place == "column" and not draft.unit_header:
         place = "nameless column"
+    if draft.unit_line in ("{u}", "[{u}]") and draft.reading_place == "line":
+        is_unknown_word = is_unknown_word or "counts" in units
+        place = "comma" if is_unknown_word else place
     if place not in (*(_BARE if is_unknown_word else ()), "nowhere"):
         stated.add("unit of the reading")
     if draft.angle_place != "nowhere":
@@ -492,6 +810,8 @@ def _stated(draft: _Draft) -> frozenset[str]:
         stated.add("unit of the force")
     if draft.meaning.radius_mm != Meaning(1.0).radius_mm:
         stated.add("radius_mm")
+    if draft.meaning.feed_mm_per_min:
+        stated.discard("unit of the angle")
     return frozenset(stated)
 
 
@@ -538,6 +858,7 @@ def _one_file_each(
         name = f"c{k}"
         if draft.force_place == "name":
             name = f"{force} {draft.force_unit}"
+        name += draft.name_addition
         force = force.replace(".", draft.decimal)
         if draft.force_place == "line":
             lines.append(force_line.format(f=force, u=draft.force_unit, s=draft.separator))
@@ -545,11 +866,18 @@ def _one_file_each(
         if draft.force_place == "column":
             place = "brackets" if draft.is_unit_of_force_stated else "nowhere"
             heads[0].append(_header(force_word, draft.force_unit, place))
+        radius_cell = ""
+        if draft.radius_column:
+            heads[0].append(draft.radius_column)
+            radius_cell = draft.with_radius(RADIUS_COLUMNS[draft.radius_column])
+            radius_cell = radius_cell.replace(".", draft.decimal)
         lines += [draft.separator.join(cells) for cells in heads]
         for j in range(len(written.angle)):
             cells = _row_of_cells(draft, written, j, unit)
             if draft.force_place == "column":
                 cells.append(force)
+            if radius_cell:
+                cells.append(radius_cell)
             lines.append(draft.separator.join(cells))
         files[f"{name}.csv"] = _text(lines)
         named.append(replace(written, name=f"{name}.csv"))

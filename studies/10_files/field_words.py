@@ -34,6 +34,10 @@ def word_cases() -> dict[str, FieldCase]:
         **unit_of_line_cases(),
         **name_cases(),
         **position_cases(),
+        **header_cases(),
+        **column_cases(),
+        **log_start_cases(),
+        **harmless_cases(),
     }
 
 
@@ -436,3 +440,146 @@ def position_cases() -> dict[str, FieldCase]:
             ),
         ),
     }
+
+
+def header_cases() -> dict[str, FieldCase]:
+    kind = "headers of readings"
+    cases = {}
+
+    def add(
+        header: str, row: Callable[[Circle, int], Sequence[object]], refusal: str, *step: str
+    ) -> None:
+        files = field.texts(f"Angle [deg];{header}", row, separator=";")
+        what = f"a header '{header}'"
+        cases[f"header_{len(cases)}"] = FieldCase(kind, what, files, refusal=refusal, step=step)
+
+    for header in ("Reading x10 [um]", "10*dR [um]", "Reading (x10) [um]", "dR_x10 [um]"):
+        add(header, field.scaled(0.1), "Say which unit the numbers", "--unit", "0.1 um")
+    for header in ("Reading inverted [um]", "Deviation (neg) [um]", "-1*dR [um]", "Stauchung [µm]"):
+        add(header, negated, WHICH_SIGN, "--sign", "-1")
+    for header in ("2 x dR [um]", "D deviation [um]", "Double deviation [um]"):
+        add(header, field.doubled, WHICH_LENGTH, "--measured", "diameter")
+    for header in ("Reading mm [um]", "Reading_um [mm]", "Reading (mm) um"):
+        add(header, field.plain, "Correct the header, or give --unit", "--unit", "um")
+    read = {"Nominal minus actual [um]": negated, "dØ [um]": field.doubled}
+    read |= {"Durchm.-Abw. [µm]": field.doubled, "[mm] -dR": scaled_and_negated}
+    for header, row in read.items():
+        files = field.texts(f"[deg] Winkel;{header}", row, separator=";")
+        cases[f"header_{len(cases)}"] = FieldCase(kind, f"a header '{header}'", files)
+    return cases
+
+
+def scaled_and_negated(circle: Circle, k: int) -> list[object]:
+    return [f"{circle.angle_deg[k]:g}", f"{-1e-3 * circle.reading_um[k]:.6f}"]
+
+
+def column_cases() -> dict[str, FieldCase]:
+    kind = "the radius in other words"
+    read = {"Ballbar": "100 mm", "Radius [cm]": "10"}
+    told = {"Circle [mm]": "Circle 150 mm", "L [mm]": "L 150 mm"}
+    cases = {}
+    for number, (header, cell) in enumerate(read.items()):
+        cases[f"radius_in_column_{number}"] = FieldCase(
+            kind,
+            f"a column '{header}' of {cell}",
+            with_column(header, cell),
+            circles=of_radius(100.0),
+        )
+    for number, (header, note) in enumerate(told.items()):
+        cases[f"length_in_column_{number}"] = FieldCase(
+            kind,
+            f"a column '{header}' of 150",
+            with_column(header, "150"),
+            told=f"says {note}, not taken",
+        )
+    cases["blanks_in_cells"] = FieldCase(
+        "separators",
+        "tabs between cells, a blank in each cell and in a header",
+        field.texts(
+            "Winkel\tDouble deviation [um]",
+            lambda c, k: [f"{c.angle_deg[k]:g} Grad", f"{2.0 * c.reading_um[k]:.3f}"],
+            separator="\t",
+        ),
+        refusal="units belong into the header, not into cells",
+        mended=field.texts("Winkel [Grad]\tDiameter deviation [um]", field.doubled, separator="\t"),
+    )
+    return cases
+
+
+def with_column(header: str, cell: str) -> dict[str, bytes]:
+    """Return files with a column of one value."""
+    return field.texts(
+        f"Angle [deg];{header};Deviation [um]",
+        lambda c, k: [f"{c.angle_deg[k]:g}", cell, f"{c.reading_um[k]:.3f}"],
+        separator=";",
+    )
+
+
+def log_start_cases() -> dict[str, FieldCase]:
+    kind = "starts of logs"
+    starts = {
+        "Start at +Y": 90.0,
+        "Start point: Y-": 270.0,
+        "Start: -X": 180.0,
+        "Begin: 90 deg": 90,
+    }
+    cases = {}
+    for number, (line, start) in enumerate(starts.items()):
+        cases[f"log_start_{number}"] = FieldCase(
+            kind, f"a line '{line}'", log_from(start, f"Feed: 2000 mm/min\n{line}")
+        )
+    for number, line in enumerate(("Angle from Y, counter-clockwise", "Start X0 Y150")):
+        cases[f"log_start_asked_{number}"] = FieldCase(
+            kind,
+            f"a line '{line}'",
+            log_from(90.0, f"Feed: 2000 mm/min\n{line}"),
+            refusal="must say where its circle starts",
+            step=("--start-deg", "90"),
+        )
+    for number, line in enumerate(("Feed override: 50 %", "Vorschub 100 mm/min x 50 %")):
+        cases[f"log_feed_share_{number}"] = FieldCase(
+            kind,
+            f"a line '{line}'",
+            log_from(0.0, line),
+            refusal="the feed must be that of the machine",
+            step=("--feed-mm-per-min", "2000"),
+        )
+    return cases
+
+
+def log_from(start_deg: float, above: str) -> dict[str, bytes]:
+    """Return logs over time of circles that start at an angle and run counter-clockwise."""
+    shift = round(start_deg / 5.0)
+
+    def row(circle: Circle, k: int) -> list[object]:
+        seconds = np.deg2rad(circle.angle_deg[k]) * circle.radius_mm * 60.0 / 2000.0
+        reading = circle.reading_um[(k + shift) % len(circle.reading_um)]
+        return [f"{seconds:.6f}", f"{reading:.3f}"]
+
+    return field.texts("Time [s];Reading [um]", row, above=above, separator=";")
+
+
+def harmless_cases() -> dict[str, FieldCase]:
+    """Return lines that look like statements about angles, signs or radii, and are none."""
+    lines = (
+        "Data inverted: no",
+        "Direction reversed: no",
+        "Max negative deviation: -12.3 um",
+        "Readings: 72 / turn",
+        "Values per turn: 72",
+        "Ball-bar test according to ISO 230-4",
+        "Zero point: G54",
+        "Workpiece: aluminium 200 x 200 mm",
+        "Bearing preload: 50 N max.",
+        "Positional tolerance 0.02 mm",
+        "Radius compensation: off",
+        "Extension cable 5 m",
+        "Umkehrspanne X: 3 µm",
+        "Diameter of workpiece: 200 mm",
+    )
+    cases = {}
+    for number, line in enumerate(lines):
+        cases[f"harmless_{number}"] = FieldCase(
+            "harmless lines", f"a line '{line}'", field.texts(HEADER, above=line)
+        )
+    return cases

@@ -21,7 +21,7 @@ from typing import Any
 import field_files as field
 import field_mutations
 import numpy as np
-from field_mutations import Meaning, Mutation, WrittenCircle, circle_of
+from field_mutations import TIME_UNITS, Meaning, Mutation, WrittenCircle, circle_of
 
 import ldbb_bayes as lb
 from ldbb_bayes.errors import InputError
@@ -79,6 +79,10 @@ def outcome(folder: Path, mutated: Mutation) -> str:
         meaning = meaning_by_notes(written, imported.assumptions)
         noted.append(circle_of(written, meaning))
     silent = misread(imported.campaign, noted)
+    subjects = {assumption.what for assumption in imported.assumptions}
+    if silent == ["readings"] and "run-in and run-out" in subjects:
+        # Of a log whose circle is assumed to be another, readings are left out.
+        return f"told: {', '.join(wrong)}"
     if silent:
         return f"silent: {', '.join(silent)}"
     passed_over = _passed_over(mutated, imported.assumptions)
@@ -138,6 +142,8 @@ def _assumed(assumption: Assumption, meaning: Meaning) -> dict[str, Any]:
     number = re.match(r"[\d.]+", value)
     if subject == "radius_mm" and number is not None:
         return {subject: float(number[0])}
+    if meaning.feed_mm_per_min:
+        return _assumed_of_log(subject, value, meaning)
     convention = re.fullmatch(r"from ([+-][XY]), (CW|CCW)", value)
     if subject == "angle" and convention is not None:
         return {
@@ -147,6 +153,23 @@ def _assumed(assumption: Assumption, meaning: Meaning) -> dict[str, Any]:
     if subject == "direction":
         stated = re.match("CC?W", value)
         return {"direction": stated[0] if stated else None}
+    if subject == "sign of the reading":
+        return {"sign": int(value.partition(":")[0])}
+    return {}
+
+
+def _assumed_of_log(subject: str, value: str, meaning: Meaning) -> dict[str, Any]:
+    """Return the fields of the meaning of a log over time that one note states."""
+    number = re.match(r"-?[\d.]+", value)
+    if subject == "feed_mm_per_min" and number is not None:
+        return {subject: float(number[0])}
+    if subject == "start_deg" and number is not None:
+        return {"zero_deg": float(number[0])}
+    if subject == "unit of the time":
+        return {"s_per_time": TIME_UNITS[value]}
+    if subject == "direction" and value.startswith(("CW", "CCW")):
+        direction = value[:3].rstrip(",")
+        return {"direction": direction, "sense": -1 if direction == "CW" else 1}
     if subject == "sign of the reading":
         return {"sign": int(value.partition(":")[0])}
     return {}
