@@ -46,7 +46,7 @@ _FORCE_AFTER_F = re.compile(r"(?<![a-zA-Z0-9])[fF](\d{2,3})(?![\d.,])")
 # number of a run.
 _RADIUS_AFTER_R = re.compile(
     r"(?<![a-zA-Z0-9])(?:R|[Rr]adius)[ _=\-]?([5-9]\d(?:\.\d+)?|[1-9]\d{2,3}(?:\.\d+)?)"
-    r"(?:[ _]?mm)?(?![a-zA-Z\d.,])(?![ _](?:N|kN|daN|lbf|kgf|bar|psi)\b)"
+    r"(?:[ _]?mm)?(?![a-zA-Z\d.,])(?![ _](?:N|kN|daN|lbf|kgf|bar|psi)(?![^\W_]))"
 )
 # Pattern of a length in a name that may be the radius or the diameter of the circle: one in mm, or
 # behind a letter or word for it.
@@ -54,7 +54,7 @@ _LENGTH_IN_NAME = re.compile(
     r"(?<![\d.,])(?:[5-9]\d|[1-9]\d\d)(?:[.,]\d+)?[ _\-]?mm(?![/\w])"
     r"|(?<![^\W_])(?:[RrDdLØø]|[Bb]ar|[Dd]ia(?:meter)?|[Dd]urchmesser|[Rr]ad(?:ius)?)[ _=\-]?"
     r"(?:0\.\d+[ _]?m(?![^\W_])"
-    r"|(?:[5-9]\d|[1-9]\d\d)(?![.\d])(?![ _]?(?:k?N|daN|lbf|kgf|bar|psi)\b))"
+    r"|(?:[5-9]\d|[1-9]\d\d)(?![.\d])(?![ _]?(?:k?N|daN|lbf|kgf|bar|psi)(?![^\W_])))"
 )
 # Pattern of the place in a name at which a word begins with a capital, as in "anglesCW".
 _CAPITAL_WITHIN = re.compile(r"(?<=[a-z])(?=[A-Z])")

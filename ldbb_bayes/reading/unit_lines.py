@@ -51,13 +51,16 @@ _UNIT = re.compile(r"[^\s;,|:=()\[\]/]+")
 _SHARE = re.compile(rf"(?<!\w)(?:{_WORDS['share']})(?!\w)", re.IGNORECASE)
 # Pattern of a line that is nothing but a label and a unit, such as "Units - mm".
 _BARE_LINE = re.compile(
-    rf"\W*(?:{_WORDS['label']})\s*[-–]?\s*(?P<unit>[^\s;|()\[\]]+)[\s;,|\t]*", re.IGNORECASE
+    rf"\W*(?:{_WORDS['label']})\s*[-–]?\s*(?P<unit>(?:[\d.,]+\s)?[^\s;|()\[\]]+)[\s;,|\t]*",
+    re.IGNORECASE,
 )
 # Pattern of a line that is a unit, alone or in brackets behind a word for readings.
 _UNIT_ALONE = re.compile(
     rf"\W*(?:{_WORDS['bracketed']})\s*[\[(](?P<bracketed>[^\])]+)[\])]\W*|\W*(?P<unit>[^\W\d]+)\W*",
     re.IGNORECASE,
 )
+# Pattern of a unit of readings that is no length.
+_NO_LENGTH = re.compile(_WORDS["no_length"], re.IGNORECASE)
 # Pattern of a line that multiplies or divides readings by a number.
 _MULTIPLIED = re.compile(_WORDS["multiplied"], re.IGNORECASE)
 # Pattern of a factor in the header of readings, outside the brackets of its unit.
@@ -107,9 +110,9 @@ def units_stated(text: str) -> dict[str, str]:
     unit_alone = _unit_alone(text)
     if unit_alone:
         return stated | {"reading_unit": unit_alone}
-    bare = _BARE_LINE.fullmatch(text)
-    if bare is not None and unit_named(bare["unit"]):
-        return stated | _units_of_roles(bare["unit"], "")
+    units_of_bare_line = _units_of_bare_line(text)
+    if units_of_bare_line:
+        return stated | units_of_bare_line
     match = _LINE.search(text)
     if match is None or _OTHER.search(match["label"]):
         return stated
@@ -124,17 +127,32 @@ def units_stated(text: str) -> dict[str, str]:
     return stated | _units_of_roles(text, role)
 
 
+def _units_of_bare_line(text: str) -> dict[str, str]:
+    """Return the units of a line that is nothing but a label and a known unit, by key."""
+    match = _BARE_LINE.fullmatch(text)
+    if match is None:
+        return {}
+    unit = match["unit"]
+    if unit_named(unit):
+        return _units_of_roles(unit, "")
+    if scaled_unit(unit):
+        return _scaled_units(scaled_unit(unit), "")
+    return {}
+
+
 def _unit_alone(text: str) -> str:
     """Return the unit of readings that a line consists of: ``mm``, ``[mm]`` or ``Readings [mm]``.
 
-    A unit with a factor that is not read, as in ``x 10 um``, is returned as written. The result is
-    empty for any other line.
+    A unit with a factor that is not read, as in ``x 10 um``, and one that is no length, as V, are
+    returned as written. The result is empty for any other line.
     """
     if has_factor(text):
         return text.strip()
     match = _UNIT_ALONE.fullmatch(text)
     if match is None or comparable(text) in _ALSO_WORDS:
         return ""
+    if match["bracketed"] and _NO_LENGTH.fullmatch(match["bracketed"]):
+        return str(match["bracketed"])
     unit = scaled_unit(match["bracketed"] or match["unit"])
     if unit.split(" ")[-1] not in UNITS["reading"]:
         return ""

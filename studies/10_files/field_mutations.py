@@ -799,7 +799,10 @@ def _stated(draft: _Draft) -> frozenset[str]:
     place = draft.reading_place
     if place == "column" and not draft.unit_header:
         place = "nameless column"
-    if draft.unit_line in ("{u}", "[{u}]") and draft.reading_place == "line":
+    if (
+        draft.unit_line in ("{u}", "[{u}]", "Deviation ({u})", "Readings [{u}]")
+        and draft.reading_place == "line"
+    ):
         is_unknown_word = is_unknown_word or "counts" in units
         place = "comma" if is_unknown_word else place
     if place not in (*(_BARE if is_unknown_word else ()), "nowhere"):

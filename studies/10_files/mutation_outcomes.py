@@ -201,7 +201,7 @@ def main() -> None:
                 shown.setdefault(became, []).append(mutated.what)
     kinds: Counter[str] = Counter()
     for became, number in counts.items():
-        kinds[became.partition(":")[0]] += number
+        kinds[re.split("[:,]", became)[0]] += number
     stated = {"seed": int(sys.argv[1]), "mutations": counts.total()}
     stated |= {kind: kinds[kind] for kind in ("true", "told", "refused", "silent")}
     print(json.dumps(stated, indent=1), round(time.process_time() - start), "s of CPU")
