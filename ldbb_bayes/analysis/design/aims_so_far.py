@@ -39,8 +39,8 @@ __all__ = [
 
 # Number of values of the hyper-parameters at which possible circles are compared.
 _NODES = 16
-# Number of values of the hyper-parameters over which means and standard deviations of the
-# parameters are averaged, and number of posterior draws of the parameters.
+# Number of posterior draws of the parameters. The means and standard deviations of the parameters
+# are averages over the same number of values of the hyper-parameters.
 _DRAWS = 1024
 # Least distance of an estimate from a tolerance limit, in present standard uncertainties. Smaller
 # distances are raised to this value when a circle is chosen: if the estimate is exactly at the

@@ -3,7 +3,7 @@
 φ are the hyper-parameters: the scales of the noise and of other effects. An analysis does not know
 the true scales of a machine. It estimates the scales from the readings and the prior. The
 uncertainty that the analysis states is an average over all scales that it believes to be possible.
-These include large scales even if the readings scatter little: three circles that agree do not
+Large scales remain possible even if the readings scatter little: three circles that agree do not
 prove that a fourth circle would agree with them.
 
 The normal score of a scale is the standard normal quantile of the scale's cumulative prior

@@ -522,7 +522,7 @@ def _refuse_beside_goals(names: Sequence[str]) -> None:
 
 
 def _number_of_tests(tests: int | None, pilot: Campaign) -> int:
-    """Return the number of circles to run: ``tests``, or as many as the pilot has if it is None."""
+    """Return the number of circles to run: ``tests`` or, if None, as many as the pilot has."""
     number = len(pilot.tests) if tests is None else tests
     require_whole("tests", number)
     require(

@@ -41,8 +41,9 @@ _CIRCLES_OF_SHARES = 8
 _BEGIN_SHARE = 0.85
 # Number of halvings of the interval in which the factor for that estimate is sought.
 _HALVINGS = 10
-# A full forecast of a campaign is made only if ln(u/u*) by the quick forecast is at most this.
-# Before the comparison, the uncertainty u is multiplied by the ratio of full to quick forecast.
+# A full forecast of a campaign is made only if ln(u/u*) by the quick forecast is at most this,
+# where u/u* is a standard uncertainty divided by the largest that its goal permits. Before the
+# comparison, the uncertainty u is multiplied by the ratio of full to quick forecast.
 _NEAR = 0.03
 # Largest number of full forecasts in one family.
 _MOST_FORECASTS = 8
@@ -264,9 +265,10 @@ class _Search:
     def _inflation_of(self, campaign: FoundCampaign, counts: Array) -> float:
         """Return ln(u/u*) of a campaign by the full forecast, minus ln(u/u*) by the quick forecast.
 
-        By the full forecast, ln(u/u*) of a possible machine is the largest value of all goals. The
-        quantile of these values over the machines, at the required probability, is taken.
-        ``counts`` is the campaign's number of circles of every candidate.
+        u/u* is a standard uncertainty divided by the largest that its goal permits. By the full
+        forecast, ln(u/u*) of a possible machine is the largest value of all goals. The quantile of
+        these values over the machines, at the required probability, is taken. ``counts`` is the
+        campaign's number of circles of every candidate.
         """
         excess = _excess(campaign.stated, self._goals).max(axis=1)
         distance = campaign.family.quick.distance(counts)

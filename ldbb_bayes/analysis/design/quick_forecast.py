@@ -31,7 +31,8 @@ __all__ = ["QuickForecast", "limits_of_goals"]
 # Sharpness s of the smooth maximum (Σ r^s)^(1/s) over goals. With s = 16, the smooth maximum of two
 # equal values is 4 % above these values.
 _SHARPNESS = 16.0
-# Largest number of passes; in each pass, an exchange of every circle of a campaign is tried.
+# Largest number of passes of the search. In each pass, an exchange of every circle of a campaign is
+# tried.
 _MOST_PASSES = 4
 # An exchange of circles must reduce the distance from the goals by at least this, which is more
 # than rounding errors change the distance.
@@ -173,7 +174,10 @@ class QuickForecast:
         return self._distance(np.array(variances).swapaxes(0, 1))
 
     def _log_ratio(self, variances: Array) -> Array:
-        """Return ln(u/u*) for variances u² of the goals' parameters, shape (..., K, goals)."""
+        """Return ln(u/u*) for variances u² of the goals' parameters, shape (..., K, goals).
+
+        u* are the largest standard uncertainties that the goals permit, at K values of φ.
+        """
         return np.asarray(0.5 * np.log(variances) - np.log(self._limits))
 
     def _distance(self, variances: Array) -> Array:
