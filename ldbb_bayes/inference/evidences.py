@@ -113,12 +113,13 @@ class Evidences(Shown):
         compliances may be negative. The nodes of such models follow from the nodes of the largest
         of these models.
         """
-        models_by_key = {model_to_toml(model): model for model in models}
+        keys = [model_to_toml(model) for model in models]
+        models_by_key = dict(zip(keys, models, strict=True))
         for key in sorted(models_by_key, key=lambda key: _largest_first(models_by_key[key])):
             if key not in self._nodes:
                 self._nodes[key] = self._compute_nodes(models_by_key[key])
             self.progress()
-        return [self._nodes[key] for key in models_by_key]
+        return [self._nodes[key] for key in keys]
 
     def unless_rejected(self, below: float, *models: HybridModel) -> list[Nodes]:
         """Return the quadrature nodes of each model; coarse ones if all the models are rejected.

@@ -88,8 +88,10 @@ def _draw_standard(
         missing = missing[is_outside(draws, phi_index[missing])]
     for _ in range(_REPEATS):
         if not missing.size:
-            return standard.reshape(w, repeats, p)
+            break
         orthant = conditional.select(phi_index[missing]).orthant
         standard[missing], accepted = orthant.draw_standard(rng)
         missing = missing[~accepted]
-    raise no_physical_draw()
+    if missing.size:
+        raise no_physical_draw()
+    return standard.reshape(w, repeats, p)

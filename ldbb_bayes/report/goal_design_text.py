@@ -99,7 +99,9 @@ def _plans_table(result: GoalDesign) -> Table:
         "price",
         "all goals met",
     )
-    return Table.of("The cheapest campaigns", heads, rows, text=("certificates to buy", "all met"))
+    return Table.of(
+        "The cheapest campaigns", heads, rows, text=("certificates to buy", "all goals met")
+    )
 
 
 def _customary_table(result: GoalDesign) -> Table:
