@@ -29,7 +29,7 @@ from ldbb_bayes.results import Array
 __all__ = ["believed_scales", "fisher_information"]
 
 # The normal score of a scale is the standard normal quantile of the scale's cumulative prior
-# probability. Scores are limited to this absolute value; the prior probability that a score exceeds
+# probability. Scores are limited to this absolute value; the prior probability of each tail beyond
 # it is below 1e-9.
 _LARGEST_SCORE = 6.0
 # Step of the central differences of variances with respect to the normal scores of scales.
