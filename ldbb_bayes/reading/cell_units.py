@@ -16,24 +16,29 @@ __all__ = ["UnitsOfCells", "number_in_cell", "split_units"]
 _NUMBER_AND_TEXT = re.compile(r"(?P<number>[+\-−–]?[\d.,]*\d(?:[eE][+\-]?\d+)?)\s*(?P<unit>\D.*)")
 
 
-# Fewest rows with units for which rows of numbers without units also count as their neighbours.
+# If at least this many rows of a sheet have units, a row of numbers without units also shows that
+# the rows next to it belong to a table.
 _FEWEST_ROWS = 3
 
 
 class _NumberAndUnit(NamedTuple):
     number: str
-    unit: str  # unit by the name of this package; empty without a unit
+    unit: str  # this package's name of the unit; empty if the cell has no unit
 
 
 class UnitsOfCells(NamedTuple):
-    """Rows of a sheet without the units in its cells, and these units."""
+    """Rows of a sheet after the units were removed from the cells, and the removed units."""
 
     rows: list[Row]
-    units: Mapping[tuple[int, int], str]  #: unit by line number and index of the column
+    #: removed units; each key is a pair of line number and index of the column
+    units: Mapping[tuple[int, int], str]
 
 
 def number_in_cell(cell: str) -> _NumberAndUnit | None:
-    """Return the number in a cell, and its unit if there is one; None for other cells."""
+    """Return the number in a cell, and its unit if there is one.
+
+    Return None for a cell that is not a number, alone or with a known unit.
+    """
     if looks_like_number(cell):
         return _NumberAndUnit(cell, "")
     match = _NUMBER_AND_TEXT.fullmatch(cell)
@@ -46,11 +51,12 @@ def number_in_cell(cell: str) -> _NumberAndUnit | None:
 
 
 def split_units(rows: Sequence[Row]) -> UnitsOfCells:
-    """Return the rows of a sheet with the units in cells of numbers taken out.
+    """Return the rows of a sheet after removing the units behind numbers, and the units.
 
-    A row is changed only if it consists of two or more numbers, at least one with a unit. One of
-    the rows next to it must be of this kind too; if three rows or more have units, it is enough
-    that it consists of numbers. A row such as ``Force;36 N`` is not changed.
+    A row is changed only if it consists of at least two numbers, one or more of them with a unit,
+    and if a row directly above or below it consists of numbers with units too. If at least three
+    rows of the sheet have units, the numbers above or below may also be without units. A row such
+    as ``Force;36 N`` is not changed.
     """
     numbers = [_numbers_of(row.cells) for row in rows]
     is_neighbour = _may_be_neighbours(rows, numbers)
@@ -73,9 +79,9 @@ def split_units(rows: Sequence[Row]) -> UnitsOfCells:
 def _may_be_neighbours(
     rows: Sequence[Row], numbers: Sequence[Mapping[int, _NumberAndUnit]]
 ) -> list[bool]:
-    """Return for each row whether it shows that the rows beside it belong to a table.
+    """Return, for each row, whether it shows that the rows next to it belong to a table.
 
-    ``numbers`` are the numbers of each row that has units.
+    ``numbers`` holds the numbers of each row of numbers with units; it is empty for other rows.
     """
     with_units = [bool(entries) for entries in numbers]
     if sum(with_units) < _FEWEST_ROWS:
@@ -84,7 +90,11 @@ def _may_be_neighbours(
 
 
 def _numbers_of(cells: Sequence[str]) -> dict[int, _NumberAndUnit]:
-    """Return the numbers in a row by column, if all its cells are numbers and one has a unit."""
+    """Return a dict with the numbers in a row; its keys are the indices of the columns.
+
+    The dict is empty if a filled cell is not a number, if there are fewer than two numbers, or if
+    no number has a unit.
+    """
     entries = {}
     for column, cell in enumerate(cells):
         if not cell:

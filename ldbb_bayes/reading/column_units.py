@@ -1,6 +1,6 @@
 """Unit of a column of numbers, from all sources that state it.
 
-The sources are the user, a column of units, the header, and lines above the table. Those in the
+The sources are the user, a column of units, the header, and lines above the table. Sources in the
 file must not contradict each other, unless the user states the unit.
 """
 
@@ -20,7 +20,7 @@ from ldbb_bayes.results import Array
 
 __all__ = ["is_unit_stated", "unit_size"]
 
-# Word for the unit of a row that states none, as messages show it.
+# Word that messages show in place of the unit of a row without a unit.
 _NO_UNIT = "none"
 # An error message shows at most this number of characters of a unit from a file.
 _UNIT_SHOWN = 40
@@ -34,7 +34,7 @@ class _UnitEvidence(NamedTuple):
 
 
 def is_unit_stated(recording: Recording, role: str) -> bool:
-    """Return whether the user or the file states the unit of the column with a role."""
+    """Return whether the user or the file states the unit of the column that has a given role."""
     if getattr(recording.layout, f"{role}_unit") is not None:
         return True
     return bool(_evidence(recording, role))
@@ -63,8 +63,8 @@ def unit_size(
     Raises
     ------
     InputError
-        For a unit that is unknown for this role, and for sources in the file that contradict each
-        other if the user states no unit.
+        For a unit that is unknown for this role. If the user states no unit, also for sources in
+        the file that contradict each other.
     """
     stated_unit: str | None = getattr(recording.layout, f"{role}_unit")
     evidence = _evidence(recording, role)
@@ -82,7 +82,7 @@ def unit_size(
         recording.log.keep(**{f"{role}_unit": usual})
         return UNITS[role][usual]
     recording.log.keep(**{f"{role}_unit": None})
-    # Rows without a unit have that of a source which states one for all rows.
+    # A row without a unit gets the unit of a source that states a unit for every row.
     first, *further_evidence = sorted(evidence, key=lambda entry: _NO_UNIT in entry.units)
     is_complete = _NO_UNIT not in first.units
     for other in further_evidence:
@@ -100,7 +100,7 @@ def unit_size(
 
 
 def _note_source(recording: Recording, role: str, evidence: _UnitEvidence) -> None:
-    """Note a unit that does not stand in the header of its column."""
+    """Add a note on the source of a column's unit, unless the source is the column's header."""
     if evidence.source == _header_source(recording):
         return
     subject = f"unit of the {role}"
@@ -108,7 +108,10 @@ def _note_source(recording: Recording, role: str, evidence: _UnitEvidence) -> No
 
 
 def _size_of_rows(recording: Recording, role: str, evidence: _UnitEvidence) -> float | Array:
-    """Return the size of the unit that a source states, for each row if it changes."""
+    """Return the size of the unit that a source states, in the unit that this package uses.
+
+    The size is one number, or an array of shape (n,) if the unit changes from row to row.
+    """
     sizes = {}
     for unit in dict.fromkeys(evidence.units):
         source = evidence.source
@@ -147,10 +150,10 @@ def _header_source(recording: Recording) -> str:
 
 
 def _evidence(recording: Recording, role: str) -> list[_UnitEvidence]:
-    """Return the units that the file states for the column with a role, by their sources.
+    """Return the units that each source in the file states for the column that has a given role.
 
-    If a unit is that of a count, a line that states the size of a count replaces it. Lines do not
-    state the unit of a time of day.
+    If the readings are in counts of an instrument, the size of one count in a line above the table
+    replaces this unit. Times of day have the unit s, as if their header stated it.
     """
     evidence = []
     for row_units in recording.row_units.get(role, ()):

@@ -1,4 +1,7 @@
-"""Times of the readings in a log over time: their unit, jumps of the clock, and gaps."""
+"""Times of the readings in a log over time: their unit, jumps of the clock, and gaps.
+
+A log over time is a table that holds times instead of angles.
+"""
 
 from __future__ import annotations
 
@@ -13,29 +16,33 @@ from ldbb_bayes.results import Array
 
 __all__ = ["times_of_log"]
 
-# Numbers are taken as times since 1970 if they then lie in the years 2000 to 2100 [s].
+# Numbers are taken as times since 1970 if the times then lie in the years 2000 to 2100, that is,
+# between these limits [s].
 _FIRST_STAMP_S = 946_684_800.0
 _LAST_STAMP_S = 4_102_444_800.0
 # Units in which programs count the time since 1970.
 _STAMP_UNITS = ("s", "ms", "us", "ns")
-# A step from one time to the next is a gap if it is longer than this many usual steps.
+# A step from one time to the next is a gap if it is longer than this multiple of the median step.
 _LARGEST_GAP_STEPS = 5.0
-# Times are evenly spaced if no step differs from the usual one by more than this share of it.
+# Times are evenly spaced if no step differs from the median step by more than this share of the
+# median step.
 _EVEN_SHARE = 0.5
-# Largest number of rows that a note names.
+# Largest number of steps back in time that a note lists.
 _ROWS_SHOWN = 5
 
 
 def times_of_log(recording: Recording) -> Array:
-    """Return the time of every reading of a log, in an order that increases, shape (n,) [s].
+    """Return the increasing times of all readings of a log, shape (n,) [s].
 
-    A clock that was set back is corrected if the readings are otherwise evenly spaced in time, and
-    this is noted. The user says what the machine did in gaps.
+    If the clock was set back, the times are corrected, provided that all other readings are evenly
+    spaced in time; the correction is noted. For gaps, the user must state whether the machine stood
+    still or moved on.
 
     Raises
     ------
     InputError
-        For times that do not increase, and for gaps if the user does not say what the machine did.
+        For times that do not increase and cannot be corrected, and for gaps if the user does not
+        state what the machine did.
     """
     raw = recording.numbers["time"]
     times = raw * unit_size(recording, "time", *_usual_unit(raw))
@@ -56,7 +63,7 @@ def times_of_log(recording: Recording) -> Array:
 
 
 def _usual_unit(raw: Array) -> tuple[str, str]:
-    """Return the unit that times have if neither user nor file states one, and the reason for it.
+    """Return the unit assumed for times if neither user nor file states one, and the reason.
 
     ``raw`` are the numbers in the column of times, shape (n,).
     """
@@ -67,11 +74,11 @@ def _usual_unit(raw: Array) -> tuple[str, str]:
 
 
 def _without_jumps_back(recording: Recording, steps: Array, usual: float) -> Array:
-    """Return the steps of time [s] with those back replaced by the usual step.
+    """Return the steps of time [s] with each step back replaced by the usual step.
 
-    ``steps`` are the differences of successive times, shape (n − 1,), and ``usual`` is the usual
-    step [s]. Raise an error for steps back in a log that is not evenly spaced otherwise, unless the
-    user says that gaps are to be closed.
+    ``steps`` are the differences of successive times, shape (n − 1,), and ``usual`` is the median
+    step [s]. Raise an error for steps back if the other steps are not even, unless the user states
+    that the machine stood still in gaps.
     """
     is_back = steps < 0.0
     if not is_back.any():
@@ -95,10 +102,11 @@ def _without_jumps_back(recording: Recording, steps: Array, usual: float) -> Arr
 
 
 def _without_gaps(recording: Recording, steps: Array, usual: float) -> Array:
-    """Return the steps of time [s] with gaps closed, if the machine stood still in them.
+    """Return the steps of time [s] with gaps replaced by the usual step if the machine stood still.
 
-    Raise an error for gaps if the user does not say what the machine did. ``steps`` are the
-    differences of successive times, shape (n − 1,), and ``usual`` is the usual step [s].
+    If the user states that the machine moved on in gaps, the steps are not changed. Raise an error
+    for gaps if the user does not state what the machine did. ``steps`` are the differences of
+    successive times, shape (n − 1,), and ``usual`` is the median step [s].
     """
     is_gap = steps > _LARGEST_GAP_STEPS * usual
     if not is_gap.any():

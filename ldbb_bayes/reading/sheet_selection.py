@@ -45,8 +45,8 @@ def select_sheets(
     """Return the sheets with a table of angles and readings, and the sheets that are left out.
 
     A sheet without such a table is left out in two cases: if it is one of several in a workbook, or
-    if its file was found by a pattern with ``*`` or ``?``. This is noted. An `InputError` is raised
-    for any other sheet without a table, and if no file has a table.
+    if its file was found by a pattern with ``*`` or ``?``. Each sheet that is left out is noted. An
+    `InputError` is raised for any other sheet without a table, and if no file has a table.
 
     Parameters
     ----------
@@ -55,9 +55,9 @@ def select_sheets(
     layout
         Layout that the user states. If it names sheets, all of these must have a table.
     log
-        Log to which the sheets left out are added.
+        Log to which the sheets that are left out are added.
     matched
-        Files that were found by a pattern and not named by the user.
+        Files that were found by a pattern, so that the user did not name them.
     """
     _note_hidden(sheets, log)
     selection = SheetSelection()
@@ -97,9 +97,10 @@ def select_sheets(
 
 
 def _note_hidden(sheets: Sequence[Sheet], log: AssumptionLog) -> None:
-    """Add hidden sheets and rows and repeated headers, which are left out, to the log.
+    """Add hidden sheets, hidden rows and repeated headers to the log; all of them are left out.
 
-    Hidden rows and the formats of cells are not seen in workbooks other than XLSX; this is noted.
+    In workbooks of other formats than XLSX, hidden rows and number formats cannot be examined; this
+    is noted too.
     """
     paths = set()
     for sheet in sheets:
@@ -134,8 +135,8 @@ def _workbooks_of_several_sheets(sheets: Sequence[Sheet]) -> set[Path]:
 def _has_no_readings(sheet: Sheet, error: InputError) -> bool:
     """Return whether a sheet holds no readings, given the error that its header caused.
 
-    It holds none if it has no table of numbers, or no row that names a column of readings and one
-    of angles or times.
+    A sheet holds no readings if it has no table of numbers, or if none of its rows names both a
+    column of readings and a column of angles or times.
     """
     if isinstance(error, NoTableError):
         return True
@@ -143,14 +144,14 @@ def _has_no_readings(sheet: Sheet, error: InputError) -> bool:
 
 
 def _names_readings(cells: Sequence[str]) -> bool:
-    """Return whether a row of cells names a column of readings and one of angles or times."""
+    """Return whether a row names both a column of readings and a column of angles or times."""
     names = [unit_of(cell).name for cell in cells if cell and not looks_like_number(cell)]
     has_abscissa = any(has_role(name, "angle") or has_role(name, "time") for name in names)
     return has_abscissa and any(has_role(name, "reading") for name in names)
 
 
 def _is_complete(heading: Heading) -> bool:
-    """Return whether a table has a column of readings and one of angles or times."""
+    """Return whether a table has both a column of readings and a column of angles or times."""
     has_abscissa = "angle" in heading.roles or "time" in heading.roles
     return has_abscissa and bool(heading.readings)
 
@@ -158,8 +159,8 @@ def _is_complete(heading: Heading) -> bool:
 def _mark_only_tables(selection: SheetSelection, tables: Sequence[HeadedSheet]) -> SheetSelection:
     """Return the selection of sheets with ``is_only_table`` set for the only table of a file.
 
-    ``tables`` are the sheets with a table, which become the tables of the result. The sheets that
-    are left out of the selection do not change.
+    ``tables`` are the sheets with a table; they become the tables of the returned selection. Its
+    list of sheets that are left out is that of ``selection``.
     """
     paths = [table.sheet.path for table in tables]
     marked = []

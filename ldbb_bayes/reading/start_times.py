@@ -27,25 +27,26 @@ from ldbb_bayes.results import Array
 __all__ = ["take_start_times"]
 
 _DAY_S = 86_400.0
-# Times of day without dates that span more than this [s] are taken as before and after midnight, if
-# the campaign then lasts at most ``_NIGHT_S``.
+# If times of day without dates span more than this [s], the tests are taken to have run across
+# midnight, provided that the campaign then lasts at most ``_NIGHT_S``.
 _LONG_CAMPAIGN_S = 12 * 3_600.0
 # Longest campaign that may have run over midnight, if no dates are stated [s].
 _NIGHT_S = 6 * 3_600.0
-# Shortest time from one circle to the next [s]. Stamps that are closer together are taken as those
-# at which files were written.
+# Shortest time from one circle to the next [s]. Timestamps that are closer together are taken as
+# the times at which the files were written.
 _SHORTEST_CIRCLE_S = 5.0
 # Longest list of tests or sources in a note [characters].
 _LIST_SHOWN = 200
-# Command-line options that change when tests count as run, if files state their times.
+# Command-line options that change the start times of tests, if the files state such times.
 _OPTIONS_TAKEN = "time_s of a [[test]] in --layout, --no-drift"
-# Command-line options that change when tests count as run, if files state no times: the tests then
-# count as run in the order in which they are listed.
+# Command-line options that change the order of the tests, if the files state no start times.
+# Without such an option, the tests are assumed to have been run in the order in which they are
+# listed.
 _OPTIONS_LISTED = "--order, time_s of a [[test]] in --layout, --no-drift"
 
 
 class _Start(NamedTuple):
-    """When a test was run, as its file states it."""
+    """Date and time at which a test was run, as its file states them."""
 
     title: str  # name of the test
     stamp: Timestamp
@@ -55,19 +56,22 @@ class _Start(NamedTuple):
 class _Times(NamedTuple):
     """Start times of all tests, or the reason why they are not known."""
 
-    seconds: Array | None  # start of each test after the earliest [s], shape (tests,)
-    reason: str  # why the times are not known; or how an ambiguous date was read, or empty
+    # time from the earliest start of all tests to the start of each test [s], shape (tests,)
+    seconds: Array | None
+    # why the times are not known; if they are known, how an ambiguous date was read, or empty
+    reason: str
 
 
 def take_start_times(
     campaign: Mapping[str, Any], recordings: Sequence[Recording], log: AssumptionLog
 ) -> None:
-    """Set the field ``time_s`` of every test to its start [s] after the earliest start of all.
+    """Set the field ``time_s`` of every test to the time from the earliest start to its start [s].
 
-    Starts are the dates and times that columns, lines above the tables, and names state. They are
-    taken only if all tests have one, and if no test states ``time_s`` itself. What was taken is
-    noted. If nothing was, it is noted that the tests count as run in the order in which they are
-    listed, and why, unless options state another order or that nothing drifted.
+    Start times are the dates and times that columns, lines above the tables, and names state. They
+    are used only if they are known for all tests and no test states the field ``time_s``; the
+    times used are noted. If they are not used, the tests are assumed to have been run in the order
+    in which they are listed. This is noted with the reason, unless options state another order or
+    state that there is no drift.
 
     Parameters
     ----------
@@ -97,9 +101,9 @@ def take_start_times(
 
 
 def _times_of_tests(starts: Sequence[_Start], titles: Sequence[str]) -> _Times:
-    """Return the start times of the tests, or why they cannot be told.
+    """Return the start times of the tests, or the reason why they are not known.
 
-    ``starts`` are those that the files state, and ``titles`` the names of all tests.
+    ``starts`` are the starts that the files state, and ``titles`` the names of all tests.
     """
     if not starts:
         return _Times(None, "nothing says when the tests were run")
@@ -165,7 +169,10 @@ def _stamps_of_cell(header: str, cell: str) -> list[Timestamp]:
 
 
 def _times_of(stamps: Sequence[Timestamp]) -> _Times:
-    """Return the start of each test after the earliest [s], from the stamps of all tests."""
+    """Return the times [s] from the earliest start to the starts of all tests, or why unknown.
+
+    ``stamps`` holds one timestamp with a time of day for each test.
+    """
     seconds = _seconds_of_day(stamps)
     dated = [stamp for stamp in stamps if stamp.has_date]
     if len(dated) == len(stamps):
@@ -198,10 +205,11 @@ def _is_one_day(stamps: Sequence[Timestamp]) -> bool:
 
 
 def _across_midnight(seconds: Array) -> Array:
-    """Return times of day as times after the earliest [s], where no dates are stated.
+    """Return times [s] since the earliest start from times of day for which no dates are stated.
 
-    If the times are more than twelve hours apart, but at most six with those before the largest gap
-    counted to the next day, the tests were run across midnight.
+    The times may run across midnight. This is assumed if they span more than twelve hours, but span
+    at most six hours if the times of day before the largest gap are those of the next day.
+    ``seconds`` are the times of day [s], shape (tests,).
     """
     span = np.ptp(seconds)
     if span > _LONG_CAMPAIGN_S:
@@ -215,11 +223,12 @@ def _across_midnight(seconds: Array) -> Array:
 
 
 def _times_of_dates(stamps: Sequence[Timestamp], seconds: Array) -> _Times:
-    """Return the start of each test after the earliest [s], from stamps that all have a date.
+    """Return the times [s] from the earliest start to the starts of all tests, from dated stamps.
 
-    Dates such as 03/04/2026 may have the day or the month first. If both are possible and make a
-    difference, that order counts in which the tests lie within a day. ``seconds`` are the times of
-    day, shape (tests,).
+    Dates such as 03/04/2026 may have the day or the month first. If both orders are possible and
+    lead to different times, the order is used with which all tests lie within one day. If this
+    leaves no order or both orders, the times are not known. ``seconds`` are the times of day [s],
+    shape (tests,).
     """
     readings: dict[str, Array] = {}
     for order, days in _possible_days(stamps).items():
@@ -240,9 +249,10 @@ def _times_of_dates(stamps: Sequence[Timestamp], seconds: Array) -> _Times:
 
 
 def _possible_days(stamps: Sequence[Timestamp]) -> Mapping[str, list[date]]:
-    """Return the dates of all stamps with the day first, and with the month first.
+    """Return a dict with the dates of all stamps for each possible order of day and month.
 
-    An order in which a stamp would have no date is left out.
+    The keys are "day" and "month", whichever stands first in a date. An order is left out if a
+    stamp would have no valid date with it.
     """
     days_by_order = {
         "day": [stamp.day_first for stamp in stamps],
@@ -265,9 +275,10 @@ def _first_open(stamps: Sequence[Timestamp]) -> str:
 
 
 def _note_times(starts: Sequence[_Start], times: _Times, log: AssumptionLog) -> None:
-    """Add to the log when the tests were run, and by what this is known.
+    """Add the start times of the tests, and the sources of these times, to the log.
 
-    Tests that are listed in another order, and tests more than a day apart, are noted too.
+    It is also noted if the tests are listed in another order than that of their times, and if the
+    first and the last test are more than a day apart.
     """
     seconds = np.asarray(times.seconds)
     in_order = np.argsort(seconds, kind="stable").tolist()

@@ -31,19 +31,21 @@ from ldbb_bayes.results import Array
 
 __all__ = ["Trace", "trace_of"]
 
-# Readings are taken as distances of the balls if their median differs from the nominal radius by
-# less than this [mm]. A bar cannot measure larger deviations from the radius.
+# Readings are taken as distances between the balls if their median differs from the nominal radius
+# by less than this [mm]. A bar cannot measure larger deviations from the radius.
 _LARGEST_DEVIATION_MM = 1.5
-# Readings seem to be distances of the balls, not deviations from the radius, if their median is
-# larger than this [mm] and their scatter is small.
+# Readings seem to be distances between the balls, not deviations from the radius, if their median
+# is larger than this [mm] and their scatter is small.
 _SMALLEST_RADIUS_MM = 20.0
 # The scatter of readings is small if their median absolute deviation from the median is below this
 # share of the median.
 _SMALLEST_SCATTER = 0.01
-# Units of columns whose unit the user or the file states; they are not used.
+# Placeholders for the assumed unit of a column whose unit the user or the file states. The stated
+# unit is then used instead.
 _DEGREES = AssumedUnit("deg", "")
 _MICROMETRES = AssumedUnit("um", "")
-# Fewest readings in a turn of a log; fewer show that times are in another unit.
+# Fewest readings in one turn of a log. If a turn has fewer, the times are probably in another unit
+# than was assumed.
 _FEWEST_READINGS_OF_TURN = 9
 # A test whose angles cover more than this number of turns holds several laps, or a run-in and
 # run-out in addition to its circle.
@@ -55,16 +57,18 @@ _LIST_SHOWN = 200
 class Trace(NamedTuple):
     """Angles and readings of one test, and its direction of travel."""
 
-    #: angles from the plane's first axis, counter-clockwise; they continue beyond 360°, shape (n,)
+    #: angles from the plane's first axis, counter-clockwise [deg]; they continue beyond 360°, shape
+    #: (n,)
     angle_deg: Array
-    reading_um: Array  #: readings: actual distance of the balls − radius, shape (n,)
+    #: readings: actual distance between the balls minus radius [µm], shape (n,)
+    reading_um: Array
     direction: str | None  #: direction of travel, CW or CCW; None if unknown
 
 
 class _Log(NamedTuple):
     """Angles of a test whose table has times instead of angles, and its direction of travel."""
 
-    angle_deg: Array  # angles of the m readings on the circle, shape (m,)
+    angle_deg: Array  # angles of the m readings on the circle [deg], shape (m,)
     on_circle: NDArray[np.bool_]  # whether each of all n readings is on the circle, shape (n,)
     direction: str  # direction of travel, CW or CCW; CCW if nothing states it
 
@@ -72,9 +76,9 @@ class _Log(NamedTuple):
 def trace_of(recording: Recording, direction: str | None) -> Trace:
     """Return angles [deg], readings [µm] and direction of travel of a test.
 
-    Several laps are averaged if the layout states so; otherwise all are kept. If the table has
-    times instead of angles, only readings on the circle are kept, without run-in and run-out, and
-    an unstated direction is taken as CCW.
+    Several laps are averaged if the layout states so; if it does not, all laps are kept. If the
+    table has times instead of angles, the readings in the run-in and run-out are left out, and a
+    direction that nothing states is taken as CCW.
 
     Parameters
     ----------
@@ -86,8 +90,8 @@ def trace_of(recording: Recording, direction: str | None) -> Trace:
     Raises
     ------
     InputError
-        For missing columns, times without a feed or out of order, readings that fit neither
-        deviations nor distances, and laps that cannot be averaged.
+        For missing columns, for times without a stated feed or in the wrong order, for readings
+        that can be neither deviations nor distances, and for laps that cannot be averaged.
     """
     readings = recording.numbers.get("reading")
     if "angle" not in recording.numbers and "time" in recording.numbers:
@@ -198,7 +202,7 @@ def _angles_of_log(recording: Recording, direction: str | None) -> _Log:
 
 
 def _check_readings_of_turn(recording: Recording, angle_deg: Array) -> None:
-    """Raise an error for a log with too few readings in a turn to be one of a circle."""
+    """Raise an error for a log that has too few readings in one turn for a circular test."""
     n_turns = float(np.ptp(angle_deg)) / TURN_DEG
     n_readings = len(angle_deg) / max(n_turns, 1.0)
     require(
@@ -224,10 +228,10 @@ def _angle_or_zero(recording: Recording, key: str) -> float:
 
 
 def _deviations(recording: Recording, raw: Array) -> Array:
-    """Return the readings as actual distance of the balls minus radius, shape (n,) [µm].
+    """Return the readings as actual distance between the balls minus radius, shape (n,) [µm].
 
-    ``raw`` (n,) are the numbers in the file, in its unit. ``recording`` is the test as its file
-    holds it.
+    ``raw`` are the numbers in the file, in the unit of the file, shape (n,). ``recording`` is the
+    test as its file holds it.
     """
     require(
         np.ptp(raw) > 0.0,
@@ -242,15 +246,15 @@ def _deviations(recording: Recording, raw: Array) -> Array:
 
 
 def _zero_of(recording: Recording, reading_um: Array) -> str:
-    """Return "deviation" or "distance": what the readings of a test are.
+    """Return "deviation" or "distance", which is what the readings of a test are.
 
-    Readings are deviations from the nominal radius or distances of the balls. The user states this,
-    or else it is found from the median of the readings. Raise an `InputError` if the readings seem
-    to be distances on a circle of another radius, or contradict what the user states. ``recording``
-    is the test as its file holds it; ``reading_um`` are its readings.
+    Readings are deviations from the nominal radius or distances between the balls. Which they are
+    is stated by the user or else found from the median of the readings. Raise an `InputError` if
+    the readings seem to be distances on a circle of another radius, or contradict what the user
+    states. ``recording`` is the test as its file holds it; ``reading_um`` are its readings.
     """
     radius_mm = recording.radius_mm
-    # Distances of the balls on a circle of another radius must not be taken for deviations.
+    # Distances between the balls on a circle of another radius must not be taken for deviations.
     median_mm = float(np.median(reading_um)) * 1e-3
     scatter_mm = float(np.median(np.abs(reading_um - 1e3 * median_mm))) * 1e-3
     is_near = abs(median_mm - radius_mm) < _LARGEST_DEVIATION_MM
@@ -284,7 +288,8 @@ def _zero_of(recording: Recording, reading_um: Array) -> str:
 def _handle_laps(recording: Recording, trace: Trace) -> Trace:
     """Return angles and readings of a test, with several laps averaged if the layout states so.
 
-    Otherwise all laps (turns) are kept, and this is noted unless the layout states it. If the
+    If the layout does not state so, all laps (turns) are kept. This is noted, unless the layout
+    states that laps are kept. If the
     stated direction of travel contradicts the order of the angles, this is noted too. ``recording``
     is the test as its file holds it; ``trace`` holds its angles and readings.
     """

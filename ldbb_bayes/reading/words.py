@@ -44,15 +44,18 @@ WORDS: Mapping[str, Any] = tomllib.loads(
 
 
 def _role_words() -> dict[str, list[str]]:
-    """Return the words by which headers name the role of a column, by role."""
+    """Return a dict with the words that column headers use for each role.
+
+    The keys are the roles.
+    """
     role_words = {}
     for role, words in WORDS["roles"].items():
         role_words[role] = words.split()
     return role_words
 
 
-# Words by which headers name the role of a column, such as angle, by role. If a header fits several
-# roles, the first in this order counts.
+# Words that column headers use for each role; the keys are the roles, such as angle. If a header
+# fits several roles, the first of these roles in the order of the keys counts.
 ROLES: Mapping[str, Sequence[str]] = _role_words()
 # Pattern of words for quantities that are neither load nor radius of a test, such as a maximum or
 # an ambient pressure.
@@ -68,10 +71,11 @@ def comparable(text: str) -> str:
 
 
 def _unit_sizes() -> dict[str, dict[str, float]]:
-    """Return the size of every known unit, by the role of a column and the name of the unit.
+    """Return a dict with the sizes of all known units for each role of a column.
 
-    The size is stated in the unit that this package uses for the role. For readings this is µm, so
-    that mm has the size 1000.
+    The keys are roles; each value is a dict whose keys are the names of the units of this role. A
+    size is stated in the unit that this package uses for the role. For readings this is µm, so that
+    mm has the size 1000.
     """
     sizes: dict[str, dict[str, float]] = {}
     for role, units in WORDS["units"].items():
@@ -80,7 +84,10 @@ def _unit_sizes() -> dict[str, dict[str, float]]:
 
 
 def _units_by_word() -> dict[str, str]:
-    """Return a dictionary from units as files write them to this package's names of the units."""
+    """Return a dict with this package's names of units; its keys are the units as files write them.
+
+    The keys are in the form for comparison (see `comparable`).
+    """
     units_by_word: dict[str, str] = {}
     for units in WORDS["units"].values():
         for unit, (_, *synonyms) in units.items():
@@ -89,8 +96,9 @@ def _units_by_word() -> dict[str, str]:
     return units_by_word
 
 
-# Size of every known unit in the unit that this package uses, by the role of a column (such as
-# reading) and the name of the unit. For readings the unit is µm, so that mm has the size 1000.
+# Sizes of all known units. The keys are roles of columns (such as reading); each value is a mapping
+# from the names of units to their sizes in the unit that this package uses for the role. For
+# readings this is µm, so that mm has the size 1000.
 UNITS: Mapping[str, Mapping[str, float]] = _unit_sizes()
 _UNITS_BY_WORD = _units_by_word()
 
@@ -125,10 +133,10 @@ def scaled_unit(text: str) -> str:
 
 
 def size_of_unit(role: str, unit: str) -> float | None:
-    """Return the size of a unit, with or without a factor, in the unit of this package for a role.
+    """Return the size of a unit in the unit that this package uses for a role.
 
-    For the role of reading the package's unit is µm: the size of ``mm`` is 1000, and that of ``0.1
-    um`` is 0.1. Return None for a unit that is unknown for this role.
+    For readings the package uses µm, so that the size of ``mm`` is 1000. The unit may have a
+    factor: the size of ``0.1 um`` is 0.1. Return None for a unit that is unknown for this role.
 
     Parameters
     ----------
