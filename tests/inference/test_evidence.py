@@ -221,14 +221,14 @@ def test_marginals_whose_weights_cannot_be_trusted_say_so(
     assert ((table["median"] - exact["median"]) / exact["sd"]).abs().max() < 0.1
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("truncated", [False, True])
 def test_equal_models_have_one_entry_each() -> None:
     model = lb.HybridModel.first(0)
     first, second = Evidences(UNIFORM, tolerance=4e-2).of(model, model)
     assert first is second
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("truncated", [False, True])
 def test_models_from_the_nodes_of_the_largest(truncated: bool) -> None:
     """Slopes fixed, rescaled, known better: evidence and left-out densities are those of nodes of
     their own."""
