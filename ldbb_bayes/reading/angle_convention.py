@@ -34,34 +34,38 @@ _ZERO = re.compile(
 )
 # Pattern of an axis before the zero, as in "+Y = 0°".
 _ZERO_BEHIND = re.compile(_WORDS["zero_behind"], re.IGNORECASE)
-# Patterns of words that turn the sense of angles, for the sense of mathematics, and that deny.
+# Pattern of words which say that the sense of angles is reversed.
 _REVERSED = re.compile(_WORDS["reversed"], re.IGNORECASE)
+# Pattern of words for the mathematical sense of angles, counter-clockwise.
 _MATHEMATICAL = re.compile(_WORDS["math"], re.IGNORECASE)
+# Pattern of words of denial, such as "not".
 _DENIED = re.compile(WORDS["reading_sign"]["denied"], re.IGNORECASE)
-# Pattern of words of lines about angles that say nothing on where they begin and how they run.
+# Pattern of words in lines that are about angles, but do not say where angles begin and in which
+# sense they run.
 _HARMLESS = re.compile(_WORDS["harmless"], re.IGNORECASE)
-# Pattern of words for angles from north, clockwise.
+# Pattern of words for angles that are counted from north, clockwise.
 _COMPASS = re.compile(_WORDS["compass"], re.IGNORECASE)
 # Pattern of words for the start of a circle.
 _START = re.compile(_WORDS["start"], re.IGNORECASE)
-# Pattern of an axis, alone among other words.
+# Pattern of a word that is the name of an axis, such as +X.
 _AXIS = re.compile(r"(?<![\w/])[+\-−]?[XYZ][+\-−]?(?![\w/])")
 # Pattern of words for a direction that is no axis, such as north.
 _NO_AXIS = re.compile(_WORDS["no_axis"], re.IGNORECASE)
 # Pattern of a header of angles with a minus in front.
 _MINUS = re.compile(_WORDS["minus"], re.IGNORECASE)
-# Pattern of words for the angle, and of words that show that the axis named with them is not the
-# one from which angles are counted.
+# Pattern of words for the angle.
 _ANGLE = re.compile(_WORDS["angle"], re.IGNORECASE)
+# Pattern of words which show that an axis in the same text is not the axis at which angles begin.
 _OTHER_AXIS = re.compile(_WORDS["other_axis"], re.IGNORECASE)
-# Pattern of an angle of zero, which may be followed by where it is.
+# Pattern of an angle of zero that may be followed by its axis, such as "0° =" or "zero at".
 _ZERO_DEGREES = re.compile(
     r"(?<![\d.,])0 ?(?:°|deg\w*) ?(?:=|is|at|on|along|bei|:)|\bzero at\b", re.I
 )
-# Pattern of a word that announces where angles begin, with what follows.
+# Pattern of a word that announces where angles begin, with the text that follows.
 _ANNOUNCED = re.compile(rf"(?:{_WORDS['announced']})(?P<zero>[^;|\t]*)", re.IGNORECASE)
-# Pattern of a line that is about angles, and of one that is about something else.
+# Pattern of words in a line that is about angles.
 _SUBJECT = re.compile(_WORDS["subject"], re.IGNORECASE)
+# Pattern of words in a line that is about something other than the angles of the readings.
 _OTHER_SUBJECT = re.compile(_WORDS["other"], re.IGNORECASE)
 # Pattern of words which show that a line says in which sense angles are counted. Without them a
 # word such as clockwise may be the direction of travel.
@@ -121,10 +125,10 @@ def angle_convention(recording: Recording, plane: str) -> AngleConvention:
 
 
 def _note_unread(recording: Recording, plane: str, zero: str, sense: str) -> None:
-    """Note lines about angles, or about where a circle starts, that say nothing understood.
+    """Add notes on lines about angles, or about the start of the circle, that are not understood.
 
-    ``zero`` and ``sense`` are the axis at which angles begin, and how they run, or empty. Nothing
-    is noted if the user states one of them.
+    ``zero`` is the axis at which angles begin, such as +Y, and ``sense`` is CW or CCW; each is
+    empty if nothing states it. Nothing is noted if the user states the axis or the sense.
     """
     if recording.layout.angle_zero or recording.layout.angle_sense:
         return
@@ -137,7 +141,7 @@ def _note_unread(recording: Recording, plane: str, zero: str, sense: str) -> Non
 
 
 def _is_unread(recording: Recording, line: int | str, text: str) -> bool:
-    """Return whether a line may say where angles begin and how they run, but is not understood."""
+    """Return whether a line may say where angles begin or how they run, but is not understood."""
     if statements_in([(line, text)]):
         return False
     if _START.search(text) and _AXIS.search(text):
@@ -155,8 +159,9 @@ def _convention_in_words(
 ) -> AngleConvention:
     """Return the convention of angles that begin at the axis ``zero`` and run in ``sense``.
 
-    One of both may be empty: angles then begin at the plane's first axis, or run
-    counter-clockwise from there.
+    If ``zero`` is empty, angles begin at the plane's first axis. If ``sense`` is empty, angles must
+    begin at this axis, and run counter-clockwise. Raise an `OpenQuestionError` if ``sense`` is
+    empty and angles begin at another axis. ``words`` are the words of the file, which are noted.
     """
     first_axis = f"+{plane[0]}"
     zero = zero or first_axis
@@ -177,7 +182,7 @@ def _convention_in_words(
 
 
 def _note_words(recording: Recording, words: list[_Words], convention: AngleConvention) -> None:
-    """Note words in the file that the user's sign and offset of angles replace."""
+    """Add notes on words about angles in the file, which the user's sign and offset replace."""
     for entry in words:
         value = f"sign {convention.sign}, offset {convention.offset_deg:g}°, as given"
         said = f"{entry.source} says {entry.zero} {entry.sense}".strip()
@@ -185,7 +190,11 @@ def _note_words(recording: Recording, words: list[_Words], convention: AngleConv
 
 
 def _single(recording: Recording, subject: str, stated: list[str]) -> str:
-    """Return the only axis, or the only sense, that the file states; empty without any."""
+    """Return the only axis, or the only sense, that the file states; empty if it states none.
+
+    ``stated`` holds what each place in the file states, and ``subject`` is "zero" for axes and
+    "sense" for senses. Raise an `InputError` if the places state different values.
+    """
     values = list(dict.fromkeys(value for value in stated if value))
     if len(values) > 1:
         raise InputError(
@@ -210,7 +219,7 @@ def angle_of_axis(recording: Recording, axis: str, plane: str) -> float:
 
 
 def _words_of(recording: Recording) -> list[_Words]:
-    """Return what the header of the angles and lines above the table say about angles."""
+    """Return what the header of the angles, lines above the table and names say about angles."""
     header = recording.heading.headers[recording.heading.roles["angle"]]
     words = [_words_in(recording, f"the header {header!r}", header, is_header=True)]
     for line, content in (*recording.lines_of_all_tests, *recording.heading.lines_above):
@@ -243,13 +252,13 @@ def _words_in(recording: Recording, source: str, text: str, is_header: bool) -> 
 
 
 def name_is_about_angles(name: str) -> bool:
-    """Return whether a name says something on angles, as ``300N_fromY_cw``."""
+    """Return whether a name says something about angles, such as ``300N_fromY_cw``."""
     text = name_as_words(name)
     return any(words.search(text) for words in (_ANGLE, _ZERO, _COMPASS))
 
 
 def says_where_angles_begin(text: str) -> bool:
-    """Return whether a line says at which axis angles begin, or that they run clockwise."""
+    """Return whether a line says that angles begin at another axis than +X or run clockwise."""
     if not _SUBJECT.search(text) or _OTHER_SUBJECT.search(text):
         return False
     is_turned = _ANGLE.search(text) is not None and "CW" in senses_in(text)
@@ -257,7 +266,10 @@ def says_where_angles_begin(text: str) -> bool:
 
 
 def _zero_in(text: str) -> str:
-    """Return the axis, such as +Y, at which angles begin according to a text; empty if none."""
+    """Return the axis, such as +Y, at which angles begin according to a text.
+
+    The result is an empty string if the text names no such axis.
+    """
     match = _ZERO.search(text) or _ZERO_BEHIND.search(text)
     if match is None:
         return ""
@@ -268,7 +280,7 @@ def _zero_in(text: str) -> str:
 
 
 def _check_reversed(recording: Recording, source: str, text: str, is_header: bool) -> None:
-    """Raise an error if a text turns the sense of angles and does not say which it then is."""
+    """Raise an error if a text says that angles are reversed, but not in which sense they run."""
     layout = recording.layout
     if layout.angle_sense is not None or layout.angle_sign is not None:
         return
@@ -296,9 +308,10 @@ def _check_announced(recording: Recording, source: str, text: str) -> None:
 
 
 def _check_no_axis(recording: Recording, source: str, text: str) -> None:
-    """Raise an error if a text about angles names no axis, but a direction such as north.
+    """Raise an error if a text about angles names a direction such as north instead of an axis.
 
-    The same holds for one axis alone, without a word such as "from" in front of it.
+    An error is also raised if the text names exactly one axis, because no word such as "from" shows
+    that angles begin at this axis.
     """
     if not any(words.search(text) for words in (_ANGLE, _ZERO_DEGREES, _COMPASS)):
         return

@@ -64,7 +64,7 @@ class _StatedValue(NamedTuple):
 
     value: Any
     source: str  # line or name that states the value, such as "line 3"
-    place: str  # the same, with the file of the line
+    place: str  # the source and, for a line, also its file
 
 
 def take_stated_fields(campaign: dict[str, Any], recordings: Sequence[Recording]) -> None:
@@ -95,11 +95,12 @@ def take_stated_fields(campaign: dict[str, Any], recordings: Sequence[Recording]
 
 
 def _places_by_value(recordings: Sequence[Recording], key: str) -> dict[Any, str]:
-    """Return every value that files state for a field, with the line or name that states it.
+    """Return a dict with the values that files state for a field as its keys.
 
-    The values are the keys of the result. They are noted as assumptions, and a plane is added to
-    the fields of its test. If the user or a column states the field for a test, what the lines and
-    names say about this test does not count. Raise an `InputError` for contradictory statements.
+    The entries are the lines or names that state the values. The values are noted as assumptions,
+    and a plane is added to the fields of its test. If the user or a column states the field for a
+    test, what the lines and names say about this test does not count. Raise an `InputError` for
+    contradictory statements.
 
     Parameters
     ----------
@@ -338,7 +339,7 @@ def note_assumed_fields(
     log
         Log to which the assumptions are added.
     unclear
-        Notes on lines that could not be understood, by the field that they concern.
+        Notes on lines that could not be understood; the keys are the fields that they concern.
 
     Returns
     -------
@@ -364,8 +365,8 @@ def _note_force_law(tests: Sequence[CircularTest], log: AssumptionLog) -> None:
     """Add to the log how the stated forces and pressures of the tests fit the default force law.
 
     The law gives the force of the ball bar as a linear function of the pressure. A force that a
-    test states beside a pressure is noted if it differs by more than 5 % from that of the law. If
-    tests state a pressure alone, it is noted that their forces follow from the law.
+    test states beside a pressure is noted if it differs by more than 5 % from the force of the law.
+    If tests state only a pressure, it is noted that their forces follow from the law.
     """
     law = ForceLaw()
     options = "--force-slope, --force-offset"

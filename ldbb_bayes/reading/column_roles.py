@@ -284,8 +284,8 @@ def find_columns(
         If a stated column does not exist, if several columns could have the same role, or if a
         table has both several columns of readings and a column that names tests. Also for a table
         without a header, in two cases: if the layout states roles, but not both the readings and
-        the angles or times; or if the layout states no role and the table does not have exactly
-        two columns.
+        the angles or times; or if the layout states no role and the table does not have exactly two
+        columns.
     """
     roles = _stated_columns(place, layout, headers)
     if not any(headers):
@@ -446,8 +446,8 @@ def _several_readings(
 ) -> list[int]:
     """Return the indices of the columns of readings if there are several, each for one test.
 
-    The header of such a column states the load of its test (``36 N [mm]``), names a run
-    (``Run 1``), or is a number alone. Return an empty list if the table has no such columns.
+    The header of such a column states the load of its test (``36 N [mm]``), names a run (``Run
+    1``), or is a number alone. Return an empty list if the table has no such columns.
 
     Parameters
     ----------
@@ -513,8 +513,8 @@ def _column_index(place: str, role: str, reference: str | int, headers: Sequence
     """Return the index of the column that the layout states for a role.
 
     ``reference`` is the number of the column, counted from 1, or its header with or without the
-    unit.
-    ``place`` names the table in error messages, and ``headers`` are the headers of its columns.
+    unit. ``place`` names the table in error messages, and ``headers`` are the headers of its
+    columns.
     """
     if isinstance(reference, int):
         require(

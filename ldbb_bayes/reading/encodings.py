@@ -16,11 +16,12 @@ __all__ = ["encoding_of"]
 # Number of bytes at the beginning of a text file that are searched for zeros, which indicate the
 # encoding UTF-16.
 _HEAD_BYTES = 4096
-# A text file is taken for UTF-16 if, of the bytes at its beginning, more than this share are zeros
-# in the first place of a pair of bytes, or more than this share are zeros in the second place.
+# The bytes at the beginning of a text file are divided into pairs. The file is taken for UTF-16 if
+# zeros that are first in their pair, or zeros that are second in their pair, make up more than this
+# share of these bytes.
 _SHARE_OF_ZEROS = 0.2
-# Encodings that are tried for a text that is not UTF-8, in order of preference: of the West, of
-# Macintosh, of Cyrillic, Greek and central European writing, and of East Asia.
+# Encodings that are tried for a text that is not UTF-8, in order of preference. They are those of
+# Western Europe, Macintosh, Cyrillic, Greek, Central Europe, East Asia and MS-DOS.
 _ENCODINGS = (
     "cp1252",
     "mac_roman",
@@ -37,7 +38,7 @@ _ENCODINGS = (
 )
 # Number of lines with letters outside ASCII that are examined.
 _LINES_EXAMINED = 50
-# Fewest bytes outside ASCII for which the guess of the library counts.
+# Fewest bytes outside ASCII for which the guess of the library charset_normalizer is used.
 _FEWEST_BYTES = 8
 _WORD = re.compile(r"[^\W\d_]+|[°µμ]+")
 
@@ -45,9 +46,10 @@ _WORD = re.compile(r"[^\W\d_]+|[°µμ]+")
 def encoding_of(raw: bytes) -> str:
     """Return the encoding of a text file.
 
-    A text without byte-order mark and zero bytes is in UTF-8 if it can be decoded so. Otherwise it
-    is in that encoding in which most of its words are words for columns and units. Without any such
-    word the library's guess counts if the text has many letters outside ASCII, else Windows-1252.
+    A byte-order mark or many zero bytes determine the encoding. A text without them is taken as
+    UTF-8 if it can be decoded as UTF-8. If it cannot, the encoding is chosen in which the text has
+    the most words for columns and units. If no encoding gives such a word, the guess of the library
+    charset_normalizer is used, or Windows-1252 if the text has few letters outside ASCII.
 
     Parameters
     ----------
@@ -70,7 +72,11 @@ def encoding_of(raw: bytes) -> str:
 
 
 def _encoding_of_words(lines: Sequence[bytes]) -> str:
-    """Return the encoding in which most words of some lines are known; empty if none is known."""
+    """Return the encoding in which lines contain the most known words for columns and units.
+
+    Only words with letters outside ASCII count. The result is an empty string if the lines contain
+    no known word in any encoding.
+    """
     best_encoding = ""
     best_score = 0
     for encoding in _ENCODINGS:

@@ -31,8 +31,8 @@ from ldbb_bayes.reading.words import LONGEST_NAME, LONGEST_TEXT, comparable, uni
 
 __all__ = ["Heading", "NoTableError", "find_heading", "note_heading"]
 
-# A table of numbers begins with this many rows that have equally many cells, or with fewer if the
-# sheet ends before.
+# A table of numbers begins with this many rows that have equally many cells, or with fewer rows if
+# the sheet ends earlier.
 _BLOCK_ROWS = 9
 # Pattern of a cell that is a text in brackets, such as a unit.
 _BRACKETED = re.compile(r"[\[({].*[\])}]")
@@ -54,10 +54,10 @@ class NoTableError(InputError):
 class Heading:
     """Header and columns of the table in one sheet."""
 
-    line: int  #: line number of the header in the file; 0 without a header
+    line: int  #: line number of the header in the file; 0 if the table has no header
     first_row: int  #: index of the first row of numbers among the sheet's rows
     headers: list[str]  #: header of each column, as the file writes it
-    units: list[str]  #: unit that the header of each column states; empty for none
+    units: list[str]  #: unit that the header of each column states; empty if it states none
     roles: dict[str, int]  #: index of the column (from 0) for each role, such as angle
     lines_above: list[tuple[int | str, str]]  #: lines above the header, each with its line number
     #: indices (from 0) of the columns of readings; if there are several, each is a separate test
@@ -158,8 +158,8 @@ def _no_header(sheet: Sheet, block: int) -> _HeaderRows:
 def _rows_of_header(sheet: Sheet, header_row: int, first_block_row: int) -> _HeaderRows:
     """Return the names and units of the columns, and which rows of the sheet hold them.
 
-    Below the row of names there may be a row of units. A unit in it replaces that in the name.
-    Rows of dashes may underline the header.
+    Below the row of names there may be a row of units. A unit in this row replaces the unit in the
+    name of its column. Rows of dashes may underline the header.
 
     Parameters
     ----------
@@ -211,10 +211,10 @@ def _find_block(sheet: Sheet, layout: Layout) -> int:
     """Return the index of the row of a sheet at which the numbers of its table begin.
 
     The table begins at the first block of nine rows with equally many cells, at least two of them
-    numbers in each row. A block at the end of the sheet may have fewer rows, but at least two: it
-    is no valid table, but it must not be passed over as a sheet without a table, and is refused
-    later with the number of its readings. If the user states the line of the header, only rows
-    below it count. Raise a `NoTableError` if there is no such block within 1000 rows.
+    numbers in each row. A block at the end of the sheet may have two to eight rows. So short a
+    table is not valid, but its index is returned, so that later code can refuse the table with an
+    error that states the number of its readings. If the user states the line of the header, only
+    rows below this line count. Raise a `NoTableError` if no block begins within 1000 rows.
     """
     rows = sheet.rows
     header_line = layout.header_line or 0
@@ -241,8 +241,8 @@ def _find_block(sheet: Sheet, layout: Layout) -> int:
 def _is_block(sheet: Sheet, start: int) -> bool:
     """Return whether a block of numbers begins at the row with the index ``start``.
 
-    A block is nine rows with equally many cells, at least two of them numbers in each row; it has
-    fewer rows if the sheet ends before.
+    A block is nine rows with equally many cells, at least two of them numbers in each row. At the
+    end of the sheet, a block may have fewer rows.
     """
     width = len(sheet.rows[start].cells)
     if heads_loads(sheet.rows[start].cells):
@@ -267,7 +267,7 @@ def _first_row_without_header(sheet: Sheet, block: int) -> int:
 
     ``block`` is the index of the row at which the block of numbers begins (see `_is_block`). Rows
     directly above it also belong to the table if they have as many cells, at least one of them a
-    number. Raise an `InputError` if other rows above hold numbers.
+    number. Raise an `InputError` if rows further up hold numbers.
     """
     rows = sheet.rows
     width = len(rows[block].cells)
@@ -353,7 +353,7 @@ def _column_names(sheet: Sheet, header_row: int, block: int) -> list[str]:
     cells_below = sheet.rows[block].cells
     width = len(cells_below)
     if len(names) == width - 1 and _number_rows(sheet.rows[block:]):
-        names.insert(0, "")  # R writes names of rows, but no header above them
+        names.insert(0, "")  # the program R writes names of rows without a header above
     while len(names) > width and not names[-1]:
         names.pop()
     if len(names) > width or any(cells_below[len(names) :]):
@@ -446,7 +446,7 @@ def note_heading(sheet: Sheet, heading: Heading, layout: Layout, log: Assumption
 
 
 def _has_numbered_rows(sheet: Sheet, heading: Heading) -> bool:
-    """Return whether the first column is one of row numbers, which the header does not name."""
+    """Return whether the first column holds row numbers and has no name in the header."""
     if heading.headers[0]:
         return False
     n_names = {row.line: len(row.cells) for row in sheet.rows}

@@ -1,4 +1,4 @@
-"""What readings are of: the radius of a circle, or its diameter, as headers and lines name it."""
+"""Length that readings measure (radius or diameter), as headers and lines above tables name it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _LETTER = re.compile(_WORDS["letter"])
 _RADIAL = re.compile(_WORDS["radial"])
 # Pattern of a line that is about the readings.
 _READINGS = re.compile(_WORDS["line"])
-# Pattern of words which show that a diameter is not that of readings.
+# Pattern of words which show that a diameter in a text is not the length that readings measure.
 _OTHER = re.compile(_WORDS["other"])
 # Pattern of words for readings that are doubled.
 _DOUBLED = re.compile(_WORDS["doubled"])
@@ -34,7 +34,10 @@ _NUMBER_OF_COLUMN = re.compile(r"\b(?:col(?:umn)?|spalte|channel|kanal|ch)\.? ?\
 
 
 def measured_length(text: str) -> str:
-    """Return "radius" or "diameter" as a text names it; empty if it names neither or both."""
+    """Return which length a text names, "radius" or "diameter".
+
+    The result is an empty string if the text names neither or both.
+    """
     words = comparable(text[:LONGEST_TEXT])
     is_diameter = _DIAMETER.search(words) is not None or _LONG_WORD.search(words) is not None
     is_radial = _RADIAL.search(words) is not None
@@ -44,10 +47,10 @@ def measured_length(text: str) -> str:
 
 
 def measured_length_stated(text: str) -> dict[str, str]:
-    """Return what a line such as ``Values: diameter deviation`` says of all readings.
+    """Return which length all readings measure, from a line such as ``Values: diameter deviation``.
 
-    The result has the key ``measured``, with the value radius or diameter; it is empty for a line
-    that is not about readings, or that states a number.
+    The result is a dict with the key ``measured``, whose value is radius or diameter. The dict is
+    empty for a line that is not about readings, or that contains a number.
     """
     text = _NUMBER_OF_COLUMN.sub("", comparable(text))
     if _READINGS.search(text) is None or re.search(r"\d", text):
@@ -66,13 +69,16 @@ def doubles_readings(text: str) -> bool:
 
 
 def may_be_diameter(header: str) -> bool:
-    """Return whether a header of readings may be of the diameter, as ``D [um]`` or ``2 x dR``."""
+    """Return whether a header may mean that its readings measure the diameter.
+
+    Examples are ``D [um]`` and ``2 x dR``.
+    """
     words = comparable(header[:LONGEST_TEXT]).replace("_", " ")
     return _LETTER.search(words) is not None or _DOUBLED.search(words) is not None
 
 
 def leaves_length_open(text: str) -> bool:
-    """Return whether a line may say that readings are of the diameter, without naming readings.
+    """Return whether a line names a diameter and may be about readings, but does not name readings.
 
     An example is ``Mode: diameter``.
     """
@@ -83,7 +89,7 @@ def leaves_length_open(text: str) -> bool:
 
 
 def names_diameter(name: str) -> bool:
-    """Return whether the name of a file or test has a word for diameter without its number."""
+    """Return whether the name of a file or test has a word for diameter and no number for it."""
     words = re.split(r"[\W_]+", name[:LONGEST_TEXT])
     for word, next_word in zip(words, [*words[1:], ""], strict=True):
         if measured_length(word) == "diameter" and not re.search(r"\d", word + next_word):

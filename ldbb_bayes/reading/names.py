@@ -48,8 +48,8 @@ _RADIUS_AFTER_R = re.compile(
     r"(?<![a-zA-Z0-9])(?:R|[Rr]adius)[ _=\-]?([5-9]\d(?:\.\d+)?|[1-9]\d{2,3}(?:\.\d+)?)"
     r"(?:[ _]?mm)?(?![a-zA-Z\d.,])(?![ _](?:N|kN|daN|lbf|kgf|bar|psi)(?![^\W_]))"
 )
-# Pattern of a length in a name that may be the radius or the diameter of the circle: one in mm, or
-# behind a letter or word for it.
+# Pattern of a length in a name that may be the radius or the diameter of the circle. The length is
+# a number in mm, or a number behind a letter or word for a radius, diameter, length or bar.
 _LENGTH_IN_NAME = re.compile(
     r"(?<![\d.,])(?:[5-9]\d|[1-9]\d\d)(?:[.,]\d+)?[ _\-]?mm(?![/\w])"
     r"|(?<![^\W_])(?:[RrDdLØø]|[Bb]ar|[Dd]ia(?:meter)?|[Dd]urchmesser|[Rr]ad(?:ius)?)[ _=\-]?"
@@ -87,7 +87,7 @@ def load_in_name(names: Sequence[str], key: str = "") -> NamedLoad | None:
     Parameters
     ----------
     names
-        Names of test, column, sheet and file; the first that states a load counts.
+        Names of test, column, sheet and file, in the order in which they are examined.
     key
         Kind of load, force_N or pressure_bar; empty if any kind is accepted.
     """
@@ -109,7 +109,7 @@ def load_in_name(names: Sequence[str], key: str = "") -> NamedLoad | None:
 
 
 def _written_loads(text: str) -> list[_WrittenLoad]:
-    """Return all loads in a text, that is numbers with a unit of force or pressure.
+    """Return all loads in a text; a load is a number with a unit of force or pressure.
 
     The list holds the forces first, then the pressures.
     """
@@ -145,9 +145,9 @@ def radius_in_name(names: Sequence[str]) -> float | None:
 
 
 def unknown_length_in_name(names: Sequence[str]) -> str:
-    """Return a note on the first name with a length that may be the circle's; empty if none.
+    """Return a note on the first name with a length that may be the circle's radius or diameter.
 
-    An example is ``300N_100mm``.
+    An example is ``300N_100mm``. The note is empty if no name has such a length.
     """
     for name in names:
         match = _LENGTH_IN_NAME.search(name[:LONGEST_TEXT])

@@ -65,12 +65,12 @@ class _Times(NamedTuple):
 def take_start_times(
     campaign: Mapping[str, Any], recordings: Sequence[Recording], log: AssumptionLog
 ) -> None:
-    """Set the field ``time_s`` of every test to the time from the earliest start to its start [s].
+    """Set the field ``time_s`` of every test to its start time [s], counted from the first start.
 
     Start times are the dates and times that columns, lines above the tables, and names state. They
-    are used only if they are known for all tests and no test states the field ``time_s``; the
-    times used are noted. If they are not used, the tests are assumed to have been run in the order
-    in which they are listed. This is noted with the reason, unless options state another order or
+    are used only if they are known for all tests and no test states the field ``time_s``; the times
+    used are noted. If they are not used, the tests are assumed to have been run in the order in
+    which they are listed. This is noted with the reason, unless options state another order or
     state that there is no drift.
 
     Parameters
@@ -169,9 +169,10 @@ def _stamps_of_cell(header: str, cell: str) -> list[Timestamp]:
 
 
 def _times_of(stamps: Sequence[Timestamp]) -> _Times:
-    """Return the times [s] from the earliest start to the starts of all tests, or why unknown.
+    """Return the times [s] from the earliest start to the start of each test.
 
-    ``stamps`` holds one timestamp with a time of day for each test.
+    ``stamps`` holds one timestamp with a time of day for each test. If the stamps do not determine
+    the times, the result states the reason instead.
     """
     seconds = _seconds_of_day(stamps)
     dated = [stamp for stamp in stamps if stamp.has_date]
@@ -223,7 +224,7 @@ def _across_midnight(seconds: Array) -> Array:
 
 
 def _times_of_dates(stamps: Sequence[Timestamp], seconds: Array) -> _Times:
-    """Return the times [s] from the earliest start to the starts of all tests, from dated stamps.
+    """Return the times [s] from the earliest start to the start of each test, from dated stamps.
 
     Dates such as 03/04/2026 may have the day or the month first. If both orders are possible and
     lead to different times, the order is used with which all tests lie within one day. If this

@@ -289,9 +289,9 @@ def _handle_laps(recording: Recording, trace: Trace) -> Trace:
     """Return angles and readings of a test, with several laps averaged if the layout states so.
 
     If the layout does not state so, all laps (turns) are kept. This is noted, unless the layout
-    states that laps are kept. If the
-    stated direction of travel contradicts the order of the angles, this is noted too. ``recording``
-    is the test as its file holds it; ``trace`` holds its angles and readings.
+    states that laps are kept. If the stated direction of travel contradicts the order of the
+    angles, this is noted too. ``recording`` is the test as its file holds it; ``trace`` holds its
+    angles and readings.
     """
     angle = trace.angle_deg
     if len(angle) < 2:

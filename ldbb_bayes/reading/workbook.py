@@ -55,13 +55,13 @@ def read_workbook(path: Path, raw: bytes, wanted: Sequence[str]) -> list[Sheet]:
     raw
         Content of the file.
     wanted
-        Names of the sheets to return; without names, all are returned.
+        Names of the sheets to return; without names, all sheets that are not hidden are returned.
 
     Raises
     ------
     InputError
-        For a workbook that is damaged, empty, too large or protected by a password, and for a name
-        that no sheet has.
+        For a workbook that is damaged, empty, too large or protected by a password, and for a
+        wanted name that no sheet has.
     """
     if raw.startswith(ARCHIVE_SIGNATURE):
         _check_archive(path, raw)
@@ -106,10 +106,11 @@ def _sheets_of(
     wanted: Sequence[str],
     parts: Mapping[str, SheetParts],
 ) -> list[Sheet]:
-    """Return the sheets that are wanted; without wanted sheets, all that are not hidden.
+    """Return the wanted sheets of a workbook that are not empty, without hidden rows.
 
-    Hidden rows are left out of each sheet. ``parts`` has hidden rows, units of number formats and
-    formulas without a value, by name of the sheet.
+    ``wanted`` are the names of these sheets. If there are none, all sheets that are not hidden are
+    returned, or all sheets if every sheet is hidden. ``parts`` holds hidden rows, units in number
+    formats and formulas without a value for each name of a sheet.
     """
     check_known(f"{path}: sheet", wanted, book.sheet_names)
     hidden = _hidden_sheets(book)
@@ -147,7 +148,7 @@ def _hidden_sheets(book: python_calamine.CalamineWorkbook) -> tuple[str, ...]:
 
 
 def _rows_of(sheet: python_calamine.CalamineSheet, hidden_lines: Collection[int]) -> list[Row]:
-    """Return the rows of a sheet, with their line numbers, without hidden and empty ones."""
+    """Return the rows of a sheet with their line numbers; hidden and empty rows are left out."""
     rows = []
     for line, values in enumerate(sheet.to_python(skip_empty_area=False), start=1):
         texts = [_cell_text(value) for value in values]
