@@ -82,7 +82,8 @@ def unit_of(header: str) -> Header:
     """Return name and unit that a header states: "Angle" and "deg" for ``Angle [°]``.
 
     An unknown unit, in brackets or after "in", is returned unchanged; it leads to an error only if
-    the column is used. The same holds for two units of one kind, which are returned joined.
+    the column is used. If a header states two different units for the same role of a column, such
+    as mm and µm, both are returned as one text, which leads to the same error.
     """
     stated = _name_and_unit(header)
     behind = re.split(r"[\])}>]", header)[-1]
@@ -94,7 +95,7 @@ def unit_of(header: str) -> Header:
 
 
 def _contradicts(word: str, unit: str) -> bool:
-    """Return whether a word of a header is another unit of the same kind as ``unit``."""
+    """Return whether a word of a header is a unit for the same role as ``unit``, but differs."""
     other = unit_named(word)
     if other in ("", unit) or len(word) < 2 or comparable(word) == "in":
         return False
@@ -102,12 +103,12 @@ def _contradicts(word: str, unit: str) -> bool:
 
 
 def _name_and_unit(header: str) -> Header:
-    """Return name and unit of a header; a unit in brackets or behind the name counts."""
+    """Return name and unit of a header, whose unit may be in brackets or behind the name."""
     header = header.strip().lstrip("#%").strip()
     if len(header) > LONGEST_NAME:
         return Header(header, "")
     name = BRACKET.split(header)[0].strip(" _")
-    if not name:  # the unit stands in front, as in "[mm] Reading"
+    if not name:  # the unit precedes the name, as in "[mm] Reading"
         name = re.split(r"[\])}>]", header)[-1].strip(" _")
     before_brackets = _unit_before_remark(header, name)
     if before_brackets is not None:
@@ -446,8 +447,8 @@ def _several_readings(
 ) -> list[int]:
     """Return the indices of the columns of readings if there are several, each for one test.
 
-    The header of such a column states the load of its test (``36 N [mm]``), names a run (``Run
-    1``), or is a number alone. Return an empty list if the table has no such columns.
+    The header of such a column states the load of its test, such as ``36 N [mm]``, or names a run,
+    such as ``Run 1``, or is a number alone. Return an empty list if the table has no such columns.
 
     Parameters
     ----------
@@ -490,7 +491,7 @@ def _candidates(role: str, columns: Sequence[int], headers: Sequence[str]) -> li
     candidates = []
     for column in columns:
         header = unit_of(headers[column])
-        # A column "Circle [mm]" holds a length, but "Run 1 [mm]" the readings of a test.
+        # A column "Circle [mm]" holds a length, but a column "Run 1 [mm]" the readings of a test.
         is_length = header.unit in UNITS["reading"] and _RUN.fullmatch(header.name.lower()) is None
         if has_role(header.name, role) and not (role == "test" and is_length):
             candidates.append(column)

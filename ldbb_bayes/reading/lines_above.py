@@ -150,7 +150,7 @@ _DIRECTION_WORDS: Mapping[str, Any] = WORDS["directions"]
 _LENGTH = re.compile(
     rf"[^;,|\t]*?(?P<number>(?<![\d.,:/-]){NUMBER_IN_TEXT})[\s;|\t]?(?P<unit>[^\W\d_]+|\")(?![/\w])"
 )
-# Pattern of a unit in brackets and the number behind it.
+# Pattern of a unit in brackets, followed by a number.
 _UNIT_AND_NUMBER = re.compile(rf"[\[(]([^\W\d]+)[\])]\s*[:=]?\s*({NUMBER_IN_TEXT})")
 # Pattern of a letter for radius or diameter with a number directly behind it, such as D200.
 _LETTER_AND_NUMBER = re.compile(
@@ -193,7 +193,7 @@ _SIDES = {
     "CW": re.compile(rf"[\s:=;,|]*(?:{_DIRECTION_WORDS['right']})(?!\w)", re.IGNORECASE),
     "CCW": re.compile(rf"[\s:=;,|]*(?:{_DIRECTION_WORDS['left']})(?!\w)", re.IGNORECASE),
 }
-# Pattern of a turn to a side, which may be the direction.
+# Pattern of words for a turn to the left or right, which may mean the direction of travel.
 _TURNED_TO_SIDE = re.compile(_DIRECTION_WORDS["turned"], re.IGNORECASE)
 # Pattern of a line that is about angles.
 _ANGLES = re.compile(WORDS["angle_convention"]["subject"], re.IGNORECASE)
@@ -383,7 +383,7 @@ def _words_before_number(match: re.Match[str]) -> str:
         if unit:
             words = words.replace(unit, "")
     if " of " in match["words"]:
-        # In "diameter of workpiece", the words themselves name another quantity.
+        # In "diameter of workpiece", the name of the quantity itself names another quantity.
         words += _BALL_BAR.sub("", match["words"])
     return cell + words
 
@@ -470,7 +470,7 @@ def unknown_length(lines: Lines) -> str:
     if "radius_mm" in statements or "programmed_radius_mm" in statements:
         return ""
     for line, content in lines:
-        # A unit in brackets before the number, as in "Circle [mm]: 100", goes behind it.
+        # A unit in brackets before a number, as in "Circle [mm]: 100", is put behind the number.
         text = _UNIT_AND_NUMBER.sub(r"\2 \1", content[:LONGEST_TEXT])
         length = _possible_radius(text)
         if length:

@@ -1,4 +1,7 @@
-"""Where the circle of a log over time starts, and whether its feed is the true one, in words."""
+"""Start of the circle and shares of the feed, as lines above a log over time state them.
+
+A log over time is a table that holds times instead of angles.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +36,7 @@ _TEXT_SHOWN = 60
 
 
 def check_feed_is_whole(recording: Recording) -> None:
-    """Raise an error if a line states a share of the feed, such as an override of 50 %.
+    """Raise an error if a line states that only a share of the feed was run, such as 50 %.
 
     ``recording`` is the test as its file holds it. Nothing is raised if the user states the feed,
     or if the table has angles.
@@ -50,7 +53,7 @@ def check_feed_is_whole(recording: Recording) -> None:
 
 
 def start_at_axis(recording: Recording, plane: str) -> float | None:
-    """Return the angle [deg] of the axis at which a circle starts; None if no line says it.
+    """Return the angle [deg] of the axis at which a circle starts; None if no line names the axis.
 
     Parameters
     ----------
@@ -62,8 +65,9 @@ def start_at_axis(recording: Recording, plane: str) -> float | None:
     Raises
     ------
     InputError
-        For two axes, for one outside the plane, and for lines that say where angles begin: a log
-        holds no angles, and only the start of its circle counts.
+        For lines that name different axes, for an axis outside the plane, and for lines that state
+        the coordinates of the start. Also for lines that say where angles begin, because a log
+        holds no angles.
     """
     axes: dict[str, str] = {}
     for line, content in (*recording.lines_of_all_tests, *recording.heading.lines_above):

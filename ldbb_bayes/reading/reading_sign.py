@@ -17,32 +17,35 @@ from ldbb_bayes.reading.words import LONGEST_TEXT, WORDS, comparable
 __all__ = ["sign_of_readings"]
 
 _WORDS = WORDS["reading_sign"]
-# Pattern of a word for the sign of a reading, or for what the bar then is.
+# Pattern of a word for the sign of a reading, or for a shorter or longer bar.
 _WORD = re.compile(
     rf"(?P<shorter>{_WORDS['shorter']})|(?P<longer>{_WORDS['longer']})"
     rf"|(?P<positive>{_WORDS['positive']})|(?P<negative>{_WORDS['negative']})",
     re.IGNORECASE,
 )
 _OTHER_SUBJECT = re.compile(_WORDS["other"], re.IGNORECASE)
-# Patterns of a line about readings or their sign, of words that deny, and that turn the sign.
+# Pattern of words in a line that is about readings or their sign.
 _SUBJECT = re.compile(_WORDS["subject"], re.IGNORECASE)
+# Pattern of words of denial, such as "not".
 _DENIED = re.compile(_WORDS["denied"], re.IGNORECASE)
+# Pattern of words which say that the sign of readings is reversed.
 _TURNED = re.compile(_WORDS["turned"], re.IGNORECASE)
-# Pattern of a number other than −1, which shows that a line states a value and no sign.
+# Pattern of a number other than −1. A line with such a number states a value and not a sign.
 _OTHER_NUMBER = re.compile(r"(?<![^\W_])\d(?<![-−]1)(?<![-−] 1)|(?<![^\W_])\d{2}")
 # Pattern of a unit in brackets at the beginning of a header.
 _UNIT_IN_FRONT = re.compile(r"^\s*[\[(<{][^\])>}]*[\])>}]\s*(?=[-−–\w])")
-# Pattern of a header of readings that turns their sign, or may do so.
+# Pattern of a header which shows that the sign of its readings is or may be reversed.
 _TURNED_HEADER = re.compile(_WORDS["header"])
-# Pattern of a word in the name of a file for readings whose sign is turned.
+# Pattern of a word in the name of a file which shows that the sign of readings is reversed.
 _TURNED_NAME = re.compile(r"(?<![^\W\d_])(?:invert\w*|negated?|reversed|flipped)", re.IGNORECASE)
 # Pattern of a line that says what a sign of readings means.
 _MEANING = re.compile(_WORDS["meaning"], re.IGNORECASE)
-# Pattern of a text that writes the reading as nominal less actual radius, and of a header that
-# writes it with a minus.
+# Pattern of a text that defines the reading as nominal radius minus actual radius.
 _NOMINAL_LESS_ACTUAL = re.compile(_WORDS["nominal_less_actual"])
+# Pattern of a header with a minus sign before the name of the reading.
 _MINUS = re.compile(_WORDS["minus"])
-# Sign of the readings for each pair of the sign of a number and what the bar then is.
+# Sign of the readings for each pair of the sign of a number and the state of the bar that the
+# number means, longer or shorter.
 _SIGNS = {
     frozenset({"positive", "longer"}): 1,
     frozenset({"negative", "shorter"}): 1,
@@ -56,7 +59,7 @@ _TEXT_SHOWN = 60
 def sign_of_readings(recording: Recording) -> int:
     """Return the sign with which readings are multiplied: −1 if a longer bar reads less, else 1.
 
-    The user's sign counts first, then the words of the file, which are noted.
+    The sign that the user states takes precedence over the words of the file, which are noted.
 
     Parameters
     ----------
@@ -66,7 +69,8 @@ def sign_of_readings(recording: Recording) -> int:
     Raises
     ------
     InputError
-        For words that contradict each other, or that name both signs and do not say which is which.
+        For words that contradict each other, or whose meaning is not clear, if the user states no
+        sign.
     """
     stated = recording.layout.sign
     sources = _stated_signs(recording)
@@ -89,9 +93,11 @@ def sign_of_readings(recording: Recording) -> int:
 
 
 def _stated_signs(recording: Recording) -> dict[int, str]:
-    """Return the signs that the header of readings and lines above state, each with its source.
+    """Return a dict whose keys are the signs that header and lines state, and its values sources.
 
-    Raise an `OpenQuestionError` for words whose meaning is open, if the user states no sign.
+    The header is that of the readings; the lines are those above the table and those that concern
+    all tests. Raise an `OpenQuestionError` for words whose meaning is not clear, if the user states
+    no sign.
     """
     header = recording.heading.headers[recording.heading.roles["reading"]]
     texts = {f"the header {header!r}": header}
@@ -126,13 +132,16 @@ def _stated_signs(recording: Recording) -> dict[int, str]:
 
 
 def _words_of_header(header: str) -> str:
-    """Return a header in small letters, with blanks for underscores, without a unit in front."""
+    """Return a header in a form for comparison.
+
+    The form has no capitals, blanks in place of underscores, and no unit in front of the name.
+    """
     words = comparable(header[:LONGEST_TEXT]).replace("_", " ")
     return _UNIT_IN_FRONT.sub("", words)
 
 
 def _note_names(recording: Recording) -> None:
-    """Note words in names of files that may turn the sign of readings."""
+    """Add notes on words in names of files that may mean that the sign of readings is reversed."""
     for name in recording.names_of_files():
         turned = _TURNED_NAME.search(name)
         if turned is not None and recording.layout.sign is None:
@@ -141,7 +150,10 @@ def _note_names(recording: Recording) -> None:
 
 
 def _note_unread(recording: Recording, source: str, text: str) -> None:
-    """Note a line that may say what the sign of readings means, but is not understood."""
+    """Add a note on a line that may explain the sign of readings, but is not understood.
+
+    ``source`` is the place of the line in words, such as "line 3", and ``text`` is the line.
+    """
     text = text[:LONGEST_TEXT]
     if _OTHER_SUBJECT.search(text) or _OTHER_NUMBER.search(text) or not _MEANING.search(text):
         return
@@ -151,9 +163,10 @@ def _note_unread(recording: Recording, source: str, text: str) -> None:
 
 
 def _is_turned_header(source: str, text: str) -> bool:
-    """Return whether a text is a header of readings that may have the other sign.
+    """Return whether a text is a header of readings whose sign may be reversed.
 
-    An example is ``Shortening [um]``. A header with a minus in front is understood.
+    An example is ``Shortening [um]``. Headers with a minus sign in front do not count, because
+    their sign is clear. ``source`` is the place of the text in words, such as "line 3".
     """
     words = _words_of_header(text)
     is_understood = _MINUS.search(words) is not None
@@ -162,9 +175,9 @@ def _is_turned_header(source: str, text: str) -> bool:
 
 
 def _turns_sign(text: str) -> bool:
-    """Return whether a text turns the sign of readings, as ``Readings inverted``.
+    """Return whether a text says that the sign of readings is reversed: ``Readings inverted``.
 
-    Such a text is not about angles or loads, and holds no number but −1.
+    Such a text is not about angles or loads, and contains no number other than −1.
     """
     text = LOAD_IN_NAME.sub("", text[:LONGEST_TEXT])
     if _OTHER_SUBJECT.search(text) or _OTHER_NUMBER.search(text) or _DENIED.search(text):
@@ -173,9 +186,10 @@ def _turns_sign(text: str) -> bool:
 
 
 def _words_in(text: str) -> list[str]:
-    """Return the kinds of words for signs and lengths in a text about the sign of readings.
+    """Return the kinds of the words for signs and bar lengths in a text, in their order.
 
-    The list is empty for a text that is not about it.
+    The kinds are positive, negative, shorter and longer. The list is empty unless the text has a
+    word for a sign and a word for a longer or shorter bar.
     """
     text = text[:LONGEST_TEXT]
     if _OTHER_SUBJECT.search(text) or names_extension(text):
@@ -189,7 +203,11 @@ def _words_in(text: str) -> list[str]:
 
 
 def _sign_of(words: list[str]) -> int | None:
-    """Return the sign of readings that the words of a text mean, two by two; None if unclear."""
+    """Return the sign of readings that the words of a text mean; None if it is not clear.
+
+    ``words`` are the kinds of the words. Each pair of successive words, such as positive and
+    longer, means a sign, and all pairs must mean the same sign.
+    """
     signs = set()
     for first, second in zip(words[::2], words[1::2], strict=False):
         signs.add(_SIGNS.get(frozenset({first, second})))

@@ -24,12 +24,13 @@ __all__ = [
     "option_for",
 ]
 
-# For each field of a test that states its force or pressure: role of the column that may hold it.
+# Roles of the columns that may hold the force or pressure of a test; the keys are the fields of a
+# test that state the force or pressure.
 LOAD_ROLES = {"force_N": "force", "pressure_bar": "pressure"}
-# For each field of a test that states its force or pressure: field of the layout that lists the
-# values of all tests.
+# Fields of the layout that list the forces or pressures of all tests; the keys are the fields of a
+# test that state its force or pressure.
 LOAD_LISTS = {"force_N": "forces_N", "pressure_bar": "pressures_bar"}
-# Unit in which messages state the value of each field.
+# Units in which messages state the values of fields; the keys are the fields.
 UNITS_SHOWN = {
     "force_N": "N",
     "pressure_bar": "bar",
@@ -46,7 +47,7 @@ _LONGEST_TEST_NAME = 100
 def option_for(key: str) -> str:
     """Return the command-line option that states the field ``key`` of a test or campaign.
 
-    For force_N it is --forces-N, and for radius_mm it is --radius-mm.
+    Examples are --forces-N for force_N, and --radius-mm for radius_mm.
     """
     name = LOAD_LISTS.get(key, key)
     return f"--{name}".replace("_", "-")
@@ -55,7 +56,7 @@ def option_for(key: str) -> str:
 class RowUnits(NamedTuple):
     """Units that one source in a file states for the rows of a column."""
 
-    units: Sequence[str]  #: unit of each row as the file writes it; empty for none
+    units: Sequence[str]  #: unit of each row as the file writes it; empty if none
     source: str  #: source in words, such as "a column of units"
 
 
@@ -76,16 +77,17 @@ class Recording:
     #: empty if the whole sheet is one test
     label: str
     lines: list[int]  #: line numbers of the test's rows in the file
-    #: numbers of the test's n rows in each column, by the role of the column (angle, reading, …),
-    #: in the units of the file, shape (n,)
+    #: numbers of the test's n rows in the columns that have a role, in the units of the file, shape
+    #: (n,) each; the keys are the roles (angle, reading, …)
     numbers: dict[str, Array]
-    #: units that sources such as a column of units state row by row, by the role of the column
+    #: units that sources such as a column of units state row by row; the keys are the roles of the
+    #: columns to which the units belong
     row_units: Mapping[str, Sequence[RowUnits]]
-    #: text of every cell in the first row of the test, by the header of its column
+    #: text of every cell in the first row of the test; the keys are the headers of the columns
     first_cells: Mapping[str, str]
     #: different words in the column of directions, each with the number of its first line
     direction_words: Mapping[str, int]
-    #: values that lines above the table state, by field of the test or campaign
+    #: values that lines above the table state; the keys are fields of the test or campaign
     statements: Mapping[str, Sequence[LineStatement]]
     layout: Layout  #: layout that the user states for all tables
     stated: dict[str, Any]  #: fields that the entry [[test]] of the layout states for this test
@@ -96,9 +98,10 @@ class Recording:
     #: place (line number and sheet) and text of each line that concerns all tests, from sheets
     #: without a table
     lines_of_all_tests: Sequence[tuple[str, str]]
-    #: columns without a role whose cells are equal in all rows of the test, as lines of text
+    #: columns without a role whose cells are equal in all rows of the test; each column is given as
+    #: a place and a line of text with its header and cell, such as "R [mm]: 100"
     constant_columns: Sequence[tuple[int | str, str]] = ()
-    #: units that are assumed for columns without one, by the role of the column
+    #: units that are assumed for columns without a unit; the keys are the roles of the columns
     assumed_units: dict[str, AssumedUnit] = field(default_factory=dict)
 
     @property
@@ -124,7 +127,7 @@ class Recording:
         return float(radius or _USUAL_RADIUS_MM)
 
     def names(self) -> list[str]:
-        """Return the names that may describe the test: of test, column, sheet and file.
+        """Return the names of test, reading column, sheet and file that may describe the test.
 
         Empty names are left out.
         """
@@ -135,7 +138,10 @@ class Recording:
         return [name for name in names if name]
 
     def names_of_files(self) -> list[str]:
-        """Return the names of test, sheet and file that may describe the test."""
+        """Return the names of test, sheet and file, which may describe the test.
+
+        Empty names are left out.
+        """
         names = (self.label, self.sheet.name, self.sheet.path.stem)
         return [name for name in names if name]
 
@@ -143,7 +149,8 @@ class Recording:
         """Add an assumption about this test to the log.
 
         ``subject`` is what was assumed, such as "direction"; ``value`` and ``reason`` are the
-        assumed value and why; ``option`` is the command-line option that changes the value.
+        assumed value and the reason for it; ``option`` is the command-line option that changes the
+        value.
         """
         self.log.add(self.place, subject, value, reason, option)
 

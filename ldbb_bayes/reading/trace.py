@@ -154,7 +154,11 @@ def _plane_of(recording: Recording) -> str:
 
 
 def _start_of_circle(recording: Recording) -> float:
-    """Return the angle [deg] at which the circle of a log starts, in numbers or at an axis."""
+    """Return the angle [deg] at which the circle of a log starts.
+
+    The angle is the number that is stated for ``start_deg``, or else that of the axis at which a
+    line says that the circle starts, or else zero.
+    """
     if quantity_of(recording, "start_deg") is None:
         at_axis = start_at_axis(recording, _plane_of(recording))
         if at_axis is not None:

@@ -1,4 +1,4 @@
-"""Columns of a foreign table that hold the unit of a number beside them, row by row."""
+"""Columns of a foreign table that hold, in each row, the unit of a number in another column."""
 
 from __future__ import annotations
 
@@ -9,21 +9,22 @@ from ldbb_bayes.reading.words import comparable, scaled_unit
 
 __all__ = ["unit_columns"]
 
-# Units of length that are hardly words of anything else; a column of them needs no header.
+# Units that can hardly be mistaken for other words. A column of such units needs no header.
 _PLAIN_UNITS = frozenset(
     {"um", "mm", "cm", "nm", "inch", "mil", "uinch", "deg", "rad", "gon", "kN"}
 )
-# Largest factor of the unit of counts in a column without a header.
+# Largest factor of a unit, such as 10 in 10 nm, in a column of units without a header.
 _LARGEST_FACTOR = 10.0
 
 
 def unit_columns(
     headers: Sequence[str], cells: Sequence[Sequence[str]], numeric: Sequence[int]
 ) -> dict[int, int]:
-    """Return the index of the column of units for each column of numbers that has one.
+    """Return a dict with the column of units for each column of numbers that has such a column.
 
-    A column holds units if its header says so, or if it holds nothing but units. The units are
-    those of the nearest column of numbers to the left, or else to the right.
+    The keys are the indices of the columns of numbers, and the values those of the columns of
+    units. A column holds units if its header says so, or if it holds nothing but units. The units
+    belong to the nearest column of numbers to the left that has no units yet, or else to the right.
 
     Parameters
     ----------
@@ -54,10 +55,11 @@ def _holds_units(header: str, cells: Sequence[str]) -> bool:
 
 
 def _is_plain_unit(text: str, is_nameless: bool) -> bool:
-    """Return whether a cell holds nothing but a unit; without a header, also one of counts.
+    """Return whether a cell holds nothing but a unit.
 
-    Without a header a unit with a factor in front, as in x 10 µm, counts too. The unit of counts,
-    such as 10 nm, has a factor of at most 10: 100 mm is a length.
+    ``is_nameless`` states that the column has no header. If so, a word for counts, a unit with a
+    factor sign in front, as in x 10 µm, and a unit with a factor of at most 10, such as 10 nm, are
+    also units. A number with a larger factor, such as 100 mm, is a length.
     """
     if is_nameless and (COUNT.fullmatch(text) or has_factor(text)):
         return True
