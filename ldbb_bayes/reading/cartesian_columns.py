@@ -1,4 +1,4 @@
-"""Columns of positions along two axes, which stand in some tables instead of angle and reading."""
+"""Columns of positions along two axes, which some tables have instead of angles and readings."""
 
 from __future__ import annotations
 
@@ -33,7 +33,10 @@ def position_headers(headers: Sequence[str]) -> list[str]:
 
 
 def lie_on_circle(x: Array, y: Array) -> bool:
-    """Return whether positions, shape (n,) each, lie on a circle about zero in all quadrants."""
+    """Return whether positions lie on a circle about zero and in all four quadrants.
+
+    ``x`` and ``y`` are the positions along the two axes [mm], shape (n,) each.
+    """
     radius = np.hypot(x, y)
     middle = float(np.median(radius))
     quadrants = np.unique(2 * (x > 0.0) + (y > 0.0))
@@ -42,7 +45,7 @@ def lie_on_circle(x: Array, y: Array) -> bool:
 
 
 def cure_of_positions(has_reading: bool) -> str:
-    """Return the sentences of a refusal that tell what to do with a table of positions.
+    """Return the part of an error message that says what to do with a table of positions.
 
     ``has_reading`` is whether the table has a column of readings beside the positions.
     """

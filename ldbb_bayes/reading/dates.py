@@ -25,7 +25,7 @@ _MONTHS = (
 
 
 def iso_date(text: str) -> str:
-    """Return a date as text in ISO 8601; empty for a date that does not exist.
+    """Return a date as text in ISO 8601; an empty string for a date that does not exist.
 
     ``text`` is a date with the year in four digits, such as 2026-11-20, 20.11.2026, 20-Nov-2026 or
     November 20, 2026.

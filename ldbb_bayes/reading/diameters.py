@@ -20,15 +20,16 @@ _TEXT_SHOWN = 60
 
 
 def halve_diameters(recording: Recording) -> None:
-    """Halve the readings of a test if they are of the diameter, and note that they were halved.
+    """Halve the readings of a test if they measure the diameter, and note that they were halved.
 
-    The user says so, or the header of the readings, or a line above the table.
+    Whether the readings measure the radius or the diameter is stated by the user, by the header of
+    the readings or by a line above the table.
 
     Raises
     ------
     InputError
-        If header and lines contradict each other, or a line leaves open what readings are of, and
-        the user does not decide.
+        If the user does not state whether readings measure the radius or the diameter, and header
+        and lines contradict each other, or a header, line or name may mean either.
     """
     readings = recording.numbers.get("reading")
     if readings is None:
@@ -59,9 +60,10 @@ def halve_diameters(recording: Recording) -> None:
 
 
 def _check_open_lines(recording: Recording, is_stated: bool) -> None:
-    """Raise an error if a line leaves open whether readings are of the diameter.
+    """Raise an error if a line, header or name may mean that readings measure the diameter.
 
-    ``is_stated`` is whether the header or a line states what readings are of.
+    ``is_stated`` is whether the header or a line clearly states radius or diameter. If so, an error
+    is raised only for lines which say that readings are doubled.
     """
     for line, text in (*recording.lines_of_all_tests, *recording.heading.lines_above):
         if doubles_readings(text) or (leaves_length_open(text) and not is_stated):

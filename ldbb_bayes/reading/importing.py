@@ -90,7 +90,8 @@ class Imported(Result):
     layout: Annotated[Layout, PlainSerializer(_layout_in_json)]
     #: assumptions that were made, each with the command-line option that changes it
     assumptions: tuple[Assumption, ...]
-    #: names of the campaign's fields that nothing states; they have their usual values
+    #: names of the campaign's fields that neither the files nor the user state; they have their
+    #: usual values
     unsaid: tuple[str, ...]
 
 
@@ -174,7 +175,10 @@ def import_campaign(
 
 
 def _not_understood_of(recording: Recording) -> dict[str, str]:
-    """Return notes on lines and names of a test that may state radius or direction, by field."""
+    """Return a dict with notes on lines and names that may state the radius or direction of a test.
+
+    The keys are fields of the test. Only lines and names that are not understood are noted.
+    """
     lines_above = recording.heading.lines_above
     notes = {"direction": unknown_direction([*recording.lines_of_all_tests, *lines_above])}
     if recording.fields.get("radius_mm") is None:
@@ -221,7 +225,8 @@ def _split_into_tests(
 def _stated_loads(recordings: Sequence[Recording], layout: Layout) -> dict[str, list[float]]:
     """Return the lists of forces and pressures in the layout, which hold one number for each test.
 
-    The keys of the result are ``force_N`` and ``pressure_bar``, as far as the layout lists them.
+    The keys of the result are ``force_N`` and ``pressure_bar``. A load that the layout does not
+    list is left out. Raise an `InputError` for a list of another length.
     """
     loads = {}
     for key, field_name in LOAD_LISTS.items():
@@ -240,10 +245,10 @@ def _stated_loads(recordings: Sequence[Recording], layout: Layout) -> dict[str, 
 
 
 def _take_conditions(recording: Recording, loads: Mapping[str, float]) -> None:
-    """Set the fields of a test, such as force, radius and direction, from all that states them.
+    """Set the fields of a test, such as force, radius and direction, from all sources.
 
-    ``loads`` holds the force or pressure of this test from the layout's lists. It replaces those
-    that an entry [[test]] of the layout states.
+    ``loads`` holds the force or pressure of this test from the layout's lists. If it is not empty,
+    it replaces the loads that an entry [[test]] of the layout states.
     """
     if loads:
         for key in LOAD_ROLES:
@@ -296,7 +301,7 @@ def _name_tests(arcs: Iterable[MeasuredArc]) -> list[CircularTest]:
     """Return the circular tests of the arcs, in the order given.
 
     If a test is one of several in its sheet and an earlier test has the same name, the name of the
-    sheet is put in front of its name.
+    sheet is put in front of the name of the test.
     """
     tests: list[CircularTest] = []
     for arc in arcs:
@@ -343,8 +348,8 @@ def _note_unused_entries(
 def _note_unused_loads(lines: Lines, log: AssumptionLog) -> None:
     """Add to the log the loads in sheets without a table that belong to no single test.
 
-    ``lines`` are the lines of these sheets outside lists of tests. Loads are forces and pressures;
-    those in these lines are not used.
+    Loads are forces and pressures. ``lines`` are the lines of these sheets outside lists of tests;
+    the loads that they state are not used.
     """
     for key, statements in statements_in(lines).items():
         if key not in LOAD_ROLES:

@@ -39,11 +39,11 @@ class TestLayout(TestFields):
     """
 
     file: str  #: name of the test's file or sheet, or its label in the column that names tests
-    #: angle at which the circle begins, for a table with times instead of angles
+    #: angle at which the circle begins [deg], for a table with times instead of angles
     start_deg: Number | None = None
 
     def stated(self) -> dict[str, Any]:
-        """Return the stated fields of the test by name, ``file`` included."""
+        """Return a dict with the stated fields of the test, including ``file``; keys are names."""
         return {key: value for key, value in vars(self).items() if value is not None}
 
 
@@ -121,8 +121,8 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     header_line: int | None = Field(default=None, ge=0)
     #: names of the sheets to read from workbooks; empty for all sheets with a table of readings
     sheets: list[str] = Field(default_factory=list)
-    #: header, or number from 1, of the column that has each role, such as angle; a list of several
-    #: columns of readings makes each of them a separate test
+    #: header, or number from 1, of the column that has each role, such as angle; if several columns
+    #: of readings are listed, each is a separate test
     columns: dict[str, _Column] = Field(default_factory=dict)
     #: forces of all tests, in the order of files, sheets and rows; they replace forces that entries
     #: [[test]] state
@@ -138,28 +138,29 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     pressure_unit: str | None = None  #: unit of pressures, such as bar
     #: whether readings are deviations from the nominal radius, or distances between the two balls
     zero: Literal["deviation", "distance"] | None = None
-    #: whether readings are of the radius, or of the diameter; the latter are halved
+    #: whether readings measure the radius or the diameter; readings of the diameter are halved
     measured: Literal["radius", "diameter"] | None = None
-    #: sign of readings: −1 if a longer bar gives a smaller reading; None for what the file says in
-    #: words
+    #: sign of readings: −1 if a longer bar gives a smaller reading, else 1; None to use what the
+    #: file says in words
     sign: Literal[1, -1] | None = None
-    #: sign of angles: −1 if the file counts angles clockwise; None for what the file says in words
+    #: sign of angles: −1 if the file counts angles clockwise, else 1; None to use what the file
+    #: says in words
     angle_sign: Literal[1, -1] | None = None
-    #: angle in the file at which the bar is along the first axis of the plane; it is subtracted
-    #: from all angles
+    #: angle in the file at which the bar is along the first axis of the plane [deg]; this angle is
+    #: subtracted from all angles
     angle_offset_deg: float | None = None
     #: axis at which the file's angles begin, such as +Y
     angle_zero: Annotated[str, AfterValidator(_axis_with_sign)] | None = None
     #: sense in which the file counts angles, CW or CCW
     angle_sense: Annotated[str, AfterValidator(_sense_in_capitals)] | None = None
-    #: what the machine did in a gap of a log over time: stood still, or moved on
+    #: what the machine did in a gap between the times of a table: stood still, or moved on
     gaps: Literal["still", "moving"] | None = None
-    #: angle at which the circle begins, for tables with times instead of angles
+    #: angle at which the circle begins [deg], for tables with times instead of angles
     start_deg: float | None = None
-    #: angle that the machine travels before the circle begins, for tables with times instead of
-    #: angles
+    #: angle that the machine travels before the circle begins [deg], for tables with times instead
+    #: of angles
     overshoot_deg: float | None = Field(default=None, ge=0.0)
-    #: feed of the machine along the circle, for tables with times instead of angles
+    #: feed of the machine along the circle [mm/min], for tables with times instead of angles
     feed_mm_per_min: float | None = Field(default=None, gt=0.0)
     direction: Literal["CW", "CCW"] | None = None  #: direction of travel of all tests
     #: whether the laps (turns) of a test with several laps are kept or averaged
@@ -202,10 +203,10 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     def with_given(self, options: dict[str, Any]) -> Layout:
         """Return the layout with its fields replaced by the given command-line options.
 
-        ``options`` holds values by the name of the field; a value of None changes nothing. Each
-        entry [[test]] of the layout states fields of one test. A field that an option states for
-        all tests, such as the direction, is removed from these entries. If an option lists forces
-        or pressures, it replaces all forces and pressures of the layout and of its entries.
+        The keys of ``options`` are names of fields; a value of None changes nothing. Each entry
+        [[test]] of the layout states fields of one test. A field that an option states for all
+        tests, such as the direction, is removed from these entries. If an option lists forces or
+        pressures, it replaces all forces and pressures of the layout and of its entries.
         """
         stated = {key: value for key, value in options.items() if value is not None}
         keys_of_tests = stated.keys() & TestLayout.__dataclass_fields__.keys()

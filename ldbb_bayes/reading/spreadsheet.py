@@ -24,14 +24,14 @@ from ldbb_bayes.reading.workbook import WORKBOOK_SUFFIXES, read_workbook
 
 __all__ = ["read_sheets"]
 
-# Signs of double width that East Asian text has for those of ASCII, and the wide blank.
+# Translation of the wide characters of East Asian text, including the wide blank, to ASCII.
 _NARROW = {code: code - 0xFEE0 for code in range(0xFF01, 0xFF5F)} | {0x3000: 0x20}
 # First bytes of PDF files and pictures, which hold no table that can be read.
 _PICTURE_SIGNATURES = (b"%PDF-", b"\x89PNG\r\n", b"\xff\xd8\xff", b"GIF8")
 # Characters that may separate the cells of a text file, in order of preference.
 _SEPARATORS = (";", "\t", "|", ",", " ")
-# Characters that seldom stand within cells. Blanks are not considered if one of these splits the
-# lines with a score larger than this.
+# Characters that are seldom part of a cell, and a score of separators. If one of these characters
+# splits the lines with a larger score, the blank is not considered as a separator.
 _SURE = (";", "\t", "|")
 _SURE_SCORE = 1.3
 # Number of lines by which possible separators of cells are compared.
@@ -63,7 +63,8 @@ def read_sheets(
     Raises
     ------
     InputError
-        For a file that is neither a workbook nor a text, and for a name that no sheet has.
+        For a file that is neither a workbook nor a text, and for a name in ``sheets`` that no sheet
+        has.
     """
     raw = table_bytes(path)
     require(
@@ -97,7 +98,10 @@ def read_sheets(
 
 
 def _with_plain_cells(sheet: Sheet) -> Sheet:
-    """Return a sheet without signs of double width, and without units behind its numbers."""
+    """Return a sheet without wide characters, and without units behind numbers in its cells.
+
+    The units are moved to ``cell_units`` of the sheet.
+    """
     rows = []
     for row in sheet.rows:
         rows.append(Row(row.line, [cell.translate(_NARROW).strip() for cell in row.cells]))
@@ -108,8 +112,8 @@ def _with_plain_cells(sheet: Sheet) -> Sheet:
 def _find_separator(lines: Sequence[str]) -> str:
     """Return the character that most probably separates the cells of a text file.
 
-    It splits most lines into equally many cells, and many of these are numbers. The first third of
-    the lines, which may precede the table, is not considered. If no character splits the lines,
+    This character splits most lines into equally many cells, many of them numbers. The first third
+    of the lines, which may precede the table, is not considered. If no character splits the lines,
     the comma is returned.
     """
     sample = [line for line in lines if line.strip()]
@@ -120,7 +124,7 @@ def _find_separator(lines: Sequence[str]) -> str:
         return best_separator
     for separator in _SEPARATORS:
         if separator == " " and best_separator in _SURE and best_score > _SURE_SCORE:
-            continue  # blanks then stand within cells, as before a unit
+            continue  # blanks are then part of cells, as before a unit
         score = _separator_score(sample, separator)
         if score > best_score + _SCORE_MARGIN:
             best_separator = separator

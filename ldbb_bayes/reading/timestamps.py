@@ -75,7 +75,7 @@ class Timestamp:
     #: date if the month stands before the day; the same date if the file leaves no choice
     month_first: date | None = None
     seconds: float | None = None  #: seconds since midnight; None for a date alone
-    zone_s: float | None = None  #: local time less UTC [s]; None if no time zone is stated
+    zone_s: float | None = None  #: local time minus UTC [s]; None if no time zone is stated
 
     @property
     def has_date(self) -> bool:
@@ -84,18 +84,19 @@ class Timestamp:
 
 
 def stamps_in(text: str, rank: Rank | None = None) -> list[Timestamp]:
-    """Return the dates and times of day in a line that may be those of a test, in their order.
+    """Return the timestamps in a line at which a test may have been run, in the order of the line.
 
-    A stamp counts if the words before it say that the test was run, started or recorded then. A
-    line without words counts if it has date and time. Dates and times of something else, such as a
-    calibration or the end of the test, do not count, nor do durations.
+    A timestamp is a date, a time of day, or both. It counts if the words before it say that the
+    test was run, started or recorded at this time. Without words before it, it counts if it has
+    both date and time. Durations do not count, nor do dates and times of something else, such as a
+    calibration or the end of the test.
 
     Parameters
     ----------
     text
         The line. For a cell of a table, it is ``header: cell``.
     rank
-        Kind of the statement; None to tell it from the words of the line.
+        Kind of the statement; None to determine the kind from the words of the line.
     """
     stamps = []
     end = 0
@@ -114,9 +115,10 @@ def stamps_in(text: str, rank: Rank | None = None) -> list[Timestamp]:
 
 
 def _rank_of(words: str) -> Rank | None:
-    """Return the kind of statement that begins with these words; None if it is of something else.
+    """Return the kind of a timestamp from the words before it; None if it is not that of a test.
 
-    ``words`` is the text between the previous stamp in the line, or its beginning, and the stamp.
+    ``words`` is the text before the timestamp, from the previous timestamp or else from the
+    beginning of the line.
     """
     if _WORDS["other"].search(words):
         return None
@@ -137,8 +139,8 @@ def _is_whole(match: re.Match[str]) -> bool:
 def _is_duration(words: str, match: re.Match[str]) -> bool:
     """Return whether a stamp may be a duration, such as ``Time: 00:01:28``.
 
-    It may be if it has no date and the hour zero, unless the ``words`` before it speak of a start
-    or of a clock.
+    A stamp may be a duration if it has no date and its hour is zero, unless the ``words`` before it
+    are about a start or a clock.
     """
     parts = _parts_of(match)
     if "date" in parts or int(parts["hours"]) > 0:
@@ -147,7 +149,7 @@ def _is_duration(words: str, match: re.Match[str]) -> bool:
 
 
 def _parts_of(match: re.Match[str]) -> dict[str, str]:
-    """Return the parts of a matched stamp by name, such as date or hours.
+    """Return a dict with the parts of a matched stamp; its keys are names, such as date or hours.
 
     Parts that the stamp does not state are left out.
     """
@@ -253,9 +255,9 @@ def _zone_of(text: str) -> float | None:
 
 
 def stamp_in_name(names: Iterable[str]) -> Timestamp | None:
-    """Return the timestamp that the first of the names with one states; None without any.
+    """Return the timestamp in the first name that contains a timestamp; None if no name does.
 
-    Names are those of a test or its file, such as ``2026-11-20_14-03-12 36N``.
+    ``names`` are the names of a test and its file, such as ``2026-11-20_14-03-12 36N``.
     """
     for name in names:
         match = _STAMP_IN_NAME.search(name[:LONGEST_TEXT])
@@ -270,9 +272,11 @@ def stamp_in_name(names: Iterable[str]) -> Timestamp | None:
 
 
 def epoch_stamp(header: str, text: str) -> Timestamp | None:
-    """Return the timestamp of a number of seconds or milliseconds since 1970; None for others.
+    """Return the timestamp that a number of seconds or milliseconds since 1970 means.
 
-    ``text`` is the first cell of a column, whose header must name a time.
+    Return None for any other text.
+
+    ``text`` is the first cell of a column, whose header must be about the time of a test.
     """
     if _rank_of(header) not in (Rank.START, Rank.TEST):
         return None
