@@ -24,7 +24,7 @@ class Assumption:
 
 
 class _Entry(NamedTuple):
-    """Content of an assumption, without its place: several files or tests may share it."""
+    """Content of an assumption without its place, because several places may share the content."""
 
     subject: str
     value: str
@@ -82,9 +82,9 @@ class AssumptionLog:
         return tuple(assumptions)
 
     def layout(self, stated: Layout) -> Layout:
-        """Return the layout ``stated`` by the user, completed by what was found in the sheets.
+        """Return the layout ``stated`` by the user, completed with values found in the sheets.
 
-        If the sheets have different values for a field, it stays as the user states it.
+        A field for which the sheets have different values is left as the user states it.
         """
         common = {}
         for key, values in self._layout_values.items():

@@ -21,7 +21,7 @@ _EXTENSION = re.compile(
     rf"|\d\s?(?:mm|cm|in|inch|\")[\s-](?:{_EXTENSION_WORDS})(?!\w)",
     re.IGNORECASE,
 )
-# Smallest summand [mm]; a smaller one is a tolerance.
+# Smallest length that counts as a summand [mm]; a smaller length is a tolerance.
 _SMALLEST_MM = 10.0
 _MM_PER_UM = 1e-3
 
@@ -34,7 +34,8 @@ def names_extension(text: str) -> bool:
 def length_of_sum(text: str) -> float | None:
     """Return the sum [mm] of lengths in a text, such as 150 for ``100 mm + extension 50 mm``.
 
-    Return NaN if the text is a sum, but not of one length each, and None if it is no sum.
+    Return NaN if the text is a sum, but a summand is not exactly one length. Return None if the
+    text is no sum of lengths.
     """
     terms = _PLUS.split(text)
     if len(terms) < 2 or _TOLERANCE.search(text):
@@ -45,7 +46,7 @@ def length_of_sum(text: str) -> float | None:
         matches = list(_LENGTH.finditer(term))
         if len(matches) != 1 or OTHER_QUANTITY.search(term):
             return math.nan
-        # A number without a unit, as in 100 + 50 mm, has that of the number behind it.
+        # A number without a unit, as in 100 + 50 mm, has the unit of the number that follows.
         size_um = UNITS["reading"].get(unit_named(matches[0]["unit"] or ""), size_um)
         value = number_in_text(matches[0]["number"])
         if size_um is None or value is None:

@@ -15,21 +15,22 @@ _KEPT_LABELS = ("Operator", "Date", "Time", "Description", "Project")
 
 
 def is_labview(text: str) -> bool:
-    """Return whether a text file is one of LabVIEW."""
+    """Return whether the text of a file is that of a LabVIEW file."""
     return text.startswith(_FIRST_WORDS)
 
 
 def rows_of_labview(rows: Sequence[Row]) -> list[Row]:
     """Return the rows of a LabVIEW file as a plain table with units in its header.
 
-    The unit of the first column is that of ``X_Dimension``, seconds for a time; the units of the
-    others are those of ``Y_Unit_Label``. Without a column of times (``X_Columns`` is ``No``) one is
-    made from ``X0`` and ``Delta_X``. Rows of a file with another structure are returned unchanged.
+    The first column has the unit s if ``X_Dimension`` of the file's header is ``Time``; the units
+    of the other columns are those of ``Y_Unit_Label``. If the file has no column of times
+    (``X_Columns`` is ``No``), the times are computed from ``X0`` and ``Delta_X``. Rows of a file
+    with another structure are returned unchanged.
 
     Parameters
     ----------
     rows
-        Rows of the file, whose cells tabs separate.
+        Rows of the file.
     """
     ends = [k for k, row in enumerate(rows) if row.cells[:1] == [_END]]
     if len(ends) != 2 or ends[1] + 1 >= len(rows):
@@ -54,9 +55,11 @@ def _has_no_times(labels: dict[str, list[str]]) -> bool:
 
 
 def _time_of(number: int, labels: dict[str, list[str]]) -> str:
-    """Return the time of a row, from the first time and the step that the header states.
+    """Return the time of a row as text, from the first time and the step that the header states.
 
-    It has the decimal mark of the step. Without a step that is a number it is empty.
+    The text has the decimal mark of the step. It is empty if the first time or the step is not a
+    number. ``number`` is the number of the row from 0, and ``labels`` holds the cells of the header
+    by their labels.
     """
     start = labels.get("X0", ["0"])[0]
     step = labels.get("Delta_X", [""])[0]

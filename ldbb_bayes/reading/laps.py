@@ -14,8 +14,9 @@ from ldbb_bayes.results import Array
 __all__ = ["TURN_DEG", "angles_from_time", "average_laps", "direction_of_travel", "on_the_circle"]
 
 TURN_DEG = 360.0
-# Largest angle by which a test may run against its direction of travel [°]. Overshoot and scatter
-# of the angles are much smaller; a test that runs back over its circle exceeds it.
+# Largest angle by which a test may run against its direction of travel [deg]. Overshoot and scatter
+# of the angles are much smaller than this; a test that runs back over its circle exceeds this
+# angle.
 _LARGEST_RETREAT_DEG = 120.0
 
 
@@ -119,7 +120,7 @@ def average_laps(angle_deg: Array, reading_um: Array) -> tuple[Array, Array]:
     Raises
     ------
     InputError
-        If the angles change direction anywhere, even by a little, and for fewer than two whole
+        If the angles change direction anywhere, even by a little, or cover fewer than two whole
         laps. Successive equal angles are no change of direction.
     """
     is_new_angle = np.concatenate([[True], np.diff(angle_deg) != 0.0])

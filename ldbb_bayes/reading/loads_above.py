@@ -38,7 +38,10 @@ def with_loads_in_header(sheet: Sheet) -> Sheet:
 
 
 def _loads_of(cells: Sequence[str]) -> list[str]:
-    """Return the loads in a line, such as "100 N"; an empty list if a cell states none."""
+    """Return the loads in a line, such as "100 N", one for each cell but the first.
+
+    Return an empty list if one of these cells states no load.
+    """
     unit = _unit_of_loads(cells[0])
     loads = []
     for cell in cells[1:]:
@@ -52,7 +55,7 @@ def _loads_of(cells: Sequence[str]) -> list[str]:
 
 
 def _unit_of_loads(cell: str) -> str:
-    """Return the unit of force or pressure in the first cell of a line; empty without one."""
+    """Return the unit of force or pressure in the first cell of a line; empty if it has none."""
     header = unit_of(cell)
     for role in ("force", "pressure"):
         if has_role(header.name, role) and header.unit in UNITS[role]:

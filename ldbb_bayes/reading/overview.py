@@ -63,9 +63,10 @@ def overview_lines(sheets: Iterable[Sheet], names: Collection[str]) -> OverviewL
 def _is_row_of_test(filled: Sequence[str], wanted: set[str]) -> bool:
     """Return whether a row in a list of tests describes the wanted test.
 
-    It does if one of its cells is among ``wanted``, the ways in which the name of the test may be
-    written. But if the row starts with a label such as ``Operator:``, a name after it is the value
-    of this label, and does not count. ``filled`` are the cells of the row that are not empty.
+    The row does so if one of its cells is among ``wanted``, the ways in which the name of the test
+    may be written. But if the row starts with a label such as ``Operator:``, a name after the label
+    is the value of the label, and does not count. ``filled`` are the cells of the row that are not
+    empty.
     """
     named = wanted & {comparable(cell) for cell in filled}
     if not named:
@@ -99,8 +100,8 @@ def _has_label(cell: str) -> bool:
 def _heads_a_list(filled: Sequence[str]) -> bool:
     """Return whether a row is the header of a list of tests.
 
-    A row with a label and its value, such as ``Radius | 100 mm``, is not. ``filled`` are the cells
-    of the row that are not empty.
+    A row with a label and its value, such as ``Radius | 100 mm``, is no header. ``filled`` are the
+    cells of the row that are not empty.
     """
     if not names_columns(filled):
         return False

@@ -19,13 +19,13 @@ _FEWEST_COLUMNS = 2
 
 
 def split_pairs(sheet: Sheet, layout: Layout) -> list[Sheet]:
-    """Return the tables that stand beside each other in a sheet, each as a sheet of its own.
+    """Return the tables that stand beside each other in a sheet, each as a separate sheet.
 
     A table begins at each column of angles. The first column must hold angles, and all tables must
-    have equally many columns; otherwise the sheet is returned unchanged. A table is named after the
-    header of its second column without the unit, such as "100 N". Rows in which a table has no
-    cells are left out of it, because tables may differ in length. Where ``layout`` states columns,
-    the sheet is split only if every table has columns of these names.
+    have equally many columns. If ``layout`` states columns, every table must have columns of these
+    names. A sheet that does not meet these conditions is returned unchanged. A table is named after
+    the header of its second column without the unit, such as "100 N". Tables may differ in length:
+    rows in which all cells of a table are empty are left out of this table.
     """
     header = first_header(sheet.rows)
     if header is None:
@@ -46,7 +46,11 @@ def split_pairs(sheet: Sheet, layout: Layout) -> list[Sheet]:
 
 
 def _width_of_tables(names: Sequence[str]) -> int:
-    """Return the number of columns of each table; 0 if there are not several of equal width."""
+    """Return the number of columns of each table beside each other.
+
+    The result is 0 if there are not several tables with equally many columns. ``names`` are the
+    headers of all columns.
+    """
     starts = [k for k, name in enumerate(names) if has_role(unit_of(name).name, "angle")]
     if len(starts) < 2 or starts[0] != 0:
         return 0
@@ -58,9 +62,9 @@ def _width_of_tables(names: Sequence[str]) -> int:
 
 
 def _columns_of(sheet: Sheet, header: int, columns: range, title: str) -> Sheet:
-    """Return the table in some columns of a sheet as a sheet of its own.
+    """Return the table in the given columns of a sheet as a separate sheet with a title.
 
-    ``header`` is the index of the row of names; the rows above it belong to every table.
+    ``header`` is the index of the row of names; the rows above it are kept in every table.
     """
     rows = list(sheet.rows[:header])
     for row in sheet.rows[header:]:
@@ -83,7 +87,7 @@ def _columns_of(sheet: Sheet, header: int, columns: range, title: str) -> Sheet:
 def _has_stated_columns(layout: Layout, headers: Sequence[str]) -> bool:
     """Return whether a table has all columns that the layout states by name.
 
-    It has not if the layout states a column by its number. Capitals and spaces do not count.
+    Return False if the layout states a column by its number. Names may differ in capitals.
     """
     names = {comparable(header) for header in headers}
     for reference in layout.columns.values():
@@ -93,7 +97,11 @@ def _has_stated_columns(layout: Layout, headers: Sequence[str]) -> bool:
 
 
 def _of_columns(units: Mapping[tuple[int, int], str], columns: range) -> dict[tuple[int, int], str]:
-    """Return the units of the cells of one table, by line number and column of that table."""
+    """Return the units of the cells in the given columns, which are one table.
+
+    Each key is a pair of line number and index of the column. The indices of ``units`` are counted
+    in the sheet, and those of the result in the table.
+    """
     in_table = {}
     for (line, column), unit in units.items():
         if column in columns:
@@ -102,7 +110,10 @@ def _of_columns(units: Mapping[tuple[int, int], str], columns: range) -> dict[tu
 
 
 def _titles(headers: Sequence[str]) -> list[str]:
-    """Return a name for each table from the header of its readings, or else its number."""
+    """Return a name for each table: the header of its readings without the unit, or a number.
+
+    Numbers are used for all tables if these headers are not all different.
+    """
     titles = [BRACKET.split(header)[0].strip() for header in headers]
     if len(set(titles)) < len(titles) or not all(titles):
         return [f"table {number}" for number in range(1, len(headers) + 1)]

@@ -23,11 +23,13 @@ class Sheet:
     separator: str = ""  #: separator of cells in a text file; empty for a workbook
     #: whether this is the only table of readings in the file; tests are then named after the file
     is_only_table: bool = False
-    #: unit that stood behind the number in a cell, by line number and index of the column
+    #: units that stood behind the numbers in cells; each key is a pair of line number and index of
+    #: the column
     cell_units: Mapping[tuple[int, int], str] = field(default_factory=dict)
-    #: unit in the number format of a cell, by line number and index of the column
+    #: units in the number formats of cells; each key is a pair of line number and index of the
+    #: column
     format_units: Mapping[tuple[int, int], str] = field(default_factory=dict)
-    #: line number and index of the column of formulas without a stored value
+    #: line number and index of the column for each formula without a stored value
     formulas_without_value: Collection[tuple[int, int]] = ()
     n_headers: int = 0  #: number of repeated headers inside the table, which are left out
     #: whether number formats and hidden rows of the workbook are known

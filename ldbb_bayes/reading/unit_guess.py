@@ -1,7 +1,8 @@
-"""Units of readings and angles that no file states: one for a whole campaign, tested on all of it.
+"""Units that are assumed for readings and angles if neither the files nor the user state them.
 
-A unit of the readings fits if the bar can measure readings of this size, and if machines can be as
-stiff or as soft as they would then be.
+One unit is assumed for all tests of a campaign. A unit of the readings fits if a bar can measure
+deviations of the resulting size, and if a machine can be as stiff or as soft as the readings then
+show.
 """
 
 from __future__ import annotations
@@ -28,20 +29,21 @@ from ldbb_bayes.reading.words import UNITS
 
 __all__ = ["assume_units"]
 
-# Readings are taken as distances of the balls if their median in mm would differ from the radius by
-# less than this share of the radius.
+# Readings are taken as distances between the balls in mm if their median then differs from the
+# radius by less than this share of the radius.
 _NEAR_RADIUS = 0.05
-# Readings may be distances if their median absolute deviation is below this share of the median.
+# Readings may be distances between the balls if their median absolute deviation is below this share
+# of the median.
 _SMALL_SCATTER = 0.01
 # An error message shows at most this number of characters of a line.
 _TEXT_SHOWN = 60
 # Largest deviation from the radius that a bar can measure [µm].
 _LARGEST_DEVIATION_UM = 1500.0
-# Smallest share of the largest force in the largest reading [µm/N]: no machine is stiffer.
+# Smallest ratio of the largest reading to the largest force [µm/N]: no machine is stiffer.
 _STIFFEST_UM_PER_N = 0.003
 # Largest change of the readings with the force [µm/N]: no machine is softer.
 _SOFTEST_UM_PER_N = 1.0
-# Smallest of the largest forces of a campaign [N]: a loaded bar presses with more.
+# Smallest value of the largest force of a campaign [N]: loaded bars exert larger forces.
 _SMALLEST_LOAD_N = 5.0
 # Units that are tried for readings without a unit.
 _USUAL_UNITS = ("um", "mm")
@@ -52,17 +54,18 @@ _LARGEST_SPAN_RAD = 7.0
 _COUNTS = re.compile(
     r"(?<![^\W\d_])counts?(?![^\W_])|(?<!\d)(?:0[.,]\d+|10)[ _]?[uµμn]m", re.IGNORECASE
 )
-# Turn in each unit of angle that is tried besides degrees and radians.
+# Size of a full turn in each unit of angle that is tried besides degrees and radians.
 _OTHER_TURNS = {"gon": 400.0, "mrad": 2e3 * np.pi, "arcmin": 21_600.0}
 _TURN_DEG = 360.0
-# Angles cover whole turns if they do so within this number of steps.
+# Angles count as whole turns if their range differs from whole turns by at most this number of
+# steps from one angle to the next.
 _STEPS_OF_TURN = 1.5
 # Largest step from one angle to the next on a circle [deg].
 _LARGEST_STEP_DEG = 45.0
 
 
 class _ReadingSize(NamedTuple):
-    """How large the readings of tests without a unit are, as numbers in the files."""
+    """Size of the readings of tests whose unit is not stated, as numbers in the files."""
 
     largest: float  # largest absolute value
     change: float  # change of the median from the smallest force to the largest
@@ -70,17 +73,18 @@ class _ReadingSize(NamedTuple):
 
 
 def assume_units(recordings: Sequence[Recording], campaign: Mapping[str, Any]) -> None:
-    """Decide on one unit for all readings, and one for all angles, that no file states a unit for.
+    """Assume units for the readings and angles whose units neither files nor user state.
 
-    Forces without a unit are in newtons, if they are not too small for it.
-
-    The units are put into ``assumed_units`` of the recordings. ``campaign`` are the fields of the
-    campaign that options or files state.
+    All readings of this kind get the same unit, except readings that are distances between the
+    balls, which are in mm. All angles of this kind get the same unit. The units are put into
+    ``assumed_units`` of the recordings. Forces whose unit is not stated are in newtons; their size
+    is checked. ``campaign`` are the fields of the campaign that options or files state.
 
     Raises
     ------
     OpenQuestionError
-        If several units fit, or none, and for lines that multiply readings.
+        If several units fit or none does, if forces are too small to be in newtons, and for headers
+        or lines that multiply readings.
     """
     for recording in recordings:
         _check_factors(recording)
@@ -103,7 +107,10 @@ def _lacks_unit(recording: Recording, role: str) -> bool:
 
 
 def _check_unit_of_forces(recordings: Sequence[Recording]) -> None:
-    """Raise an error if forces without a unit are too small for newtons."""
+    """Raise an error if forces whose unit is not stated are too small to be in newtons.
+
+    ``recordings`` are the tests with such forces.
+    """
     largest = max((float(np.abs(entry.numbers["force"]).max()) for entry in recordings), default=0)
     if recordings and largest < _SMALLEST_LOAD_N:
         raise OpenQuestionError(
@@ -120,7 +127,7 @@ def _is_distance(recording: Recording) -> bool:
 
 
 def _may_be_distance(recording: Recording) -> bool:
-    """Return whether readings differ so little from each other that they may be distances."""
+    """Return whether readings differ so little that they may be distances between the balls."""
     readings = recording.numbers["reading"]
     median = float(np.median(readings))
     scatter = float(np.median(np.abs(readings - median)))
@@ -128,10 +135,11 @@ def _may_be_distance(recording: Recording) -> bool:
 
 
 def _assume_reading_unit(recordings: Sequence[Recording], campaign: Mapping[str, Any]) -> None:
-    """Assume for the readings the one usual unit that fits their size, and note the reason.
+    """Assume for the readings the only usual unit, µm or mm, that fits their size.
 
-    Raise an `OpenQuestionError` if several units fit or none does. If all readings are zero, no
-    unit is assumed.
+    The unit is recorded with its reason. Raise an `OpenQuestionError` if both units fit or none
+    does, if a line mentions a scale or another unit, or if the readings may be distances between
+    the balls. If all readings are zero, no unit is assumed.
     """
     size = _size_of(recordings, campaign)
     if size.largest == 0.0:
@@ -175,16 +183,17 @@ def _lines_of(recording: Recording) -> Lines:
 
 
 def _check_factors(recording: Recording) -> None:
-    """Raise an error for a line that multiplies readings; note one of another scale or factor.
+    """Raise an error if the header of readings or a line multiplies the readings by a number.
 
-    Nothing is raised or noted if the user states the unit of the readings.
+    If the header states a unit, a line that mentions a scale or another unit is noted. Nothing is
+    raised or noted if the user states the unit of the readings.
     """
     if "reading" not in recording.numbers or recording.layout.reading_unit is not None:
         return
     column = recording.heading.roles["reading"]
     header = recording.heading.headers[column]
     unit = recording.heading.units[column]
-    # A unit with a factor is refused with the unit.
+    # If the unit itself has a factor, the code that reads the unit raises the error.
     is_unit_plain = re.search(r"\d", unit) is None
     if is_unit_plain and header_has_factor(header) and not may_be_diameter(header):
         raise _unread_factor(recording, f"the header {header[:_TEXT_SHOWN]!r}")
@@ -207,16 +216,20 @@ def _unread_factor(recording: Recording, shown: str) -> OpenQuestionError:
 
 
 def _mentions_other(line: int | str, text: str, unit: str) -> bool:
-    """Return whether a line that states nothing mentions another unit of readings than ``unit``."""
+    """Return whether a line mentions another unit of readings than ``unit``.
+
+    A line that states a value of any field does not count.
+    """
     if statements_in([(line, text)]):
         return False
     return unit_mentioned(text) not in ("", unit)
 
 
 def _check_mentions(recording: Recording, unit: str) -> str:
-    """Return a note on the line or name that mentions the fitting unit of readings; empty if none.
+    """Return a note on the line or name that mentions ``unit``, the unit that fits the readings.
 
-    Raise an error if a line or name mentions another unit.
+    The note is empty if there is no such line or name. Raise an error if a line or name mentions
+    another unit of readings.
     """
     note = ""
     mentions = []
@@ -243,8 +256,8 @@ def _check_mentions(recording: Recording, unit: str) -> str:
 def _um_per_N(size: _ReadingSize, unit: str) -> float:
     """Return the change of the readings per newton [µm/N] if they are in ``unit``.
 
-    If they do not change with the force, or there is one force alone, return the largest reading
-    divided by the largest force.
+    If the readings do not change with the force, or if all tests have the same force, return the
+    largest reading divided by the largest force.
     """
     lightest, heaviest = size.forces_N
     if size.change > 0.0 and heaviest > lightest:
@@ -253,7 +266,7 @@ def _um_per_N(size: _ReadingSize, unit: str) -> float:
 
 
 def _size_of(recordings: Sequence[Recording], campaign: Mapping[str, Any]) -> _ReadingSize:
-    """Return how large the readings are in all tests, and how much they change with the force."""
+    """Return how large the readings of all tests are, and how much they change with the force."""
     law = campaign.get("force_law") or ForceLaw()
     forces = []
     medians = []
@@ -273,7 +286,7 @@ def _size_of(recordings: Sequence[Recording], campaign: Mapping[str, Any]) -> _R
 
 
 def _fits(size: _ReadingSize, um_per_unit: float) -> bool:
-    """Return whether readings of this size can be in a unit of ``um_per_unit`` µm."""
+    """Return whether readings of this size can be in a unit whose size is ``um_per_unit`` [µm]."""
     lightest, heaviest = size.forces_N
     largest_um = size.largest * um_per_unit
     if largest_um > _LARGEST_DEVIATION_UM or largest_um < _STIFFEST_UM_PER_N * heaviest:
@@ -282,9 +295,10 @@ def _fits(size: _ReadingSize, um_per_unit: float) -> bool:
 
 
 def _assume_angle_unit(recordings: Sequence[Recording]) -> None:
-    """Assume degrees or radians for the angles, by the range that they span, and note the reason.
+    """Assume degrees or radians for the angles from the range that they span.
 
-    Raise an `OpenQuestionError` if tests disagree or the angles fit another unit.
+    The unit is recorded with its reason. Raise an `OpenQuestionError` if the ranges of the tests
+    suggest different units, or if the angles of the first test fit another unit.
     """
     spans = {}
     for recording in recordings:
@@ -312,9 +326,10 @@ def _angle_unit_of_span(span: float) -> str:
 
 
 def _other_turn(recording: Recording) -> list[str]:
-    """Return units other than degrees in which the angles of a test cover a whole turn.
+    """Return the units, such as gon, in which the angles of a test cover a whole turn.
 
-    Return none if they cover whole turns in degrees.
+    Degrees and radians are not considered. The list is empty if the angles cover whole turns in
+    degrees.
     """
     angles = recording.numbers["angle"]
     if len(angles) < 2:

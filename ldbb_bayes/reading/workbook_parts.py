@@ -1,4 +1,4 @@
-"""Contents of a workbook (XLSX) that its values do not show.
+"""Contents of an XLSX workbook that the values of its cells do not show.
 
 These are units in the number formats of cells, hidden rows, and formulas without a stored value.
 """
@@ -30,20 +30,21 @@ _LARGEST_PART = 64 * 2**20
 
 @dataclass
 class SheetParts:
-    """What the values of one sheet of a workbook do not show."""
+    """Contents of one sheet of a workbook that the values of its cells do not show."""
 
-    #: unit in the number format of a cell, by line number and index of the column
+    #: units in the number formats of cells; each key is a pair of line number and index of the
+    #: column
     units: dict[tuple[int, int], str] = field(default_factory=dict)
     hidden_lines: set[int] = field(default_factory=set)  #: line numbers of hidden rows
-    #: line number and index of the column of formulas without a stored value
+    #: line number and index of the column for each formula without a stored value
     formulas_without_value: set[tuple[int, int]] = field(default_factory=set)
 
 
 def parts_of_sheets(raw: bytes) -> dict[str, SheetParts]:
-    """Return hidden rows, units and formulas without a value of each XLSX sheet, by sheet name.
+    """Return a dict with hidden rows, units and formulas without a value for each XLSX sheet.
 
-    The result is empty for a workbook of another format, and for one whose parts cannot be read.
-    ``raw`` is the content of the file.
+    The keys are the names of the sheets. The dict is empty for a workbook of another format, and
+    for a workbook whose parts cannot be read. ``raw`` is the content of the file.
     """
     try:
         with zipfile.ZipFile(io.BytesIO(raw)) as archive:
@@ -64,7 +65,7 @@ def _root(archive: zipfile.ZipFile, path: str) -> ElementTree.Element:
 
 
 def _paths_of_sheets(archive: zipfile.ZipFile) -> dict[str, str]:
-    """Return the path of each sheet inside the workbook, by the name of the sheet."""
+    """Return a dict with the paths of the sheets inside the workbook; its keys are sheet names."""
     targets = {}
     for relation in _root(archive, "xl/_rels/workbook.xml.rels").iter(f"{_PACKAGE}Relationship"):
         target = relation.get("Target", "")
@@ -78,7 +79,10 @@ def _paths_of_sheets(archive: zipfile.ZipFile) -> dict[str, str]:
 
 
 def _units_of_styles(archive: zipfile.ZipFile) -> dict[str, str]:
-    """Return the unit in the number format of each style of cells, by the number of the style."""
+    """Return a dict with the units in the number formats of cell styles.
+
+    The keys are the numbers of the styles as texts. Styles without a unit are left out.
+    """
     if "xl/styles.xml" not in archive.namelist():
         return {}
     root = _root(archive, "xl/styles.xml")
@@ -100,7 +104,8 @@ def _units_of_styles(archive: zipfile.ZipFile) -> dict[str, str]:
 def _unit_in_format(code: str) -> str:
     """Return the unit that a number format shows behind numbers, such as mm for ``0.000" mm"``.
 
-    A word that is no known unit is returned as written; the result is empty without a word.
+    A word that is no known unit is returned as written. The result is empty if the number format
+    has no word.
     """
     positive = code.split(";")[0]
     text = "".join(quoted or escaped for quoted, escaped in _TEXT_IN_FORMAT.findall(positive))
@@ -114,7 +119,8 @@ def _unit_in_format(code: str) -> str:
 def _parts_of_sheet(stream: IO[bytes], units: Mapping[str, str]) -> SheetParts:
     """Return hidden rows, units of number formats and formulas without a value of one XLSX sheet.
 
-    ``stream`` is the XML of the sheet. ``units`` are the units by index of the cell's style.
+    ``stream`` is the XML of the sheet. ``units`` holds the units of the styles of cells; its keys
+    are the numbers of the styles.
     """
     parts = SheetParts()
     for element in _elements(stream):
@@ -135,14 +141,14 @@ def _parts_of_sheet(stream: IO[bytes], units: Mapping[str, str]) -> SheetParts:
 
 
 def _elements(stream: IO[bytes]) -> Iterator[ElementTree.Element]:
-    """Yield the cells and rows of a sheet, each at its end."""
+    """Yield the XML elements of the cells and rows of a sheet, in the order in which they end."""
     for _, element in ElementTree.iterparse(stream):
         if element.tag in (f"{_MAIN}c", f"{_MAIN}row"):
             yield element
 
 
 def _place_of(name: str) -> tuple[int, int] | None:
-    """Return line number and index of the column of a cell such as B2; None for other names."""
+    """Return line number and index of the column of a cell such as B2; None for another name."""
     match = _CELL_NAME.fullmatch(name)
     if match is None:
         return None
