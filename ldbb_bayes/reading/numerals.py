@@ -88,8 +88,8 @@ def looks_like_number(cell: str) -> bool:
 def is_missing(cell: str) -> bool:
     """Return whether a cell, such as NaN or a dash, states that its number is missing.
 
-    A row with a missing number still belongs to the table. If the number is needed, an error names
-    the line.
+    A row with a missing number still belongs to the table. If the number is needed, later code
+    raises an error that names the line.
     """
     return cell.casefold() in _MISSING
 
@@ -123,8 +123,8 @@ def may_be_thousands(key: str, text: str) -> bool:
 def _is_grouped(text: str, mark: str) -> bool:
     """Return whether a whole number has a mark before each group of three digits: 1,000,000.
 
-    ``mark`` is the regular expression of this mark. The first group does not begin with a zero:
-    0.310 is no number of thousands.
+    ``mark`` is the regular expression of this mark. The number must not begin with a zero, so that
+    0.310 is not a whole number with a mark between thousands.
     """
     return re.fullmatch(rf"[+\-]?[1-9]\d{{0,2}}(?:{mark}\d{{3}})+", text) is not None
 
@@ -138,8 +138,8 @@ def number(cell: str, decimal: str = ".") -> float:
     Raises
     ------
     ValueError
-        For a text that is no number, such as nan, for a number too large to be computed with, such
-        as 1e999, and for a misplaced mark, as in 1,23.4.
+        For a text that is no number, such as nan, for a number that is too large for the computer,
+        such as 1e999, and for a misplaced mark, as in 1,23.4.
     """
     has_digit = re.search(r"\d", cell) is not None
     if not has_digit:  # Python would read nan as a number
@@ -171,7 +171,7 @@ def _finite_number(text: str) -> float:
 def number_in_text(text: str) -> float | None:
     """Return the number that a text consists of; a comma or a point is its decimal mark.
 
-    Return None for a number too large to be computed with, such as 1e999.
+    Return None for a number that is too large for the computer, such as 1e999.
     """
     decimal = "," if "," in text else "."
     try:
@@ -220,9 +220,9 @@ def numbers_in(
 def decimal_mark(place: str, cells: Iterable[tuple[int, str]]) -> str | None:
     """Return the decimal mark of a table; None if no cell has a comma or a point.
 
-    If a cell has comma and point, the last one is the decimal mark, and the other separates
-    thousands. Raise an `InputError` if cells contradict each other in this, and if no cell has both
-    marks but some have commas and others points.
+    If a cell has both comma and point, its last mark is the decimal mark, and the other mark
+    separates thousands. Raise an `InputError` if cells show different decimal marks. Also raise it
+    if no cell has both marks, but some cells have a comma and others a point.
 
     Parameters
     ----------
@@ -232,7 +232,7 @@ def decimal_mark(place: str, cells: Iterable[tuple[int, str]]) -> str | None:
         Line number and text of every cell.
     """
     certain: str | None = None
-    single: dict[str, tuple[int, str]] = {}  # for each mark, the first cell with this mark alone
+    single: dict[str, tuple[int, str]] = {}  # for each mark, the first cell with only this mark
     for line, cell in cells:
         has_comma = "," in cell
         has_point = "." in cell
@@ -268,18 +268,19 @@ def _contradicting_marks(place: str, line: int, cell: str) -> InputError:
 class _ClockTime(NamedTuple):
     """Time of day in a cell, with its date and time zone if it states them."""
 
-    seconds: float  # seconds since midnight, or since the full hour
+    seconds: float  # seconds since midnight, or since the full hour if the cell states no hours
     has_hours: bool
     day: int | None  # number of the day in a calendar; None without a date
-    zone_s: float | None  # local time less UTC [s]; None without a time zone
+    zone_s: float | None  # local time minus UTC [s]; None without a time zone
 
 
 def seconds_of(place: str, lines: Sequence[int], cells: Sequence[str]) -> Array:
-    """Return the times of day in n cells as seconds, in the time zone of the first, shape (n,) [s].
+    """Return the times of day in n cells as seconds, shape (n,) [s].
 
-    With time zones the seconds go on when clocks are changed. Dates such as
-    2026-10-25 count; without them the seconds continue to increase after midnight, and after the
-    full hour if the times have only minutes and seconds.
+    If the cells state time zones, all times are converted to the zone of the first cell, so that a
+    change of the clocks leaves no jump. If all cells state a date such as 2026-10-25, the days are
+    included. If they do not, times that start again after midnight continue to increase; times of
+    minutes and seconds alone continue to increase after each full hour.
 
     Parameters
     ----------
@@ -317,9 +318,9 @@ def seconds_of(place: str, lines: Sequence[int], cells: Sequence[str]) -> Array:
 
 
 def _clock_time(place: str, line: int, cell: str) -> _ClockTime:
-    """Return the time of day in a cell such as 12:00:01, with day and time zone where stated.
+    """Return the time of day in a cell such as 12:00:01, with day and time zone if it states them.
 
-    ``place`` and ``line`` say in the error message where the cell is.
+    ``place`` is the name of the table, and ``line`` the line of the cell, for the error message.
     """
     match = _CLOCK.fullmatch(cell)
     if match is None:

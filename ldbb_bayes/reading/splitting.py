@@ -38,7 +38,8 @@ __all__ = ["FIELDS_OF_ALL_TESTS", "layout_names", "split_sheet"]
 # Roles of the columns whose numbers are not shared by the tests of a sheet: the columns that name
 # tests and directions hold words, and each column of readings may be a separate test.
 _NOT_SHARED = ("test", "direction", "reading")
-# Fewest numbers with a mark in a column, for which it is asked whether it is one of thousands.
+# Fewest numbers with a decimal mark in a column for which it is checked whether the mark may
+# separate thousands.
 _FEWEST_MARKED = 5
 # Fields of a test or campaign that a column without a role may state.
 _FIELDS_OF_COLUMNS = ("radius_mm", "feed_mm_per_min", "start_deg", "overshoot_deg")
@@ -65,13 +66,15 @@ class _SheetColumns:
     cells: list[list[str]]  # cells of each column
     clock_column: int | None  # index of the column with times of day; None without one
     decimal: str | None  # decimal mark of the table; None if no number has one
-    # index of the column that holds the unit of each row, by the index of the column of numbers
+    # indices of the columns of units; the keys are the indices of the columns of numbers to which
+    # the units belong
     unit_columns: Mapping[int, int]
 
     def row_units(self, roles: Mapping[str, int], rows: Sequence[int]) -> dict[str, list[RowUnits]]:
-        """Return the units that sources state row by row, by the role of the column.
+        """Return a dict with the units that sources state row by row; its keys are the roles.
 
-        ``roles`` are the columns by role, and ``rows`` the indices of the rows of a test.
+        ``roles`` holds the index of the column for each role, and ``rows`` the indices of the rows
+        of a test.
         """
         units = {}
         for role, column in roles.items():
@@ -80,7 +83,7 @@ class _SheetColumns:
         return units
 
     def _units(self, column: int, rows: Sequence[int]) -> Iterator[RowUnits]:
-        """Yield the units of the rows of one column from each source."""
+        """Yield, for each source, the units that the source states for rows of one column."""
         if column in self.unit_columns:
             units = self._cells_with_units(self.unit_columns[column], rows)
             yield RowUnits(units, "a column of units")
@@ -92,7 +95,10 @@ class _SheetColumns:
         yield RowUnits([format_units.get(place, "") for place in places], source)
 
     def _cells_with_units(self, column: int, rows: Sequence[int]) -> list[str]:
-        """Return cells of a column of units; a factor, as in 0.1 µm, was read as a number."""
+        """Return the cells of a column in given rows, with the units that stood behind numbers.
+
+        In a column of units, such a cell is a unit with a factor, such as 0.1 µm.
+        """
         texts = []
         for row in rows:
             unit = self.sheet.cell_units.get((self.lines[row], column), "")
@@ -130,9 +136,9 @@ class _SheetColumns:
         return constant_value(self.sheet.place, test, key, lines, cells, self.decimal)
 
     def cells_by_header(self, row: int) -> dict[str, str]:
-        """Return the text of every cell in a row by the header of its column; ``row`` is its index.
+        """Return a dict with the texts of the cells in a row; its keys are the columns' headers.
 
-        Cells of columns without a header are left out.
+        ``row`` is the index of the row. Cells of columns without a header are left out.
         """
         texts = {}
         for header, cells in zip(self.heading.headers, self.cells, strict=True):
@@ -141,10 +147,10 @@ class _SheetColumns:
         return texts
 
     def constant_lines(self, rows: Sequence[int]) -> list[tuple[int | str, str]]:
-        """Return columns without a role whose cells are equal in the rows of a test, as lines.
+        """Return columns without a role whose cells are equal in all rows of a test, as lines.
 
-        A column ``R [mm]`` of 100 becomes the line ``R [mm]: 100``. ``rows`` are the indices of the
-        rows.
+        Each line is a pair of its place and its text. For a column ``R [mm]`` whose cells are all
+        100, the text is ``R [mm]: 100``. ``rows`` are the indices of the rows of the test.
         """
         lines: list[tuple[int | str, str]] = []
         in_use = {*self.heading.roles.values(), *self.heading.readings, *self.unit_columns.values()}
@@ -156,11 +162,11 @@ class _SheetColumns:
         return lines
 
     def constant_statements(self, rows: Sequence[int]) -> dict[str, list[LineStatement]]:
-        """Return what columns without a role state about a test, by field.
+        """Return a dict with what columns without a role state about a test; its keys are fields.
 
-        Such a column states a field if its cells are equal in all rows of the test, as a line above
-        the table does: a column ``R [mm]`` of 100 states the radius. ``rows`` are the indices of
-        the rows.
+        Such a column states a field only if its cells are equal in all rows of the test. For
+        example, a column ``R [mm]`` whose cells are all 100 states the radius. ``rows`` are the
+        indices of the rows of the test.
         """
         statements = {}
         for key, statements_of_field in statements_in(self.constant_lines(rows)).items():
@@ -169,9 +175,10 @@ class _SheetColumns:
         return statements
 
     def direction_words(self, rows: Sequence[int]) -> dict[str, int]:
-        """Return the different words in the column of directions, each with its first line number.
+        """Return a dict whose keys are the different words in the column of directions.
 
-        ``rows`` are the indices of the rows (from 0) that are considered.
+        Its values are the line numbers at which the words first appear. ``rows`` are the indices of
+        the rows (from 0) that are considered.
         """
         words: dict[str, int] = {}
         if "direction" in self.heading.roles:
@@ -191,10 +198,10 @@ def split_sheet(
 ) -> Iterator[Recording]:
     """Split the table of one sheet into tests, and yield the recording of each.
 
-    A table holds one test for every column of readings. If a column names the tests, it holds one
-    for every name in that column. Tests are in the order of the columns of readings, and then of
-    their first rows. Each recording has the numbers of the test, and everything that the file, its
-    name and the user state about the test.
+    A table holds one test for every column of readings. If a column names the tests, the table
+    holds one test for every name in that column. Tests are in the order of the columns of readings,
+    and then of their first rows. Each recording has the numbers of the test, and everything that
+    the file, its name and the user state about the test.
 
     Parameters
     ----------
@@ -259,9 +266,9 @@ def split_sheet(
 
 
 def _statements_of_all_tests(lines: Lines) -> dict[str, list[LineStatement]]:
-    """Return the statements about all tests in lines of sheets without a table, by field.
+    """Return a dict with the statements about all tests in lines of sheets without a table.
 
-    Fields that differ from test to test, such as the force, are left out.
+    The keys are fields. Fields that differ from test to test, such as the force, are left out.
     """
     statements = {}
     for key, statements_of_field in statements_in(lines).items():
@@ -330,7 +337,10 @@ def _check_formulas(
 
 
 def _numeric_columns(heading: Heading) -> list[int]:
-    """Return the indices of the columns that hold numbers: all with a role, except words."""
+    """Return the indices of the columns that hold numbers.
+
+    These are all columns with a role, except the columns that name tests or directions.
+    """
     columns = []
     for role, column in heading.roles.items():
         if role not in _NOT_SHARED:
@@ -381,10 +391,11 @@ def _decimal_mark_of(
 def _check_thousands(
     sheet: Sheet, lines: Sequence[int], cells: Sequence[str], decimal: str
 ) -> None:
-    """Raise an error for a column whose decimal marks rather separate thousands.
+    """Raise an error for a column in which the decimal mark found may separate thousands.
 
-    Three digits follow each mark, and other numbers of the column have no mark, as 22,658 and 106.
-    A number with three decimals seldom ends in three zeros that are not written.
+    In such a column, three digits follow each mark, and some numbers have no mark, as in 22,658 and
+    106. If the mark were decimal, the numbers without a mark would have three zeros as decimals,
+    which is improbable.
     """
     marked = []
     unmarked = []
@@ -406,9 +417,10 @@ def _check_thousands(
 
 
 def _common_mark(sheet: Sheet, cells: Sequence[tuple[int, str]]) -> str | None:
-    """Return the decimal mark of all cells; raise an `InputError` if some have the other.
+    """Return the decimal mark of all cells; raise an `InputError` if cells have different marks.
 
-    In a workbook, cells with a comma among others with a point are texts among numbers.
+    For a workbook, the message adds that texts among the numbers may be the cause: numbers have a
+    point, and texts may have a comma.
     """
     try:
         return decimal_mark(sheet.place, cells)
@@ -437,9 +449,10 @@ def _note_stated_mark(
 
 
 def _shared_numbers(columns: _SheetColumns, layout: Layout) -> dict[str, Array]:
-    """Return the numbers of all columns except readings, by the role of the column.
+    """Return a dict with the numbers of all columns with a role; its keys are the roles.
 
-    Columns of words (test, direction) are left out. Times of day are converted to seconds.
+    Columns of readings and columns of words (test, direction) are left out. Times of day are
+    converted to seconds.
     """
     numbers = {}
     for role, column in columns.heading.roles.items():
@@ -521,10 +534,10 @@ def _stated_fields(sheet: Sheet, label: str, layout: Layout, holds_several: bool
 def _field_columns(
     columns: _SheetColumns, labels: Sequence[str], log: AssumptionLog
 ) -> dict[str, int]:
-    """Return the indices of columns that state a field of each test, such as setup, by field.
+    """Return a dict with the indices of the columns that state a field of each test, such as setup.
 
-    ``labels`` holds the name of the test for each row. Columns of times and temperatures that
-    change within a test are left out, and this is added to the log.
+    The keys are the fields. ``labels`` holds the name of the test for each row. Columns of times
+    and temperatures that change within a test are left out, and this is added to the log.
     """
     heading = columns.heading
     field_columns = {

@@ -32,7 +32,7 @@ __all__ = ["direction_of", "loads_of", "quantity_of"]
 
 # Two values of a quantity agree if their relative difference is at most this.
 _ROUNDED_IN_LINE = 1e-3
-# If one of the values is from the name of a file, sheet or test, they agree up to this relative
+# If one of two values is from the name of a file, sheet or test, they agree up to this relative
 # difference, because values in names are often rounded.
 _ROUNDED_IN_NAME = 0.02
 # Relative tolerance within which the forces, or the pressures, in all rows of a test count as
@@ -48,7 +48,8 @@ class _Evidence(NamedTuple):
     value: float  # stated value; NaN if the number can be read in two ways
     source: str  # source of the value in words, such as "line 3"
     tolerance: float  # relative difference from another value that rounding may explain
-    doubt: str = ""  # what leaves a number open that is NaN; empty for a mark between thousands
+    # reason why the value is NaN; empty if the reason is a mark that may separate thousands
+    doubt: str = ""
 
 
 def quantity_of(recording: Recording, key: str, column_value: float | None = None) -> float | None:
@@ -120,9 +121,10 @@ def _certain_evidence(
 ) -> list[_Evidence]:
     """Return the values that the user and a column of the table state for a quantity.
 
-    The value that takes precedence is first: the user's value, but for a radius the column's value.
-    ``key`` is the field of the quantity, such as radius_mm; ``column_value`` is the value of its
-    column, or None. ``recording`` is the test as its file holds it.
+    The value that takes precedence is first. For a radius this is the value of the column, and for
+    any other quantity the value of the user. ``key`` is the field of the quantity, such as
+    radius_mm; ``column_value`` is the value of its column, or None. ``recording`` is the test as
+    its file holds it.
     """
     user_evidence = _evidence_if_stated(recording.stated_value(key), "as given")
     column_evidence = _evidence_if_stated(column_value, "its column")
@@ -144,11 +146,10 @@ def _evidence_if_stated(value: float | None, source: str) -> list[_Evidence]:
 def _uncertain_evidence(recording: Recording, key: str) -> list[_Evidence]:
     """Return the values that lines above the table and names state for a quantity of a test.
 
-    Such values only support or contradict those of the table. ``key`` is the field of the quantity,
-    such as force_N. Values in lines are first in the list, those that may be of something else
-    (with a doubt) after the others. Then follow values in the names of test, column, sheet and
-    file, and, for the radius, those of arcs in G-code. ``recording`` is the test as its file holds
-    it.
+    Such values are used only if neither the user nor a column states the quantity. ``key`` is the
+    field of the quantity, such as force_N. The list begins with the values in lines, of which those
+    with a doubt are last. Values in the names of test, column, sheet and file follow, and for a
+    radius also the radii of arcs in G-code. ``recording`` is the test as its file holds it.
     """
     evidence = []
     for statement in recording.statements.get(key, ()):
@@ -170,8 +171,8 @@ def _uncertain_evidence(recording: Recording, key: str) -> list[_Evidence]:
 def _programmed_evidence(recording: Recording, evidence: Sequence[_Evidence]) -> list[_Evidence]:
     """Return the radii of arcs in G-code above the table.
 
-    If one of them is a radius of the ``evidence``, the others are ways to the circle and from it,
-    and the list is empty.
+    The list is empty if one of these radii agrees with a radius in ``evidence``: all other arcs are
+    then paths to the circle and away from it.
     """
     programmed = []
     for statement in recording.statements.get("programmed_radius_mm", ()):
@@ -184,9 +185,10 @@ def _programmed_evidence(recording: Recording, evidence: Sequence[_Evidence]) ->
 
 
 def loads_of(recording: Recording) -> dict[str, float]:
-    """Return the stated loads of a test by field: ``force_N``, ``pressure_bar`` or both.
+    """Return a dict with the stated loads of a test [N or bar].
 
-    ``recording`` is the test as its file holds it.
+    The keys are ``force_N``, ``pressure_bar`` or both. ``recording`` is the test as its file holds
+    it.
 
     Raises
     ------
@@ -264,10 +266,11 @@ class _StatedSenses(NamedTuple):
 
 
 def _directions_above(recording: Recording) -> _StatedSenses:
-    """Return the directions that lines above the table and names state, or else G-code, or sheets.
+    """Return the directions from the first source outside the table that states a direction.
 
-    Two directions of G-code, or of sheets without a table, would belong to different circles, and
-    do not count.
+    The sources are, in this order, lines above the table together with names, G-code in these
+    lines, and sheets without a table. If G-code or such sheets state both directions, these belong
+    to different circles and do not count.
     """
     lines_above = recording.heading.lines_above
     names = [name for name in recording.names() if not name_is_about_angles(name)]
@@ -288,10 +291,10 @@ def direction_of(recording: Recording) -> str | None:
     """Return the direction of travel of a test, CW or CCW; None if nothing states it.
 
     The first source that states a direction counts, in this order: the user, the column of
-    directions, lines above the table and names, G-code there, sheets without a table. Raise an
-    `InputError` if this source states both directions, or if a word in the column means neither.
-    G-code, and sheets without a table, that state both directions do not count. ``recording`` is
-    the test as its file holds it.
+    directions, lines above the table and names, G-code in these lines, sheets without a table.
+    Raise an `InputError` if this source states both directions, or if a word in the column means
+    neither. G-code, and sheets without a table, that state both directions do not count.
+    ``recording`` is the test as its file holds it.
     """
     column_senses: dict[str, int] = {}
     for word, line in recording.direction_words.items():

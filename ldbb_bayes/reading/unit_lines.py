@@ -28,15 +28,17 @@ __all__ = [
 ]
 
 _WORDS = WORDS["unit_lines"]
-# Keys of the statements of a line about units: one for each role, and one for the size of a count.
+# Keys of the dict with the units that a line states: one for each role of a column, and one for the
+# size of a count.
 UNIT_KEYS = (*(f"{role}_unit" for role in UNITS), "reading_scale")
-# Pattern of a line that states units: a label with "unit", a mark, and the units.
+# Pattern of a line that states units: a label with a word such as "unit", a separator, and the
+# units.
 _LINE = re.compile(
     rf"(?:^|[;,|\t])\s*(?P<label>[^:=;,|\t]*?(?<!\w)(?:{_WORDS['label']})(?!\w)[^:=;,|\t]*)"
     r"[:=;,|\t]\s*(?P<units>.+)",
     re.IGNORECASE,
 )
-# Patterns, by role, of a line such as "All readings are in mm".
+# Patterns of a line such as "All readings are in mm"; the keys are the roles reading and angle.
 _STATED_IN = {
     role: re.compile(
         rf"(?<!\w){_WORDS[words]}(?: (?:are|is|sind|given|stated|angegeben))* in"
@@ -45,7 +47,7 @@ _STATED_IN = {
     )
     for role, words in {"reading": "readings_in", "angle": "angles_in"}.items()
 }
-# Pattern of a unit in the second half of such a line.
+# Pattern of one unit in the part of a line that states units.
 _UNIT = re.compile(r"[^\s;,|:=()\[\]/]+")
 # Pattern of words for a share of a unit, such as thousandths.
 _SHARE = re.compile(rf"(?<!\w)(?:{_WORDS['share']})(?!\w)", re.IGNORECASE)
@@ -66,7 +68,8 @@ _MULTIPLIED = re.compile(_WORDS["multiplied"], re.IGNORECASE)
 # Pattern of a factor in the header of readings, outside the brackets of its unit.
 _FACTOR_OF_HEADER = re.compile(_WORDS["factor_of_header"], re.IGNORECASE)
 _IN_BRACKETS = re.compile(r"\[[^\]]*\]|\([^)]*(?:m|in|inch|mil|\")\)|\{[^}]*\}")
-# Pattern of a word that may be a unit, with a number or another unit before or behind it.
+# Pattern of a word that may be a unit, with the number before it if there is one. Words beside a
+# slash, such as mm/min, do not match.
 _MENTIONED = re.compile(
     r"(?<![\w.,/])(?P<number>\d[\d.,]*\s?)?(?P<unit>[^\W\d_]+)(?![\w/])", re.IGNORECASE
 )
@@ -90,16 +93,17 @@ _SCALES = (
     ),
 )
 _SCALE = re.compile(rf"(?<!\w)(?:{_WORDS['scale']})(?!\w)", re.IGNORECASE)
-# Units that are also words of running text; they do not count beside another unit of their kind.
+# Units that are also words of running text. They do not count if the text has another unit for the
+# same role.
 _ALSO_WORDS = ("in",)
 
 
 def units_stated(text: str) -> dict[str, str]:
-    """Return the units that a line states, by key: ``reading_unit``, ``angle_unit``, and so on.
+    """Return a dict with the units that a line states; its keys are ``reading_unit`` and the like.
 
     The key ``reading_scale`` holds the size of one count, such as ``0.1 um``. A unit that is not
-    known, and several units of one kind, are returned as written; they lead to an error only if the
-    table itself does not state the unit.
+    known is returned as written, and several units for one role are returned as one text. Either
+    leads to an error only if the table itself does not state the unit.
     """
     text = text[:LONGEST_TEXT]
     stated = {}
@@ -128,7 +132,10 @@ def units_stated(text: str) -> dict[str, str]:
 
 
 def _units_of_bare_line(text: str) -> dict[str, str]:
-    """Return the units of a line that is nothing but a label and a known unit, by key."""
+    """Return a dict with the units of a line that is nothing but a label and a known unit.
+
+    The keys are ``reading_unit`` and the like. The dict is empty for any other line.
+    """
     match = _BARE_LINE.fullmatch(text)
     if match is None:
         return {}
@@ -143,8 +150,8 @@ def _units_of_bare_line(text: str) -> dict[str, str]:
 def _unit_alone(text: str) -> str:
     """Return the unit of readings that a line consists of: ``mm``, ``[mm]`` or ``Readings [mm]``.
 
-    A unit with a factor that is not read, as in ``x 10 um``, and one that is no length, as V, are
-    returned as written. The result is empty for any other line.
+    A unit with a factor that this package does not read, as in ``x 10 um``, and a unit that is no
+    length, such as V, are returned as written. The result is empty for any other line.
     """
     if has_factor(text):
         return text.strip()
@@ -160,14 +167,20 @@ def _unit_alone(text: str) -> str:
 
 
 def _has_unread_factor(text: str) -> bool:
-    """Return whether a unit has a factor that is not read, as in x 10 µm or thousandths of a mm."""
+    """Return whether a unit has a factor that this package does not read.
+
+    Examples are x 10 µm and thousandths of a mm.
+    """
     if _SHARE.search(text):
         return True
     return _FACTOR.match(text) is not None and not scaled_unit(text)
 
 
 def _units_stated_in(text: str) -> dict[str, str]:
-    """Return the units that a line such as "All readings are in mm" states, by key."""
+    """Return a dict with the units that a line such as "All readings are in mm" states.
+
+    The keys are ``reading_unit`` and ``angle_unit``.
+    """
     stated: dict[str, str] = {}
     if _OTHER.search(text):
         return stated
@@ -182,9 +195,11 @@ def _units_stated_in(text: str) -> dict[str, str]:
 
 
 def _unit_after_in(unit: str, text: str, role: str) -> str:
-    """Return the unit of a role in a line such as "Winkel in Grad"; as written if it is unknown.
+    """Return the unit that a line such as "Winkel in Grad" states for a role.
 
-    The result is empty for more than one word that names no unit, as in "deviations in the plane".
+    ``unit`` is the text after "in", and ``text`` the whole line. An unknown unit is returned as
+    written. The result is empty if the text after "in" has several words and none of them is a
+    unit, as in "deviations in the plane".
     """
     if role == "angle" and comparable(unit) == "grad" and "winkel" in comparable(text):
         return "deg"  # in German, Grad means degree
@@ -199,14 +214,18 @@ def _unit_after_in(unit: str, text: str, role: str) -> str:
 
 
 def _scaled_units(unit: str, role: str) -> dict[str, str]:
-    """Return a unit with a factor by key, if it is one of ``role`` (empty: of any)."""
+    """Return a dict with a unit that has a factor, such as 10 nm, under the key of its role.
+
+    The keys are ``reading_unit`` and the like. If ``role`` is not empty and the unit is not one for
+    this role, the dict is empty.
+    """
     name = unit.split()[-1]
     roles = [role] if role else list(UNITS)
     return {f"{unit_role}_unit": unit for unit_role in roles if name in UNITS[unit_role]}
 
 
 def _size_of_count(text: str) -> str:
-    """Return the size of one count that a line states, such as ``0.1 um``; empty without any."""
+    """Return the size of one count that a line states, such as ``0.1 um``; empty if it has none."""
     for pattern in _SCALES:
         match = pattern.search(text)
         if match is not None:
@@ -215,9 +234,10 @@ def _size_of_count(text: str) -> str:
 
 
 def _role_of_label(label: str) -> str | None:
-    """Return the role whose unit a label such as ``Force unit`` announces; empty for all roles.
+    """Return the role whose unit a label such as ``Force unit`` announces.
 
-    Return None for a label with words of something else.
+    The result is an empty string for a label such as ``Units``, which announces the units of all
+    roles, and None for a label with words for something other than a role.
     """
     words = []
     for word in _LABEL_WORD.findall(comparable(label)):
@@ -232,7 +252,12 @@ def _role_of_label(label: str) -> str | None:
 
 
 def _units_of_roles(text: str, role: str) -> dict[str, str]:
-    """Return the units in a text by key, as far as they are units of ``role`` (empty: of any)."""
+    """Return a dict with the units in a text; its keys are ``reading_unit`` and the like.
+
+    If ``role`` is not empty, only units for this role count. Several units for one role are joined
+    by "and". If the text has no such unit, the dict holds the whole text as the unit of ``role``,
+    or of the readings.
+    """
     roles = [role] if role else list(UNITS)
     names: dict[str, list[str]] = {}
     for word in _UNIT.findall(text):
@@ -248,18 +273,21 @@ def _units_of_roles(text: str, role: str) -> dict[str, str]:
 
 
 def has_factor(text: str) -> bool:
-    """Return whether a text is a unit with a factor in front that is not read, as in x 10 µm."""
+    """Return whether a text is a unit with a factor that this package does not read.
+
+    An example is ``x 10 µm``.
+    """
     return _UNREAD_FACTOR.fullmatch(text.strip()) is not None
 
 
 def mentions_scale(text: str) -> bool:
-    """Return whether a line mentions a scale or factor, without the size of a count."""
+    """Return whether a line mentions a scale or factor, but does not state the size of a count."""
     text = text[:LONGEST_TEXT]
     return _SCALE.search(text) is not None and not _size_of_count(text)
 
 
 def multiplies_readings(text: str) -> bool:
-    """Return whether a line multiplies or divides readings by a number, as ``Values x 10``."""
+    """Return whether a line says that readings are multiplied or divided, as ``Values x 10``."""
     return _MULTIPLIED.search(text[:LONGEST_TEXT]) is not None
 
 
@@ -268,15 +296,19 @@ def _words_outside_brackets(header: str) -> str:
 
 
 def header_has_factor(header: str) -> bool:
-    """Return whether a header multiplies or divides its readings, as ``Reading x10 [um]``."""
+    """Return whether a header says that its readings are multiplied or divided by a number.
+
+    An example is ``Reading x10 [um]``.
+    """
     return _FACTOR_OF_HEADER.search(_words_outside_brackets(header)) is not None
 
 
 def unit_mentioned(text: str) -> str:
-    """Return the first unit of readings that a text mentions, not behind a number; empty if none.
+    """Return the first unit of readings in a text that does not follow a number; empty if none.
 
-    Examples are ``Columns: deg, mm`` and the name ``300N_mm``. A unit with a factor that is not
-    read, as in ``Unit - x 10 um``, is returned with it.
+    Examples are ``Columns: deg, mm`` and the name ``300N_mm``. If the text has a unit with a factor
+    that this package does not read, as in ``Unit - x 10 um``, this unit is returned with its
+    factor.
     """
     words = re.sub(r"[_\-]", " ", text[:LONGEST_TEXT])
     if _OTHER.search(words):
