@@ -85,8 +85,8 @@ _DIGESTED_ALWAYS = (
     "centre_y_mm",
 )
 # Names of further fields of a test, each with its usual value. Such a field enters the SHA-256
-# digest of the campaign only if its value differs from the usual one. In this way, digests from
-# older versions of the program, which lacked these fields, stay valid.
+# digest of the campaign only if its value differs from the usual one. Digests from older versions
+# of the program, which lacked these fields, therefore stay valid.
 _DIGESTED_UNLESS_USUAL = {
     "centre_z_mm": 0.0,
     "setup": 1.0,
@@ -131,8 +131,8 @@ class CampaignFields(Shown):
     machine_id: Label | None = None
     #: date of the measurement in ISO 8601, such as 2026-11-20 or 2026-11-20T14:30
     date: Date | None = None
-    # The names and the date from here to `force_device` are printed on the report; no number
-    # depends on them.
+    # The names and the date from here to `force_device` are printed on the report; no computed
+    # number depends on them.
     machine_type: Label | None = None  #: maker and type of the machine
     serial_number: Label | None = None  #: serial number of the machine
     operator: Label | None = None  #: name of the person who measured
@@ -155,14 +155,14 @@ class CampaignFields(Shown):
     #: whether the length of the bar and the centre of the circle may have drifted from test to
     #: test, as they do while a machine warms up
     drift: StrictBool = True
-    #: deflection of the work ball's mount, and whether the readings are compensated for it
+    #: deflection of the work ball's mount, and whether readings are compensated for this deflection
     mount: MountCompensation = field(default_factory=MountCompensation)
     #: force of the bar as a linear function of the regulator's pressure, used for tests that state
     #: only the force or only the pressure
     force_law: ForceLaw = field(default_factory=ForceLaw)
-    #: position (X, Y, Z) [mm] of the frame of each joint with all axes at zero, relative to the
-    #: point where the two balls coincide; see `Machine`. The keys are the letters of the joints'
-    #: axes.
+    #: position (X, Y, Z) [mm] of the coordinate frame of each joint when all axes are at zero,
+    #: relative to the point where the two balls coincide; see `Machine`. The keys are the letters
+    #: of the joints' axes.
     frames_mm: SkipValidation[Mapping[str, Sequence[float]]] = field(default_factory=dict)
 
 
@@ -171,10 +171,10 @@ class CampaignFields(Shown):
 class Campaign(CampaignFields):
     """Circular tests of one machine: a campaign with readings, or a plan without readings.
 
-    ``lb.Plan`` is another name of the same class. If a test states no radius, plane or centre, it
-    gets that of the campaign. If a test states only its force or only its pressure, the other of
-    these two is computed with the campaign's force law. Tests without a name are named after their
-    force.
+    ``lb.Plan`` is another name of the same class. If a test states no radius, plane or centre, the
+    value that the campaign states is used. If a test states only its force or only its pressure,
+    the missing quantity is computed with the campaign's force law, a linear function of the
+    pressure. Tests without a name are named after their force.
 
     Raises
     ------
@@ -202,14 +202,15 @@ class Campaign(CampaignFields):
     )
     #: certified properties of the instrument: balls, bar, mount, force and angle
     instrument: Instrument = field(default_factory=Instrument, kw_only=True)
-    #: tests that may be run later, without readings. The model of the campaign already includes the
-    #: effects that only these tests can show.
+    #: planned tests, without readings, that may be run later. The model of the campaign already
+    #: includes the effects that only these tests can show.
     foreseen: Tests = field(default=(), kw_only=True)
-    #: campaign or plan from which this plan was designed. Forecasts of the plan use the pilot's
-    #: results on the machine, on scatter and on the instrument. Analyses of readings ignore the
-    #: pilot.
+    #: pilot: the campaign or plan from which this plan was designed. Forecasts of the plan use what
+    #: the pilot's readings show about the machine, the scatter and the instrument. Analyses of
+    #: readings ignore the pilot.
     pilot: SkipValidation[Campaign | None] = field(default=None, kw_only=True)
-    #: whether the pilot's circles count as already run, so that the plan adds further circles
+    #: whether the circles of the pilot are treated as already run; the circles of the plan are then
+    #: run in addition. The pilot is the campaign from which the plan was designed.
     adds_to_pilot: StrictBool = field(default=False, kw_only=True)
 
     def __post_init__(self) -> None:
@@ -231,9 +232,10 @@ class Campaign(CampaignFields):
         object.__setattr__(self, "machine_id", self.machine_id or self.serial_number)
 
     def _check_pilot(self) -> None:
-        """Raise an `InputError` if the pilot is not a campaign of a machine with the same topology.
+        """Raise an `InputError` if a plan cannot be designed from its pilot.
 
-        If there is no pilot, raise an `InputError` if ``adds_to_pilot`` is true.
+        The pilot must be a campaign, and its machine must have the same topology (sequence of axes)
+        as the machine of the plan. If the plan has no pilot, ``adds_to_pilot`` must be false.
         """
         if self.pilot is None:
             require(
@@ -251,9 +253,9 @@ class Campaign(CampaignFields):
     def _complete(self, test: CircularTest) -> CircularTest:
         """Return a test with radius, plane, centre, set-up, force and pressure filled in.
 
-        If the test states no radius, plane or centre, that of the campaign is filled in; a missing
-        set-up becomes number 1. If only the force or only the pressure is stated, the other is
-        computed with the campaign's force law, by which the force is a linear function of the
+        If the test states no radius, plane or centre, the value that the campaign states is filled
+        in. A missing set-up becomes number 1. If only the force or only the pressure is stated, the
+        missing quantity is computed with the campaign's force law, a linear function of the
         pressure. Raise an `InputError` if the computed force is not positive.
         """
         completed: dict[str, Any] = {
@@ -285,14 +287,14 @@ class Campaign(CampaignFields):
         return force_N
 
     def machine(self) -> Machine:
-        """Return the machine of the campaign with the planes of all tests and foreseen tests."""
+        """Return the campaign's machine, with the planes of all tests and of all foreseen tests."""
         return Machine(self.topology, tuple(str(test.plane) for test in self.scope), self.frames_mm)
 
     @property
     def scope(self) -> tuple[CircularTest, ...]:
-        """Tests of the campaign, followed by its foreseen tests.
+        """Tests of the campaign, followed by the foreseen tests, which may be run later.
 
-        The model includes the effects that all these tests can show.
+        The model of the campaign includes every effect that at least one of these tests can show.
         """
         return (*self.tests, *self.foreseen)
 
@@ -325,10 +327,10 @@ class Campaign(CampaignFields):
         return sum(len(test.angle_deg) for test in self.tests)
 
     def without(self, *names: str) -> Campaign:
-        """Return the campaign without the tests of these names.
+        """Return the campaign without the tests that are named.
 
-        If the tests state no times, the remaining tests count as run one directly after the other.
-        Raise an `InputError` for an unknown name, or if no test is left.
+        If the tests state no times, it is assumed that the remaining tests were run directly one
+        after another. Raise an `InputError` for an unknown name, or if no test is left.
         """
         check_known("test", names, [test.name for test in self.tests])
         return replace(self, tests=tuple(test for test in self.tests if test.name not in names))
@@ -357,10 +359,11 @@ class Campaign(CampaignFields):
     def sha256(self) -> str:
         """SHA-256 digest of the readings and the conditions under which they were taken.
 
-        The conditions are those of each test, and the campaign's topology, frames, mount,
-        resolution, order and drift. The digest also depends on the names and the sequence of the
-        tests, and on the foreseen tests. It does not depend on the format of the files.
-        Certificates and the pilot do not change the digest, because they are prior knowledge.
+        The conditions are the fields of each test, and the fields topology, frames_mm, mount,
+        resolution_um, order and drift of the campaign. The digest also depends on the names and the
+        sequence of the tests, and on the foreseen tests. It does not depend on the format of the
+        files. Certificates and the pilot do not change the digest, because they are prior
+        knowledge.
         """
         digest = hashlib.sha256()
         head: list[Any] = [
@@ -404,7 +407,7 @@ def require_campaign(campaign: object) -> None:
 def _digested_fields(test: CircularTest) -> list[Any]:
     """Return the values of a test that enter the SHA-256 digest of its campaign.
 
-    Angles and readings, which enter the digest too, are not among them.
+    The angles and readings are not returned, although they enter the digest too.
     """
     digested: list[Any] = [test.name]
     digested += [getattr(test, name) for name in _DIGESTED_ALWAYS]
@@ -420,7 +423,7 @@ def _digested_fields(test: CircularTest) -> list[Any]:
 def _name_tests(tests: Sequence[CircularTest]) -> tuple[CircularTest, ...]:
     """Return the tests, each with a name; tests without a name are named after their force.
 
-    A test at 36 N gets the name f036, and a second test at this force the name f036_2. Raise an
+    A test at 36 N gets the name f036. A second test at this force gets the name f036_2. Raise an
     `InputError` for a name that the user gave twice.
     """
     given_names = [test.name for test in tests if test.name]

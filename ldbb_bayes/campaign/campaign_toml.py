@@ -24,7 +24,7 @@ __all__ = ["LARGEST_PLAN", "CampaignContent", "read_campaign_toml"]
 
 # Number of readings of a planned test if campaign.toml states no number.
 _PLANNED_READINGS = 720
-# Largest number of readings of all planned tests of a campaign together.
+# Largest total number of readings that the planned tests of a campaign may have.
 LARGEST_PLAN = 2_000_000
 # Keys of a table [[test]] in campaign.toml that only planned tests, without readings, may have.
 _PLAN_KEYS = ("readings", "start_deg", "arc_deg")
@@ -142,9 +142,10 @@ def read_campaign_toml(path: Path) -> CampaignContent:
 def _pilot_of(path: Path, file: _CampaignFile) -> Campaign | None:
     """Return the pilot that campaign.toml names, or None if it names no pilot.
 
-    The pilot is the campaign in a folder inside the plan's folder. ``file`` is the validated
-    content of the campaign.toml at ``path``. Raise an `InputError` if the pilot's folder is not
-    inside the plan's folder, holds no campaign, or holds a campaign that names a pilot itself.
+    The pilot is the campaign or plan from which a plan was designed. It is stored in a folder
+    inside the plan's folder. ``file`` is the validated content of the campaign.toml at ``path``.
+    Raise an `InputError` if the pilot's folder is not inside the plan's folder, holds no campaign,
+    or holds a campaign that names a pilot itself.
     """
     if file.pilot is None:
         return None

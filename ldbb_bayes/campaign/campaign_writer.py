@@ -100,7 +100,8 @@ def _add_certificates(tables: dict[str, Any], instrument: Instrument) -> None:
 def _test_table(campaign: Campaign, test: CircularTest) -> dict[str, Any]:
     """Return the table [[test]] or [[foreseen]] of campaign.toml for one test of a campaign.
 
-    A field is left out if reading the file fills in the same value, such as the campaign's radius.
+    A field is left out if the reading of the file fills in its value, for example because the value
+    is the campaign's radius.
     """
     usual = {
         "radius_mm": campaign.radius_mm,
@@ -124,7 +125,7 @@ def _test_table(campaign: Campaign, test: CircularTest) -> dict[str, Any]:
 
 
 def _planned_angles_table(test: CircularTest) -> dict[str, Any]:
-    """Return number, first angle and arc of a planned test's angles under keys of campaign.toml.
+    """Return number, first angle and arc of a planned test's angles, by keys of campaign.toml.
 
     Raise an `InputError` if the angles are not evenly spaced within one turn.
     """

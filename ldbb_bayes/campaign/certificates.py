@@ -63,8 +63,8 @@ class CertifiedQuantity:
     def title(self) -> str:
         """Text that names the quantity in messages.
 
-        The text is the first of these that is not empty: the name of the quantity, the name or
-        attribute refType of the innermost element of the certificate that contains the quantity,
+        The text is the first of the following that is not empty: the name of the quantity, the name
+        or attribute refType of the innermost element of the certificate that contains the quantity,
         the attribute refType of the quantity, and "no name".
         """
         for text in (self.name, *reversed(self.holders), self.ref_type):
@@ -74,11 +74,11 @@ class CertifiedQuantity:
 
     @property
     def role(self) -> str:
-        """Role of the quantity, such as length or force, from its name and attribute refType.
+        """What the quantity is, such as ``length``, according to its name and attribute refType.
 
-        If name and refType of the quantity show no role, the names and refType attributes of the
-        certificate's elements that contain the quantity decide. The role is an empty text if these
-        show no role either.
+        If the name and the refType of the quantity do not show its role, the names and refType
+        attributes of the certificate's elements that contain the quantity are used. If they do not
+        show the role either, it is an empty text.
         """
         own_text = f"{self.name} {self.ref_type}".lower()
         holder_text = " ".join(self.holders).lower()
@@ -201,11 +201,12 @@ class CalibrationCertificate(Shown):
     ) -> CertifiedQuantity:
         """Return the certified quantity that states the error of a bar's length.
 
-        It is, in order of preference, an error of indication, a deviation from the nominal length,
+        In order of preference, this is an error of indication, a deviation from the nominal length,
         or a length that is stated together with its nominal value. ``lengths`` holds lists of
-        quantities in units of length; the keys are their roles. If there are several such
-        quantities, the nominal length ``length_mm`` decides. Raise an `InputError` if there is no
-        such quantity, or if several remain.
+        quantities in units of length; the keys are their roles, such as ``deviation``. If there are
+        several such quantities, the quantity of a bar of the nominal length ``length_mm`` is
+        returned. Raise an `InputError` if there is no such quantity, or if several are left after
+        this choice.
         """
         candidates = lengths.get("indication") or lengths.get("deviation") or []
         if not candidates and "nominal" in lengths:
@@ -257,7 +258,7 @@ class CalibrationCertificate(Shown):
     def _force_scale(self) -> CertifiedQuantity | None:
         """Return the certified gain of a force device [N/bar], or the largest certified force [N].
 
-        Return the force only if no gain is stated. Return None if neither gain nor force is stated.
+        The force is returned only if no gain is stated. If neither is stated, return None.
         """
         gains = self._quantities_by_role("N/bar").get("gain", [])
         if gains:
@@ -300,8 +301,8 @@ class CalibrationCertificate(Shown):
     def ball(self) -> dict[str, Any]:
         """Return a ball's deviation from sphericity [µm] and the name of its certificate.
 
-        The keys are those of campaign.toml: sphericity_um and certificate. To every form deviation
-        that the certificate states, its expanded uncertainty (k = 2) is added. The largest sum is
+        The keys are those of campaign.toml: sphericity_um and certificate. The expanded uncertainty
+        (k = 2) of each form deviation is added to this form deviation. The largest of these sums is
         returned as the deviation from sphericity.
         """
         largest_bound = 0.0
@@ -356,9 +357,9 @@ def _error_of_length(
     """Return the amount by which a bar's readings are too large, and its U (k = 2), both in µm.
 
     U is the expanded uncertainty of this amount. ``quantity`` is the certified quantity that states
-    the error of the bar's length. ``lengths`` holds lists of the quantities in units of length; the
-    keys are their roles. Raise an `InputError` if ``quantity`` has no uncertainty, or if it is a
-    length and several nominal lengths could belong to it.
+    the error of the bar's length. ``lengths`` holds lists of all quantities in units of length; the
+    keys are their roles, such as ``nominal``. Raise an `InputError` if ``quantity`` has no
+    uncertainty, or if it is a length and several nominal lengths could belong to it.
     """
     value, U = quantity.numbers(_METRES_PER_MICROMETRE)
     if not U:
@@ -380,9 +381,9 @@ def _is_of_length(
 ) -> bool:
     """Return whether a certified quantity belongs to a bar of the nominal length ``length_mm``.
 
-    This is so if the length stands in the name of the quantity or of an XML element that contains
-    the quantity, as in ``Bar 100 mm``. It is also so if one of ``nominals``, the certified nominal
-    lengths, has this value and stands in the same element.
+    It does if the length stands in the name of the quantity or of an XML element that contains the
+    quantity, as in ``Bar 100 mm``. It also does if one of ``nominals``, the certified nominal
+    lengths, equals ``length_mm`` and stands in the same element as the quantity.
     """
     texts = " ".join((*quantity.holders, quantity.name))
     for match in _LENGTH_IN_NAME.finditer(texts):
@@ -459,7 +460,7 @@ def _largest(quantities: Sequence[CertifiedQuantity]) -> CertifiedQuantity | Non
 
 
 def _only(quantities: Sequence[CertifiedQuantity]) -> CertifiedQuantity:
-    """Return the single element of ``quantities``; raise an `InputError` if there are several."""
+    """Return the only entry of ``quantities``; raise an `InputError` for several entries."""
     require(
         len(quantities) == 1,
         f"{_listed(quantities[:1])} must stand there once, got {_listed(quantities)}. Give the"

@@ -107,7 +107,7 @@ class Instrument(Shown):
     """Certified properties of balls, bar, mount, force and angle.
 
     Fields with U in their names are expanded uncertainties (k = 2). If a field is None, the model
-    assumes a value, which `terms.uncertainties` lists.
+    assumes a value, which the function `terms.uncertainties` lists.
 
     Raises
     ------
@@ -140,8 +140,8 @@ class Instrument(Shown):
     force_linearity_percent: Percent | None = None
     #: random error of the force in each test, as one standard deviation [N]
     force_random_N: Certified | None = None
-    #: expanded uncertainty (k = 2) of the angle's reference and of the lag of the readings behind
-    #: the angle [deg]
+    #: expanded uncertainty (k = 2) [deg] of two errors: the error of the zero from which angles are
+    #: measured, and the angle by which the readings lag behind
     angle_U_deg: CertifiedAngle | None = None
     #: name of the bar's calibration certificate; no number depends on it
     bar_certificate: Label | None = None

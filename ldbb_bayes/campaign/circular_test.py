@@ -47,7 +47,7 @@ _MINIMUM_ARC_DEG = 180.0
 # in another unit.
 _LARGEST_READING_MM = 100.0
 # A circle counts as full if the largest gap between neighbouring angles of its readings is at most
-# this many times as wide as usual (see `usual_gap`).
+# this many times as wide as a usual gap (see `usual_gap`).
 _ORDINARY_GAP = 3.0
 # Forces of several tests count as equal if they differ by at most this fraction of the largest
 # force, because a pressure regulator does not repeat a force more closely.
@@ -65,8 +65,8 @@ CENTRE = ("centre_x_mm", "centre_y_mm", "centre_z_mm")
 class TestFields(Shown):
     """Conditions of a circular test: load, circle, set-up and direction, without the readings.
 
-    The user's script, the file ``campaign.toml`` or the layout of an imported file states the
-    conditions. A field that is not stated is None.
+    The conditions are stated by the user's script, by the file ``campaign.toml``, or by the layout
+    of an imported file. A field that is not stated is None.
     """
 
     __test__ = False
@@ -82,9 +82,9 @@ class TestFields(Shown):
     work_ball_deg: Number | None = None
     #: clocking: angle by which the tool ball is turned in its socket [deg]
     tool_ball_deg: Number | None = None
-    #: nominal radius of the circle [mm]; by default that of the campaign
+    #: nominal radius of the circle [mm]; by default the radius of the campaign
     radius_mm: Length | None = None
-    #: plane of the circle, XY, YZ or ZX; by default that of the campaign
+    #: plane of the circle, XY, YZ or ZX; by default the plane of the campaign
     plane: str | None = None
     #: X of the circle's centre (the work ball), in machine coordinates [mm]
     centre_x_mm: Coordinate | None = None
@@ -99,11 +99,11 @@ class TestFields(Shown):
     time_s: Number | None = None  #: start of the test [s], on a clock common to all tests
 
 
-# Names of the fields of a test that an imported file can also state in another way than by a column
-# with the name of the field.
+# Names of the fields of a test that an imported table can state without a column of the same name,
+# for example in the name of the file.
 _NOT_PER_TEST = ("name", "force_N", "pressure_bar", "direction")
-# Names of all fields of a test that are not in `_NOT_PER_TEST`. A table of readings states such a
-# field by a column with the name of the field.
+# Names of the fields of a test that a table of readings can state only in a column of the same
+# name.
 PER_TEST = tuple(entry.name for entry in fields(TestFields) if entry.name not in _NOT_PER_TEST)
 
 
@@ -314,7 +314,7 @@ class CircularTest(TestFields):
     def step_deg(self) -> float:
         """Step from one angle of the test to the next [deg]; negative if the angles decrease.
 
-        Zero stands for angles in unequal steps, and for angles over more than one turn.
+        The step is zero if the angles are in unequal steps or extend over more than one turn.
         """
         steps = np.diff(self.angle_deg)
         is_even = np.allclose(steps, steps[0], rtol=_EVEN_TOLERANCE)
@@ -327,8 +327,8 @@ class CircularTest(TestFields):
 
         Angles in unequal steps, or over more than one turn, are replaced with the same number of
         angles in equal steps over the same arc, which is at most one turn. Angles in equal steps
-        are computed anew from their number, first angle and arc. They are then exactly the angles
-        that are read if the planned test is stored in campaign.toml.
+        are computed anew from their number, first angle and arc. If the planned test is stored in
+        campaign.toml and read again, exactly the same angles result.
         """
         readings = len(self.angle_deg)
         if self.step_deg:
@@ -373,8 +373,8 @@ class CircularTest(TestFields):
 
         Angles of several turns are first reduced to one turn. The arc is 360° minus the largest gap
         between neighbouring angles on the circle. If the largest gap is at most three times as wide
-        as usual, the arc is 360°. The usual width is the median of the other gaps, weighted by
-        their widths.
+        as a usual gap, the arc is 360°. The width of a usual gap is the median of the other gaps,
+        weighted by their widths.
         """
         return _arc_of(self.angle_deg.tobytes())
 
@@ -388,8 +388,8 @@ def _arc_of(angles: bytes) -> float:
     """Return the arc [deg] that the angles of a test cover, see `CircularTest.arc_deg`.
 
     The arc is zero if all angles are equal. ``angles`` are the bytes of the array of angles [deg].
-    Bytes, unlike an array, can be the key of a cache. The cache is used because many tests of a
-    campaign or of a design have the same angles.
+    Bytes are used because, unlike an array, they can be the key of a cache. The cache saves time,
+    because many tests have the same angles.
     """
     wrapped = np.unique(np.mod(np.frombuffer(angles), 360.0))
     if len(wrapped) < 2:
@@ -434,7 +434,7 @@ def distinct_forces(forces_N: ArrayLike) -> Array:
 def planned_angles(readings: int, start_deg: float, arc_deg: float) -> Array:
     """Return the angles of a planned test in equal steps [deg], shape (readings,).
 
-    They include both ends of the arc, but in a full turn the first angle is not repeated.
+    The angles include both ends of the arc, but in a full turn the first angle is not repeated.
     """
     steps = readings - 1
     if abs(arc_deg) == 360.0:

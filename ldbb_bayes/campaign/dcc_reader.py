@@ -125,8 +125,8 @@ def _quantities_in(
 def _number_elements(quantity: ElementTree.Element) -> Iterator[ElementTree.Element]:
     """Yield the XML elements that hold the numbers of a quantity of a certificate.
 
-    An element ``hybrid`` states one quantity in several units. Of these, only the first with a
-    known unit is yielded, or the first of all if no unit is known.
+    An element ``hybrid`` states one quantity in several units. Only the number in the first known
+    unit is then yielded. If no unit is known, the first number is yielded.
     """
     for tag in _NUMBER_ELEMENTS:
         yield from quantity.iterfind(_SI + tag)
@@ -232,7 +232,7 @@ def _shortest_list(units: Sequence[str], uncertainty: _Uncertainty) -> int | Non
     """Return the number of quantities for which an XML element lists units and uncertainties.
 
     The number is the length of the shortest list that has more than one entry. Return None if no
-    list has more than one: a single unit or uncertainty is then valid for all quantities.
+    list has more than one entry. A single unit or uncertainty is then valid for all quantities.
     """
     lists = (units, uncertainty.U, uncertainty.k, uncertainty.coverage)
     lengths = [len(entries) for entries in lists if len(entries) > 1]

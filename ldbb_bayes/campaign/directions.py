@@ -11,8 +11,8 @@ __all__ = ["planes_run_both_ways"]
 def planes_run_both_ways(campaign: Campaign) -> tuple[str, ...]:
     """Return the planes in which circles run, or are planned, in both directions of travel.
 
-    Raise an `InputError` if a test in such a plane states no direction, or if some tests in another
-    plane state a direction and further tests in this plane do not.
+    Raise an `InputError` if a test in such a plane states no direction, or if in any other plane
+    some tests state a direction and some do not.
     """
     both = []
     for plane in dict.fromkeys(str(test.plane) for test in campaign.scope):

@@ -38,7 +38,7 @@ __all__ = [
 
 # Name of the file in the folder of a simulated campaign that holds the true parameters.
 TRUTH_NAME = "truth.json"
-# Name of the file in the folder of an imported campaign that states how the foreign files were
+# Name of the file in the folder of an imported campaign that states how the imported files were
 # read.
 IMPORT_NAME = "import.toml"
 # Longest name, machine_id or date of a campaign that `labels_of` returns [characters]; longer texts
@@ -121,7 +121,7 @@ def read_campaign(
 
 
 def _lines_to_write(options: Mapping[str, Any], file_name: str) -> str:
-    """Return a sentence that names the lines to write into a campaign.toml instead of options."""
+    """Return a sentence that says which lines to write into campaign.toml instead of options."""
     lines = []
     for name, value in options.items():
         if isinstance(value, str | bool | int | float):

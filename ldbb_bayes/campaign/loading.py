@@ -20,7 +20,7 @@ class ForceLaw(Shown):
     """Force F of the bar as a function of the regulator's pressure P, F = slope · P + offset.
 
     The default values are those of the bar in the published experiment (`embedded_campaign`). If a
-    test states only its force or only its pressure, the other of these two is computed with the
+    test states only its force or only its pressure, the missing quantity is computed with the
     campaign's force law.
 
     Examples

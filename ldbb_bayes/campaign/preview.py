@@ -113,8 +113,8 @@ class RemarkKind(StrEnum):
 class Remark:
     """Remark on a test or campaign in a preview.
 
-    ``kind`` is the kind of the remark, and ``values`` holds, by name, the numbers and names that
-    the sentence of the remark will contain.
+    ``kind`` is the kind of the remark. ``values`` holds the numbers and names that are inserted
+    into the sentence of the remark; the keys are the names of the placeholders in the sentence.
     """
 
     kind: RemarkKind
@@ -333,7 +333,7 @@ def _remark_on_angles(
 
 
 def _order_shows_no_travel(campaign: Campaign) -> bool:
-    """Return whether the angles increase in all tests, although both directions are stated.
+    """Return whether all tests have increasing angles, although they state both directions.
 
     If so, the tables of readings were sorted by angle, and the order of the readings does not show
     the direction of travel.
@@ -402,9 +402,8 @@ def _path(
 
     The scatter is the standard deviation [µm] of all readings except spikes, which are readings far
     from the series. If the test goes once round the circle (``closes``), a drift linear in the
-    angle is fitted too, so that a jump between last and first reading is found. Remarks on this
-    jump and on spikes are added to ``remarks``. ``resolution_um`` is the resolution of the readout
-    [µm].
+    angle is fitted too; it shows the jump between last and first reading. Remarks on this jump and
+    on spikes are added to ``remarks``. ``resolution_um`` is the resolution of the readout [µm].
     """
     turns = np.exp(1j * np.outer(test.angles_rad(), np.arange(_ORDER + 1)))
     reading = np.asarray(test.reading_um)

@@ -201,7 +201,7 @@ def _angles_and_readings(path: Path, columns: Mapping[str, Any]) -> dict[str, Ar
 
 
 def _one_of(path: Path, columns: Mapping[str, Any], names: tuple[str, str]) -> str:
-    """Return whichever of two ``names`` is the name of a column of a table.
+    """Return the one of two ``names`` that is the name of a column of a table.
 
     ``columns`` are the columns of the table by name. Raise an `InputError` if the table has columns
     of both names, or no column of these names.

@@ -30,8 +30,8 @@ def time_source(campaign: Campaign) -> TimeSource:
     """Return the source of the times of a campaign's tests, from which a drift is computed.
 
     If the campaign states that nothing drifted, no times are needed. If all tests state their start
-    times, these times are used. If not, the tests count as run in the order in which they are
-    listed, unless the campaign states that the order was random.
+    times, these times are used. If not, it is assumed that the tests were run in the order in which
+    they are listed, unless the campaign states that the order was random.
     """
     if not campaign.drift:
         return TimeSource.NO_DRIFT

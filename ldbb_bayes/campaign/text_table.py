@@ -1,8 +1,8 @@
 """Reading of text tables: bytes to text, text to rows of cells, cells to columns of numbers.
 
 The tables of a campaign folder are read strictly, by `read_strict_table` and `strict_numbers`.
-Foreign files are read in the same steps, once their encoding, the separator of their cells and
-their decimal mark are known.
+Imported files are read in the same steps, after the encoding, the separator of the cells and the
+decimal mark of the file have been determined.
 """
 
 from __future__ import annotations

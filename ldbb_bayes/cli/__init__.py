@@ -27,8 +27,8 @@ __all__ = ["app", "main"]
 # Class of errors in the use of a command. It belongs to the library Click, or to the copy of Click
 # in Typer, the library that reads the command line.
 _UsageError: Any = typer.BadParameter.__base__
-# Options that do not exist, but that users may type because an argument in Python has this name.
-# The value for each of these options is the option to type instead.
+# Options that do not exist, but that a user may type because they are names of arguments of
+# functions in Python. The value for each of these options is the option to type instead.
 _OPTIONS_BY_ARGUMENT = {"--prob": "--ci", "--ci-prob": "--ci"}
 # Names of Python functions that users may type instead of a command. The value for each of these
 # names is the command that does the same.
@@ -43,7 +43,7 @@ class _Commands(TyperGroup):
     """Group of all commands; after wrong usage, one message is printed and the exit code is 2."""
 
     def main(self, args: Sequence[str] | None = None, *positional: Any, **keywords: Any) -> Any:
-        """Run the command that the arguments name, or show the help if they name none.
+        """Run the command that the arguments name, or show the help if they name no command.
 
         ``args`` are the arguments typed after ``ldbb-bayes``; None stands for the arguments with
         which this process was started. ``positional`` and ``keywords`` are further arguments for
@@ -123,7 +123,8 @@ def app_(
     runs until Ctrl-C. It needs libraries that the extra "app" of this package installs.
     """
     try:
-        # This is imported here, because the libraries that the page needs are optional.
+        # The import is here and not at the top of the file, because the libraries that the page
+        # needs are optional.
         from ldbb_bayes.app.server import serve
     except ModuleNotFoundError as error:
         raise InputError(

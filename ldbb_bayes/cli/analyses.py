@@ -46,9 +46,10 @@ def identify(
     """Say which effects make each parameter uncertain, which are confounded, and what would help.
 
     The campaign may be a plan (without readings), so that this can be found before the experiment.
-    Tables of readings are read as ``report`` reads them.
+    Tables of readings are read in the same way as by the command ``report``.
     """
-    # These modules are imported here, because they load the analysis, which takes a long time.
+    # The import is here and not at the top of the file, because these modules take a long time to
+    # load.
     from ldbb_bayes.report import identifiability_text, screens
 
     output.check(
@@ -92,8 +93,9 @@ def identify(
 
 
 def _assumptions_of(source: SourceCampaign) -> tuple[Passage, ...]:
-    """Return the assumptions of the import of tables, which are printed before the result."""
-    # This is imported here, because the modules that import tables take a long time to load.
+    """Return sentences that state what was assumed when tables were imported."""
+    # The import is here and not at the top of the file, because this module takes a long time to
+    # load.
     from ldbb_bayes.cli.sources import import_parts
 
     return import_parts(source)
@@ -219,8 +221,8 @@ def design(
     their analysis. Exit code 1: the tests are not proven to be the best.
 
     With --goal, find the cheapest campaign and certificates that reach every goal for an expanded
-    uncertainty, the next best two, and, for goals that no number of circles reaches, the effect
-    that prevents it. Exit code 1: a goal is not reached.
+    uncertainty, and the next best two. If no number of circles reaches a goal, the effect that
+    prevents this is named. Exit code 1: a goal is not reached.
     """
     if "goals" in settings:
         _design_for_goals(source, model, output, settings)
@@ -231,7 +233,8 @@ def design(
             f"--{name.replace('_', '-')} must go with --goal, got none. Give for example --goal"
             " C_XXX=5%.",
         )
-    # This is imported here, because it loads SciPy, which takes a long time.
+    # The import is here and not at the top of the file, because the module loads SciPy, which takes
+    # a long time.
     from ldbb_bayes.model.specification import model_to_toml
 
     output.check(
@@ -277,10 +280,11 @@ def _design_for_goals(
 ) -> None:
     """Find the cheapest campaign that reaches the goals for uncertainties; print and write it.
 
-    The goals are among ``settings``, the options of the command ``design`` by name. The campaign is
-    written as a plan. Exit with code 1 if a goal is not reached.
+    ``settings`` are the options of the command ``design`` by name; the goals are some of them. The
+    campaign is written as a plan. Exit with code 1 if a goal is not reached.
     """
-    # These are imported here, because they load SciPy, which takes a long time.
+    # The import is here and not at the top of the file, because the modules load SciPy, which takes
+    # a long time.
     from ldbb_bayes.analysis.design import Costs
     from ldbb_bayes.model.specification import model_to_toml
 
@@ -350,9 +354,9 @@ def validate(
 
     The tests are those of a plan or a campaign. True values are drawn at random from the priors,
     and readings are simulated from them. The ranks of the true values among the random draws of
-    each posterior must be uniformly distributed. Exit code 1: they are not, or a simulation failed.
-    With --workflow a campaign with readings goes through all checks of a Bayesian workflow, and
-    true values are drawn from its posterior. Exit code 1: something was found wrong.
+    each posterior must be uniformly distributed. Exit code 1: they are not uniform, or a simulation
+    failed. With --workflow a campaign with readings goes through all checks of a Bayesian workflow,
+    and true values are drawn from its posterior. Exit code 1: something was found wrong.
     """
     if settings.pop("workflow"):
         _check_workflow(plan, model, certificates, output, settings, pool)

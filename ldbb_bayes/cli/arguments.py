@@ -103,7 +103,8 @@ def readings_from(files: list[Path], **options: Any) -> SourceCampaign:
     InputError
         If the files cannot be read, or options and files contradict each other.
     """
-    # These are imported here, because the modules that import tables take a long time to load.
+    # The import is here and not at the top of the file, because these modules take a long time
+    # to load.
     from ldbb_bayes.cli.sources import ReportSource
     from ldbb_bayes.reading.file_patterns import matching
 
@@ -190,7 +191,7 @@ def _fields_from_dccs(options: dict[str, Any], bar_length_mm: float | None) -> d
 
 
 def _ball_flag(name: str, options: Mapping[str, Any], balls: lb.Ball | None) -> str:
-    """Return the flag of the option that states a ball, or an empty text if no option states it.
+    """Return the flag of the option that describes a ball, or an empty text if there is none.
 
     ``name`` is the name of the ball, work or tool. ``options`` are the options that the user typed,
     and ``balls`` is the value of the option ``--balls``.
@@ -301,8 +302,8 @@ def model_from(
     Parameters
     ----------
     degree
-        Degree of the compliance as a polynomial in force. Default: the degree of the model that
-        `read_model` returns for the model file; without a model file, 1.
+        Degree of the compliance as a polynomial in force. Default: the degree of the model that the
+        model file states; without a model file, 1.
     preset
         Name of a set of terms and priors: ``default``, ``first`` or ``paper``. Default:
         ``default``.
@@ -367,7 +368,7 @@ def _tolerances(tolerances: dict[str, str] | None = None) -> dict[str, str]:
 _TABLE_OPTIONS = options_of("table", "labels")
 # Options that state what calibration certificates say.
 _CERTIFICATE_OPTIONS = options_of("certificates")
-# Arguments of `instrument_fields` that calibration certificates state. The last two have no
+# Arguments of `instrument_fields` whose values calibration certificates state. The last two have no
 # command-line option, because only the files of certificates can state them.
 _CERTIFICATE_KEYWORDS = [
     *(option.to or name for name, option in _CERTIFICATE_OPTIONS.items()),
@@ -383,7 +384,8 @@ _LAYOUT_OPTIONS = options_of(
     sheets=Kind(str, _read_sheets),
 )
 _LAYOUT_KEYWORDS = [option.to or name for name, option in _LAYOUT_OPTIONS.items()]
-# Options that several commands have, by name. Each constant below is one of these options.
+# Options that several commands have; the keys are their names. Each constant below is one of these
+# options.
 _SHARED = options_of("shared")
 CI = _SHARED["ci"]
 SEED = _SHARED["seed"]

@@ -45,13 +45,14 @@ def import_(
     force: Annotated[bool, arguments.FORCE],
     as_json: Annotated[bool, arguments.JSON],
 ) -> None:
-    """Read tables as instruments and spreadsheets write them, and write them as a campaign.
+    """Read tables from instruments or spreadsheets, and write their readings as a campaign.
 
-    Prints what it assumed about the tables. An option, or the file of --layout, can state every
-    assumed value instead. At a terminal it asks for information that the tables do not give, such
-    as which of two units readings are in.
+    Prints what was assumed about the tables. An option, or the file of --layout, can state every
+    assumed value instead. At a terminal the user is asked for information that the tables do not
+    give, such as which of two units readings are in.
     """
-    # These are imported here, because only this command needs them.
+    # The import is here and not at the top of the file, because only this command needs these
+    # modules.
     from ldbb_bayes.cli.questions import can_ask, import_with_answers
     from ldbb_bayes.reading.importing import Imported
     from ldbb_bayes.reading.layout import layout_to_toml
@@ -120,7 +121,8 @@ def simulate(
     True values of parameters and noise are drawn at random from the priors unless a TOML file
     states them.
     """
-    # This is imported here, because it loads SciPy, which takes a long time.
+    # The import is here and not at the top of the file, because the module loads SciPy, which takes
+    # a long time.
     from ldbb_bayes.model.specification import Truths, is_truths, read_truths
 
     if is_truths(source):

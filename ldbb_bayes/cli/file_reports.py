@@ -58,7 +58,7 @@ class WrittenReport(NamedTuple):
 class _Analyses:
     """Results that a report shows in addition to the fit.
 
-    If a comparison or design cannot be computed, a text states the reason in its place.
+    If the comparison or the design cannot be computed, a text with the reason is stored instead.
     """
 
     #: Comparison of constant with linear compliance.
@@ -125,8 +125,9 @@ def report_files(
         fit_result = fit_tables.full_result(fit, settings["prob"])
         stated_result = fit_tables.full_result(stated_posterior, settings["prob"])
         if campaign.tolerances:
-            # Both summaries state the same decisions on conformity. These are made with the
-            # averaged posterior, if there is one, and at the force that the report states.
+            # The summaries of the fit and of the averaged posterior contain the same decisions on
+            # conformity. The decisions are made with the averaged posterior, if there is one, and
+            # at the force that the report states.
             decisions = lb.assess_conformity(stated_posterior, force_N=settings.get("force_N"))
             conformity = {name: decision.as_dict() for name, decision in decisions.items()}
             fit_result["conformity"] = conformity
@@ -238,7 +239,7 @@ def _analyse(
 
     begin_step("average")
     averaged = _average_or_none(models, evidences, seed)
-    # The design is needed for the page, the files and the terminal. It is computed only once.
+    # The design is shown on the page, in files and at the terminal, but computed only once.
     return fit, _Analyses(comparison, averaged, cache(design))
 
 
@@ -249,10 +250,11 @@ def _analyse_for_sheets(
     settings: dict[str, Any],
     executor: Executor | None = None,
 ) -> tuple[xr.DataTree, _Analyses]:
-    """Return a fit of compliance linear in force, and the average that the two sheets state.
+    """Return a fit of compliance linear in force, and an average over two models.
 
-    The average is over constant and linear compliance. The parameters are those of `_analyse`.
-    Models are not compared and no tests are chosen, because only the annex shows these results.
+    The models have constant and linear compliance. The parameters are those of `_analyse`. Models
+    are not compared and no tests are chosen, because these results are shown only in the report's
+    annex, which is not made.
     """
     seed = settings["seed"]
     begin_step("fit")
@@ -276,7 +278,7 @@ def _averaged_models(model: lb.HybridModel) -> dict[str, lb.HybridModel]:
 def _average_or_none(
     models: Mapping[str, lb.HybridModel], evidences: Evidences, seed: int
 ) -> xr.DataTree | None:
-    """Return the posterior averaged over the models; None if it cannot be computed."""
+    """Return the posterior averaged over ``models``; None if it cannot be computed."""
     try:
         return lb.average(models, evidences.campaign, evidences=evidences, seed=seed)
     except InputError:
@@ -344,7 +346,7 @@ def _write_beside_page(
 def _printed_parts(
     source: SourceCampaign, stated: xr.DataTree, result: dict[str, Any], analyses: _Analyses
 ) -> tuple[Any, ...]:
-    """Return what the sheets state, for printing at the terminal: assumptions, remarks and results.
+    """Return the assumptions, remarks and results of a report, to be printed at the terminal.
 
     ``source`` is the campaign with its import. ``stated`` is the posterior averaged over constant
     and linear compliance, or the fit of linear compliance if there is no average. ``result`` is the

@@ -106,7 +106,7 @@ def demo(
     as_json: Annotated[bool, arguments.JSON],
     quiet: Annotated[bool, arguments.QUIET],
 ) -> None:
-    """Fit constant and linear compliance to the published experiment, and say what it means.
+    """Fit constant and linear compliance to the published experiment, and explain the results.
 
     The readings are recovered from the tables printed in the paper; the README in the written
     folder "campaign" states which part of them was not measured.

@@ -56,11 +56,11 @@ def batch(
     as_json: Annotated[bool, arguments.JSON],
     quiet: Annotated[bool, arguments.QUIET],
 ) -> None:
-    """Fit many campaigns, each by itself, into one table with a row per campaign (Parquet).
+    """Fit many campaigns separately, and write a table (Parquet) with one row per campaign.
 
     The Python function lb.fleet.read_batch reads the table. If a campaign cannot be fitted, its row
-    states the reason. If the command is stopped, the same command with --resume continues it and
-    gives the same table. Options for tidy CSVs apply to the campaigns that are such files. Exit
+    states the reason. If the command is stopped, the same command with --resume continues the fits
+    and gives the same table. Options for tidy CSVs apply to the campaigns that are such files. Exit
     code 1: the random draws of a fit did not reach the effective number of --ess; campaigns that
     cannot be fitted do not change the exit code.
     """

@@ -30,11 +30,12 @@ def next_(
 ) -> None:
     """Say which circle to run next, how probably the goals are met already, and when to stop.
 
-    Run it after each circle, with the readings of all circles so far. With --out the next circle is
-    written as a plan, with a sheet for the operator. Evidence and intervals stay valid however
-    often one looks.
+    Run the command after each circle, with the readings of all circles so far. With --out the next
+    circle is written as a plan, with a sheet for the operator. Evidence and intervals stay valid
+    however often the command is run.
     """
-    # These are imported here, because they load the analysis, which takes a long time.
+    # The import is here and not at the top of the file, because this module takes a long time to
+    # load.
     from ldbb_bayes.report import next_circle_text, operator_sheet
 
     output.check("campaign.toml", "next.json", operator_sheet.NAME, *pilot_of_plan(output.out))
@@ -61,8 +62,9 @@ def next_(
 
 
 def _assumptions_of(source: SourceCampaign) -> tuple[Any, ...]:
-    """Return the assumptions of the import of tables, which are printed before the result."""
-    # This is imported here, because the modules that import tables take a long time to load.
+    """Return sentences that state what was assumed when tables were imported."""
+    # The import is here and not at the top of the file, because this module takes a long time to
+    # load.
     from ldbb_bayes.cli.sources import import_parts
 
     return import_parts(source)

@@ -120,7 +120,9 @@ def _text_of(name: str, content: Any) -> str:
 
 @dataclass
 class Output:
-    """Output of a command: text on stdout and files in a folder; all files are written or none.
+    """Output of a command: text on stdout, and files in a folder.
+
+    Either all files are written or none.
 
     Parameters
     ----------

@@ -125,8 +125,8 @@ def steps_of(update: Callable[[float, str, int, int], None] | None, **weights: f
     ----------
     update
         Function that is called with four arguments: the completed share of all steps, the name of
-        the present step, and the numbers of things done and to do in this step (0 and 0: unknown).
-        If None, no progress is reported.
+        the present step, the number of things done in this step, and the total number of things in
+        this step (both 0 if unknown). If None, no progress is reported.
     **weights
         Approximate relative durations of the steps, by name, in the order of the steps.
 

@@ -13,8 +13,8 @@ __all__ = ["read_clockings", "read_range"]
 # Largest number of values in a range LO:HI:STEP. A larger number is probably due to a mistyped
 # step.
 _MOST_VALUES = 5000
-# Largest rounding error of the number of steps in a range LO:HI:STEP. It is allowed so that the
-# range 0:0.3:0.1 has three steps and ends at 0.3.
+# Largest rounding error of the number of steps in a range LO:HI:STEP. The error is allowed because
+# the range 0:0.3:0.1 must have three steps and end at 0.3.
 _ROUNDING = 1e-8
 
 

@@ -91,7 +91,7 @@ def refuse_unwritable(target: Path) -> Iterator[None]:
 
 
 def write_whole(target: Path, content: bytes) -> None:
-    """Write the file ``target`` completely; if this fails, an existing file stays unchanged.
+    """Write the file ``target`` completely; if the writing fails, an existing file stays unchanged.
 
     If two runs of the program write the same file at the same time, the file is entirely that of
     the later run.

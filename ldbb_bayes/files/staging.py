@@ -35,9 +35,9 @@ def check_target(target: Path, *, force: bool, ours: Collection[str] = ()) -> No
     Raises
     ------
     InputError
-        For a target that exists although ``force`` is false, that holds files not named in
-        ``ours``, that is a file, the working directory or a folder that contains the working
-        directory, or that cannot be written.
+        If the target exists and ``force`` is false; if it holds files that are not named in
+        ``ours``; if it is a file, the working directory, or a folder that contains the working
+        directory; or if it cannot be written.
     """
     _require_elsewhere(target)
     folder = target
@@ -72,8 +72,8 @@ def check_target(target: Path, *, force: bool, ours: Collection[str] = ()) -> No
 def _require_elsewhere(target: Path) -> None:
     """Raise an `InputError` if the path ``target`` must not be a folder for results.
 
-    It must not be the working directory, a folder that contains the working directory, a link that
-    leads to itself, or a name that is not valid in the file system.
+    The path must not be the working directory, a folder that contains the working directory, a link
+    that leads to itself, or a name that is not valid in the file system.
     """
     try:
         with suppress(FileNotFoundError, NotADirectoryError, PermissionError):
@@ -93,9 +93,9 @@ def _require_elsewhere(target: Path) -> None:
 def staged_folder(target: Path, *, force: bool, ours: Collection[str] = ()) -> Iterator[Path]:
     """Provide a temporary folder that replaces ``target`` when the ``with`` block succeeds.
 
-    The old folder remains until the new one is complete, and is unchanged if writing fails. If two
-    runs of the program write the same folder, its content is entirely that of the later run. If
-    ``target`` is a link, the folder to which it points is replaced.
+    The old folder remains until the new folder is complete. If writing fails, the old folder stays
+    unchanged. If two runs of the program write the same folder, its content is entirely that of the
+    later run. If ``target`` is a link, the folder to which it points is replaced.
 
     Parameters
     ----------
@@ -133,8 +133,8 @@ def _replace_folder(target: Path, staging: Path, *, force: bool) -> None:
 
     If ``target`` is an existing folder and ``force`` is false, an `InputError` is raised. If
     ``force`` is true, the old folder is renamed first. If another run of the program writes the
-    same target meanwhile, both steps are repeated. If the renaming of ``staging`` fails for another
-    reason, the old folder gets its name back.
+    same target meanwhile, both renamings are repeated. If the renaming of ``staging`` fails for any
+    other reason, the old folder gets its name back.
     """
     retired = staging.with_name(f"{staging.name}-old")
     while True:

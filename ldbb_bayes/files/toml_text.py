@@ -12,7 +12,7 @@ from ldbb_bayes.files.content import bytes_of
 
 __all__ = ["LARGEST_TOML_BYTES", "parse_toml", "read_toml"]
 
-# Largest size of a TOML file [bytes]; a campaign of a thousand tests needs half of this.
+# Largest size of a TOML file [bytes]; a campaign of a thousand tests needs half of this size.
 LARGEST_TOML_BYTES = 512 * 2**10
 # Longest line that a TOML file may contain [characters].
 _LONGEST_LINE = 20_000

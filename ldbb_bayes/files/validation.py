@@ -14,7 +14,7 @@ from ldbb_bayes.errors import InputError, nearest, require
 __all__ = ["raises_input_error", "validated"]
 
 T = TypeVar("T")
-# Types of errors by which pydantic, the library that checks input, reports unknown keys.
+# Types of errors with which pydantic, the library that checks input, reports unknown keys.
 _UNKNOWN_KEY = ("extra_forbidden", "unexpected_keyword_argument")
 # Words with which most error messages of pydantic, the library that checks input, begin.
 _EXPECTATION = "Input should be "
@@ -24,7 +24,7 @@ _EXPECTATION = "Input should be "
 def _adapter(model: type[Any]) -> TypeAdapter[Any]:
     """Return pydantic's validator of a class.
 
-    The validator is stored, because making it takes milliseconds.
+    The validator is kept for later calls, because making a validator takes milliseconds.
     """
     return TypeAdapter(model)
 
@@ -115,7 +115,7 @@ def _locate(model: Any, content: Any, loc: tuple[int | str, ...]) -> _Location:
 
 
 def _nested_model(owner: Any, key: int | str) -> Any:
-    """Return the class that describes the value of a key, if this value is a table.
+    """Return the class that describes the table under a key of a TOML file, if there is one.
 
     ``owner`` is the class that describes the table that contains the key ``key``. If the value of
     the key is not a table, return ``owner``.
