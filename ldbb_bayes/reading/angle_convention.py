@@ -1,4 +1,6 @@
-"""Where the angles of a file begin and which way they run, as headers and lines say it in words.
+"""Axis at which the angles of a file begin, and sense in which they run, as texts state them.
+
+The texts are the header of the angles, lines above the table, and names of files.
 
 An example is the header ``Angle from Y clockwise``.
 """
@@ -67,8 +69,8 @@ _ANNOUNCED = re.compile(rf"(?:{_WORDS['announced']})(?P<zero>[^;|\t]*)", re.IGNO
 _SUBJECT = re.compile(_WORDS["subject"], re.IGNORECASE)
 # Pattern of words in a line that is about something other than the angles of the readings.
 _OTHER_SUBJECT = re.compile(_WORDS["other"], re.IGNORECASE)
-# Pattern of words which show that a line says in which sense angles are counted. Without them a
-# word such as clockwise may be the direction of travel.
+# Pattern of words which show that a line says in which sense angles are counted. In a line without
+# such words, a word such as "clockwise" may mean the direction of travel.
 _SENSE = re.compile(_WORDS["sense"], re.IGNORECASE)
 # An error message shows at most this number of characters of a text from a file.
 _TEXT_SHOWN = 60
@@ -77,25 +79,25 @@ _HALF_TURN_DEG = 180.0
 
 
 class AngleConvention(NamedTuple):
-    """Conversion of the angles of a file to those of the package: sign · (angle − offset)."""
+    """Conversion of angles in a file to the angles of this package: sign · (angle − offset)."""
 
-    sign: int  #: −1 if the file counts clockwise
+    sign: int  #: −1 if the file counts angles clockwise, else 1
     offset_deg: float  #: angle in the file at which the bar is along the plane's first axis [deg]
 
 
 class _Words(NamedTuple):
-    """What a header or line says about angles."""
+    """Axis and sense of angles that a header, line or name states in words."""
 
-    zero: str  # axis at which angles begin, such as +Y; empty if it is not said
-    sense: str  # CW or CCW; empty if it is not said
+    zero: str  # axis at which angles begin, such as +Y; empty if it is not stated
+    sense: str  # CW or CCW; empty if it is not stated
     source: str  # place of the words, such as "line 3"
 
 
 def angle_convention(recording: Recording, plane: str) -> AngleConvention:
-    """Return how the angles of a test are converted, as the user or the file states it.
+    """Return the conversion of the angles of a test, as the user or the file states it.
 
     The user's sign and offset count first, then the user's axis and sense, then the words of the
-    file. Where nothing is said, angles are counted from the plane's first axis, counter-clockwise.
+    file. Without any statement, angles are counted from the plane's first axis, counter-clockwise.
 
     Parameters
     ----------
@@ -108,7 +110,7 @@ def angle_convention(recording: Recording, plane: str) -> AngleConvention:
     ------
     InputError
         For an axis outside the plane, for words that contradict each other, and if angles begin at
-        another axis than the first, but nothing says which way they run.
+        another axis than the plane's first axis, but nothing states in which sense they run.
     """
     words = _words_of(recording)
     layout = recording.layout

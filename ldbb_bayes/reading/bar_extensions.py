@@ -27,7 +27,7 @@ _MM_PER_UM = 1e-3
 
 
 def names_extension(text: str) -> bool:
-    """Return whether a text names an extension of the bar with its length."""
+    """Return whether a text names an extension of the bar and states the extension's length."""
     return _EXTENSION.search(text) is not None
 
 

@@ -28,8 +28,8 @@ _OPTIONS = {
 }
 # Fields for which files may state a different value for each test of a campaign.
 _FIELDS_OF_EACH = ("plane", "date")
-# Fields of a campaign that name people, places and instruments. If its files state several values
-# for one of them, the campaign lists all.
+# Fields of a campaign that name people, places and instruments. If the files state several values
+# for such a field, the campaign lists all of these values.
 _NAMES = ("operator", "place", "ball_bar", "force_device")
 # Fields of a campaign for which its files may state different values without an error.
 _MAY_DIFFER = (*_NAMES, "ball_bar_calibrated", "feed_mm_per_min")
@@ -72,8 +72,8 @@ def take_stated_fields(campaign: dict[str, Any], recordings: Sequence[Recording]
 
     Files state fields in the lines above their tables; the names of files and sheets may state the
     plane. Planes and temperatures are filled in as fields of each test. All other fields are fields
-    of the campaign, and so is a plane that all tests have in common. If no machine_id is stated, it
-    is the serial number or else the type of the machine.
+    of the campaign, and so is a plane that all tests have in common. If no machine_id is stated,
+    the serial number or else the type of the machine is used.
 
     Parameters
     ----------
@@ -266,7 +266,7 @@ def _take_field(campaign: dict[str, Any], key: str, values: Sequence[Any]) -> No
 
 
 def _take_temperature(recording: Recording) -> None:
-    """Set the temperature of a test from the first line above its table that states one.
+    """Set the temperature of a test from the first line above its table that states a temperature.
 
     A temperature that the user or a column states does not change.
     """
@@ -288,7 +288,7 @@ def _take_temperature(recording: Recording) -> None:
 def find_resolution(
     campaign: dict[str, Any], tests: Sequence[CircularTest], log: AssumptionLog
 ) -> None:
-    """Set the resolution of the readings, if nothing states it, to their smallest step.
+    """Set the resolution of the readings to their smallest step if nothing states the resolution.
 
     The resolution is set only if, in every test, the smallest step between readings can be the
     resolution of a readout: 0.001 µm to 5 µm, and at most a tenth of the range of the readings.

@@ -51,7 +51,7 @@ def number_in_cell(cell: str) -> _NumberAndUnit | None:
 
 
 def split_units(rows: Sequence[Row]) -> UnitsOfCells:
-    """Return the rows of a sheet after removing the units behind numbers, and the units.
+    """Remove the units behind numbers from the rows of a sheet, and return both rows and units.
 
     A row is changed only if it consists of at least two numbers, one or more of them with a unit,
     and if a row directly above or below it consists of numbers with units too. If at least three

@@ -163,7 +163,8 @@ def _evidence(recording: Recording, role: str) -> list[_UnitEvidence]:
         evidence.append(_UnitEvidence(units, row_units.source))
     header_unit = recording.heading.units[recording.heading.roles[role]]
     if header_unit:
-        # A factor in a header, as in 10 µm, may be a range: it is no known unit.
+        # A number in the unit of a header, as in 10 µm, may be a range and not a factor. Such a
+        # unit counts as unknown.
         factor = " …" if re.search(r"\d", header_unit) else ""
         evidence.append(_UnitEvidence([header_unit + factor], _header_source(recording)))
     for statement in recording.statements.get(f"{role}_unit", ()):

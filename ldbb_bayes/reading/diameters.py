@@ -1,4 +1,4 @@
-"""Readings of the diameter of a circle, which are twice those of its radius."""
+"""Conversion of readings that measure the diameter of a circle to readings of its radius."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ def halve_diameters(recording: Recording) -> None:
     Raises
     ------
     InputError
-        If the user does not state whether readings measure the radius or the diameter, and header
-        and lines contradict each other, or a header, line or name may mean either.
+        If header and lines contradict each other, and if a header, line or name may mean either
+        radius or diameter. No error is raised if the user states which length is measured.
     """
     readings = recording.numbers.get("reading")
     if readings is None:

@@ -61,7 +61,7 @@ def _matches_of(text: str, path: Path, wild_part: int) -> list[Path]:
     """Return the files that match a pattern with ``*`` or ``?``, or else the matching folders.
 
     ``text`` is the pattern as the user wrote it, and ``path`` the pattern as a path. The part of
-    the path with the index ``wild_part`` is the first one with ``*`` or ``?``.
+    the path with the index ``wild_part`` is the first part that contains ``*`` or ``?``.
     """
     folder = Path(*path.parts[:wild_part])
     pattern = "/".join(path.parts[wild_part:]).replace("[", "[[]")
@@ -88,7 +88,7 @@ def _is_hidden(path: Path) -> bool:
 
 
 def _natural_order(name: object) -> list[str | int]:
-    """Return a sort key for names that orders numbers in them by value: 2 N before 10 N."""
+    """Return a key that sorts names by the values of the numbers in them: 2 N before 10 N."""
     key: list[str | int] = []
     for piece in re.split(r"([0-9]+)", str(name).casefold()):
         key.append(piece)

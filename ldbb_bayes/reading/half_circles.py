@@ -33,7 +33,7 @@ class MeasuredArc:
     """Arc of a circular test as one file holds it: the whole circle or half of the circle."""
 
     recording: Recording
-    fields: dict[str, Any]  #: stated fields of the circular test, by name
+    fields: dict[str, Any]  #: stated fields of the circular test; keys are names
     angle_deg: Array  #: angles of the n readings [deg], shape (n,)
     reading_um: Array  #: the n readings [µm], shape (n,)
 

@@ -77,7 +77,7 @@ class Heading:
     def split_by_readings(self) -> Iterator[Heading]:
         """Yield a heading for each column of readings, each of which is a separate test.
 
-        If there are several, each heading has the name of its test as label.
+        If there are several such columns, each heading has the name of its test as label.
         """
         if len(self.readings) < 2:
             yield self
@@ -156,7 +156,7 @@ def _no_header(sheet: Sheet, block: int) -> _HeaderRows:
 
 
 def _rows_of_header(sheet: Sheet, header_row: int, first_block_row: int) -> _HeaderRows:
-    """Return the names and units of the columns, and which rows of the sheet hold them.
+    """Return the names and units of the columns, and the rows of the sheet that hold them.
 
     Below the row of names there may be a row of units. A unit in this row replaces the unit in the
     name of its column. Rows of dashes may underline the header.
@@ -211,10 +211,10 @@ def _find_block(sheet: Sheet, layout: Layout) -> int:
     """Return the index of the row of a sheet at which the numbers of its table begin.
 
     The table begins at the first block of nine rows with equally many cells, at least two of them
-    numbers in each row. A block at the end of the sheet may have two to eight rows. So short a
-    table is not valid, but its index is returned, so that later code can refuse the table with an
-    error that states the number of its readings. If the user states the line of the header, only
-    rows below this line count. Raise a `NoTableError` if no block begins within 1000 rows.
+    numbers in each row. A block at the end of the sheet may have two to eight rows. Such a table is
+    too short, but it is found nevertheless, so that later code can refuse it with an error that
+    states the number of its readings. If the user states the line of the header, only rows below
+    this line count. Raise a `NoTableError` if no block begins within 1000 rows.
     """
     rows = sheet.rows
     header_line = layout.header_line or 0

@@ -247,8 +247,8 @@ def _stated_loads(recordings: Sequence[Recording], layout: Layout) -> dict[str, 
 def _take_conditions(recording: Recording, loads: Mapping[str, float]) -> None:
     """Set the fields of a test, such as force, radius and direction, from all sources.
 
-    ``loads`` holds the force or pressure of this test from the layout's lists. If it is not empty,
-    it replaces the loads that an entry [[test]] of the layout states.
+    ``loads`` holds the force or pressure of this test from the layout's lists. These loads, if
+    there are any, replace the loads that an entry [[test]] of the layout states.
     """
     if loads:
         for key in LOAD_ROLES:

@@ -23,7 +23,8 @@ from ldbb_bayes.results import Shown
 
 __all__ = ["Layout", "TestLayout", "layout_to_toml", "read_layout"]
 
-# Characters that separate cells, by the names that options and layouts may use for them.
+# Characters that separate cells; the keys are the names that options and layouts may use for these
+# characters.
 _SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "bar": "|", "space": " "}
 # Fields of the layout that list the forces or pressures of all tests, each with the corresponding
 # field of a single test.
@@ -43,7 +44,10 @@ class TestLayout(TestFields):
     start_deg: Number | None = None
 
     def stated(self) -> dict[str, Any]:
-        """Return a dict with the stated fields of the test, including ``file``; keys are names."""
+        """Return a dict with the stated fields of the test, including ``file``.
+
+        The keys are the names of the fields.
+        """
         return {key: value for key, value in vars(self).items() if value is not None}
 
 
@@ -111,7 +115,7 @@ class Layout(Shown, BaseModel, extra="forbid", allow_inf_nan=False):
     """
 
     schema_: Literal[1] = Field(default=1, alias="schema")  #: version of the layout's format, 1
-    #: encoding of text files by its name in Python, such as utf-8 or cp1252
+    #: encoding of text files, stated by the name that Python uses, such as utf-8 or cp1252
     encoding: Annotated[str, AfterValidator(_check_encoding)] | None = None
     #: separator of cells in text files: comma, semicolon, tab, bar, space, or the character itself
     separator: Annotated[str, AfterValidator(_separator_sign)] | None = None
@@ -223,7 +227,7 @@ def _without(fields: dict[str, Any], keys: set[str]) -> dict[str, Any]:
 
 
 def layout_to_toml(layout: Layout) -> str:
-    """Return a layout as the text of a TOML file, from which `read_layout` returns it again."""
+    """Return a layout as the text of a TOML file that `read_layout` can read."""
     content = layout.model_dump(by_alias=True, exclude_none=True)
     tests = content.pop("test")
     content = {key: value for key, value in content.items() if value not in ([], {})}

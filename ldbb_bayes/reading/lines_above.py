@@ -146,7 +146,7 @@ _READINGS = re.compile(WORDS["mount"]["readings"], re.IGNORECASE)
 _FILLING = re.compile(f"{_READINGS.pattern}|{WORDS['mount']['filling']}", re.IGNORECASE)
 _MOUNT_STATES = {state: WORDS["mount"][state] for state in ("raw", "compensated")}
 _DIRECTION_WORDS: Mapping[str, Any] = WORDS["directions"]
-# Pattern of a length with its unit, and the words before it.
+# Pattern of a length with its unit, together with the words before the length.
 _LENGTH = re.compile(
     rf"[^;,|\t]*?(?P<number>(?<![\d.,:/-]){NUMBER_IN_TEXT})[\s;|\t]?(?P<unit>[^\W\d_]+|\")(?![/\w])"
 )

@@ -17,11 +17,12 @@ __all__ = ["with_loads_in_header"]
 
 
 def with_loads_in_header(sheet: Sheet) -> Sheet:
-    """Return a sheet whose header names the loads that the line above it states.
+    """Return a sheet whose header names the loads that the line above the header states.
 
-    The line must state a load for each column but the first, such as ``100 N``, or a number if its
-    first cell names force or pressure with a unit. The header ``Deviation [um]`` below 100 N is
-    changed to ``100 N Deviation [um]``. Any other sheet is returned unchanged.
+    The line must state a load, such as ``100 N``, for each column but the first. If the first cell
+    of the line names force or pressure with a unit, numbers alone also count as loads. For example,
+    the header ``Deviation [um]`` below 100 N is changed to ``100 N Deviation [um]``. A sheet
+    without such a line is returned unchanged.
     """
     header = first_header(sheet.rows)
     if not header:

@@ -1,4 +1,4 @@
-"""Reading of numbers and times in various notations: decimal marks, thousands, times of day."""
+"""Conversion of texts to numbers and times: decimal marks, thousands, times of day."""
 
 from __future__ import annotations
 

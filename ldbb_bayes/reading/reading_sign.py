@@ -1,4 +1,4 @@
-"""Sign of readings, as a header or a line above the table says it in words.
+"""Sign of readings, as a header or a line above the table states it in words.
 
 An example is the line ``Positive readings: bar shorter``.
 """
@@ -93,7 +93,7 @@ def sign_of_readings(recording: Recording) -> int:
 
 
 def _stated_signs(recording: Recording) -> dict[int, str]:
-    """Return a dict whose keys are the signs that header and lines state, and its values sources.
+    """Return a dict with the sources of the signs that header and lines state; keys are the signs.
 
     The header is that of the readings; the lines are those above the table and those that concern
     all tests. Raise an `OpenQuestionError` for words whose meaning is not clear, if the user states

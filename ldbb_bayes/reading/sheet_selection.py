@@ -57,7 +57,7 @@ def select_sheets(
     log
         Log to which the sheets that are left out are added.
     matched
-        Files that were found by a pattern, so that the user did not name them.
+        Files that were found by a pattern; the user did not name these files.
     """
     _note_hidden(sheets, log)
     selection = SheetSelection()

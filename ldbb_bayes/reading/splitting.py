@@ -64,7 +64,7 @@ class _SheetColumns:
     heading: Heading
     lines: list[int]  # line number of each row in the file
     cells: list[list[str]]  # cells of each column
-    clock_column: int | None  # index of the column with times of day; None without one
+    clock_column: int | None  # index of the column with times of day, if there is one
     decimal: str | None  # decimal mark of the table; None if no number has one
     # indices of the columns of units; the keys are the indices of the columns of numbers to which
     # the units belong

@@ -1,4 +1,4 @@
-"""Reading of foreign files (workbooks, and text files of any encoding) into cells of text."""
+"""Functions that read foreign files (workbooks, and text files of any encoding) as text cells."""
 
 from __future__ import annotations
 
@@ -30,14 +30,15 @@ _NARROW = {code: code - 0xFEE0 for code in range(0xFF01, 0xFF5F)} | {0x3000: 0x2
 _PICTURE_SIGNATURES = (b"%PDF-", b"\x89PNG\r\n", b"\xff\xd8\xff", b"GIF8")
 # Characters that may separate the cells of a text file, in order of preference.
 _SEPARATORS = (";", "\t", "|", ",", " ")
-# Characters that are seldom part of a cell, and a score of separators. If one of these characters
-# splits the lines with a larger score, the blank is not considered as a separator.
+# Characters that are seldom part of a cell.
 _SURE = (";", "\t", "|")
+# If one of these characters splits the lines with a score larger than this, the blank is not
+# considered as a separator.
 _SURE_SCORE = 1.3
-# Number of lines by which possible separators of cells are compared.
+# Number of lines that are used to compare the possible separators of cells.
 _SAMPLE_LINES = 200
-# A separator of cells is preferred to one earlier in the order of preference only if its score is
-# larger by more than this.
+# A separator is preferred to a separator that is earlier in the order of preference only if its
+# score is larger by more than this.
 _SCORE_MARGIN = 0.02
 
 
@@ -48,7 +49,7 @@ def read_sheets(
     separator: str | None = None,
     sheets: Sequence[str] = (),
 ) -> list[Sheet]:
-    """Return the sheets of a workbook, or a text file as one sheet of text cells.
+    """Return the sheets of a workbook, or the tables of a text file as sheets of text cells.
 
     Parameters
     ----------

@@ -122,7 +122,7 @@ def _states_time(recording: Recording) -> bool:
 
 
 def _start_of(recording: Recording) -> _Start | None:
-    """Return when a test was run, from the most reliable of its sources; None if none states it.
+    """Return the start of a test from its most reliable source; None if no source states a time.
 
     A time of day without a date gets the date that another column, line or name states.
     """
@@ -252,8 +252,8 @@ def _times_of_dates(stamps: Sequence[Timestamp], seconds: Array) -> _Times:
 def _possible_days(stamps: Sequence[Timestamp]) -> Mapping[str, list[date]]:
     """Return a dict with the dates of all stamps for each possible order of day and month.
 
-    The keys are "day" and "month", whichever stands first in a date. An order is left out if a
-    stamp would have no valid date with it.
+    The keys are "day" for dates with the day first, and "month" for dates with the month first. An
+    order is left out if it gives no valid date for one of the stamps.
     """
     days_by_order = {
         "day": [stamp.day_first for stamp in stamps],

@@ -33,7 +33,7 @@ _TIME = (
     r"(?:\s?(?P<half_day>[AaPp])\.?[Mm]\b\.?)?"
     r"(?P<zone>Z\b|\s?(?:UTC|GMT)(?!\s?[+-])|\s?(?:UTC|GMT)?\s?[+-]\d\d:?\d\d)?"
 )
-# Pattern of a date and a time of day in either order, or of one of them alone.
+# Pattern of a date and a time of day in either order, of a date alone, or of a time of day alone.
 _STAMP = re.compile(
     rf"(?<![\d:.,/+-])(?:(?P<date>{_DATE})(?:(?:T|[ ,;|\t]{{1,3}}|\s+(?:at|um)\s+){_TIME})?"
     rf"|{_TIME.replace('?P<', '?P<only_')}(?:[ ,;|\t]{{1,3}}(?:on |am )?(?P<date_after>{_DATE}))?)",

@@ -47,8 +47,8 @@ _SOFTEST_UM_PER_N = 1.0
 _SMALLEST_LOAD_N = 5.0
 # Units that are tried for readings without a unit.
 _USUAL_UNITS = ("um", "mm")
-# Angles without a unit are taken as degrees if their range is larger than this number; otherwise
-# they are taken as radians.
+# Angles without a unit are taken as degrees if their range is larger than this number, and as
+# radians if the range is smaller.
 _LARGEST_SPAN_RAD = 7.0
 # Pattern of a word for counts, or of a unit with a factor, in the name of a file.
 _COUNTS = re.compile(
@@ -75,8 +75,8 @@ class _ReadingSize(NamedTuple):
 def assume_units(recordings: Sequence[Recording], campaign: Mapping[str, Any]) -> None:
     """Assume units for the readings and angles whose units neither files nor user state.
 
-    All readings of this kind get the same unit, except readings that are distances between the
-    balls, which are in mm. All angles of this kind get the same unit. The units are put into
+    Readings that are distances between the balls are in mm. All other readings without a stated
+    unit get the same unit, and so do all angles without a stated unit. The units are put into
     ``assumed_units`` of the recordings. Forces whose unit is not stated are in newtons; their size
     is checked. ``campaign`` are the fields of the campaign that options or files state.
 

@@ -102,8 +102,8 @@ def units_stated(text: str) -> dict[str, str]:
     """Return a dict with the units that a line states; its keys are ``reading_unit`` and the like.
 
     The key ``reading_scale`` holds the size of one count, such as ``0.1 um``. A unit that is not
-    known is returned as written, and several units for one role are returned as one text. Either
-    leads to an error only if the table itself does not state the unit.
+    known is returned as written, and several units for one role are returned as one text. Both lead
+    to an error only if the table itself does not state the unit.
     """
     text = text[:LONGEST_TEXT]
     stated = {}
@@ -304,11 +304,11 @@ def header_has_factor(header: str) -> bool:
 
 
 def unit_mentioned(text: str) -> str:
-    """Return the first unit of readings in a text that does not follow a number; empty if none.
+    """Return the first unit of readings that a text mentions without a number before the unit.
 
-    Examples are ``Columns: deg, mm`` and the name ``300N_mm``. If the text has a unit with a factor
-    that this package does not read, as in ``Unit - x 10 um``, this unit is returned with its
-    factor.
+    The result is empty if the text mentions no such unit. Examples are ``Columns: deg, mm`` and the
+    name ``300N_mm``. If the text has a unit with a factor that this package does not read, as in
+    ``Unit - x 10 um``, this unit is returned with its factor.
     """
     words = re.sub(r"[_\-]", " ", text[:LONGEST_TEXT])
     if _OTHER.search(words):

@@ -1,4 +1,4 @@
-"""Reading of workbooks (XLSX, XLS, ODS), which are checked before they are unpacked."""
+"""Functions that check workbooks (XLSX, XLS, ODS) before they are unpacked, and read them."""
 
 from __future__ import annotations
 
