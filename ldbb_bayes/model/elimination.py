@@ -56,50 +56,52 @@ _CACHE_SIZE = 1 << 19
 # values are processed together.
 BLAS_MULTIPLE = 8
 # Largest number of orders of elimination that the cache holds: one order for all design matrices
-# with zeros in the same places. The hundred models of a comparison need fewer.
+# with zeros in the same places. A comparison of a hundred models needs fewer.
 _KEPT_PLANS = 64
-# Each element of a product of border entries is a sum of terms, one for every column that is
-# eliminated. If there are at least this many terms, each call computes the products of one row of
-# the border. If there are fewer, a call computes the products of several rows, which takes fewer
-# calls but moves more memory.
+# When columns are eliminated, sums of products of their entries are subtracted from the entries of
+# later columns. Each sum has one term for every eliminated column. If there are at least this many
+# terms, each call computes the sums for one later column. If there are fewer terms, a call computes
+# the sums for several later columns, which takes fewer calls but moves more memory.
 _MANY_TERMS = 12
 
 
 class Update(NamedTuple):
-    """Products of border entries of some groups of a front, subtracted from later columns.
+    """Products of matrix entries, which are subtracted when groups of columns are eliminated.
 
-    The border of a group is the set of later columns that the group changes. The number of
-    different borders is a, and b groups have each border. One call computes the products of the
-    border's rows ``first`` to ``stop`` − 1 with all rows from ``first`` on. The workspace is the
-    array of all matrix entries.
+    The products are subtracted from the entries of the border of each group, which is the set of
+    later columns that the group changes. There are a different borders, and b groups have each
+    border. One call computes the products of the border's rows ``first`` to ``stop`` − 1 with all
+    its rows from ``first`` on.
     """
 
-    #: Slice of the front's groups that contains the a · b groups. Groups with the same border
-    #: follow each other.
+    #: Slice that selects the a · b groups from all groups that are eliminated together. The b
+    #: groups with the same border follow each other.
     groups: slice
-    #: Number a of borders. No two borders have a column in common.
+    #: Number a of different borders (sets of later columns that a group of columns changes). No two
+    #: borders have a column in common.
     borders: int
-    #: Index of the first row of the border whose products are computed.
+    #: Index, in the border (set of later columns), of the first row whose products are computed.
     first: int
-    #: Index of the row after the last row of the border whose products are computed.
+    #: Index, in the border, of the row after the last row whose products are computed.
     stop: int
-    #: Rows of the workspace from which the products are subtracted, shape
-    #: (a, stop − first, m + 1 − first) for borders of m columns. A product that occurs twice is
-    #: used once; its second copy goes to the last row of the workspace, which is never read.
+    #: Rows of the workspace (the array of all matrix entries) from which the products are
+    #: subtracted, shape (a, stop − first, m + 1 − first) for borders of m columns. A product that
+    #: occurs twice is used once; its second copy goes to the last row of the workspace, which is
+    #: never read.
     targets: NDArray[np.intp]
 
 
 class Front(NamedTuple):
     """Groups of columns of the design matrix A that are eliminated together, by the same calls.
 
-    Each group has s columns and a border of m columns, which are eliminated later. The workspace is
-    the array of all matrix entries.
+    Each group has s columns. Its elimination changes m later columns, the border of the group.
     """
 
-    #: Rows of the workspace that hold the s (s + m + 1) entries of every group.
+    #: Rows of the workspace (the array of all matrix entries) that hold the s (s + m + 1) entries
+    #: of every group.
     entries: slice
     #: Number of groups, number s of columns in a group, and number s + m + 1 of entries of a
-    #: column.
+    #: column. The m entries belong to the later columns that the group changes.
     shape: tuple[int, int, int]
     #: Signs ±1 of the Cholesky pivots of the s columns of each group, shape (groups, s); None if
     #: all are positive. A pivot is negative where a prior variance is negative
@@ -107,15 +109,17 @@ class Front(NamedTuple):
     signs: Array | None
     #: Indices of the s columns of each group in the design matrix, shape (groups, s).
     columns: NDArray[np.intp]
-    #: Indices of the m columns of each group's border in the design matrix, shape (groups, m).
+    #: Indices, in the design matrix, of the m later columns that each group changes (its border),
+    #: shape (groups, m).
     border: NDArray[np.intp]
     updates: list[Update]
 
     def eliminate(self, workspace: Array) -> None:
-        """Compute the groups' columns of L, and subtract their products from later columns.
+        """Compute the columns of L of all groups, and change the entries of later columns.
 
-        L is the lower triangular Cholesky factor. ``workspace`` (entries, w) holds the entries of
-        all groups for w values of the hyper-parameters, and is changed in place.
+        L is the lower triangular Cholesky factor. Products of the computed columns are subtracted
+        from the entries of later columns. ``workspace`` (entries, w) holds all matrix entries for w
+        values of the hyper-parameters, and is changed in place.
         """
         w = workspace.shape[1]
         columns = self.shape[1]
@@ -133,7 +137,7 @@ class Front(NamedTuple):
             workspace[update.targets] -= np.einsum("akiw,akjw->aijw", left, right)
 
     def solve(self, workspace: Array, solution: Array) -> None:
-        """Compute the coefficients P⁻¹ Aᵀ D⁻¹ r of the groups' columns, in place of L⁻¹ Aᵀ D⁻¹ r.
+        """Replace L⁻¹ Aᵀ D⁻¹ r by the coefficients P⁻¹ Aᵀ D⁻¹ r, for the columns of the groups.
 
         P = Aᵀ D⁻¹ A = L Lᵀ, with the design matrix A, the noise covariance D and the readings r.
         ``workspace`` (entries, w) holds the entries of L. ``solution`` (columns of A, w) is changed
@@ -157,11 +161,11 @@ class _Family(NamedTuple):
 
 
 class EliminationPlan:
-    """Order of elimination of the columns of a design matrix, and the places of their entries.
+    """Order in which columns of a design matrix are eliminated, and places of matrix entries.
 
-    The places are rows of the workspace, the array of all matrix entries. A plan depends only on
-    which elements of the design matrix are zero, and on the signs of the prior variances. Models of
-    one campaign, and campaigns that were run alike, therefore share plans.
+    The places are rows of the workspace, which is the array of all matrix entries. A plan depends
+    only on which elements of the design matrix are zero, and on the signs of the prior variances.
+    Several models of one campaign can therefore share a plan.
 
     Parameters
     ----------
@@ -174,16 +178,17 @@ class EliminationPlan:
     def __init__(self, groups: list[ColumnGroup], signs: Array) -> None:
         size = len(signs)
         families_of_fronts = _families_of_fronts(groups)
-        #: Index of the row of the workspace that holds the entry of columns i and j, shape
-        #: (columns, columns + 1). The last element of row i is for the right-hand side of column i.
-        #: The index is −1 where the workspace has no such row.
+        #: Index of the row of the workspace (the array of all matrix entries) that holds the entry
+        #: of columns i and j, shape (columns, columns + 1). The last element of row i is for the
+        #: right-hand side of column i. The index is −1 where the workspace has no row for the
+        #: entry.
         self.place = np.full((size, size + 1), -1, dtype=np.intp)
         start = 0
         for families in families_of_fronts:
             for family in families:
                 for group in family.groups:
                     start = self._place_group(group, start)
-        #: Number of rows of the workspace: one for each matrix entry, and a last one for products
+        #: Number of rows of the workspace: one for each matrix entry, and a last row for products
         #: that are not needed.
         self.entries = start + 1
         self.fronts = [self._front(families, signs) for families in families_of_fronts]
@@ -192,9 +197,10 @@ class EliminationPlan:
         self.half_signs = 0.5 * signs
 
     def _place_group(self, group: ColumnGroup, start: int) -> int:
-        """Assign rows of the workspace, from ``start`` on, to the entries of a group of columns.
+        """Assign places, from the index ``start`` on, to the matrix entries of a group of columns.
 
-        Return the index of the first row that is still free.
+        A place is a row of the workspace, the array of all matrix entries. Return the index of the
+        first row that is still free.
         """
         members = np.concatenate([group.columns, group.border])
         width = len(members) + 1
@@ -205,10 +211,12 @@ class EliminationPlan:
         return start + len(group.columns) * width
 
     def _front(self, families: list[_Family], signs: Array) -> Front:
-        """Return the front that consists of the groups of ``families``, in the same order.
+        """Return the front that consists of the groups of all ``families``, in the same order.
 
-        All these groups have equal numbers of columns, and borders with equal numbers of columns.
-        ``signs`` are the signs ±1 of the prior variances of all coefficients.
+        A front contains groups of columns that are eliminated together. The groups of a family
+        change the same later columns, which are their border. All groups have equal numbers of
+        columns, and borders with equal numbers of columns. ``signs`` are the signs ±1 of the prior
+        variances of all coefficients.
         """
         groups = [group for family in families for group in family.groups]
         columns = np.array([group.columns for group in groups])
@@ -225,11 +233,11 @@ class EliminationPlan:
         )
 
     def _updates(self, families: list[_Family]) -> list[Update]:
-        """Return how the groups of a front change the entries of later columns.
+        """Return the updates of later columns that follow from eliminating the groups of a front.
 
-        Groups of one family have the same border. Consecutive families are treated together, in the
-        same `Update`, if they have equal numbers of groups and if their borders have no column in
-        common.
+        The groups of columns in one family change the same later columns, which are their border.
+        Consecutive families are treated together, in the same `Update`, if they have equal numbers
+        of groups and if their borders have no column in common.
         """
         updates = []
         start = 0
@@ -247,11 +255,12 @@ class EliminationPlan:
         return updates
 
     def _targets(self, border: NDArray[np.intp], first: int, stop: int) -> NDArray[np.intp]:
-        """Return the rows of the workspace from which products of one border are subtracted.
+        """Return the places of matrix entries from which products for one border are subtracted.
 
-        The products are those of the border's rows ``first`` to ``stop`` − 1 with all its rows from
-        ``first`` on. The result has the shape (stop − first, m + 1 − first) for a border of m
-        columns, and is explained at `Update.targets`.
+        A border is the set of later columns that a group changes. The products are those of the
+        border's rows ``first`` to ``stop`` − 1 with all its rows from ``first`` on. For a border of
+        m columns, the result has the shape (stop − first, m + 1 − first). It is explained at
+        `Update.targets`.
         """
         following = np.append(border[first:], self.place.shape[1] - 1)
         targets = self.place[np.ix_(border[first:stop], following)]
@@ -288,7 +297,7 @@ class Elimination:
 
     @property
     def entries(self) -> int:
-        """Number of rows of the workspace: one for each matrix entry, one for unneeded products."""
+        """Number of rows of the workspace, the array of all matrix entries."""
         return self._plan.entries
 
     @property
@@ -428,8 +437,8 @@ class DesignRows:
     def elimination(self, last: int) -> Elimination:
         """Return the Cholesky elimination of all coefficients, in an order that needs little work.
 
-        The coefficients of the last ``last`` shared columns (those whose coefficients are the same
-        in all tests) are eliminated after all others, in the order of the columns.
+        Shared coefficients are the same in all tests. The last shared coefficients, ``last`` in
+        number, are eliminated after all other coefficients, in the order of their columns.
         """
         if last not in self._eliminations:
             last_columns = np.arange(self._shared - last, self._shared)
@@ -467,11 +476,13 @@ def _plan(pattern: bytes, shape: tuple[int, int], last: bytes, signs: bytes) -> 
 
 
 def _families_of_fronts(groups: list[ColumnGroup]) -> list[list[_Family]]:
-    """Return the groups of every front, divided into families that have the same border.
+    """Sort groups of columns into fronts, and the groups of each front into families.
 
-    Fronts are in the order of elimination. All groups of a front have the same height in the
-    elimination tree, equal numbers of columns, and borders with equal numbers of columns. Families
-    with more groups come first.
+    The border of a group is the set of later columns that the group changes. The groups of a front
+    are eliminated together: they have the same height in the elimination tree, equal numbers of
+    columns, and borders with equal numbers of columns. The groups of a family also have the same
+    border. Fronts are in the order of elimination; within a front, families with more groups come
+    first.
     """
     fronts: dict[tuple[int, int, int], dict[tuple[int, ...], _Family]] = {}
     for group, height in zip(groups, heights(groups), strict=True):
@@ -486,8 +497,9 @@ def _families_of_fronts(groups: list[ColumnGroup]) -> list[list[_Family]]:
 
 
 def _disjoint_families(families: list[_Family]) -> list[list[_Family]]:
-    """Return the families, divided into lists in which no two borders have a column in common.
+    """Divide families into lists, so that no two families of a list have overlapping borders.
 
+    A family consists of groups of columns that change the same later columns, which are its border.
     The families of a list have equal numbers of groups and are consecutive in ``families``.
     """
     lists: list[list[_Family]] = []

@@ -25,25 +25,26 @@ from ldbb_bayes.results import Array
 
 __all__ = ["EntryBlock", "GramEntries"]
 
-# A block of Gram entries is stored as a dense matrix if at least this share of its entries is not
-# zero. For each entry, a dense product takes a third of the time of a sparse product (measured).
+# A block of Gram entries (scalar products of columns of the design matrix) is stored as a dense
+# matrix if at least this share of its entries is not zero. For each entry, a dense product takes a
+# third of the time of a sparse product (measured).
 _DENSE_SHARE = 0.35
-# A block is stored as a dense matrix only if each matrix product has at least this number of
-# entries that are not zero. With fewer entries, the function calls of dense products take longer
-# than the sparse product.
+# A block of scalar products of columns is stored as a dense matrix only if each product with this
+# matrix uses at least this number of entries that are not zero. With fewer entries, the function
+# calls of dense products take longer than the sparse product.
 _FEWEST_DENSE = 500
-# Number of columns whose entries one dense product computes. A smaller number would waste time in
-# function calls; a larger number would waste time on entries before the diagonal, which are not
-# needed.
+# Number of columns of a precision matrix whose entries one product with a dense matrix computes. A
+# smaller number would waste time in function calls; a larger number would waste time on entries
+# before the diagonal, which are not needed.
 _COLUMNS_AT_ONCE = 4
 
 
 class EntryBlock(NamedTuple):
-    """Consecutive entries of P = Aᵀ D⁻¹ A and Aᵀ D⁻¹ r that belong to some groups of s columns.
+    """Consecutive entries of P = Aᵀ D⁻¹ A and Aᵀ D⁻¹ r that belong to several groups of columns.
 
-    A is the design matrix, D the noise covariance, and r are the readings. Each column has n
-    entries. The first s entries are products with the columns of its group; those before the
-    diagonal are not needed.
+    A is the design matrix, D the noise covariance, and r are the readings. Each group has s columns
+    of P, and each column has n entries. The first s entries of a column belong to the s columns of
+    its own group; of these entries, those before the diagonal are not needed.
     """
 
     #: Indices, among all entries, of the entries of the block; their number is groups · s · n.
@@ -60,21 +61,21 @@ class _DenseGram(NamedTuple):
     """
 
     block: EntryBlock
-    #: Index, in its group, of the first of these columns. Entries before the diagonal of this
-    #: column are left out.
+    #: Index, within each group, of the first column whose Gram entries the array holds. Entries
+    #: before the diagonal of this column are left out.
     first: int
     #: Indices of the k kinds of rows of the design matrix that have Gram entries in each group of
     #: columns, shape (groups, k).
     kinds: NDArray[np.intp]
-    #: Gram entries for each of the k kinds of rows, shape (groups, columns, entries of a column,
-    #: k).
+    #: Gram entries (scalar products of columns of the design matrix) for each of k kinds of rows,
+    #: shape (groups, columns, entries of a column, k).
     products: Array
 
     def assemble(self, weight: Array, entries: Array) -> None:
-        """Compute the entries of P and Aᵀ D⁻¹ r for these columns, and write them into ``entries``.
+        """Compute the entries of P and Aᵀ D⁻¹ r for the columns of this object.
 
-        ``weight`` (kinds, w) is the reciprocal variance 1/D of every kind of row. ``entries`` is
-        the array that `GramEntries.assemble` returns.
+        ``weight`` (kinds, w) is the reciprocal variance 1/D of every kind of row. The results are
+        written into ``entries``, the array that `GramEntries.assemble` returns.
         """
         matrix = entries[self.block.entries].reshape(*self.block.shape, weight.shape[1])
         stop = self.first + self.products.shape[1]
@@ -149,9 +150,9 @@ def _sparse_gram(
     place_in_order = place[np.ix_(order, np.append(order, len(order)))]
     row, column = np.nonzero(table)
     element = table[row, column]
-    # The elements that are not zero are listed row by row. Each element is multiplied by itself and
-    # by all later elements of its row. Only readings, the last elements, are not multiplied by
-    # themselves.
+    # The elements of the design matrix that are not zero are listed row by row. Each element is
+    # multiplied by itself and by all later elements of its row. Only readings, the last elements,
+    # are not multiplied by themselves.
     end_of_row = np.cumsum(np.bincount(row, minlength=len(table)))
     number = np.arange(len(row))
     factors = np.where(column < len(order), end_of_row[row] - number, 0)
@@ -166,10 +167,11 @@ def _sparse_gram(
 
 
 def _dense_gram(block: EntryBlock, gram: csr_array) -> list[_DenseGram]:
-    """Return the Gram entries of a block as dense arrays, or an empty list if most are zero.
+    """Return the Gram entries of a block as dense arrays, or an empty list.
 
-    The list is also empty if the block has too few entries. ``gram`` (entries, kinds) holds the
-    Gram entries of all blocks.
+    Gram entries are scalar products of columns of the design matrix; a block holds those of several
+    groups of columns. The list is empty if most of the entries are zero, or if the block has too
+    few entries. ``gram`` (entries, kinds) holds the Gram entries of all blocks.
     """
     groups = block.shape[0]
     columns = block.shape[1]

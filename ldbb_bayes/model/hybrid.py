@@ -408,9 +408,10 @@ class HybridModel(Result):
 
     @property
     def scales(self) -> tuple[Scale, ...]:
-        """Hyper-parameters of the model: the sd σ of white noise, then those of its terms.
+        """Hyper-parameters of the model: the sd σ of white noise, then those of the nuisance terms.
 
-        The hyper-parameters of a term are the scales (sds) of its effect, or numbers without unit.
+        Nuisance terms are effects modelled but not of interest. Their hyper-parameters are the
+        scales (sds) of these effects, or numbers without unit.
         """
         scales = [_SIGMA]
         for term in self.nuisances:
@@ -550,7 +551,7 @@ def _ordered(scales: Sequence[Scale]) -> tuple[Scale, ...]:
 def _values_by_name(parameters: Mapping[str, float], names: Sequence[str]) -> Array:
     """Return the values of parameters of interest in the order of ``names``, shape (p,).
 
-    A parameter that ``parameters`` does not state is zero. Raise an `InputError` for an unknown
+    A parameter that ``parameters`` does not name is zero. Raise an `InputError` for an unknown
     name.
     """
     values = {inside_name(name): value for name, value in parameters.items()}
@@ -563,8 +564,8 @@ def _draw_hyper_parameters(
 ) -> dict[str, float]:
     """Return the value of every hyper-parameter by its name; lengths are in mm.
 
-    Values given in ``hyper_um`` [µm for lengths] are used. All other hyper-parameters are drawn at
-    random from their priors. Raise an `InputError` for an unknown name or a value out of range.
+    Values given in ``hyper_um``, with lengths in µm, are used. All other hyper-parameters are drawn
+    at random from their priors. Raise an `InputError` for an unknown name or a value out of range.
     """
     prior = bound.hyper_prior
     check_known("hyper-parameter", hyper_um, prior.names)
@@ -582,9 +583,9 @@ def _draw_hyper_parameters(
 def _check_hyper_parameter(name: str, value: float, law: Law, bounds: Sequence[float]) -> None:
     """Raise an `InputError` if a true hyper-parameter is out of range.
 
-    ``law`` is the kind of its prior, and ``bounds`` are its least and greatest value, which are
-    used only for a decay. ``value`` is in µm for a length; a decay and the noise factor of a circle
-    have no unit.
+    ``law`` is the kind of its prior. ``bounds`` are its least and greatest value; they are used
+    only for the decay, the power by which form error falls with its order. ``value`` is in µm for a
+    length; the decay and the noise factor of a circle have no unit.
     """
     if law == "decay":
         low, high = bounds
@@ -720,11 +721,11 @@ class BoundModel(Shown):
         self.interest = self._interest_columns()
 
     def _setting_of_campaign(self, reduced: Sequence[Reduced]) -> Setting:
-        """Return the conditions of all tests, with the estimated machine that some effects need.
+        """Return the conditions of all tests, with estimates of the machine's parameters.
 
-        The module `linearisation` explains which effects need the estimate, and why. The machine's
-        parameters are estimated from ``reduced``, the reduced readings of all tests, or from the
-        pilot campaign if there is one.
+        Some effects on the readings depend on these estimates; the module `linearisation` explains
+        which effects, and why. The parameters are estimated from ``reduced``, the reduced readings
+        of all tests, or from the pilot campaign if there is one.
         """
         setting = self._with_circles(
             setting_of(
@@ -855,10 +856,11 @@ class BoundModel(Shown):
         return BoundModel(self.model, self.campaign, keep_tests=names, pilot=self.pilot)
 
     def with_two_balls(self) -> BoundModel:
-        """Return the same model with a separate form error for each ball, not one for their sum.
+        """Return the same model with a separate form error for each ball.
 
-        Separate form errors are needed when another campaign with the same balls is used together
-        with this one.
+        By default, a model may describe only the sum of the form errors of both balls. Separate
+        form errors are needed when another campaign with the same balls is used together with this
+        campaign.
         """
         bound = self.keeping(self.test_names)
         bound.setting = replace(bound.setting, two_balls=True)
@@ -905,7 +907,8 @@ class BoundModel(Shown):
         """Least-squares estimate of the p parameters of interest, shape (p,), in mm, N and rad.
 
         For a plan, which has no readings, it is the prior mean. Densities are computed for the
-        difference from this estimate, to lose fewer digits by rounding.
+        difference between the parameters and this estimate, so that fewer digits are lost by
+        rounding.
         """
         return fit_nearest(
             self.interest, self.prior_mean, self.scale, self.reduced, self.known_offset
@@ -922,10 +925,10 @@ class BoundModel(Shown):
 
     @cached_property
     def columns_of(self) -> dict[type[Term], tuple[Columns | BasisNoise, ...]]:
-        """Columns (readings per unit coefficient) of each nuisance term, by the class of the term.
+        """Columns (readings per unit coefficient) of each nuisance term; the keys are classes.
 
-        Nuisances are effects that are modelled but not of interest. A term that does not act on
-        this campaign has an empty tuple.
+        Nuisances are effects that are modelled but not of interest. For a term that does not act on
+        this campaign, the tuple is empty.
         """
         return {type(term): tuple(term.columns(self.setting)) for term in self.model.nuisances}
 
@@ -956,8 +959,8 @@ class BoundModel(Shown):
 
         Nuisances are effects modelled but not of interest, β are the parameters of interest, and φ
         the hyper-parameters (scales of noise and nuisances). Negative compliances are not excluded.
-        Of the coefficients that all tests share, the last ones are β − `centre`, where `centre` is
-        a least-squares estimate of β.
+        The last of the coefficients that are the same in all tests are β − `centre`, where `centre`
+        is a least-squares estimate of β.
         """
         interest = Columns(
             self.names, self.interest, self.prior_sd, mean=self.prior_mean - self.centre
@@ -1216,7 +1219,7 @@ def _reduce_campaign(campaign: Campaign) -> tuple[Reduced, ...]:
 
 
 def _reduce_plan(campaign: Campaign) -> tuple[Reduced, ...]:
-    """Return the reduced form of every test of a plan, which has angles but no readings.
+    """Return a `Reduced` object for every test of a plan, which has angles but no readings.
 
     Tests with equal angles share one `Reduced` object.
     """

@@ -51,8 +51,9 @@ _RATE = 1.5
 
 
 # The keys are hyper-parameters that a model may lack, and the values are the hyper-parameters that
-# then describe the same effect. If no ball is turned or certified, a model has no size ω of the
-# machine's pattern: the pattern is then part of the balls' form, whose size is τ.
+# then describe the same effect. The machine's pattern (geometric and cyclic errors of higher
+# orders) has the size ω. If no ball is turned or certified, a model lacks ω: the pattern is then
+# part of the balls' form, whose size is τ.
 _PREDECESSORS: Mapping[Hyper, Hyper] = {"omega": "tau"}
 
 
@@ -109,9 +110,9 @@ class HyperPrior:
         ``other`` is the prior of the other model, and ``phi`` are the values of its
         hyper-parameters, one for each element of the last dimension. Each hyper-parameter of this
         model gets the value of the hyper-parameter of ``other`` with the same name. If ``other``
-        lacks the size ω of the machine's pattern, ω gets the size τ of the balls' form, because the
-        pattern is then part of the form. All other hyper-parameters that ``other`` lacks get their
-        prior median. Lengths are in mm.
+        lacks the size ω of the machine's pattern (geometric and cyclic errors of higher orders), ω
+        gets the size τ of the balls' form, because the pattern is then part of the form. All other
+        hyper-parameters that ``other`` lacks get their prior median. Lengths are in mm.
         """
         median = self.quantile(np.full(len(self.names), 0.5))
         values = np.broadcast_to(median, (*phi.shape[:-1], len(self.names))).copy()
@@ -240,15 +241,16 @@ class HyperPrior:
 
     @cached_property
     def _mass(self) -> Array:
-        """Probability that each length exceeds its lower bound, shape (lengths,).
+        """Probability that each hyper-parameter in mm exceeds its lower bound, shape (lengths,).
 
-        The probability is that of the half-normal prior without the bound.
+        Hyper-parameters in mm are lengths, such as the sd of the noise. The probability is that of
+        the half-normal prior without the bound.
         """
         return np.asarray(erfc(self.lower[self.in_mm] / self.scale[self.in_mm] / np.sqrt(2.0)))
 
     @cached_property
     def _decay_levels(self) -> Array:
-        """Probabilities of a decay below its lower bound and below its upper bound, (2, decays).
+        """Probabilities that a decay is below its lower and below its upper bound, (2, decays).
 
         The probabilities are those of the normal prior without the bounds. The decay is the power
         by which the amplitude of form error falls with its order.

@@ -133,8 +133,8 @@ class Information:
                 raise InputError(
                     "reading noise must be left: readings without any would make everything known."
                 )
-        # All design matrices of tests with the same noise covariance are multiplied by the inverse
-        # of its Cholesky factor in one step.
+        # The design matrices of all tests with the same noise covariance are multiplied in one step
+        # by the inverse Cholesky factor of this covariance.
         blocks_by_noise: dict[int, list[int]] = {}
         for k, sources in enumerate(self.noise):
             blocks_by_noise.setdefault(id(sources), []).append(k)
@@ -207,7 +207,7 @@ class Information:
 
     @cached_property
     def _noise_names(self) -> frozenset[str]:
-        """Class names of terms that act as noise of single tests; ``NOISE`` for the readings."""
+        """Class names of terms that act as noise of single tests, and ``NOISE`` for white noise."""
         return frozenset(name for sources in self.noise for name in sources)
 
     def covariance(

@@ -61,7 +61,7 @@ class Parameter:
 
 
 class _Row(NamedTuple):
-    """Name, unit, group and degree of a parameter of interest whose prior is not yet known."""
+    """Parameter of interest whose prior is not yet known."""
 
     name: str
     unit: str
@@ -119,7 +119,7 @@ class ParametersOfInterest:
         return np.array([prior.means.get(name, 0.0) for name in self.names])
 
     def _rows(self) -> list[_Row]:
-        """Return name, unit, group and degree of every parameter of interest, in the order of β."""
+        """Return name, unit, kind and degree of every parameter of interest, in the order of β."""
         rows = [
             _Row(name.label, compliance_unit(name), "compliance", 0) for name in self.compliances
         ]
@@ -164,9 +164,10 @@ class ParametersOfInterest:
     def _with_dropped_sets(self, size_of: Callable[[Sequence[ComplianceName]], Array]) -> Array:
         """Return the size of every compliance of the model, shape (compliances,).
 
-        A compliance may represent further compliances in part (`Kept.absorbed`). The sizes of
-        these, multiplied by their weights, are added to its own size in quadrature. ``size_of`` is
-        the function that returns the own sizes of named compliances.
+        A compliance of the model may represent, in part, compliances that are not in the model
+        (`Kept.absorbed`). Their sizes, multiplied by weights, are then added in quadrature to the
+        size of this compliance. ``size_of`` is a function that returns the sizes of named
+        compliances before this addition.
         """
         sizes = size_of(self.compliances)
         for k, absorbed in enumerate(self.visible.absorbed):

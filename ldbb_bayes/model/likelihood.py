@@ -77,7 +77,7 @@ class _Batch(NamedTuple):
 
     @property
     def numbers(self) -> slice:
-        """Slice of the caller's values of the hyper-parameters that are in this batch."""
+        """Slice that selects this batch from all values of the hyper-parameters."""
         return slice(self.phi_index[0], self.phi_index[-1] + 1)
 
     @property
@@ -137,8 +137,9 @@ class StructuredGaussian:
             _round_to_ten_digits(rows.variance), axis=0, return_index=True, return_inverse=True
         )
         self._kinds = kinds.ravel()
-        # All numbers in a row of variances have the same sign: they are negative only in rows that
-        # are priors with a negative variance.
+        # Each row of ``rows.variance`` gives the variance of one observation equation. All numbers
+        # in a row have the same sign; they are negative only if the equation is a prior with a
+        # negative variance.
         self._kind_signs = np.where(rows.variance[first].sum(axis=1) < 0.0, -1.0, 1.0)
         self._kind_variance = sparse_or_dense(np.abs(rows.variance[first]))
         # Rows of the observation equations that depend on the parameters of interest are evaluated
@@ -201,9 +202,10 @@ class StructuredGaussian:
             w values of the h hyper-parameters, shape (w, h); lengths in mm.
         beta
             Values of the p parameters of interest, shape (w, p), or (p,) if they are the same for
-            all values of φ. None if the object was made without parameters. last Number q of
-            coefficients in the density. They are the last q of the coefficients that are the same
-            in all tests; by default they are all of these.
+            all values of φ. None if the object was made without parameters.
+        last
+            Number q of coefficients in the density. They are the last q of the coefficients that
+            are the same in all tests; by default, all of these coefficients are used.
         """
         size = self._shared if last is None else last
         first = self._shared - size
@@ -276,8 +278,8 @@ class StructuredGaussian:
         """Return the conditional mean of each test's own v coefficients, shape (w, tests, v).
 
         The readings, the parameters of interest, the hyper-parameters and the nuisance coefficients
-        that are the same in all tests are given. The last of the v coefficients describe noise
-        whose covariance could not be made diagonal, if there is any.
+        that are the same in all tests are given. If the covariance of some noise could not be made
+        diagonal, the last of the v coefficients describe this noise.
 
         Parameters
         ----------
@@ -285,7 +287,8 @@ class StructuredGaussian:
             w values of the h hyper-parameters, shape (w, h); lengths in mm.
         beta
             Values of the p parameters of interest, shape (w, p), or (p,) if they are the same for
-            all values of φ. shared
+            all values of φ.
+        shared
             Values of the q coefficients that are the same in all tests, shape (w, q).
         """
         q = self._shared
@@ -350,7 +353,7 @@ class StructuredGaussian:
         """Return the absolute noise variance of every kind of row, shape (kinds, w).
 
         Rows of one kind have the same variance. ``phi``, shape (w, h), are w values of the h
-        hyper-parameters, with lengths in mm. Values below 1e-60 are replaced by this number.
+        hyper-parameters, with lengths in mm. Variances below 1e-60 are replaced by 1e-60.
         """
         value = dict(zip(self._hypers, np.ascontiguousarray(phi.T), strict=True))
         squares = np.empty((len(self._sources), len(phi)))

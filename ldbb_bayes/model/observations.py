@@ -100,8 +100,8 @@ class _Nuisances(NamedTuple):
     coefficients.
     """
 
-    #: Terms of independent noise of each test's Fourier coefficients. Each of these terms becomes
-    #: part of the diagonal covariance of the rotated readings, instead of columns of the design
+    #: Terms of independent noise of each test's Fourier coefficients. The readings of each test are
+    #: rotated so that this noise has a diagonal covariance. It then needs no columns in the design
     #: matrix.
     diagonal: list[BasisNoise]
     shared: list[Columns]
@@ -117,7 +117,7 @@ class _Nuisances(NamedTuple):
 
     @property
     def private_size(self) -> int:
-        """Number of nuisance coefficients that belong to one test alone, equal for all tests."""
+        """Number of nuisance coefficients that each test has for itself, the same for all tests."""
         return len(self.private_signs)
 
 
@@ -478,8 +478,9 @@ def _prior_variance_factors(
 
     The prior variance of each nuisance coefficient, in units of ``unit`` (coefficients,), is
     Σ v · source². A source of variance is a hyper-parameter or a product of hyper-parameters. A
-    coefficient whose ``sd`` and ``stated_sd`` are both zero gets the factor one; it has no effect,
-    because its rescaled column is zero. Rows of flat priors are placeholders that the caller drops.
+    coefficient whose prior sd is zero gets the factor one. The factor has no effect, because the
+    rescaled column of the coefficient is zero. Rows of flat priors are placeholders that the caller
+    drops.
     """
     columns = np.arange(len(unit))
     flat = np.isinf(priors.sd)

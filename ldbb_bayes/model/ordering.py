@@ -30,20 +30,23 @@ from numpy.typing import NDArray
 
 __all__ = ["PRODUCT_COLUMNS", "ColumnGroup", "elimination_groups", "heights"]
 
-# Number of columns of a border that one call multiplies with all columns of the border.
+# Number of columns of a border (the later columns that a group of columns changes) that one call
+# multiplies with all columns of the border.
 PRODUCT_COLUMNS = 8
 # The following costs are measured times, in units of the time of one multiplication for all values
 # of the hyper-parameters that are processed together. Results depend little on them.
-# Time of the function calls that a group needs once.
+# Time of the function calls that each group of columns needs once, when the group is eliminated.
 _GROUP_COST = 100.0
 # Time of the function calls that eliminate one column of a group.
 _COLUMN_COST = 200.0
-# Time of the function calls for the products of `PRODUCT_COLUMNS` columns of a border.
+# Time of the function calls for the products of `PRODUCT_COLUMNS` columns of a border (the later
+# columns that a group changes).
 _PRODUCT_CALL_COST = 250.0
-# Time to subtract one product of two columns of a border from the entries of later columns.
+# Time to subtract one product of two columns from the matrix entry of these columns, which are
+# eliminated later.
 _UPDATE_COST = 1.0
-# Largest number of computed times that the cache holds. A cache is useful because the same numbers
-# of columns occur again and again.
+# Largest number of computed elimination times that the cache holds. A cache is useful because
+# groups with the same numbers of columns occur again and again.
 _KEPT_COSTS = 4096
 
 
@@ -62,10 +65,10 @@ class ColumnGroup(NamedTuple):
 
 
 class _Node(NamedTuple):
-    """Columns that are eliminated together, given by their places in the order of elimination.
+    """Columns that are eliminated together, and their border (the later columns they change).
 
-    Both fields are sets of places. Each set is stored as an integer whose bit k is set if place k
-    belongs to the set.
+    Both fields are sets of columns. Each set is stored as an integer whose bit k is set if the
+    column at place k in the order of elimination belongs to the set.
     """
 
     columns: int
@@ -73,7 +76,7 @@ class _Node(NamedTuple):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Numbers of columns of the node and of its border."""
+        """Number of columns of the node, and number of columns of its border."""
         return self.columns.bit_count(), self.border.bit_count()
 
     def into(self, parent: _Node) -> _Node:
@@ -90,14 +93,14 @@ def elimination_groups(pattern: NDArray[np.bool_], last: NDArray[np.intp]) -> li
     pattern
         Whether each element of the design matrix is not zero, shape (rows, columns).
     last
-        Indices of the columns that are eliminated after all others, in this order. Columns among
-        these that are not neighbours of each other may be in different groups.
+        Indices of the columns that are eliminated after all others, in this order. These columns
+        need not all be in one group.
 
     Returns
     -------
     list of ColumnGroup
-        Every column is in one group. A group precedes all groups that contain columns of its
-        border.
+        Every column is in one group. A group precedes all groups with columns that its elimination
+        changes (its border).
     """
     columns = pattern.astype(np.float32)
     neighbours = (columns.T @ columns) > 0.0
@@ -114,9 +117,9 @@ def elimination_groups(pattern: NDArray[np.bool_], last: NDArray[np.intp]) -> li
 def heights(groups: list[ColumnGroup]) -> list[int]:
     """Return the height of each group in the elimination tree: 0 for groups without children.
 
-    A group is higher than all groups that have one of its columns in their border, so that all
-    groups of the same height can be eliminated at the same time. ``groups`` are in the order of
-    elimination.
+    The border of a group is the set of later columns that the group changes. A group is higher than
+    all groups whose borders contain one of its columns. All groups of the same height can therefore
+    be eliminated at the same time. ``groups`` are in the order of elimination.
     """
     group_of = {}
     for k, group in enumerate(groups):
@@ -151,11 +154,11 @@ def _members(bits: int) -> Iterator[int]:
 
 
 def _minimum_degree(neighbours: NDArray[np.bool_], last: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Return the columns that are not in ``last`` in an order that keeps neighbours few.
+    """Return all columns except those in ``last``, in an order that needs little work.
 
-    The next column is always the one with the fewest neighbours; of several columns with equally
-    few neighbours, it is the first. ``neighbours`` (columns, columns) states which columns have a
-    row in common.
+    Two columns are neighbours if they have a row in common; ``neighbours`` (columns, columns)
+    states this for all pairs. The next column is always the one with the fewest neighbours that are
+    not yet eliminated. If several columns have equally few, the first of them is taken.
     """
     others = neighbours.copy()
     np.fill_diagonal(others, False)
@@ -176,12 +179,13 @@ def _minimum_degree(neighbours: NDArray[np.bool_], last: NDArray[np.intp]) -> ND
 
 
 def _single_nodes(neighbours: NDArray[np.bool_]) -> list[_Node]:
-    """Return one node for each column, with its border.
+    """Return one node for each column: the column and its border.
 
     ``neighbours`` (columns, columns) states which columns have a row in common; rows and columns of
-    this matrix are in the order of elimination. When a column is eliminated, all its neighbours
-    become neighbours of each other. It is enough to add these neighbours to the border of the one
-    that is eliminated first, because its own elimination adds them to the border of the next one.
+    this matrix are in the order of elimination. The border of a column contains its neighbours that
+    are eliminated later. When the column is eliminated, they become neighbours of each other. It is
+    enough to add them to the border of the neighbour that is eliminated next, because the
+    elimination of this neighbour passes them on.
     """
     linked = _bit_sets(np.triu(neighbours, k=1))
     nodes = []
@@ -194,11 +198,12 @@ def _single_nodes(neighbours: NDArray[np.bool_]) -> list[_Node]:
 
 
 def _merge(single: list[_Node]) -> list[_Node]:
-    """Return the nodes that remain after nodes are merged into their parents where this is faster.
+    """Merge nodes into their parents where this is faster, and return the nodes that remain.
 
-    The parent of a node is the node that contains the first column of its border. Nodes of equal
-    shape are eliminated together and share the time of function calls. Merging is repeated until no
-    node is merged any more.
+    A node is a set of columns that are eliminated together, and its border the set of later columns
+    that it changes. The parent of a node is the node that contains the first column of its border.
+    Nodes of equal shape are eliminated by the same calls and share the time of function calls.
+    Merging is repeated until no node is merged any more.
     """
     nodes = dict(enumerate(single))
     node_of = list(range(len(single)))
@@ -206,9 +211,9 @@ def _merge(single: list[_Node]) -> list[_Node]:
     while merged:
         merged = False
         count = Counter(node.shape for node in nodes.values())
-        # Copies are nodes of the same shape. If a node is merged into its parent, its copies are
-        # merged into copies of the parent, so that the merged node has as many copies as the parent
-        # had.
+        # Copies are nodes (sets of columns) of the same shape. If a node is merged into its parent,
+        # its copies are merged into copies of the parent. The merged node therefore has as many
+        # copies as the parent had.
         copies = {k: count[node.shape] for k, node in nodes.items()}
         for k in sorted(nodes):
             node = nodes[k]
@@ -230,16 +235,17 @@ def _merge(single: list[_Node]) -> list[_Node]:
 
 @lru_cache(maxsize=_KEPT_COSTS)
 def _cost(shape: tuple[int, int], copies: int) -> float:
-    """Return the time of eliminating a node, in units of one multiplication.
+    """Return the time of eliminating a set of columns, in units of the time of one multiplication.
 
-    ``shape`` are the numbers of columns of the node and of its border. ``copies`` is the number of
-    nodes with this shape, which share the time of function calls and of subtracting their products
-    from later columns.
+    ``shape`` holds the number of columns, and the number of later columns that they change.
+    ``copies`` is the number of sets with this shape. These sets share the time of function calls,
+    and the time of subtracting products from later columns.
     """
     columns = shape[0]
     border = shape[1]
-    # Column k of s takes k products with each of the s + border + 1 − k entries from its diagonal
-    # on; these are the sums of k and of k² over all columns.
+    # For column k = 0 … s − 1 of s columns, k products are subtracted from each of the s + border +
+    # 1 − k entries from the diagonal on. The next two lines are the sums of k and of k² over all
+    # columns.
     places = columns * (columns - 1) // 2
     squares = columns * (columns - 1) * (2 * columns - 1) // 6
     multiplications = places * (columns + border + 1) - squares

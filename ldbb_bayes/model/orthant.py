@@ -51,8 +51,8 @@ _LEFT_OUT_SHARE = 0.1
 _MOST_PROPOSALS = 12_800
 # Largest number of the rejection sampler's proposals for one random draw that are computed at once.
 _MOST_TRIES = 64
-# Number of points of the Gauss-Legendre quadrature rule in one dimension, by which moments of
-# Gaussian vectors u given u ≥ 0 are computed.
+# Number of points, in each dimension, of the Gauss-Legendre quadrature rule. The rule is used to
+# compute moments of Gaussian vectors u given u ≥ 0.
 _RULE_POINTS = 24
 # A probability P(u ≥ 0) is estimated independently from this many copies of one set of quasi-random
 # points. The points of each copy (here called a scramble) are shifted by a random vector of their
@@ -144,16 +144,17 @@ class _Points:
     """Quasi-random points: eight copies of one lattice, each with a random shift (scramble)."""
 
     seed: int
-    shared: bool  #: whether all problems use the same points
+    shared: bool  #: whether all problems use the same quasi-random points
 
     def of(self, tilted: Tilted, size: int) -> Array:
-        """Return points in the unit cube for w problems, ``size`` in each scramble.
+        """Return quasi-random points in the unit cube for w problems.
 
-        The shape is (dimensions, scrambles · size, w), or (dimensions, scrambles · size, 1) if the
-        points are shared. If the points are not shared, those of each problem are shifted by a
-        further amount, which is computed from the bounds of the problem's constraints alone. The
-        points have no coordinate for the last element of the problem's standard normal vector x,
-        because the importance weights do not depend on this element.
+        There are eight scrambles (randomly shifted copies of a lattice) of ``size`` points. The
+        result has the shape (dimensions, scrambles · size, 1) if all problems use the same points,
+        otherwise (dimensions, scrambles · size, w). In the second case, the points of each problem
+        are shifted by a further amount, which is computed from the bounds of the problem's
+        constraints alone. The points have no coordinate for the last element of the problem's
+        standard normal vector x, because the importance weights do not depend on this element.
         """
         dimensions = max(len(tilted.bound) - 1, 1)
         points = _scrambled_lattice(dimensions, size, self.seed).reshape(dimensions, -1, 1)
@@ -467,7 +468,7 @@ class Orthant:
 
     @cached_property
     def _solved(self) -> _Solved:
-        """Problems of the batch, with triangular matrices of constraints and shifted densities.
+        """All problems, with triangular matrices of constraints, and the shifted densities.
 
         Random vectors are drawn from the shifted densities. Constraints that are certain to hold in
         all problems of the batch are left out.
@@ -486,9 +487,9 @@ class Orthant:
         bound = -core_mean / np.abs(diagonal)
         saddle = find_saddle_point(unit, bound)
         axes = solve_lower(lower, core_spread)
-        # The rows outside ``core`` are constraints that are linear combinations of those in
-        # ``core``. Each is expressed as a row of length one that multiplies x, the coordinates of
-        # the standard normal vector along the directions ``axes``.
+        # ``core`` holds the rows of linearly independent constraints. All other constraints are
+        # linear combinations of these. Each is expressed as a row of length one that multiplies x,
+        # the coordinates of the standard normal vector along the directions ``axes``.
         outside_core = np.ones(mean.shape, dtype=bool)
         np.put_along_axis(outside_core, core, values=False, axis=1)
         other_rows = np.nonzero(outside_core)[1].reshape(len(core), -1)
@@ -537,7 +538,7 @@ def _bound_in_closed_form(
     tightest constraint alone, whose mean divided by its sd is smallest. P is at least this
     probability minus the probabilities that the other elements of u are negative. Where the two
     bounds differ, closer ones are computed from pairs of constraints. ln P is returned with the
-    largest error that the closer of the two kinds of bounds permit; this error may be infinite.
+    largest error that the closest bounds permit; this error may be infinite.
 
     Parameters
     ----------
@@ -694,8 +695,8 @@ def _lattice(
 class _Rule(NamedTuple):
     """Quadrature rule of n points in the unit cube.
 
-    ``points`` are their coordinates, shape (dimensions, n), and ``log_weight`` the logarithms of
-    their weights, shape (n,).
+    ``points`` holds the coordinates of the points, shape (dimensions, n), and ``log_weight`` the
+    logarithms of their weights, shape (n,).
     """
 
     points: Array

@@ -42,8 +42,8 @@ TRAVEL_SIGNS = {"CW": 1.0, "CCW": -1.0}
 # (CCW) negative.
 TRAVEL_NAMES = {1.0: "CW", -1.0: "CCW"}
 _SECONDS_PER_HOUR = 3600.0
-# Tests whose times differ from the mean by less than this share of an hour count as run at the same
-# time.
+# If the times of all tests differ from their mean by less than this share of an hour, the tests are
+# treated as having been run at the same time.
 _SAME_TIME_H = 1e-9
 # Fourier coefficients of powers |u|^a of a component u of the bar's direction are set to zero if
 # they are below this size, because they are then rounding errors.
@@ -79,12 +79,14 @@ class Setting:
     25 coefficients of 1, cos θ, sin θ, …, cos 12θ, sin 12θ.
     """
 
-    force_N: Array  #: radial force of the bar in each test, shape (tests,)
-    pressure_bar: Array  #: pressure of the regulator in each test, shape (tests,)
-    radius_mm: Array  #: nominal radius of each test's circle, shape (tests,)
-    #: clocking of the work ball, the angle by which it is turned in its socket, shape (tests,)
+    force_N: Array  #: radial force of the bar in each test [N], shape (tests,)
+    pressure_bar: Array  #: pressure of the regulator in each test [bar], shape (tests,)
+    radius_mm: Array  #: nominal radius of each test's circle [mm], shape (tests,)
+    #: clocking of the work ball, the angle by which it is turned in its socket [rad], shape
+    #: (tests,)
     work_ball_rad: Array
-    #: clocking of the tool ball, the angle by which it is turned in its socket, shape (tests,)
+    #: clocking of the tool ball, the angle by which it is turned in its socket [rad], shape
+    #: (tests,)
     tool_ball_rad: Array
     plane: Array  #: plane of each test, such as XY, shape (tests,)
     setup: Array  #: number of each test's set-up, from 1, shape (tests,)
@@ -93,8 +95,8 @@ class Setting:
     travel: Array
     #: time of each test minus the mean time of the campaign, or of its pilot campaign [h], shape
     #: (tests,). If some test states no time, all times follow from the order in which the tests are
-    #: listed. The values are NaN if this order is unknown, or if all tests count as run at the same
-    #: time.
+    #: listed. The values are NaN if the tests were run in another order, or if all of them have the
+    #: same time.
     time_h: Array
     #: temperature of each test minus the mean temperature of the campaign, or of its pilot campaign
     #: [K], shape (tests,); NaN if unknown
@@ -119,7 +121,7 @@ class Setting:
     #: whether the clocking angle, by which a ball is turned in its socket, differs between tests
     clocked: bool
     radii_mm: tuple[float, ...]  #: the different nominal radii of the campaign's circles [mm]
-    drifts: bool  #: whether bar and centre may have drifted from test to test
+    drifts: bool  #: whether the length of the bar and the circle's centre may drift between tests
     setups: tuple[int, ...]  #: numbers of the campaign's set-ups, such as 1 and 2
     planes: tuple[str, ...]  #: planes in which the machine runs circles, such as XY
     both_ways: tuple[str, ...]  #: planes in which circles run in both directions of travel
@@ -130,7 +132,7 @@ class Setting:
     #: estimate of each compliance in internal units (mm, N, rad), about which effects are
     #: linearised, shape (compliances,)
     compliance_estimate: Array
-    #: size of each compliance in internal units (mm, N, rad), to which priors are proportional,
+    #: size of each compliance in internal units (mm, N, rad), to which prior sds are proportional,
     #: shape (compliances,): its estimate and the standard uncertainty of the estimate, added in
     #: quadrature
     compliance_size_estimate: Array
@@ -453,11 +455,12 @@ def _machine_columns(campaign: Campaign, compliances: Sequence[ComplianceName]) 
 
 
 def _by_setup(campaign: Campaign, columns: Array) -> Array:
-    """Return the columns of the campaign's geometric errors, with tool offsets for each set-up.
+    """Return the columns of a campaign's geometric errors; each set-up has its own offsets.
 
     A column is the reading per unit of one error, as Fourier coefficients. ``columns``, shape
     (tests, 25, errors), are those of the errors of the machine. Each offset of the tool ball
-    becomes one offset for every set-up, which acts in this set-up only.
+    becomes several offsets, one for every set-up, each of which acts only in the tests of its
+    set-up.
     """
     machine_errors = [name.label for name in geometric_names(campaign.machine())]
     names = geometric_errors_of(campaign)
@@ -473,14 +476,14 @@ def _by_setup(campaign: Campaign, columns: Array) -> Array:
 def _time_h(campaign: Campaign, pilot: Campaign | None) -> Array:
     """Return the time of every test minus the mean time of the campaign [h], shape (tests,).
 
-    If all tests state their times, these times are used. If not, the tests count as run in the
-    order in which they are listed, one every six minutes; all values are NaN if the campaign states
-    that this was not the order. All values are also NaN if all tests count as run at the same time.
+    If all tests state their times, these times are used. If not, the tests are assumed to have been
+    run in the order in which they are listed, one every six minutes. All values are NaN if the
+    campaign states that its tests were run in another order, or if all tests have the same time.
 
     If a pilot campaign is given whose tests state their times, the mean is that of the pilot, and
-    tests without times count as run at the mean. If the pilot's tests state no times, a plan whose
-    first tests are those of the pilot takes the order in which the pilot lists them; all further
-    tests count as run at the mean.
+    tests without times are placed at this mean. If the tests of neither campaign state their times,
+    and the first tests of the plan are those of the pilot, the times of these tests follow from
+    their order in the pilot. All further tests are placed at the mean.
     """
     stated_s = _recorded("time_s", campaign)
     relative_s = np.zeros(len(stated_s))

@@ -80,10 +80,11 @@ def model_from_toml(text: str) -> HybridModel:
     """Return the model that the TOML text of a model file describes.
 
     Settings that the text omits are those of the preset that it names: ``default``, ``first`` or
-    ``paper``. A text without a preset means ``default``. A text without a degree means degree 0 for
-    the preset ``paper`` and degree 1 for the others. If the text has a table ``[terms]``, the model
-    has exactly the nuisances (effects that are modelled but not of interest) listed there. Raise an
-    `InputError` for a mistake in the text.
+    ``paper``. A text without a preset means ``default``. If the text omits the degree of the
+    compliance as a polynomial in force, the degree is 0 for the preset ``paper`` and 1 for the
+    other presets. If the text has a table ``[terms]``, the model has exactly the nuisances (effects
+    that are modelled but not of interest) listed there. Raise an `InputError` for a mistake in the
+    text.
     """
     return _model_of(parse_toml(text, "model"), "model", None)
 

@@ -81,14 +81,14 @@ class _Interval(NamedTuple):
     #: Logarithm of the probability of the interval, ln (Φ(high) − Φ(low)), where Φ is the standard
     #: normal distribution function.
     log_mass: Array
-    #: Log probability of the tail that contains the interval: the tail to the left of ``high`` if
-    #: left tails are used, else the tail to the right of ``low``.
+    #: Log probability of the tail that contains the interval. It is the tail to the left of
+    #: ``high`` if the centre of the interval is negative, else the tail to the right of ``low``.
     log_tail: Array
-    #: Probability of the tail beyond the interval, divided by that of the tail that contains the
-    #: interval. None if the interval has no upper end, so that nothing is beyond it.
+    #: Probability of the tail beyond the interval, divided by the probability of the tail that
+    #: contains the interval. None if the interval has no upper end.
     tail_ratio: Array | None
-    #: −1 where the centre of the interval is negative and left tails are used; 1 where right tails
-    #: are used.
+    #: −1 where the centre of the interval is negative and its probability is computed from left
+    #: tails; 1 where it is computed from right tails.
     direction: Array | float
 
 
@@ -227,11 +227,12 @@ class Tilted(NamedTuple):
     ) -> tuple[Array, Array | None]:
         """Return lower and upper limits of x_j − tilt_j, given x_k for all k < j.
 
-        The limits follow from the constraints on x. ``x`` holds s points for each of w problems,
-        shape (d, s, w). Each limit has the shape (s, w), or (1, w) if it is the same for all
-        points. Only the dependent constraints, which are linear combinations of the independent
-        ones, can bound x_j from above. The upper limit is None if there is no dependent constraint
-        whose last element is x_j.
+        tilt_j is the shift of the normal density from which x_j is drawn at random. The limits
+        follow from the constraints on x. ``x`` holds s points for each of w problems, shape (d, s,
+        w). Each limit has the shape (s, w), or (1, w) if it is the same for all points. Only the
+        dependent constraints, which are linear combinations of the independent ones, can bound x_j
+        from above. The upper limit is None if there is no dependent constraint whose last element
+        is x_j.
         """
         # The first constraint depends on x_0 alone, so its lower limit is the same for all points.
         explained = np.einsum("kw,ksw->sw", self.unit[j, :j], x[:j]) if j > 0 else 0.0

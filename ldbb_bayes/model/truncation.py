@@ -98,8 +98,8 @@ class Truncation:
         parameter is a quantile of its distribution given the parameters before it; ``level`` holds
         the probabilities of these quantiles (Rosenblatt, Ann. Math. Stat. 23, 470-472, 1952).
         Quantiles are computed analytically, except for parameters that share a constraint with
-        later ones: their distribution function is integrated on a grid, with an error of 2e-5 in
-        probability.
+        later parameters. For these, the distribution function is integrated on a grid, with an
+        error of 2e-5 in probability.
 
         Parameters
         ----------

@@ -68,7 +68,7 @@ class _Form(NamedTuple):
 
     The names of its coefficients begin with ``stem``. ``turned_rad`` (tests,) is the angle on the
     circle at which the form's own angle is zero, in every test [rad]. ``balls`` contains the ball
-    to which the form belongs, or both balls for the sum.
+    to which the form belongs; for the sum, it contains both balls.
     """
 
     stem: str

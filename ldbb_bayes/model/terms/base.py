@@ -195,7 +195,7 @@ class Term(Shown):
     words: ClassVar[str]
     #: internal unit of the term's coefficients, and the unit in which reports display them
     unit: ClassVar[Unit] = Unit("mm", 1e-3, "µm")
-    #: measurement that would determine the effect of the term (a noun phrase), used in advice
+    #: name of a measurement that would determine the effect of the term, used in advice
     calibration: ClassVar[str] = "a measurement of it"
     #: advice (a sentence) that is printed with an uncertainty budget if the term contributes most
     #: to the uncertainty

@@ -19,9 +19,9 @@ from ldbb_bayes.model.terms.columns import BasisNoise, Columns, Hyper, Scale
 
 __all__ = ["CircleScale", "Covariate", "Discrepancy", "Drift", "Hysteresis", "Moves", "SetupShift"]
 
-# What shifts at random between circles. Both the readings' zero and the circle's centre shift, with
-# one common sd (together) or with separate sds (apart); or only one of the two shifts (zero,
-# centre).
+# Names for what shifts at random between circles. Both the readings' zero and the circle's centre
+# shift, with one common sd (``together``) or with separate sds (``apart``); or only one of the two
+# shifts (``zero``, ``centre``).
 Moves = Literal["together", "apart", "zero", "centre"]
 # Quantities to which a drift of the bar's length and the circle's centre can be proportional.
 Covariate = Literal["time", "temperature"]
@@ -331,9 +331,9 @@ class Drift(Term):
     grows by 1.7 µm/K.
 
     If some test states no time, all tests are taken to have been run in the order in which they are
-    listed, one every six minutes. If the campaign states that the order was another one (``order =
-    "random"``), a drift with time is modelled only if all tests state their times. If the campaign
-    states that nothing drifts (``drift = false``), the term has no effect.
+    listed, one every six minutes. If the campaign states that its tests were run in another order
+    (``order = "random"``), a drift with time is modelled only if all tests state their times. If
+    the campaign states that nothing drifts (``drift = false``), the term has no effect.
 
     Examples
     --------

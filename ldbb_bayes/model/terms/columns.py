@@ -117,8 +117,9 @@ class Columns(Shown):
     Raises
     ------
     InputError
-        If the shapes of ``values`` or ``sd`` do not agree with the number of names, if private
-        columns have a mean, or if columns have noise factors of circles but are not private.
+        If the shapes of ``values`` or ``sd`` do not agree with the number of names, if the
+        coefficients belong to single tests (``private``) and have a mean, or if noise factors of
+        circles are named (``circle``) but the coefficients are the same in all tests.
 
     Examples
     --------
@@ -144,7 +145,7 @@ class Columns(Shown):
     #: whether every test has its own copy of each coefficient, instead of one value for all tests
     private: bool = False
     #: prior mean of each of the p coefficients in internal units (mm, N, rad), shape (p,), or one
-    #: number for all; by default zero, as it must be for private coefficients
+    #: number for all; by default zero. It must be zero if every test has its own coefficients
     mean: Any = None
     #: name of the hyper-parameter d by which the prior sd falls with the order n of the harmonic,
     #: as (n/6)^(−d); None if the prior sd does not depend on the order
@@ -155,8 +156,8 @@ class Columns(Shown):
     #: part of the prior sd of each of the p coefficients that no hyper-parameter scales, in
     #: internal units (mm, N, rad), shape (p,); it is added in quadrature
     stated: Array | None = None
-    #: for private coefficients, the name of the hyper-parameter λ (noise factor) of each test's
-    #: circle, shape (tests,); empty if circles have no noise factors
+    #: name of the hyper-parameter λ (noise factor) of each test's circle, shape (tests,), if every
+    #: test has its own coefficients; empty if circles have no noise factors
     circle: Sequence[Hyper] | Array = ()
 
     def __post_init__(self) -> None:
@@ -209,9 +210,10 @@ class Columns(Shown):
         """Return the prior sds of the p coefficients at given hyper-parameters, shape (..., p).
 
         ``value`` maps the names of the hyper-parameters to numbers, or to arrays of shape (w,) for
-        w values of each; lengths are in mm. The result has the shape (p,) or (w, p). The sds
-        contain the part ``stated``. If ``test`` is given, the index of a test from 0, the sds of
-        private columns also contain the noise factor λ of this test's circle.
+        w sets of hyper-parameters; lengths are in mm. The result has the shape (p,) or (w, p). The
+        sds include the part in the field ``stated``, which no hyper-parameter scales. ``test`` is
+        the index of a test, from 0. If it is given, the sds of coefficients that belong to single
+        tests are also multiplied by the noise factor λ of this test's circle.
         """
         circle = None
         if test is not None:
@@ -289,8 +291,8 @@ class BasisNoise(Shown):
         """Return the sd of the 25 Fourier coefficients of the noise of one test [mm].
 
         ``value`` maps the names of the hyper-parameters to numbers, or to arrays of shape (w,) for
-        w values of each; lengths are in mm. ``test`` is the index of the test, from 0. The result
-        has the shape (25,) or (w, 25).
+        w sets of hyper-parameters; lengths are in mm. ``test`` is the index of the test, from 0.
+        The result has the shape (25,) or (w, 25).
         """
         return np.multiply.outer(self.source(test).at(value), self.sd)
 

@@ -228,8 +228,9 @@ class ForceError(Term):
     def _sd_by_name(self, instrument: Instrument) -> dict[str, float]:
         """Return the prior sds of the force errors; their keys are the names of the coefficients.
 
-        The sd comes from the certificate in ``instrument``, or else from the fields of the term.
-        The linearity in a certificate is taken as the half-width of a uniform distribution.
+        An sd comes from the certificate in ``instrument`` if there is one, and from the fields of
+        the term if not. The linearity in a certificate is taken as the half-width of a uniform
+        distribution.
         """
         sd = {
             "force_gain": _standard_uncertainty(instrument.force_U_percent, self.gain_sd, 0.01),

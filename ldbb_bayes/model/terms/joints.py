@@ -27,7 +27,7 @@ _CONTACT_POWER = 5.0 / 3.0
 
 
 class _LawInWords(NamedTuple):
-    """Names of an effect that changes the compliance of an axis under a load, and of the load."""
+    """Name of an effect that changes an axis' compliance under a load, and name of the load."""
 
     effect: str
     load: str
