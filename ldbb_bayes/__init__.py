@@ -28,7 +28,7 @@ def __getattr__(name: str) -> Any:
 
     The first call also makes ``print`` show results as tables and sentences.
     """
-    # This is imported here, because it loads NumPy, which takes time.
+    # This module is imported only here, because it loads NumPy, which takes time.
     from ldbb_bayes.results import register_when_displayed
 
     register_when_displayed(_load_words)

@@ -9,7 +9,7 @@ __all__ = ["run"]
 
 
 def run() -> None:
-    """Load the commands and run the one that the user typed.
+    """Load the commands of this program, and run the command that the user typed.
 
     Ctrl-C at any time, also during loading, ends the program with one line and exit code 130.
     """
@@ -18,7 +18,7 @@ def run() -> None:
     for variable in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(variable, "1")
     try:
-        # This is imported here, because it loads NumPy, which takes time.
+        # The commands are imported only here, because they load NumPy, which takes time.
         from ldbb_bayes.cli import main
 
         main()

@@ -1,4 +1,4 @@
-"""Public names of version 0.2 that were changed; they work, with a warning, until version 0.4."""
+"""Old public names of version 0.2, which still work until version 0.4, but give a warning."""
 
 from __future__ import annotations
 

@@ -29,8 +29,9 @@ LONGEST_MESSAGE = 1200
 class InputError(ValueError):
     """Error that is raised for input that cannot be used.
 
-    The message states in one line what must hold, what was found, and how to correct the input. The
-    middle of a message longer than 1200 characters is left out. The error is also a ValueError.
+    The message states in one line which condition the input must fulfil, what was found instead,
+    and how to correct the input. The middle of a message longer than 1200 characters is left out.
+    The error is also a ValueError.
 
     Examples
     --------
@@ -86,9 +87,9 @@ def check_seed(seed: object) -> None:
 
 @contextmanager
 def placed(place: object) -> Iterator[None]:
-    """Put a place in front of the message of an `InputError` that the ``with`` block raises.
+    """Put the place of a fault in front of the message of an `InputError` in the ``with`` block.
 
-    The place is, for example, the name of the file in which the fault is.
+    The place is, for example, the name of the file that contains the fault.
     """
     try:
         yield
@@ -111,8 +112,8 @@ def nearest(name: str, known: Iterable[str]) -> str:
     """Return the known name that is most similar to ``name``, which is probably misspelt.
 
     If several names are equally similar, a name that consists of the same letters as ``name`` is
-    preferred, and then the name that has the longer first part in common with ``name``. Capitals do
-    not matter.
+    preferred, and then the name that has the longer first part in common with ``name``. Capital and
+    small letters are not distinguished.
     """
     lower_name = name.lower()
 
@@ -138,7 +139,7 @@ def check_known(kind: str, names: Iterable[str], known: Iterable[str], more: str
     names
         Names that a user gave.
     known
-        All valid names; the message lists them and suggests the most similar.
+        All valid names; the message lists these names and suggests the most similar name.
     more
         Further advice that is appended to the message.
 

@@ -60,8 +60,8 @@ _LONGEST_REPR = 80
 # Largest length of the text for the value of one field, within the one-line text of an object
 # [characters].
 _LONGEST_VALUE = 56
-# If a list, tuple, set or dictionary has more entries than this, one-line texts state only the
-# number of its entries.
+# If a list, tuple, set or dictionary has more entries than this number, one-line texts state only
+# the number of its entries.
 _MOST_ENTRIES = 12
 
 
@@ -84,8 +84,8 @@ def _to_list(array: Array) -> Any:
 def _to_frame(rows: Any) -> pd.DataFrame:
     """Return a data frame (table of pandas) with the rows of a table that were read from JSON.
 
-    ``rows`` is a dictionary whose keys are the names of the rows, or a list of rows. If it already
-    is a data frame, it is returned unchanged.
+    ``rows`` is a dictionary whose keys are the names of the rows, or a list of rows. If ``rows``
+    already is a data frame, it is returned unchanged.
     """
     if isinstance(rows, pd.DataFrame):
         return rows
@@ -129,9 +129,9 @@ else:
 def entries_of(source: Any) -> dict[str, Any]:
     """Return a dictionary with the names and values of the displayed attributes of an object.
 
-    These are the attributes that the object's class lists in ``shown``. If the class lists none,
-    they are all fields of a dataclass or pydantic model. For any other object the dictionary is
-    empty.
+    The displayed attributes are those that the object's class lists in ``shown``. If the class
+    lists none, all fields of a dataclass or pydantic model are displayed. For any other object the
+    dictionary is empty.
     """
     kind = type(source)
     names = getattr(kind, "shown", ())
@@ -219,7 +219,7 @@ class Shown:
 
     def __init_subclass__(cls) -> None:
         # The decorator ``dataclass`` writes a new method ``__repr__`` unless the class already has
-        # one. Therefore the method is set here. To write ``repr=False`` in every decorator would
+        # one. Therefore ``__repr__`` is set here. To write ``repr=False`` in every decorator would
         # not suffice, because users define subclasses too.
         super().__init_subclass__()
         if "__repr__" not in vars(cls):
@@ -282,7 +282,7 @@ def _adapter(kind: type) -> TypeAdapter[Any]:
 class ByName(Shown, dict[str, T]):
     """Dictionary whose keys are names and whose values are results.
 
-    It is displayed as one table.
+    The dictionary is displayed as one table.
     """
 
     def __repr__(self) -> str:
@@ -329,8 +329,8 @@ def parts_of(result: Any) -> tuple[Passage, ...]:
     """Return a result as tables, sentences and lists, in reading order.
 
     By default, one table of the result's fields is returned. Other modules, such as
-    `ldbb_bayes.report.text`, define other parts for a class of results by a function with the
-    decorator ``@parts_of.register``.
+    `ldbb_bayes.report.text`, can define other parts for a class of results with a function that has
+    the decorator ``@parts_of.register``.
     """
     registered = registered_function(parts_of, result)
     if registered is not None:
@@ -346,7 +346,7 @@ def parts_of(result: Any) -> tuple[Passage, ...]:
 def screen_of(result: Any) -> tuple[Passage, ...]:
     """Return those tables and sentences about a result that ``print`` shows.
 
-    By default these are all tables and sentences. For classes whose results fill more than a
+    By default, all tables and sentences are returned. For classes whose results fill more than a
     screen, the module `ldbb_bayes.report.screens` registers functions that return only some of the
     tables and sentences.
     """
@@ -445,9 +445,10 @@ def read_result(
 
 
 def _reason_of(error: Exception) -> str:
-    """Return the message of an error; of an error of pydantic, return only the first entry.
+    """Return the message of an error.
 
-    Pydantic is the library that checks the content of files.
+    If the error is one of pydantic, the library that checks the content of files, return only the
+    first entry of its message.
     """
     if not isinstance(error, ValidationError):
         return str(error)

@@ -30,15 +30,15 @@ __all__ = [
 # Largest number of rows that are displayed. Of a longer table, only the first and the last rows are
 # displayed.
 _MOST_ROWS = 60
-# Smallest line width for which tables and texts are laid out [characters]. It is also used if there
-# is no terminal.
+# Smallest line width for which tables and texts are laid out [characters]. This width is also used
+# if there is no terminal.
 _NARROWEST = 80
 # Largest line width for which tables and texts are laid out [characters].
 _WIDEST = 100
 # Number of lines that is assumed for a terminal of unknown size.
 _TERMINAL_LINES = 24
-# If a table needs more lines than this, ``print`` leaves out the columns that do not fit side by
-# side.
+# If a table needs more lines than this number, ``print`` leaves out the columns that do not fit
+# side by side.
 _SCREEN_LINES = 45
 # Smallest widths to which the heads of columns may be broken into lines [characters]. These widths
 # are tried in this order until the table fits.
@@ -150,8 +150,8 @@ class Table:
 
         Lines have at most ``width`` characters, as in `text`. If the text has more than 45 lines,
         the columns that `text` moves to lines beneath the rows are left out, and the last line
-        names the columns left out. No row is left out, so that the text may still be longer than a
-        screen.
+        names the columns left out. No row is left out; the text may therefore still be longer than
+        a screen.
         """
         layout = _TextLayout(self, width)
         text = layout.text()
@@ -163,7 +163,7 @@ class Table:
         """Return the table as HTML; special characters in its texts are escaped."""
         heads = [typeset(head) for head in self.heads]
         head_tags = ['th scope="col"'] * len(heads)
-        # Narrow screens show each cell behind the heading of its column.
+        # Narrow screens show each cell after the head of its column.
         cell_tags = [f'td data-head="{html.escape(head)}"' for head in heads[1:]]
         row_tags = ['th scope="row"', *cell_tags]
         head = self._html_row(head_tags, heads)
@@ -286,7 +286,7 @@ class _TextLayout:
         return max(len(text) for text in [*head_lines, *cells])
 
     def _break_heads(self, least_width: int) -> None:
-        """Break the heads of columns between words, so that they do not widen the columns.
+        """Break the heads of columns between words into lines, to make the columns narrower.
 
         ``least_width`` is the smallest width [characters] to which a head is broken.
         """
@@ -298,7 +298,7 @@ class _TextLayout:
     def _lines_of_heads(self) -> list[str]:
         """Return the lines of the table's head.
 
-        Heads of columns that have fewer lines stand at the bottom.
+        Above a column's head with fewer lines than the highest head, there are empty lines.
         """
         height = max(len(self._head_lines[column]) for column in self._columns)
         lines = []
@@ -336,7 +336,7 @@ class _TextLayout:
 
 
 def _entry(head: str, value: str, numeric: bool) -> str:
-    """Return a cell with its head as text, such as "noise 0.12 µm" or "verdict: identified"."""
+    """Return the head of a column and a cell as one text, such as "noise 0.12 µm"."""
     if not numeric:
         return f"{head}: {value}"
     name, _, unit = head.removesuffix(")").partition(" (")
@@ -404,8 +404,8 @@ class _RowsInstead(NamedTuple):
 
     #: names of the replaced rows, which only `ReadableFrame.details` displays
     replaced: tuple[str, ...]
-    #: substitutes: the keys are names of rows, the values are dictionaries of cells by name of the
-    #: column
+    #: substitutes: the keys are the names of the rows, and each value is a dictionary of cells
+    #: whose keys are the names of the columns
     displayed: Mapping[str, Mapping[str, Any]]
     position: int  #: index of the row of the data frame above which the substitutes are displayed
     length: int  #: number of rows of the whole data frame
@@ -567,9 +567,9 @@ def _decimals_of(row: Mapping[Hashable, Any], factor: float) -> int | None:
 def wrapped(text: str, width: int, first: str = "", then: str = "") -> list[str]:
     """Return a text as lines of at most ``width`` characters.
 
-    Lines are not broken between a number and its sign or unit, nor within words and file paths, so
-    that a line with a very long word may exceed the width. ``first`` is put in front of the first
-    line, and ``then`` in front of every further line.
+    Lines are not broken between a number and its sign or unit, nor within words and file paths, and
+    a line with a very long word may therefore exceed the width. ``first`` is put in front of the
+    first line, and ``then`` in front of every further line.
     """
     lines = textwrap.wrap(
         _glued(text),

@@ -67,7 +67,7 @@ def _display_units() -> dict[str, tuple[float, str]]:
 
     The keys are internal units. Each value is a pair: the factor from the internal unit to the
     display unit, and the label of the display unit. Linear slopes of a compliance with force are
-    displayed per kN, quadratic ones per kN².
+    displayed per kN, quadratic slopes per kN².
     """
     slopes = {}
     curvatures = {}
@@ -126,13 +126,13 @@ _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 # The name of a setting (such as the standard deviation of a prior) ends with its unit: sd_um is in
 # µm. The keys are these endings, and the values are the units.
 _UNIT_BY_ENDING = {"um": "um", "mm": "mm", "N": "N", "rad": "rad", "deg": "°"}
-# A compliance may be near zero, and its stiffness without upper limit, if the lower limit of its
-# credible interval is below this share of its median.
+# If the lower limit of a compliance's credible interval is below this share of the median, the
+# compliance may be near zero. Its stiffness then has a lower limit, but no upper limit.
 _NEAR_ZERO_SHARE = 0.2
-# When items are ranked by a sort key, keys below this share of the largest key count as zero.
+# When items are ranked by a sort key, keys below this share of the largest key are treated as zero.
 _ZERO_SHARE = 1e-12
-# A credible interval counts as skewed if its middle differs from the mean by more than this share
-# of half the interval's width.
+# A credible interval is treated as skewed if its middle differs from the mean by more than this
+# share of half the interval's width.
 _SKEWED_SHARE = 0.2
 
 
@@ -204,8 +204,8 @@ def to_inside(text: str, unit: str, subject: str = "value") -> float:
 def _ratio(match: re.Match[str] | None, text: str, subject: str) -> float:
     """Return the number that a text without a unit states.
 
-    ``match`` holds the number and the characters after the number. It is None if the text does not
-    begin with a number. Raise an `InputError` if the text is not a number alone.
+    ``match`` holds the number and the characters after the number. ``match`` is None if the text
+    does not begin with a number. Raise an `InputError` if the text is not a number alone.
     """
     if match is None or match[2].strip():
         raise InputError(f"{subject} must be a number without a unit, got {text!r}. Write 1.5.")
@@ -272,7 +272,7 @@ def _size_of(unit: str) -> _Size | None:
 def _as_quotients(match: re.Match[str]) -> str:
     """Return the units in a bracket as a quotient.
 
-    For (N m) this is N/m, so that µrad/(N m) becomes µrad/N/m.
+    For (N m) the result is N/m, because µrad/(N m) equals µrad/N/m.
     """
     return re.sub(r"[ ·*]+", "/", match[1].strip())
 
@@ -314,8 +314,8 @@ def ranked(items: Iterable[T], key: Callable[[T], float], *, tolerance: float = 
     """Return items in the order of a sort key, the largest key first.
 
     ``key`` is a function that gives the sort key of an item. Items whose keys agree within the
-    relative tolerance keep their original order, so that the order does not depend on rounding
-    errors. Keys below 1e-12 of the largest key count as zero.
+    relative tolerance keep their original order; rounding errors therefore do not affect the order.
+    Keys below 1e-12 of the largest key are treated as zero.
     """
     entries = [_Ranked(key(item), i, item) for i, item in enumerate(items)]
     entries.sort(key=_largest_key_first)

@@ -1,4 +1,4 @@
-"""Batches: many campaigns, each fitted separately, as the rows of one table."""
+"""Separate fits of many campaigns, with the results of all campaigns in one table."""
 
 from __future__ import annotations
 
@@ -267,7 +267,7 @@ def _canonical_toml(model: HybridModel) -> str:
 def _started(
     executor: Executor | Callable[[], AbstractContextManager[Executor | None]] | None,
 ) -> Iterator[Executor | None]:
-    """Yield the executor that runs the fits of a batch, or None to run them in this process.
+    """Yield the executor that runs the fits of a batch, or None if the fits run in this process.
 
     If ``executor`` is a function, it is called to start an executor, which is stopped when the
     ``with`` block ends.
@@ -291,7 +291,8 @@ def _fit_campaigns(
     The rows are kept in the ``journal``, a database in the folder of the batch, in which each new
     row is saved. If ``retry`` is true, campaigns that failed in an earlier run are fitted again as
     well. ``executor`` runs the fits in other processes; if it is None, the fits run in this
-    process. ``progress`` is called with the numbers of finished, of all and of failed campaigns.
+    process. ``progress`` is called with three numbers: those of finished campaigns, of all
+    campaigns and of failed campaigns.
     """
     jobs = _pending_jobs(journal, retry)
     (campaigns,) = journal.execute("SELECT count(*) FROM campaigns").fetchone()
@@ -335,12 +336,11 @@ def _saved_rows(journal: sqlite3.Connection) -> Iterator[dict[str, Any]]:
 
 
 def _count_by_state(journal: sqlite3.Connection) -> dict[str, int]:
-    """Return the number of campaigns for each state of the fit.
+    """Return how many campaigns of a batch have each state, such as "doubtful".
 
-    The keys of the result are the states, such as doubtful.
-
-    A campaign that could not be fitted has no state and is counted as "failed". ``journal`` is the
-    database with the rows of the batch.
+    The keys of the result are the states, which say how far the fit of a campaign can be trusted. A
+    campaign that could not be fitted is counted under the key "failed". ``journal`` is the database
+    with the rows of the batch.
     """
     query = "SELECT coalesce(state, status), count(*) FROM campaigns GROUP BY 1"
     return dict(journal.execute(query).fetchall())
@@ -349,11 +349,12 @@ def _count_by_state(journal: sqlite3.Connection) -> dict[str, int]:
 def _named_campaigns(
     journal: sqlite3.Connection, column: str, states: Sequence[str]
 ) -> tuple[dict[str, str], ...]:
-    """Return the file path and the value in ``column`` of each campaign in one of the given states.
+    """Return the file path and one further value of each campaign whose fit has a given state.
 
-    ``states`` are states of the fit, such as doubtful; "failed" stands for campaigns that could not
-    be fitted. ``column`` is a column of the batch's table, such as ``verdict``. ``journal`` is the
-    database with the rows of the batch. At most 10 000 campaigns are returned.
+    ``states`` are the states to look for, such as "doubtful"; "failed" stands for campaigns that
+    could not be fitted. The further value is that in ``column``, a column of the batch's table such
+    as ``verdict``. ``journal`` is the database with the rows of the batch. At most 10 000 campaigns
+    are returned.
     """
     marks = ", ".join("?" * len(states))
     query = (

@@ -67,7 +67,7 @@ class Settings:
 
     @property
     def model(self) -> HybridModel:
-        """Model of the fits, which the TOML text ``model_toml`` describes."""
+        """Model of the fits, made from its TOML text ``model_toml``."""
         return _cached_model(self.model_toml)
 
 
@@ -183,11 +183,12 @@ def _origin_columns(campaign: Campaign) -> dict[str, Any]:
 
 
 def _fit_columns(settings: Settings, campaign: Campaign) -> dict[str, Any]:
-    """Fit a campaign, and return the columns of the fit and of further quantities.
+    """Fit a campaign, and return the values of its row in the table of a batch.
 
-    Further quantities are the Bayes factor, the sufficient statistics, the stiffness by direction
-    and conformity. If a further quantity cannot be computed, a warning in the row names this
-    quantity.
+    The keys of the result are the names of the table's columns. Besides the results of the fit, the
+    row holds further quantities: the Bayes factor of linear over constant compliance, the
+    sufficient statistics, the stiffness by direction and the conformity with tolerances. If one of
+    these further quantities cannot be computed, a warning in the row names this quantity.
     """
     density = HyperPosterior(settings.model.bind(campaign), truncated=True, seed=settings.seed)
     rule = StoppingRule(ess=settings.ess)
@@ -220,9 +221,10 @@ def _fit_columns(settings: Settings, campaign: Campaign) -> dict[str, Any]:
 def _functions_of_further_columns(
     settings: Settings, campaign: Campaign, density: HyperPosterior, fitted: FittedModel
 ) -> dict[str, Callable[[], dict[str, Any]]]:
-    """Return functions that compute further columns of a campaign's row.
+    """Return functions that compute quantities of a campaign besides its parameters.
 
-    The keys are the names of the quantities in these columns.
+    The keys of the result are the names of these quantities. Each function returns a dictionary of
+    values in the campaign's row of the batch's table.
 
     The Bayes factor and the sufficient statistics are computed only if the priors are not flat. For
     the Bayes factor, the settings must also request it, the compliances of the model must depend on
@@ -259,10 +261,10 @@ def _statistics_columns(density: HyperPosterior) -> dict[str, Any]:
 def _stiffness_columns(fitted: FittedModel, prob: float) -> dict[str, Any]:
     """Return a dictionary with the stiffness by direction at the reference force.
 
-    Its entry ``stiffness`` holds the unit and numbers of each quantity; the keys are the names of
-    the quantities. If a stiffness has only a lower limit, its other numbers are None. If the
-    readings do not determine a direction, all numbers of this direction are None. If the reference
-    force is zero, the dictionary is empty.
+    The entry ``stiffness`` of the dictionary holds the unit and numbers of each quantity; the keys
+    are the names of the quantities. If a stiffness has only a lower limit, its other numbers are
+    None. If the readings do not determine a direction, all numbers of this direction are None. If
+    the reference force is zero, the dictionary is empty.
     """
     reference_N = fitted.draws.bound.setting.reference_force_N
     if not reference_N > 0.0:
@@ -281,10 +283,11 @@ def _stiffness_columns(fitted: FittedModel, prob: float) -> dict[str, Any]:
 
 
 def _determined_numbers(row: Mapping[Hashable, Any]) -> dict[str, float | None]:
-    """Return the numbers in a row of `DirectionalStiffness.table`, None if not determined.
+    """Return the numbers in a row of `DirectionalStiffness.table`, with None if not determined.
 
-    If the readings do not determine the quantity of the row, all its numbers are None. The
-    exception is the lower end of the interval of a stiffness, which is its lower limit.
+    If the readings do not determine the quantity of the row, all numbers are None, with one
+    exception: the lower end of the interval of a stiffness is kept, because it is the stiffness's
+    lower limit.
     """
     numbers: dict[str, float | None] = {name: row[name] for name in PARAMETER_COLUMNS}
     if not row["is_determined"]:

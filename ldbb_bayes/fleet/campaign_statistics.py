@@ -24,10 +24,12 @@ __all__ = ["SufficientStatistics", "mixture_covariance", "sufficient_statistics"
 # the hyper-parameters, the scales of the noise and of other effects. Given a node, all other
 # unknowns have a Gaussian distribution.
 _NODES_AT_ONCE = 256
-# Moments of the parameters are averages over this number of nodes, picked in proportion to their
-# weights. The error of a mean is then a small share of the parameter's standard uncertainty.
+# Moments of the parameters are averages over this number of nodes (values of the hyper-parameters),
+# which are selected in proportion to their weights. The error of a mean is then a small share of
+# the parameter's standard uncertainty.
 _NODES = 512
-# Seed of the random start of the systematic selection of nodes.
+# Nodes (values of the hyper-parameters) are selected systematically, beginning at a random place.
+# This is the seed of the random number that determines the place.
 _SEED = 0
 
 
@@ -50,11 +52,11 @@ class SufficientStatistics:
     prior_sd: Array
 
     def columns(self) -> dict[str, list[Any]]:
-        """Return the statistics as lists.
+        """Return the statistics as a dictionary of lists.
 
         The keys of the result are the names of the columns in a batch's table.
 
-        Of the covariance matrix, only the lower triangle is listed, row by row.
+        The list of the covariance matrix contains only the lower triangle, row by row.
         """
         lists: dict[str, list[Any]] = {}
         for name, value in vars(self).items():
@@ -102,12 +104,13 @@ def sufficient_statistics(posterior: HyperPosterior) -> SufficientStatistics:
 
 
 class _ChosenCoefficients(NamedTuple):
-    """The q coefficients of a model for which moments are kept: parameters, then instrument errors.
+    """The q coefficients whose posterior moments are computed: parameters, then instrument errors.
 
     Instrument errors, such as those of mount and force gain, may be the same in several campaigns.
     """
 
-    #: indices of the q coefficients among all coefficients that the tests of the campaign share
+    #: indices of the q coefficients in the vector of all coefficients that are common to the tests
+    #: of the campaign
     places: list[int]
     names: tuple[str, ...]
     units: tuple[str, ...]

@@ -118,9 +118,10 @@ def hypotheses(carried: Gaussian, parameters: int, change_scale: float) -> Gauss
 
 
 def _sum_from_here_on(series: Array) -> Array:
-    """Return, for each campaign, the sum over this campaign and all later campaigns.
+    """Return for each campaign the sum of the values of this campaign and of all later campaigns.
 
-    The second axis of ``series`` and of the result counts the campaigns in order of time.
+    ``series`` holds the values. Its second axis, and that of the result, counts the campaigns in
+    order of time.
     """
     return np.asarray(np.cumsum(series[:, ::-1], axis=1)[:, ::-1])
 

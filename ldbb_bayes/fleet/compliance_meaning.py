@@ -23,9 +23,10 @@ Meaning = Mapping[str, float]
 # A fitted compliance stands for a weighted sum of joints' compliances. This is the number of
 # significant digits to which the weights are rounded.
 _DIGITS = 7
-# A fitted compliance stands for a weighted sum of joints' compliances. Two such sums count as the
-# same if they differ by no more than this, in units of the compliance's default prior sd. The limit
-# is a quarter of the default prior standard deviation of a change in a trend.
+# A fitted compliance stands for a weighted sum of joints' compliances. Two weighted sums are
+# treated as the same if they differ by no more than this number, in units of the compliance's
+# default prior sd. The limit is a quarter of the default prior standard deviation of a step change
+# of the compliance (see `find_trend`).
 _NEGLIGIBLE = 0.05
 
 
@@ -64,9 +65,10 @@ def stands_for(campaign: Campaign) -> dict[str, dict[str, float]]:
 def same_meaning(name: str, one: Meaning, other: Meaning) -> bool:
     """Return whether a compliance stands for the same sum of joint compliances in two campaigns.
 
-    Two weighted sums count as the same if they differ by at most 5 % of the compliance's default
-    prior sd. For this comparison, the compliances of joints are taken as independent, each with its
-    default prior sd. A work ball mounted a millimetre higher, for example, changes a sum by less.
+    Two weighted sums are treated as the same if they differ by at most 5 % of the compliance's
+    default prior sd. For this comparison, the compliances of joints are taken as independent, each
+    with its default prior sd. A work ball mounted a millimetre higher, for example, changes a sum
+    by less.
 
     Parameters
     ----------

@@ -80,7 +80,7 @@ def draw_control_chart(trend: Trend) -> Figure:
 
 
 class _PanelData(NamedTuple):
-    """Values that the panel of one parameter shows for n campaigns, in the unit of its axis."""
+    """Values for n campaigns in one panel of a control chart, in the unit of the panel's axis."""
 
     place: Array  #: positions of the n campaigns on the panel's horizontal axis, 1 to n
     #: estimate of the parameter from each of n campaigns alone, in the unit of the panel's axis,
@@ -108,7 +108,7 @@ class _PanelData(NamedTuple):
 
 
 def _panel_data(rows: pd.DataFrame, factor: float) -> _PanelData:
-    """Return the values that one panel shows, from one parameter's rows in `Trend.estimates`.
+    """Return the values in the panel of a parameter, given its rows in `Trend.estimates`.
 
     ``factor`` converts values from the internal unit (mm, N, rad) to the unit of the panel's axis.
     """
@@ -123,7 +123,7 @@ def _panel_data(rows: pd.DataFrame, factor: float) -> _PanelData:
 
 
 def _draw_panel(axes: Axes, trend: Trend, name: str) -> None:
-    """Draw estimates, control limits and probable changes of one parameter of the machine."""
+    """Draw the panel of one parameter: its estimates, control limits and probable changes."""
     rows = trend.estimates[trend.estimates["parameter"] == name]
     factor, label = axis_label(name, str(rows["unit"].iloc[0]))
     data = _panel_data(rows, factor)

@@ -60,9 +60,10 @@ def chart_points(
     *,
     limits: float = LIMITS,
 ) -> ChartPoints:
-    """Return the points of a control chart, and the limits of each point from earlier campaigns.
+    """Return the points of a control chart, and for each point limits from the earlier campaigns.
 
-    A point is the estimate of a parameter from one campaign alone. The machine's scatter is the
+    A point is the estimate of a parameter from one campaign alone. Its limits are the ends of the
+    interval in which it should lie according to the earlier campaigns. The machine's scatter is the
     standard deviation of its parameters from campaign to campaign. In the shapes of arrays, n is
     the number of campaigns, q that of parameters and instrument errors, s that of instrument
     errors, and r that of values of the scatter. All values are in units of the prior sd.
@@ -119,7 +120,8 @@ def _history(carried: Gaussian) -> Gaussian:
     ``carried``, shape (r, n, q), holds the likelihoods of q parameters and instrument errors from n
     campaigns in order of time, for each of r values of the machine's scatter from campaign to
     campaign. The result has the shape (r, n − 1, q): one Gaussian of the q quantities for each
-    campaign except the first, from all earlier campaigns and the prior N(0, I).
+    value of the scatter and each campaign except the first. The Gaussian follows from all earlier
+    campaigns and the prior N(0, I).
     """
     precision = np.cumsum(carried.precision[:, :-1], axis=1)
     shift = np.cumsum(carried.shift[:, :-1], axis=1)

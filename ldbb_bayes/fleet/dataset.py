@@ -39,7 +39,7 @@ JOURNAL = "batch.sqlite"
 DATASET = "campaigns.parquet"
 PART = f".{DATASET}.part"
 # Version of the layout of a batch's table, and the key under which the metadata of the Parquet file
-# state it.
+# hold this version.
 _SCHEMA = 4
 _METADATA_KEY = b"ldbb_bayes"
 # Numbers that a batch's table holds for every parameter. Each number has a separate column, such as
@@ -60,8 +60,8 @@ _CONFORMITY_TYPES = {"probability": "double", "decision": "string"}
 # Number of rows in one row group of the Parquet file with a batch's table. The rows of a group are
 # written together.
 _ROWS_PER_GROUP = 1024
-# Largest number of characters of a library's error message that the message on an unreadable file
-# quotes.
+# The message about an unreadable file quotes the error message of the library that could not read
+# the file. This is the largest number of characters quoted.
 _LONGEST_REASON = 120
 # Contents of columns.toml: the names of the columns of a batch's table, and the Arrow types of the
 # columns.
@@ -194,7 +194,10 @@ def _flatten(row: dict[str, Any]) -> dict[str, Any]:
 
 
 def _numbers_of(row: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
-    """Return the numbers of each parameter and each stiffness by direction; the keys are names."""
+    """Return the numbers of each parameter and of each stiffness by direction in a batch's row.
+
+    The keys of the result are the names of these quantities.
+    """
     return {**row.get("parameters", {}), **row.get("stiffness", {})}
 
 
@@ -226,8 +229,9 @@ def read_batch(
     [deg], principal_axis [deg] and C_XXX_minus_C_YYY, followed by the plane if there are several
     planes (k_min_YZ). If three planes were tested, there are also k_1, k_2 and k_3; see
     `stiffness`. Columns ``gaussian_…`` hold the posterior and prior moments of parameters and
-    instrument errors, which `find_trend` and `fit_population` use. This posterior allows negative
-    compliances. Of the covariance matrix, the lower triangle is listed row by row.
+    instrument errors, which `find_trend` and `fit_population` use. These posterior moments are
+    computed without the condition that no compliance is negative. Of the covariance matrix, the
+    lower triangle is listed row by row.
 
     Parameters
     ----------

@@ -25,7 +25,7 @@ __all__ = ["Estimates", "deviating", "estimate_separately", "whitened"]
 
 
 def whitened(likelihood: Gaussian, spread: Array, *, inverse: bool = False) -> Array:
-    """Return the matrix (Lᵀ | L⁻¹ s (Λ_c, η_c)), by which the deviations w are integrated out.
+    """Return the matrix (Lᵀ | L⁻¹ s (Λ_c, η_c)), with which the deviations w are integrated out.
 
     w are the deviations of a campaign's or machine's c parameters from their common level, with the
     standard deviations s; in the formulae s stands for diag s, and the vertical bar puts matrices

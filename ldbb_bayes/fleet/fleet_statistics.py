@@ -46,12 +46,12 @@ _SLOPE = re.compile(r"(C_.+)_([12])")
 
 @dataclass(frozen=True, eq=False)
 class FleetStatistics:
-    """Gaussian likelihoods of n campaigns: the posteriors of their fits, divided by the priors.
+    """Gaussian likelihoods of n campaigns: each the posterior of a fit, divided by its prior.
 
-    The likelihoods are of the c parameters to analyse and of s errors of the instrument, such as
-    mount and force gain. A likelihood has a precision matrix Λ (inverse covariance) and a shift η
-    (Λ times the estimate). If the model of a campaign lacks an instrument error, its Λ and η have
-    zeros for that error.
+    The likelihoods are functions of the c parameters to analyse and of s errors of the instrument,
+    such as those of mount and force gain. A likelihood has a precision matrix Λ (inverse
+    covariance) and a shift η (Λ times the estimate). If the model of a campaign lacks an instrument
+    error, its Λ and η have zeros for that error.
     """
 
     campaigns: tuple[str, ...]
@@ -107,10 +107,10 @@ def fleet_statistics(
     rows : rows, in the table of a batch, of the campaigns to use; see `choose`.
     parameters : names of the parameters to analyse; default: all constant compliances (those at the
         reference force).
-    reference_force_N : force at which the compliances are stated; default: the median of the
+    reference_force_N : force for which the compliances are given; default: the median of the
         reference forces of the campaigns.
-    one_instrument : True: all campaigns used the same bar, so that errors of mount and force gain
-        do not average out. False: each campaign has independent instrument errors.
+    one_instrument : whether all campaigns used the same bar. If true, errors of mount and force
+        gain do not average out. If false, each campaign has its own, independent errors.
 
     Raises
     ------
@@ -229,8 +229,9 @@ def _reference_force(rows: pd.DataFrame, reference_force_N: float | None) -> flo
 
 
 def _machine_names(rows: pd.DataFrame) -> tuple[str, ...]:
-    """Return the name of each campaign's machine: its machine_id, or else the campaign's file path.
+    """Return the name of each campaign's machine: its machine_id if the campaign states one.
 
+    If a campaign states no machine_id, the file path of the campaign is the name of its machine.
     ``rows`` are rows of the table of a batch.
     """
     names = []
@@ -271,7 +272,7 @@ def reference_sd(
 
 
 class _Likelihood(NamedTuple):
-    """Likelihood of q quantities from one campaign, and the prior that was divided out of it.
+    """Likelihood of q quantities from one campaign, and the prior that is not part of it.
 
     The quantities are parameters of the machine and errors of the instrument.
     """
@@ -368,8 +369,8 @@ def _map_to_force(names: Sequence[str], wanted: Sequence[str], force_change_N: f
     The rows of the matrix belong to the quantities ``wanted``, and the columns to the quantities
     ``names`` that the campaign has. The reference force changes by ``force_change_N``. A compliance
     then changes by its slope times this change, plus its curvature times the square of this change.
-    ``wanted`` must not contain slopes and curvatures, because they depend on the reference force,
-    too.
+    ``wanted`` must not contain slopes and curvatures, because slopes also depend on the reference
+    force.
     """
     matrix = np.zeros((len(wanted), len(names)))
     for i, name in enumerate(wanted):

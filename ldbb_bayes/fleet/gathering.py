@@ -56,7 +56,7 @@ def gather(given: Iterable[str | os.PathLike[str]]) -> tuple[str, ...]:
 
 
 def _expand_all(entries: Iterable[str | os.PathLike[str]]) -> Iterator[str]:
-    """Yield the file path of every campaign for which the entries of the user stand.
+    """Yield the file path of every campaign that the user's entries stand for.
 
     An entry is the path of a campaign, of a folder of campaigns, or of a text file that lists such
     paths (``@FILE`` or .txt).
@@ -116,7 +116,7 @@ def _may_be_campaign(path: str) -> bool:
 
 
 def _check_fits_a_line(path: str) -> None:
-    """Raise an `InputError` for a file path that could not be one line of a list of campaigns."""
+    """Raise an `InputError` if a file path cannot be written as a line of a list of campaigns."""
     fits = path.isprintable() and path == path.strip() and path and path[0] != "#"
     if not fits:
         raise InputError(

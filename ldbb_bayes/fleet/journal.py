@@ -158,7 +158,7 @@ def begin_batch(
 
     Parameters
     ----------
-    journal : open journal of the folder ``out``, see `open_journal`.
+    journal : open journal (database of the rows) of the folder ``out``, see `open_journal`.
     out : folder of the batch.
     jobs : campaigns of the batch, in order of their numbers.
     identity : options and versions of the present run, see `batch_identity`.
@@ -241,7 +241,7 @@ def save_row(journal: sqlite3.Connection, number: int, row: Mapping[str, Any]) -
 
     Parameters
     ----------
-    journal : open journal, see `open_journal`.
+    journal : open journal (database of the rows), see `open_journal`.
     number : number of the campaign in the batch, from 0.
     row : values of the row; the keys are the names of the columns, see `fit_row`.
     """

@@ -4,7 +4,8 @@
 of φ. T is the condition that no compliance is negative (truncation). The log evidence of a model
 with truncation is ln Z + ln P(T | y) − ln P(T). Z is the density of the readings y if compliances
 may be negative, P(T | y) and P(T) are the posterior and the prior probability of T. The models of
-linear and of constant compliance have the same φ, so that one set of nodes serves both.
+linear and of constant compliance have the same φ; one set of nodes can therefore be used for both
+models.
 """
 
 from __future__ import annotations

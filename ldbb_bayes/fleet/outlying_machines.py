@@ -44,21 +44,21 @@ _DRAWS_WITHOUT = 512
 # New random draws of the spreads without one machine are made for at most this number of machines,
 # the most outlying machines first.
 _MOST_REDRAWN = 200
-# p-values of a machine's parameters are raised to at least this. For smaller p-values, the
-# corresponding quantile of the normal distribution would not be finite.
+# Smallest p-value of a machine's parameter. Smaller p-values are replaced by this number, because
+# the corresponding quantile of the normal distribution would not be finite.
 _SMALLEST_P = 1e-300
 
 
 @dataclass(frozen=True, eq=False)
 class JudgedMachines:
-    """Comparison of each of n machines with the other machines, by their c parameters.
+    """Comparison of c parameters of each of n machines with those of the other machines.
 
     The comparison shows which machines do not belong to the population of the other machines.
     """
 
     #: p-value of each of n machines, corrected for the numbers of parameters (Bonferroni) and of
     #: machines (Holm), shape (n,). If all machines belong to one population, the probability that
-    #: any of them stands out this much is at most this p-value.
+    #: any machine has a p-value of at most p is itself at most p.
     p_value: Array
     #: two-sided p-value of each of c parameters of n machines, not corrected for the number of
     #: comparisons, shape (n, c)
@@ -84,7 +84,7 @@ def judge_machines(
 
     The spreads s are the standard deviations of the machines' parameters about the mean μ of the
     population. Random draws of s are made from their posterior given all machines. For each
-    machine, weights turn these draws into draws from the posterior given the other machines. If the
+    machine, these draws are weighted to represent the posterior given the other machines. If the
     weights cannot be trusted, new draws are made from the posterior given the other machines. New
     draws are made for at most 200 machines, the most outlying machines first.
 

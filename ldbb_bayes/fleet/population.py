@@ -9,8 +9,8 @@ the same in all campaigns.
 
 The estimate for each machine also depends on the readings of the other machines. The smaller the
 spread is, the stronger is this dependence (partial pooling). The likelihoods of the campaigns are
-Gaussian in c_m and b (`FleetStatistics`), so that all unknowns but s are integrated out exactly
-(`spread_density`). Each machine is compared with what the other machines predict for it
+Gaussian in c_m and b (`FleetStatistics`), and all unknowns except s are therefore integrated out
+exactly (`spread_density`). Each machine is compared with what the other machines predict for it
 (`outlying_machines`).
 """
 
@@ -74,7 +74,7 @@ __all__ = ["PooledMachine", "PooledParameter", "Population", "fit_population", "
 # machines.
 _FEWEST_MACHINES = 6
 # p-value below which a machine is flagged as not belonging to the population. If all machines
-# belong to the population, the probability that any of them is flagged is at most this value.
+# belong to the population, the probability that any machine is flagged is at most this value.
 _FALSE_ALARMS = 0.05
 # Pattern of the names of compliances at the reference force, without their slopes.
 _CONSTANT_COMPLIANCE = re.compile(r"C_...")
@@ -83,13 +83,13 @@ _NOTHING = "–"
 
 
 class _DrawLimits(NamedTuple):
-    """Limits from which the number of random draws of the machines' spreads follows.
+    """Limits that determine how many random draws are made of the machines' spreads.
 
     Spreads are the standard deviations of the machines about the mean of their population.
     """
 
-    #: largest product of the number of random draws and the number of machines, unless ``lowest``
-    #: draws exceed it
+    #: largest product of the number of random draws and the number of machines. At least ``lowest``
+    #: draws are made even if the product is then larger.
     pairs: int
     lowest: int  #: smallest number of random draws of the spreads, for any number of machines
     highest: int  #: largest number of random draws of the spreads, for any number of machines
@@ -97,7 +97,7 @@ class _DrawLimits(NamedTuple):
     def size(self, machines: int) -> int:
         """Return the number of random draws of the spreads for this number of machines.
 
-        It is the largest power of two within the limits.
+        This number of draws is the largest power of two within the limits.
         """
         count = min(max(self.pairs / machines, self.lowest), self.highest)
         return int(2 ** int(np.log2(count)))
@@ -116,8 +116,8 @@ _MACHINE_DRAWS = _DrawLimits(pairs=1_000_000, lowest=256, highest=2048)
 class PooledParameter(Result):
     """Distribution of one parameter over the machines of a population.
 
-    A summary is a mean, a standard deviation and a credible interval, in internal units (mm, N,
-    rad).
+    Attributes of type `Summary` hold a mean, a standard deviation and a credible interval, in
+    internal units (mm, N, rad).
     """
 
     unit: str  #: internal unit of the parameter, made of mm, N and rad
@@ -149,8 +149,8 @@ class PooledMachine(Result):
     alone: dict[str, Summary]
     #: p-value of the hypothesis that the machine belongs to the population of the other machines,
     #: corrected for the numbers of parameters (Bonferroni) and of machines (Holm). If all machines
-    #: belong to one population, the probability that any of them stands out this much is at most
-    #: this p-value. None if there are fewer than six machines.
+    #: belong to one population, the probability that any machine has a p-value of at most p is
+    #: itself at most p. None if there are fewer than six machines.
     p_value: float | None = None
     #: whether the machine stands out from the other machines: its corrected p-value is below 5 %
     flag: bool = False
@@ -164,8 +164,8 @@ class PooledMachine(Result):
 class Population(Result):
     """Population of machines of one kind, and the estimates for each machine.
 
-    If ``judged`` is false, a machine that does not stand out may still not belong to the
-    population: not every machine could be reliably compared with the other machines.
+    If ``judged`` is false, not every machine could be reliably compared with the other machines. A
+    machine that is not named in ``not_belonging`` may then still not belong to the population.
 
     Examples
     --------
@@ -183,7 +183,7 @@ class Population(Result):
     #: the campaign
     machine: dict[str, PooledMachine]
     campaigns: int  #: number of campaigns of all machines in the population
-    reference_force_N: float  #: force at which the compliances are stated [N]
+    reference_force_N: float  #: force for which the compliances are given [N]
     #: lowest and highest force of the range that all campaigns have in common [N]; if there is no
     #: such range, the first number exceeds the second
     forces_N: tuple[float, float]
@@ -205,8 +205,8 @@ class Population(Result):
     trusted: bool
     caveats: tuple[Caveat, ...]  #: limitations of the population and of its campaigns
     prob: Annotated[float, Field(exclude=True)]  #: probability of the credible intervals
-    #: whether every machine could be reliably compared with the other machines, to see if it
-    #: belongs to their population
+    #: whether the comparison of every machine with the other machines was reliable; this comparison
+    #: shows which machines do not belong to the population
     judged: Annotated[bool, Field(exclude=True)]
     #: SHA-256 digests, one for each campaign, of its readings and of the conditions under which
     #: they were taken. The digests show whether a campaign is part of the population. A campaign
@@ -228,7 +228,7 @@ class Population(Result):
         return max(abs(z) for z in self.machine[name].z.values())
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the content of the file population.json, except its sentences and its digest.
+        """Return the content of the file population.json, without its sentences and SHA-256 digest.
 
         The entry ``next`` is the prediction for a further machine. `read_population_prior` makes a
         prior from it.
@@ -357,7 +357,7 @@ def fit_population(
     ----------
     rows : DataFrame
         Table of a batch that `read_batch` returns, one row per campaign. Every campaign without
-        machine_id counts as a separate machine.
+        machine_id is treated as that of a separate machine.
     parameters : sequence of str, optional
         Names of the parameters to analyse. Default: all constant compliances, that is, those at
         the reference force.
@@ -369,7 +369,7 @@ def fit_population(
     include_misfits : bool
         Whether to keep campaigns whose readings do not fit the model.
     reference_force_N : float, optional
-        Force at which the compliances are stated [N]. Default: the median of the campaigns'
+        Force for which the compliances are given [N]. Default: the median of the campaigns'
         reference forces.
     spread_scale : float
         Scale of the prior of each parameter's spread (standard deviation from machine to machine),
@@ -377,7 +377,7 @@ def fit_population(
         parameter: that of its default prior or, if larger, the median standard deviation of its
         priors in the fits of the campaigns.
     one_instrument : bool
-        Whether all campaigns used the same bar, so that errors of mount and force gain do not
+        Whether all campaigns used the same bar. If so, errors of mount and force gain do not
         average out.
     prob : float
         Probability of the credible intervals.
@@ -591,8 +591,7 @@ def _instrument_sd(
 ) -> Array:
     """Return the part of the sd of the population's mean that is due to instrument errors.
 
-    The result has the shape (c,): one part of an sd for each of c parameters, in units of the
-    parameter's prior sd.
+    The result has one element for each of c parameters, in units of the parameter's prior sd.
 
     Parameters
     ----------

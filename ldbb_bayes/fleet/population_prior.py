@@ -21,8 +21,8 @@ from ldbb_bayes.results import Shown, read_result
 
 __all__ = ["PopulationPrior", "digest_of", "read_population_prior"]
 
-# Two reference forces count as equal if their relative difference is at most this, so that rounding
-# errors do not matter.
+# Two reference forces are treated as equal if their relative difference, which may be a rounding
+# error, is at most this number.
 _SAME_FORCE = 1e-9
 
 
@@ -89,8 +89,8 @@ class PopulationPrior(Shown):
         Raises
         ------
         InputError
-            If the priors of the model are flat, a compliance is fixed or the model states another
-            prior for it, or the model states another reference force.
+            If the priors of the model are flat, the model fixes a compliance or states another
+            prior for a compliance, or the model states another reference force.
         """
         prior = model.prior
         if prior.flat:

@@ -96,10 +96,9 @@ def choose(
     By default, campaigns whose readings do not fit the model are left out: those in which a Fourier
     order of a circle's readings fails its check, and those whose readings contradict the condition
     that no compliance is negative. Readings a thousand times too large, for example, would move the
-    mean of a population and widen its spread. They would also hide a change of their machine.
-    Further campaigns are also left out: those that could not be fitted, those whose row lacks
-    sufficient statistics, those that the user excludes, and those whose readings are the same as
-    those of an earlier row.
+    mean of a population, widen its spread and hide a change of a machine. Further campaigns are
+    also left out: those that could not be fitted, those whose row lacks sufficient statistics,
+    those that the user excludes, and those whose readings are the same as those of an earlier row.
 
     Parameters
     ----------
@@ -165,9 +164,9 @@ def _leave_out(
 
 
 def _note(kind: CaveatKind, rows: pd.DataFrame, caveats: list[Caveat], text: str = "") -> None:
-    """Add a caveat that names the campaigns in some rows to the list ``caveats``.
+    """Add a caveat to the list ``caveats``; the caveat names the campaigns in the given rows.
 
-    If there are no rows, nothing is added. The caveat has the given kind and text.
+    If there are no rows, no caveat is added. The caveat has the given kind and text.
     """
     if not rows.empty:
         caveats.append(Caveat(kind, tuple(labels(rows)), text=text))
@@ -263,7 +262,9 @@ def _is_earlier(date: Any, first: datetime) -> bool:
 
 
 def moment(date: str) -> datetime:
-    """Return the date or time that a text states, in UTC; without a time zone it is taken as UTC.
+    """Return the date or time that a text states, in UTC.
+
+    A time without a time zone is taken as UTC.
 
     Parameters
     ----------

@@ -5,9 +5,9 @@ c_m ~ N(μ, diag(s²)), b ~ N(0, I), μ_j ~ N(0, 1), s_j ~ HalfNormal(τ)
 All values are in units of the parameters' prior sd. c_m are the parameters of machine m, μ is the
 mean of the population. s are the spreads, that is, the standard deviations of the machines about μ;
 their prior has the scale τ. b are the instrument's errors; j is the index of a parameter. Given s,
-all distributions are Gaussian, so that c_m, μ and b are integrated out exactly. Values of ln s are
-drawn from a Student t distribution about the mode of its density, and weighted (importance
-sampling).
+all distributions are Gaussian, and c_m, μ and b are therefore integrated out exactly. Values of ln
+s are drawn from a Student t distribution about the mode of the density of ln s, and weighted
+(importance sampling).
 
 In the shapes of arrays, k is the number of values of s, n that of machines, c that of parameters,
 and q that of parameters and instrument errors.
@@ -53,8 +53,8 @@ _DEGREES_OF_FREEDOM = 5.0
 # the spreads, that is, the standard deviations of machines about the mean of their population.
 _DIFFERENCE_STEP = 1e-4
 # The search for the mode of the density of ln s ends if a step increases the log density by less
-# than this [nat]. s are the spreads, that is, the standard deviations of machines about the mean of
-# their population.
+# than this number [nat]. s are the spreads, that is, the standard deviations of machines about the
+# mean of their population.
 _MODE_GAIN = 1e-10
 # Random draws of ln s are limited to a range. It begins ``_RANGE_BELOW`` below ln τ. It ends
 # ``_RANGE_ABOVE`` above ln τ or the mode of the density of ln s, whichever is larger. s are the
@@ -62,15 +62,16 @@ _MODE_GAIN = 1e-10
 # scale of their prior.
 _RANGE_BELOW = 80.0
 _RANGE_ABOVE = 25.0
-# No second set of random draws of the machines' spreads is made if the weights of the first set can
-# be trusted, and its effective number of draws divided by the actual number is above this.
+# Smallest effective number of random draws of the machines' spreads, divided by the actual number
+# of draws. If the first set of draws has a larger share than this and its weights can be trusted,
+# no second set is made.
 _EFFECTIVE_SHARE = 0.2
 # A second set of random draws of the machines' spreads has the covariance of the first set, plus
 # this share of the covariance that follows from the curvature at the mode of the density.
 _ADDED_VARIANCE = 0.05
-# Eigenvalues of the curvature matrix at the mode of the density of ln s are raised to at least
-# this. s are the spreads, that is, the standard deviations of machines about the mean of their
-# population.
+# Smallest eigenvalue allowed in the curvature matrix at the mode of the density of ln s; smaller
+# eigenvalues are replaced by this number. s are the spreads, that is, the standard deviations of
+# machines about the mean of their population.
 _SMALLEST_CURVATURE = 1e-3
 # Coordinates of quasi-random points are kept at least this far from 0 and from 1, where the
 # quantile of the normal distribution would be infinite.
@@ -288,15 +289,15 @@ class Spreads:
     #: k random draws of the spreads of c parameters, in units of the parameters' prior sd, shape
     #: (k, c)
     spread: Array
-    #: logarithm of the posterior density divided by the density drawn from, up to a constant, for
-    #: each of k random draws, shape (k,)
+    #: logarithm of the posterior density divided by the density of the distribution from which the
+    #: draws were made, up to a constant, for each of k random draws, shape (k,)
     log_weight: Array
     #: importance weights of the k random draws, Pareto-smoothed, with a sum of one, shape (k,)
     weight: Array
     #: Pareto's k̂ of the weights of the random draws; the larger it is, the less the weights can be
     #: trusted
     pareto_k: float
-    #: value of Pareto's k̂ of the weights above which the random draws cannot be trusted
+    #: limit of Pareto's k̂ of the weights; if k̂ is larger, the random draws cannot be trusted
     good_k: float
     #: mode of the posterior density of ln s, with the spreads s of c parameters, shape (c,)
     mode: Array
@@ -314,8 +315,8 @@ class Spreads:
     def first(self, size: int) -> Spreads:
         """Return the first ``size`` draws of the spreads, with weights that again sum to one.
 
-        The draws are made from quasi-random points, so that the first of them also cover the range
-        of the spreads evenly.
+        The draws are made from quasi-random points. Therefore the first draws alone also cover the
+        range of the spreads evenly.
         """
         log_weight = self.log_weight[:size]
         return _weight_draws(self.spread[:size], log_weight, self.mode)
@@ -331,10 +332,10 @@ def draw_spreads(
 ) -> Spreads:
     """Return weighted random draws of the spreads s from their posterior density.
 
-    Spreads are the standard deviations of the machines about the mean of their population. ln s is
-    drawn from a Student t distribution about the mode of its density. If the weights of these draws
-    are poor, a second set is drawn about the mean of the first set, with a covariance a little
-    larger than that of the first set. The better set is returned.
+    Spreads are the standard deviations of the machines about the mean of their population. Values
+    of ln s are drawn from a Student t distribution about the mode of the density of ln s. If the
+    weights of these draws are unreliable, a second set is drawn about the mean of the first set,
+    with a covariance a little larger than that of the first set. The better set is returned.
 
     Parameters
     ----------
@@ -379,9 +380,9 @@ def _draw_about(
 ) -> Spreads:
     """Return weighted draws of the spreads from a Student t distribution about a centre.
 
-    Coordinates are the logarithms of the spreads. ``centre`` and ``covariance`` are those of the
-    t distribution. ``size`` is the number of quasi-random points. ``mode`` is the highest point of
-    the density.
+    Coordinates are the logarithms of the spreads. ``centre`` and ``covariance`` are those of the t
+    distribution. ``size`` is the number of quasi-random points. ``mode`` is the highest point of
+    the posterior density.
     """
     c = len(centre)
     points = qmc.Sobol(c + 1, rng=np.random.default_rng(seed)).random(size)

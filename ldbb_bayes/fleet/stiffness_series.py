@@ -34,15 +34,15 @@ class StiffnessOfVisit(Result):
     campaign: str  #: label of the campaign
     force_N: float  #: reference force of the campaign, at which the stiffness is stated
     unit: str  #: unit of the numbers: N/mm, mm/N, deg, or empty for a ratio
-    mean: float | None  #: posterior mean
-    sd: float | None  #: standard uncertainty u
-    U_k2: float | None  #: expanded uncertainty U = 2 u
-    #: lower and upper end of the equal-tailed credible interval
+    mean: float | None  #: posterior mean of the stiffness, in ``unit``
+    sd: float | None  #: standard uncertainty u of the stiffness, in ``unit``
+    U_k2: float | None  #: expanded uncertainty U = 2 u of the stiffness, in ``unit``
+    #: lower and upper end of the equal-tailed credible interval of the stiffness, in ``unit``
     interval: tuple[float | None, float | None]
 
     @property
     def text(self) -> str:
-        """Text for the stiffness: value ± U with its unit, its lower limit, or "not determined"."""
+        """Text for the stiffness: value ± U with the unit, a lower limit, or "not determined"."""
         low, high = self.interval
         if self.mean is not None and self.sd is not None and low is not None and high is not None:
             return plus_minus(self.mean, self.sd, (low, high), self.unit).rstrip()

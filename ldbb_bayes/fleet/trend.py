@@ -2,8 +2,8 @@
 
 The model of a change is stated in `change_point`. A change is reported if its posterior probability
 exceeds a threshold p*. If there is no change, the Bayes factor B of a change has the expectation 1,
-so that B > x has a probability of at most 1 / x (Markov's inequality). Hence a false alarm has a
-probability of at most (1 − p*) / p* · p / (1 − p), with the prior probability p of a change.
+and the probability of B > x is therefore at most 1 / x (Markov's inequality). Hence a false alarm
+has a probability of at most (1 − p*) / p* · p / (1 − p), with the prior probability p of a change.
 
 A trend does not use the fact that compliances cannot be negative (truncation). Parameters that are
 not analysed, ball form and bar length are integrated out in each campaign separately, as if their
@@ -71,12 +71,12 @@ from ldbb_bayes.units import (
 __all__ = ["ParameterChange", "Trend", "Visit", "find_trend"]
 
 # The printed table of a trend states the size of a parameter's change if the probability of the
-# change is at least this. The table shows probabilities with three decimals; smaller probabilities
-# would appear as zero.
+# change is at least this value. The table shows probabilities with three decimals; smaller
+# probabilities would appear as zero.
 _UNLIKELY = 5e-4
 # The change of a parameter is also stated in per cent of the level before the change, if the ratio
-# of this level to its standard uncertainty is above this. The percentage neglects the uncertainty
-# of the level, which is then below 20 %.
+# of this level to its standard uncertainty is above this number. The percentage neglects the
+# uncertainty of the level, which is then below 20 %.
 _KNOWN_LEVEL = 5.0
 # Columns of the table `Trend.estimates` whose values have the unit of the parameter, unlike
 # probabilities and names.
@@ -89,8 +89,8 @@ _NOTHING = "–"
 class ParameterChange(Result):
     """Possible step change of one parameter of a machine over time.
 
-    A summary is a mean, a standard deviation and a credible interval. All values are in internal
-    units (mm, N, rad).
+    Attributes of type `Summary` hold a mean, a standard deviation and a credible interval. All
+    values except ``percent`` are in internal units (mm, N, rad).
     """
 
     unit: str  #: internal unit of the parameter, made of mm, N and rad
@@ -130,7 +130,7 @@ class Visit(Result):
     #: date of the campaign; None if the campaign states none
     date: Annotated[datetime | None, PlainSerializer(_isoformat)]
     #: probability that a parameter of the machine changed between the previous campaign and this
-    #: one
+    #: campaign
     change_just_before: float
 
 
@@ -157,7 +157,7 @@ class Trend(Result):
     """
 
     machine: str | None  #: machine_id of the machine; None if its campaigns state none
-    reference_force_N: float  #: force at which the compliances are stated [N]
+    reference_force_N: float  #: force for which the compliances are given [N]
     #: values of the options of `find_trend`; the keys are change_scale and repeatability (in units
     #: of the parameter's reference sd), probability (prior probability of a change), threshold, ci
     #: (probability of the credible intervals), one_instrument
@@ -177,9 +177,9 @@ class Trend(Result):
     caveats: tuple[Caveat, ...]  #: limitations of the trend and of its campaigns
     #: table of the estimates from each campaign alone, one row per campaign and parameter
     estimates: Annotated[pd.DataFrame, Field(exclude=True)]
-    #: decisions on conformity with tolerances: one dictionary for each quantity with a tolerance.
-    #: The keys of this dictionary are the campaigns. Each decision follows from one campaign alone,
-    #: with a normal distribution of the estimate.
+    #: decisions on conformity with tolerances; the keys are the names of the quantities with a
+    #: tolerance. Each value is a dictionary whose keys are the campaigns. A decision follows from
+    #: one campaign alone, and assumes a normal distribution of the estimate.
     conformity: Mapping[str, Mapping[str, Conformity]]
     #: stiffness by direction from each campaign alone, in the order of time; the keys are names
     #: such as k_min. Empty if the batches have no stiffness by direction.
@@ -230,7 +230,11 @@ def _trend_parts(trend: Trend) -> tuple[Table | str, ...]:
 
 
 def _table_row(name: str, parameter: ParameterChange) -> list[str]:
-    """Return a parameter's row in the table of changes: level, common U, probability, change."""
+    """Return the row of a parameter in the printed table of changes.
+
+    The row holds the present level, the part of its expanded uncertainty U that is common to all
+    campaigns, the probability of a change of the parameter, and the size of this change.
+    """
     factor, unit = display_unit(parameter.unit)
     level = parameter.level_now
     common = _NOTHING
@@ -302,10 +306,10 @@ def find_trend(
     include_misfits : bool
         Whether to keep campaigns whose readings do not fit the model.
     reference_force_N : float, optional
-        Force at which the compliances are stated [N]. Default: the median of the campaigns'
+        Force for which the compliances are given [N]. Default: the median of the campaigns'
         reference forces.
     one_instrument : bool
-        Whether all campaigns used the same bar, so that errors of mount and force gain do not
+        Whether all campaigns used the same bar. If so, errors of mount and force gain do not
         average out.
     tolerances : mapping of str to str or Tolerance, optional
         Limits of parameters and stiffnesses, see `assess_conformity`. Default: the limits that the
@@ -414,9 +418,9 @@ def _check_option(name: str, value: float, *, below_one: bool = False) -> None:
 
 
 class _MachineCampaigns(NamedTuple):
-    """Rows of one machine's campaigns in the table of a batch, and caveats on their choice.
+    """Rows of one machine's campaigns in a batch's table, and caveats on the choice of these rows.
 
-    ``machine`` is the machine_id of the machine, None if no campaign states one.
+    ``machine`` is the machine_id of the machine, or None if no campaign states a machine_id.
     """
 
     rows: pd.DataFrame
@@ -425,11 +429,12 @@ class _MachineCampaigns(NamedTuple):
 
 
 def _campaigns_of_one_machine(rows: pd.DataFrame, machine: str | None) -> _MachineCampaigns:
-    """Return the rows of one machine's campaigns, its machine_id, and caveats on their choice.
+    """Return the rows of the campaigns of one machine, with caveats on the choice of these rows.
 
-    ``machine`` is the machine_id that the user chose, or None. Rows without a machine_id are left
-    out if other rows have one; a caveat states this. Raise an `InputError` if ``machine`` is
-    unknown, or is None although there are several machines.
+    The machine_id of the machine is also returned. ``machine`` is the machine_id that the user
+    chose, or None. Rows without a machine_id are left out if other rows have one; a caveat states
+    this. Raise an `InputError` if ``machine`` is unknown, or is None although there are several
+    machines.
     """
     check_rows(rows)
     ids = rows["machine_id"]
@@ -672,8 +677,8 @@ def _conformities(
     chart
         Estimates from each campaign alone.
     tolerances
-        Limits of quantities, by name of the quantity. If None or empty, ``newest_tolerances`` are
-        used.
+        Limits of quantities; the keys are the names of the quantities. If there are none,
+        ``newest_tolerances`` are used.
     newest_tolerances
         Limits that the newest campaign states, as JSON text. Limits of quantities that the trend
         does not have are ignored.

@@ -51,7 +51,7 @@ class Axes(NamedTuple):
     rotation: str  #: rotation about the normal of the plane, such as C
 
 
-# The three motions in every plane in which circles can be tested.
+# Names of the three motions in each plane in which circular tests are possible.
 PLANES: Mapping[str, Axes] = {
     "XY": Axes("X", "Y", "C"),
     "YZ": Axes("Y", "Z", "A"),
@@ -136,7 +136,7 @@ class Machine(Shown):
     The topology lists the axes from the workpiece ``w`` through the foundation ``F`` to the tool
     ``t``, in the style of ISO 10791. Axes before ``F`` carry the workpiece; in ``wCAFYXZSt`` these
     are C and A, and Y, X, Z and the spindle S carry the tool. The linear axes of the tested planes
-    are modelled; all other axes count as rigid and free of errors.
+    are modelled; all other axes are treated as rigid and free of errors.
 
     Raises
     ------
@@ -193,7 +193,7 @@ class Machine(Shown):
         )
 
     def _check_topology(self) -> None:
-        """Refuse a topology with unknown or repeated axes, or without the axes of the planes."""
+        """Refuse a topology with unknown or repeated axes, or without an axis of a tested plane."""
         topology = self.topology
         inner = topology[1:-1]
         require(
@@ -235,7 +235,7 @@ class Machine(Shown):
         return tuple(self.joint(axis) for axis in dict.fromkeys("".join(self.planes)))
 
     def joint(self, axis: str) -> Joint:
-        """Return the joint of a linear axis: X, Y or Z."""
+        """Return the joint of the linear axis with the given name: X, Y or Z."""
         branch: Branch = "tool"
         if self.topology.index(axis) < self.topology.index("F"):
             branch = "workpiece"

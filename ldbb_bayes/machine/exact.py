@@ -102,7 +102,7 @@ def geometric_reading_mm(
         Values of geometric errors; the keys are names such as E_XX1. Geometric errors that are not
         listed are zero. Gains have no unit. Straightness deviations are quadratic in the
         coordinate, with coefficients in 1/mm. Squareness errors are in rad and tool offsets in mm.
-        Complex values are allowed, so that derivatives can be computed with the complex-step
+        Complex values are allowed; they are used to compute derivatives with the complex-step
         method.
     """
     check_known("parameter", geometric_errors, [name.label for name in geometric_names(machine)])

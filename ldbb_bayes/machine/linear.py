@@ -52,28 +52,29 @@ __all__ = [
 # Number of angles of a full circle at which the effects of compliances are compared.
 _ANGLES = 64
 # The effects of two compliances on the readings are proportional if the cosine of the angle between
-# their columns differs from ±1 by at most this. A column holds the readings per unit of a
+# their columns differs from ±1 by at most this number. A column holds the readings per unit of a
 # compliance.
 _PARALLEL = 1e-10
 # A compliance has no effect if the norm of its column (the readings per unit of the compliance) is
 # smaller than this share of the largest norm.
 _NULL_SHARE = 1e-10
-# The part of a compliance's effect that is due to a kept compliance is a rounding error if it is
-# smaller than this share of that effect. A negative eigenvalue of a matrix of weights is a rounding
-# error if its absolute value is smaller than this share of the largest weight.
+# A compliance that is not kept can have a part of its effect in common with a kept compliance. This
+# part is a rounding error if it is smaller than this share of the whole effect. A negative
+# eigenvalue of a matrix of weights is a rounding error if its absolute value is smaller than this
+# share of the largest weight.
 _ROUNDING_WEIGHT = 1e-7
 # A column holds the readings per unit of a compliance, scaled to length one. A column is
-# independent of other columns if the part of it that is not a linear combination of them is longer
-# than this.
+# independent of other columns if it has a part that is not a linear combination of the other
+# columns, and this part is longer than this number.
 _INDEPENDENT = 1e-8
 
 
 class ErrorBearer(NamedTuple):
     """Joint at which a geometric error acts, before or after the joint's motion."""
 
-    joint: Joint  #: joint at which the error acts
-    #: whether the error acts before the joint's own motion in the chain from the foundation to the
-    #: tool or workpiece
+    joint: Joint  #: joint at which the geometric error acts
+    #: whether the geometric error acts before the joint's own motion in the chain from the
+    #: foundation to the tool or workpiece
     before_motion: bool
 
 
@@ -103,7 +104,7 @@ def compliance_jacobian(
 
     Returns
     -------
-    Jacobian, shape (n, compliances) [1, mm or mm²].
+    Jacobian, shape (n, number of compliances) [1, mm or mm²].
     """
     direction = circle.direction(angle_rad)
     wrenches = {}
@@ -130,7 +131,7 @@ def geometric_jacobian(machine: Machine, circle: Circle, angle_rad: Array) -> Ar
 
 
 def _error_column(machine: Machine, circle: Circle, angle_rad: Array, name: GeometricName) -> Array:
-    """Return the change of the reading per unit of a geometric error, shape (angles,)."""
+    """Return the change of the reading at n angles per unit of a geometric error, shape (n,)."""
     direction = circle.direction(angle_rad)
     component = COMPONENTS.index(name.component)
     if name.kind == "offset":
@@ -144,7 +145,7 @@ def _error_column(machine: Machine, circle: Circle, angle_rad: Array, name: Geom
 
 
 def error_bearer(machine: Machine, name: GeometricName) -> ErrorBearer:
-    """Return the joint at which a geometric error acts, and whether before or after its motion.
+    """Return the joint at which a geometric error acts, before or after the motion of the joint.
 
     A squareness error concerns two axes. If both carry the tool, or both the workpiece, the error
     acts after the motion of the reference axis. If one axis carries the tool and the other the
@@ -182,7 +183,8 @@ class Kept:
     #: kept compliances, each the representative of a proportional set, in the order of Table 1 of
     #: the paper
     names: tuple[ComplianceName, ...]
-    #: for each kept compliance, the names in its proportional set, its own name first (Table 2)
+    #: for each kept compliance, the names of the compliances in its proportional set (Table 2 of
+    #: the paper); the kept compliance comes first
     sets: tuple[tuple[str, ...], ...]
     #: for each kept compliance, the weights of the compliances in its set. A weight is the effect
     #: of a compliance on the reading divided by the effect of the kept compliance; the unit of a
@@ -224,8 +226,8 @@ def kept_compliances(machine: Machine, *circles: Circle) -> Kept:
     5. choose the first compliance in alphabetical order.
 
     The readings of all circles are examined together: circles with other centres or planes can
-    separate compliances that one circle cannot. If no circles are given, one with the radius 150 mm
-    about the origin is assumed in every plane of the machine.
+    separate compliances that one circle cannot. If no circles are given, a circle with the radius
+    150 mm about the origin is assumed in every plane of the machine.
     """
     if not circles:
         circles = tuple(Circle(plane=plane) for plane in machine.planes)
@@ -240,7 +242,8 @@ class _Candidates:
     """
 
     names: tuple[ComplianceName, ...]  #: names of the compliances
-    #: reading per unit force and unit of each compliance, shape (n, compliances)
+    #: reading at n angles per unit force and per unit of each compliance, shape (n, number of
+    #: compliances)
     jacobian: Array
     unit: Array  #: columns of ``jacobian`` divided by their norms; columns of zeros stay zero
     live: tuple[int, ...]  #: indices of the compliances that change a reading
@@ -361,8 +364,8 @@ def _not_negative(
         Weight of each compliance in the sum that each kept compliance represents, shape (number of
         kept compliances, m).
     """
-    # Scale the matrices of weights by the typical size of each force and moment, so that their
-    # elements are comparable.
+    # Scale the matrices of weights by the typical size of each force and moment, to make the
+    # elements of the matrices comparable.
     unit = dict.fromkeys(COMPONENTS, 1.0)
     for i, name in enumerate(names):
         if name.twist == name.wrench:
@@ -473,7 +476,8 @@ def hybrid_jacobian(
     This is J_H of Eq. 28 and, with reference force F0 = 0, of Eq. 33. The column of a compliance is
     F j_C, and the column of its slope of degree k is F (F − F0)^k j_C, where j_C is the reading per
     unit force and compliance. The compliances are those that this circle alone can separate.
-    Columns are named as in results: C_XXX …, C_XXX_1 …, then E_XX1 … . Equations are those of the
+    Columns are named like the parameters in the results of a fit: first compliances such as C_XXX,
+    then slopes such as C_XXX_1, then geometric errors such as E_XX1. Equations are those of the
     paper.
 
     Parameters

@@ -92,7 +92,7 @@ class ComplianceName:
     def preference(self) -> tuple[bool, int, bool, bool, str]:
         """Sort key of the compliance: the compliance with the smallest key represents its set.
 
-        The compliances of a set change the readings in proportion to each other, so that circles
+        The compliances of a set change the readings in proportion to each other; circles therefore
         cannot separate these compliances. `kept_compliances` states the rules by which the
         representative is chosen.
         """
@@ -185,7 +185,7 @@ def joint_names(machine: Machine) -> tuple[ComplianceName, ...]:
 def geometric_names(machine: Machine) -> tuple[GeometricName, ...]:
     """Return the names of the machine's geometric errors in the order of the paper.
 
-    For each tested plane these are the gains, quadratic straightness deviations and squareness
+    The errors of each tested plane are gains, quadratic straightness deviations and the squareness
     error. An error that belongs to two planes is named once. The offsets of the tool are last, one
     along every linear axis that moves in a tested plane.
     """

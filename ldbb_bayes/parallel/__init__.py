@@ -1,4 +1,4 @@
-"""Functions that run independent jobs in one process, in several, or on a Dask cluster.
+"""Functions that run independent jobs in one process, in several processes, or on a Dask cluster.
 
 Dask is a library that distributes computations over several computers.
 """

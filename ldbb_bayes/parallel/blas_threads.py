@@ -1,7 +1,7 @@
 """Limit of one thread per process for BLAS, the linear algebra library behind NumPy.
 
-The matrices of this package are small, so that several threads would lose more time in waiting for
-each other than they save.
+The matrices of this package are small. Several threads would therefore lose more time in waiting
+for each other than they save.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Executor that runs jobs in worker processes of Dask, on this computer or on a cluster.
 
-Dask is a library that distributes computations over several computers. Its own executor,
-`distributed.Client.get_executor()`, is not used: if the result of a job is lost after it arrived,
+Dask is a library that distributes computations over several computers. Dask's own executor,
+`distributed.Client.get_executor()`, is not used: if the result of a job is lost after its arrival,
 that executor raises a ValueError. This package would treat the ValueError as an error of the job
 itself, and would not run the job again.
 """
@@ -27,10 +27,10 @@ from ldbb_bayes.parallel.versions import versions
 
 __all__ = ["ANSWER_S", "dask_executor", "dask_setup"]
 
-# Time after which a Dask scheduler that does not answer counts as missing [s].
+# Longest time for which this program waits for the answer of a Dask scheduler [s].
 ANSWER_S = 10.0
 # Number of threads of this process that wait for results of Dask workers. Each thread waits for one
-# job, so that Dask has at most this number of jobs at the same time.
+# job; Dask therefore has at most this number of jobs at the same time.
 _WAITING_THREADS = 64
 # Names of Dask's loggers that are silenced, because exceptions state the same messages.
 _LOGGERS = (
@@ -43,8 +43,8 @@ _LOGGERS = (
 # Environment variables with which the worker processes of a local Dask cluster start.
 _WORKER_ENVIRONMENT: dict[str, Any] = {
     # These thresholds [bytes] let workers keep freed memory. With Dask's defaults, workers return
-    # freed memory to the operating system and then request it again, so that computations with many
-    # small matrices take more than twice as long.
+    # freed memory to the operating system and then request it again; computations with many small
+    # matrices then take more than twice as long.
     "MALLOC_TRIM_THRESHOLD_": 1 << 26,
     "MALLOC_MMAP_THRESHOLD_": 1 << 25,
     # This level silences messages about closed connections, which are of no use to the user.
@@ -53,7 +53,8 @@ _WORKER_ENVIRONMENT: dict[str, Any] = {
 }
 # Configuration of Dask for a cluster on this computer.
 _DASK_OPTIONS: dict[str, Any] = {
-    # Dask must not repeat a job whose worker was killed: `done` repeats it after all other jobs.
+    # Dask must not repeat a job whose worker was killed: the function `done` repeats the job after
+    # all other jobs.
     "distributed.scheduler.allowed-failures": 0,
     "distributed.comm.timeouts.connect": ANSWER_S,
     # Workers keep no record of run times, which would grow with every job.
@@ -91,9 +92,9 @@ def dask_executor(scheduler: str | None = None, workers: int = 0) -> Iterator[Ex
 
     Parameters
     ----------
-    scheduler : address of a Dask scheduler that is running, such as tcp://10.0.0.1:8786. None: a
-        cluster is started on this computer and ends with the ``with`` block.
-    workers : number of workers of a cluster on this computer; 0: one per processor core. This
+    scheduler : address of a Dask scheduler that is running, such as tcp://10.0.0.1:8786. If it is
+        None, a cluster is started on this computer, and ends with the ``with`` block.
+    workers : number of workers of a cluster on this computer; 0 means one per processor core. This
         argument has no effect if ``scheduler`` is given.
 
     Raises
@@ -171,9 +172,9 @@ class _DaskExecutor(Executor):
 def _local_cluster(workers: int) -> Iterator[Any]:
     """Yield a Dask cluster of worker processes on this computer; it ends with the ``with`` block.
 
-    ``workers`` is the number of processes; 0: one per processor core. If a worker died, the cluster
-    may take a long time to close; this function waits for ten seconds at most. By then, all results
-    have arrived.
+    ``workers`` is the number of processes; 0 means one per processor core. If a worker died, the
+    cluster may take a long time to close; this function waits for ten seconds at most. By then, all
+    results have arrived.
     """
     from distributed import LocalCluster  # imported here, because Dask need not be installed
 

@@ -42,9 +42,9 @@ def executor_named(
     Parameters
     ----------
     kind : "process" for worker processes on this computer, or "dask" for the library Dask.
-    workers : number of worker processes; 0: one per processor core.
-    scheduler : address of a Dask scheduler, which distributes jobs to workers on other computers;
-        None: workers on this computer.
+    workers : number of worker processes; 0 means one per processor core.
+    scheduler : address of a Dask scheduler, which distributes jobs to workers on other computers.
+        If it is None, the workers are on this computer.
 
     Returns
     -------

@@ -23,8 +23,8 @@ __all__ = ["Lost", "done", "start_early"]
 R = TypeVar("R")
 T = TypeVar("T")
 
-# Largest number of jobs per worker process that are submitted and not yet finished. It is larger
-# than one, so that no worker waits while this process handles results.
+# Largest number of jobs per worker process that are submitted and not yet finished. The number is
+# larger than one, because a worker would otherwise wait while this process handles results.
 _JOBS_PER_WORKER = 4
 # Largest number of jobs that are submitted and not yet finished, for an executor whose number of
 # workers is not known.
@@ -47,7 +47,7 @@ class Lost:
 
 @dataclass(frozen=True)
 class _Attempt(Generic[T]):
-    """First or second attempt to run a job; a second one follows if the worker process died."""
+    """First or second attempt to run a job; the second follows if the worker process died."""
 
     index: int  # index of the job, from 0
     job: T  # argument with which the function is called
@@ -60,24 +60,25 @@ def done(
     """Yield the index (from 0) and the result of every job, in the order in which jobs finish.
 
     Each job has one thread of BLAS, the linear algebra library behind NumPy. A job whose worker
-    process dies (killed, out of memory) is repeated alone after all other jobs; if its worker dies
-    again, its result is `Lost`. With an executor of threads, jobs run one at a time; an executor of
-    processes is faster, but the function must then be importable, and jobs and results must be
-    picklable. Jobs are taken from the iterable only as needed. When the iterator that this function
-    returns is closed, pending jobs are cancelled.
+    process dies (killed, out of memory) is repeated alone after all other jobs; if the worker
+    process dies again, the result of the job is `Lost`. With an executor of threads, jobs run one
+    at a time; an executor of processes is faster, but the function must then be importable, and
+    jobs and results must be picklable. Jobs are taken from ``jobs`` only when they are needed. When
+    the iterator that this function returns is closed, pending jobs are cancelled.
 
     Parameters
     ----------
     function : function that is called with each job as its argument: once, or a second time if
         the worker process died the first time.
     jobs : the jobs.
-    executor : executor that makes the calls; None: this process, one job after the other.
+    executor : executor that makes the calls. If it is None, this process does one job after the
+        other.
 
     Raises
     ------
     Exception
-        If a job raises an exception: this exception, with a note that states the index of the job.
-        Pending jobs are cancelled.
+        If a job raises an exception. The same exception is raised again, with a note that states
+        the index of the job, and pending jobs are cancelled.
     InputError
         If the executor stopped before all jobs were done.
     """
@@ -131,8 +132,8 @@ def start_early(call: Callable[[], R], executor: Executor | None) -> Callable[[]
     Parameters
     ----------
     call : function without arguments that is called.
-    executor : executor that makes the call in another process. None: this process makes the call
-        when the returned function is called.
+    executor : executor that makes the call in another process. If it is None, this process makes
+        the call when the returned function is called.
 
     Returns
     -------

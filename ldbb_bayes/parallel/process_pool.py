@@ -2,9 +2,9 @@
 
 If a worker dies, even while it sends a result, no other job fails and the executor does not hang.
 The pools of the standard library and of loky (3.7, which joblib uses) have one pipe for the results
-of all workers, and therefore three faults. A worker that dies breaks the whole pool, so that all
-running jobs fail. If a worker is killed while it sends a result, the pool waits for ever. If the
-process that started the workers is killed, they keep running.
+of all workers, and therefore three faults. If a worker dies, the whole pool breaks, and all running
+jobs fail. If a worker is killed while it sends a result, the pool waits for ever. If the process
+that started the workers is killed, the workers keep running.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def process_executor(workers: int = 0) -> Iterator[Executor]:
 
     Parameters
     ----------
-    workers : number of processes; 0: one per processor core.
+    workers : number of processes; 0 means one per processor core.
 
     Raises
     ------
@@ -83,8 +83,8 @@ def usable_cores() -> int:
 def refuse_to_nest() -> None:
     """End this process if it is a worker that is still importing the user's script.
 
-    This happens if the script starts workers outside ``if __name__ == "__main__":``, so that each
-    worker would start workers again. The process that started this worker reports the fault.
+    A script that starts workers outside ``if __name__ == "__main__":`` would start workers again
+    whenever a worker imports it. The process that started this worker reports the fault.
     """
     if getattr(multiprocessing.current_process(), "_inheriting", False):
         sys.exit(1)
@@ -220,7 +220,10 @@ def _run_next_job(connection: Connection) -> _Answer | None:
 
 
 def _send(connection: Connection, answer: _Answer) -> None:
-    """Send the answer. If the answer cannot be pickled, send a `TypeError` instead."""
+    """Send the outcome of a job, which is its result or exception, through a pipe.
+
+    If the outcome cannot be pickled, a `TypeError` is sent instead.
+    """
     try:
         message = ForkingPickler.dumps(answer)
     except Exception as error:  # noqa: BLE001 - a class that cannot be pickled may raise any error
@@ -229,10 +232,10 @@ def _send(connection: Connection, answer: _Answer) -> None:
 
 
 def _not_picklable(answer: _Answer, error: Exception) -> TypeError:
-    """Return the error for an answer that cannot be pickled.
+    """Return the error for an outcome of a job (result or exception) that cannot be pickled.
 
-    If the answer is itself an exception, its notes, which state where it was raised, are copied.
-    ``error`` is the exception that pickling raised.
+    If the outcome is an exception, its notes, which state where the exception was raised, are
+    copied to the error. ``error`` is the exception that pickling raised.
     """
     reason = TypeError(
         f"{type(answer.content).__name__} must be picklable, got: {error}. Return arrays, numbers"
