@@ -1,4 +1,4 @@
-"""Analyses of a posterior or a plan, such as verdicts on parameters, comparisons and designs."""
+"""Analyses of a posterior or of a plan (a campaign without readings), such as verdicts."""
 
 import lazy_loader
 

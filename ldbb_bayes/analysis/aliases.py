@@ -3,9 +3,9 @@
 Coefficients are the parameters of interest (compliances, their slopes and geometric errors) and the
 nuisance coefficients (effects that are modelled but not of interest). In a degeneracy, the effects
 of the coefficients on the readings cancel. For example, a change of the parameters cancels the
-effect of a nuisance. The degeneracies span the null space of the design matrix. A sparse basis of
-this space is computed, so that each degeneracy involves few coefficients. No readings are needed,
-so that a plan can be examined too.
+effect of a nuisance coefficient. The degeneracies span the null space of the design matrix. A
+sparse basis of this space is computed, so that each degeneracy involves few coefficients. No
+readings are needed. A plan (a campaign without readings) can therefore be examined too.
 """
 
 from __future__ import annotations
@@ -53,8 +53,8 @@ class Degeneracy:
     #: class name of the model term that the pivot belongs to; empty if the pivot is a parameter.
     #: The pivot is the coefficient whose effect on the readings the other coefficients cancel.
     term: str
-    #: changes of coefficients, by name, that compensate one another in every reading; in internal
-    #: units (mm, N, rad); nuisance coefficients come before parameters
+    #: change of each coefficient, by its name, in internal units (mm, N, rad). Together, these
+    #: changes cancel in every reading. Nuisance coefficients come before parameters.
     combination: Mapping[str, float]
     #: parameters of interest whose effect on the readings is more than 2 % of the largest effect of
     #: any coefficient in ``combination``
@@ -131,9 +131,10 @@ def _parameters_alone_if_unresolved(space: NullSpace, vector: Array) -> Array:
     """Return the parameters of a combination without its nuisance coefficients, where possible.
 
     The nuisance coefficients are set to zero if no reading resolves the resulting combination of
-    parameters alone. If a reading resolves it, the combination is returned unchanged. The
-    combination is ``vector``, shape (m,): the m coefficients in units of their prior standard
-    deviations. ``space`` is the null space of the campaign's design matrix.
+    parameters alone. If a reading resolves the combination of parameters alone, the given
+    combination is returned unchanged. ``vector``, shape (m,), is the given combination: the values
+    of m coefficients in units of their prior standard deviations. ``space`` is the null space of
+    the campaign's design matrix.
     """
     is_parameter = np.arange(len(vector)) < space.parameters
     parameters_only = np.where(is_parameter, vector, 0.0)
@@ -183,7 +184,7 @@ def _describe_degeneracy(
 
 
 def _sort_by_effect(indices: Sequence[int], effect: Array) -> list[int]:
-    """Return the given indices of coefficients, those with the largest effect first.
+    """Return the given indices of coefficients, sorted by effect on the readings, largest first.
 
     ``effect`` holds the largest effect of every coefficient on any reading.
     """
@@ -231,8 +232,9 @@ def _modelled_term(bound: BoundModel, owner: str) -> Term | None:
 def _all_coefficients(bound: BoundModel) -> _Coefficients:
     """Return the coefficients that act in several tests: parameters and nuisance coefficients.
 
-    Nuisance coefficients are effects that are not of interest. Those of the model's terms are
-    returned, and also those of terms that the model's preset has but the model leaves out.
+    Nuisance coefficients are effects that are not of interest. The nuisance coefficients of the
+    model's terms are returned, and also those of terms that the model's preset has and the model
+    leaves out.
     """
     modelled = {type(term): term for term in bound.model.nuisances}
     terms = {**edition_terms(bound), **modelled}
@@ -265,8 +267,8 @@ def _effects(bound: BoundModel, columns: Array) -> Array:
     """Return the change of k readings per unit of each of m coefficients, shape (k, m) [mm].
 
     ``columns``, shape (tests, 25, m), are the changes of the 25 Fourier coefficients of each test's
-    radial deviation. The readings are those of each test at its own angles. At most
-    ``_MOST_ANGLES`` angles of a test are used.
+    radial deviation. The readings are taken at each test's own angles, but at no more than
+    ``_MOST_ANGLES`` angles of a test.
     """
     tests = {test.name: test for test in bound.campaign.tests}
     rows = []

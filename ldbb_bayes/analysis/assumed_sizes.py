@@ -14,7 +14,7 @@ from ldbb_bayes.units import ranked
 __all__ = ["AssumedSize", "DecidingAssumption", "deciding_assumptions"]
 
 # A parameter counts as dependent on an assumed effect if the effect has at least this share of the
-# parameter's variance. Verdicts name effects that have at least the same share.
+# parameter's variance. Verdicts use the same limit to name effects.
 _DECIDING_SHARE = 0.05
 # Two sizes count as equal if the larger divided by the smaller is below this number.
 _SAME_SIZE = 1.0 + 1e-9
@@ -24,10 +24,11 @@ _SAME_SIZE = 1.0 + 1e-9
 class AssumedSize:
     """Size of an assumed effect: the largest prior standard deviation of its coefficients."""
 
-    source: str  #: name of the coefficient, or of the noise, that has this size
+    source: str  #: name of the coefficient or noise whose prior standard deviation is ``sd``
     sd: float  #: prior standard deviation of ``source``
     unit: str  #: internal unit of ``sd``
-    #: whether the effect has other coefficients with this unit and a smaller standard deviation
+    #: whether the effect has other coefficients in the same unit with a smaller prior standard
+    #: deviation
     differs: bool
 
 
@@ -35,7 +36,7 @@ class AssumedSize:
 class DecidingAssumption(Result):
     """An effect whose size is assumed, and the parameter that depends on it most."""
 
-    term: str  #: class name of the model term
+    term: str  #: class name of the model term that describes the effect
     parameter: str  #: parameter in whose variance the effect has its largest share
     share: float  #: share of the effect in the variance of ``parameter``
     sizes: tuple[AssumedSize, ...]  #: size of the effect in each of its units
@@ -75,7 +76,7 @@ def deciding_assumptions(budgets: Mapping[str, Budget]) -> tuple[DecidingAssumpt
 
 
 def _sizes(lines: list[Contribution]) -> tuple[AssumedSize, ...]:
-    """Return the largest size of an effect in every unit, from its lines in the budgets.
+    """Return the largest size of an effect for each unit, from the effect's lines in the budgets.
 
     Lines that stand for several coefficients state no size, and are left out.
     """

@@ -268,9 +268,9 @@ def _draw_posteriors(
 ) -> tuple[Array, list[ModelDraws]]:
     """Return ``size`` draws from the averaged posterior.
 
-    The first value, shape (size,), is the index of the model of each draw; the second holds the
-    draws of each model that has any. The number of draws of a model differs from its probability
-    times ``size`` by less than one.
+    The first result, shape (size,), is the index of the model of each draw. The second result
+    holds, for each model that has draws, these draws. The number of draws of a model differs from
+    its probability times ``size`` by less than one.
     """
     cumulative = np.append(0.0, np.cumsum(weighted.probability) / weighted.probability.sum())
     ends = np.floor(cumulative * size + rng.random()).astype(int)
@@ -302,8 +302,9 @@ def _pool_draws(bound: BoundModel, draws_of_models: Sequence[ModelDraws]) -> tup
     """Return the draws of all models in one array for parameters and one for hyper-parameters.
 
     The n draws of the p parameters have the shape (n, p), those of the h hyper-parameters the shape
-    (n, h). The draws of one model follow those of another. The parameters are those of ``bound``,
-    the largest model; a parameter that a model lacks is zero in its draws.
+    (n, h). The draws of the first model come first, then those of the next model, and so on. The
+    parameters are those of ``bound``, the largest model; a parameter that a model lacks is zero in
+    its draws.
     """
     pooled_beta = []
     for draws_of_model in draws_of_models:
@@ -379,7 +380,9 @@ def _describe_models(weighted: _WeightedModels) -> dict[str, Any]:
     """Return the models with their probabilities, for the record of the averaged posterior.
 
     Each model is described by name, rival explanations, log evidence and posterior probability. The
-    result also has the total probability of each model name and of each rival explanation.
+    result also has the probability of each model name, summed over the subsets of rival
+    explanations, and the probability of each rival explanation, summed over the models that include
+    it.
     """
     models = []
     for combination, nodes, probability in zip(

@@ -17,9 +17,10 @@ In an average over models, the shares are those under every model, weighted with
 the model times the variance under it; the spread of the models' means is a source of its own, which
 is called the choice between the models.
 
-The size of every source is measured here, stated or assumed (`origins`). If stated and assumed
-sources together have most of the variance, the budget names the largest of these sources, because
-further circles would not reduce it.
+The size of every source is measured here (determined by the readings of this campaign), stated (by
+a certificate or by the user) or assumed; see `origins`. If stated and assumed sources together have
+most of the variance, the budget names the largest of these sources, because further circles would
+not reduce the uncertainty that they cause.
 """
 
 from __future__ import annotations
@@ -50,11 +51,11 @@ __all__ = ["Budget", "Contribution", "budget_uncertainty"]
 
 Kind = Literal["A", "B"]
 
-# A nuisance coefficient whose share of a parameter's variance is below this has no line of its own
-# in the uncertainty budget of the parameter.
+# A nuisance coefficient whose share of a parameter's variance is below this number has no line of
+# its own in the uncertainty budget of the parameter.
 _LISTED_SHARE = 1e-3
-# Largest number of posterior draws of the hyper-parameters over which shares are averaged. They are
-# evenly spaced among all draws.
+# Largest number of posterior draws of the hyper-parameters over which shares are averaged. The
+# draws used are evenly spaced among all draws.
 _MOST_AVERAGED = 16
 
 
@@ -105,7 +106,7 @@ class Budget(Result):
         return sum(line.share for line in self.contributions if line.term == term)
 
     def origin_of(self, term: str) -> Origin:
-        """Return the origin that has the largest part of a model term's share of the variance."""
+        """Return the origin (measured here, stated or assumed) of most of a model term's share."""
         shares = dict.fromkeys(Origin, 0.0)
         for line in self.contributions:
             if line.term == term:
@@ -160,7 +161,7 @@ class _ParameterVariance:
 
     @property
     def total(self) -> float:
-        """The averaged variance; one if it is zero, because shares are divided by it."""
+        """The averaged variance, by which shares are divided. A variance of zero counts as one."""
         return (sum(self.weights) + (self.spread or 0.0)) or 1.0
 
 
@@ -268,7 +269,7 @@ def budget_uncertainty(posterior: xr.DataTree) -> dict[str, Budget]:
 
 
 def _budget_of_model(model: AveragedModel) -> _ModelBudget:
-    """Return the variance of the parameters under one model, and its sources."""
+    """Return the variance of the parameters under one model, and the sources of this variance."""
     bound = model.bound
     phi = model.phi.mean(axis=0)
     information = information_of(bound, phi)
@@ -296,7 +297,7 @@ def _variance_of_parameter(
     """Return the variance of one parameter under all models that have it.
 
     ``i`` is the index of the parameter in the average over models. ``spread`` is the variance of
-    its mean over the models; None if there is only one model.
+    the parameter's mean over the models; None if there is only one model.
     """
     with_parameter = []
     rows = []
@@ -316,8 +317,9 @@ def _average_shares(
     """Return the shares of all sources, averaged over ``count`` draws of the hyper-parameters φ.
 
     ``phi``, shape (draws, h), are posterior draws of φ; ``covariance``, shape (p, p), is the
-    covariance of the p parameters, in units of their prior standard deviations, that is shared out
-    among the sources (`Information.shares`). The keys are names of source and model term.
+    covariance of the p parameters in units of their prior standard deviations. `Information.shares`
+    divides this covariance among the sources. Each key consists of the names of a source and of its
+    model term.
     """
     count = min(count, len(phi))
     chosen = phi[np.linspace(0, len(phi) - 1, count).round().astype(int)]
@@ -331,8 +333,8 @@ def _average_shares(
 def _contributions(variance: _ParameterVariance, u: float) -> tuple[Contribution, ...]:
     """Return the lines of the budget of one parameter, the largest share of the variance first.
 
-    ``u`` is the parameter's standard uncertainty. Coefficients of one model term and origin with
-    shares below 0.1 % have a common line.
+    ``u`` is the parameter's standard uncertainty. Coefficients with shares below 0.1 % are listed
+    together in one line if they have the same model term and the same origin.
     """
     lines = []
     unlisted_shares: dict[tuple[str, Origin], float] = {}
@@ -354,7 +356,7 @@ def _contributions(variance: _ParameterVariance, u: float) -> tuple[Contribution
 
 
 def _portions(variance: _ParameterVariance) -> dict[_SourceKey, _Portion]:
-    """Return the share of every source in the averaged variance of one parameter."""
+    """Return the share of every source in one parameter's variance, averaged over the models."""
     portions: dict[_SourceKey, _Portion] = {}
     for budget, row, weight in zip(variance.budgets, variance.rows, variance.weights, strict=True):
         for (source, term), shares in budget.shares.items():
@@ -370,9 +372,10 @@ def _portions(variance: _ParameterVariance) -> dict[_SourceKey, _Portion]:
 
 
 def _origin_of(budget: _ModelBudget, row: int, source: str, term: str) -> Origin:
-    """Return the origin of a source in the budget of the parameter with the index ``row``.
+    """Return the origin (measured here, stated or assumed) of a source in a parameter's budget.
 
-    ``source`` and ``term`` are the names of the source and of its model term.
+    ``row`` is the index of the parameter. ``source`` and ``term`` are the names of the source and
+    of its model term.
     """
     if term == OWN and is_prior_stated(budget.bound, budget.bound.names[row]):
         return Origin.STATED
@@ -382,14 +385,16 @@ def _origin_of(budget: _ModelBudget, row: int, source: str, term: str) -> Origin
 def _coefficient_line(key: _SourceKey, portion: _Portion, u: float) -> Contribution:
     """Return the line of one nuisance coefficient in the budget of a parameter.
 
-    Its standard uncertainty and the sign of its sensitivity are those in the model in which it has
-    the largest share. ``u`` is the standard uncertainty of the parameter.
+    The standard uncertainty of the coefficient and the sign of the sensitivity are those in the
+    model in which the coefficient has the largest share of the parameter's variance. ``u`` is the
+    standard uncertainty of the parameter.
     """
     information = portion.budget.information
     place = information.interest[portion.row]
     column = information.names.index(key.source)
-    # A nuisance larger than its prior mean shifts the parameter's estimate. The sign of this shift
-    # is opposite to that of the posterior covariance of nuisance and parameter.
+    # A nuisance coefficient that is larger than its prior mean shifts the parameter's estimate. The
+    # sign of this shift is opposite to that of the posterior covariance of the coefficient and the
+    # parameter.
     sign = -float(np.sign(portion.budget.covariance[place, column]))
     source_u = float(information.scale[column])
     unit = Term.owner(key.source).unit_of(key.source).inside
@@ -407,9 +412,9 @@ def _contribution(
 ) -> Contribution:
     """Return the line of a source in a budget, from its share of the parameter's variance.
 
-    ``u`` is the standard uncertainty of the parameter, ``source_u`` that of the source in ``unit``,
-    or None if the source has no single standard uncertainty. ``kind`` is the type of evaluation, A
-    or B of the GUM. ``sign`` is the sign of the sensitivity.
+    ``u`` is the standard uncertainty of the parameter. ``source_u`` is the standard uncertainty of
+    the source in the unit ``unit``, or None if the source has no single standard uncertainty.
+    ``kind`` is the type of evaluation, A or B of the GUM. ``sign`` is the sign of the sensitivity.
     """
     contribution = float(np.sqrt(max(share, 0.0))) * u
     sensitivity = None

@@ -3,8 +3,8 @@
 In every replicate, true values of the parameters and hyper-parameters (the scales of the noise and
 of other effects) are drawn at random from their priors. Readings are simulated from them, and
 posterior draws are computed. The rank of a true value is the number of these draws that are below
-it. If the posterior is computed correctly, the ranks of many replicates are uniformly distributed
-(Talts et al. 2018).
+the true value. If the posterior is computed correctly, the ranks of many replicates are uniformly
+distributed (Talts et al. 2018).
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ __all__ = [
     "rank_replicates",
 ]
 
-# Name of the log likelihood in `Validation.names`. Calibration ranks its true value too, besides
-# those of the parameters and hyper-parameters.
+# Name of the log likelihood in `Validation.names`. The true value of the log likelihood is ranked
+# too, like those of the parameters and hyper-parameters.
 LOG_LIKELIHOOD = "log_likelihood"
 # Probabilities of the credible intervals whose coverage (share of true values inside) is reported.
 _INTERVALS = (0.5, 0.8, 0.95)
@@ -75,7 +75,7 @@ class Validation(Result):
     #: these replicates have no ranks
     failures: tuple[str, ...]
     #: indices, counted from 0, of the rows of ``ranks`` whose draws come from the sampler emcee,
-    #: because the weights of independent draws could not be trusted there
+    #: because the weights of independent draws could not be trusted in these replicates
     by_emcee: tuple[int, ...] = ()
 
     @property
@@ -88,16 +88,16 @@ class Validation(Result):
         """Lower and upper limit of the empirical distribution of ranks, shape (draws,) each.
 
         The rank of a quantity is the number of posterior draws below its true value in a simulated
-        campaign. Both are limits of `ecdf`, the same for every quantity. If the posterior is
-        calibrated, the distributions of all quantities together stay between the limits with
-        probability ``prob``.
+        campaign. The limits are those of the empirical distribution `ecdf`, and are the same for
+        every quantity. If the posterior is calibrated, the distributions of all quantities together
+        stay between the limits with probability ``prob``.
         """
         prob_of_one = self.prob ** (1.0 / len(self.names))
         return simultaneous_band(self.replicates, self.draws, prob_of_one)
 
     @property
     def pit(self) -> xr.DataTree:
-        """The ranks scaled to 0 … 1, as ArviZ's group ``prior_sbc``, for ``plot_ecdf_pit``.
+        """The ranks scaled to 0 … 1, in the group ``prior_sbc`` that ArviZ's plot_ecdf_pit reads.
 
         A rank is the number of posterior draws below the true value in a replicate (simulated
         campaign). The scaled rank is (rank + ½) / (draws + 1), where ``draws`` is the number of
@@ -161,8 +161,8 @@ class Validation(Result):
         Returns
         -------
         pandas.DataFrame
-            One row per quantity. Columns 50, 80 and 95 are named by the nominal probability of the
-            interval in per cent and hold the shares. Columns u50, u80 and u95 hold the binomial
+            One row per quantity. Columns 50, 80 and 95 hold the shares; their names are the nominal
+            probabilities of the intervals in per cent. Columns u50, u80 and u95 hold the binomial
             standard errors of these shares for a calibrated posterior.
         """
         distance = np.abs(2 * self.ranks - self.draws)
@@ -177,7 +177,7 @@ class Validation(Result):
 
     @model_serializer
     def _record_without_ranks(self) -> dict[str, Any]:
-        """Return the JSON record: all fields but the ranks, and the coverage of each quantity.
+        """Return the JSON record: all fields except the ranks; each quantity's coverage is added.
 
         The coverage is the share of true values that lie inside their credible intervals. The
         record also states for each quantity whether its ranks stay between the limits ``band``.
@@ -221,13 +221,13 @@ def calibrate(
 
     In every replicate, true parameters and hyper-parameters (the scales of the noise and of other
     effects) are drawn from their priors, readings are simulated, and posterior draws are computed.
-    The rank of a true value is the number of posterior draws that are below it. If the posterior is
-    computed correctly, the ranks are uniformly distributed (Talts et al. 2018).
+    The rank of a true value is the number of posterior draws that are below the true value. If the
+    posterior is computed correctly, the ranks are uniformly distributed (Talts et al. 2018).
 
     Parameters
     ----------
     model : HybridModel
-        Model whose posterior is validated, with proper priors.
+        Model whose posterior is validated. Its priors must be proper.
     plan : Campaign
         Campaign whose tests, with their forces, angles and other settings, are simulated; its
         readings are ignored.
@@ -246,9 +246,9 @@ def calibrate(
     seed : int
         Seed of all random numbers.
     executor : Executor, optional
-        Executor of ``concurrent.futures`` that runs the replicates in parallel, one BLAS thread
-        each. Default: this process runs them one after the other. The result does not depend on the
-        executor.
+        Executor of ``concurrent.futures`` that runs the replicates in parallel, with one BLAS
+        thread for each replicate. Default: this process runs them one after the other. The result
+        does not depend on the executor.
     progress : callable, optional
         Function called with the number of replicates done and their total.
 
@@ -313,7 +313,7 @@ def rank_replicates(
     """Return the ranks of true values in many simulated campaigns.
 
     ``rank_replicate`` takes the seed of one campaign and returns the ranks of the quantities
-    ``names``, or the reason why there are none. The other arguments are those of `calibrate`.
+    ``names``, or the reason why there are no ranks. The other arguments are those of `calibrate`.
     """
     outcomes: dict[int, Ranks | str] = {}
     seeds = np.random.SeedSequence(seed).spawn(replicates)
@@ -347,7 +347,7 @@ def rank_replicates(
 
 
 def check_numbers_of_replicates(replicates: int, draws: int) -> None:
-    """Raise an `InputError` unless both numbers are whole and large enough.
+    """Raise an `InputError` unless both are whole numbers and not below their lower limits.
 
     ``replicates`` is the number of simulated campaigns, and ``draws`` the number of posterior draws
     of each.

@@ -59,7 +59,8 @@ class SecondOrderFactors(NamedTuple):
 def machine_columns(bound: BoundModel, r: int, force_N: float) -> MachineColumns:
     """Return the effects of the parameters on the circle of the test with index ``r``.
 
-    The effects are those at the force ``force_N`` of the bar, which need not be the test's own.
+    The effects are those at the force ``force_N`` of the bar [N], which may differ from the force
+    of the test.
     """
     geometric = np.array([parameter.group == "geometric" for parameter in bound.parameters])
     elastic = force_N * bound.setting.elastic[r] @ bound.compliance_at(force_N)
@@ -79,7 +80,7 @@ def second_order_factors(bound: BoundModel, r: int) -> SecondOrderFactors:
 def _squareness_index(bound: BoundModel, r: int) -> int:
     """Return the index of the squareness error in the plane of the test with index ``r``.
 
-    It is the index among the campaign's geometric errors.
+    The index counts the campaign's geometric errors from 0.
     """
     sin2 = bound.setting.geometric[r][SIN2]
     for j, error in enumerate(geometric_errors_of(bound.campaign)):

@@ -76,8 +76,9 @@ MINIMUM_ZONES = {"G_minimum_zone": "µm", "G_b_minimum_zone": "µm"}
 # Mask of the 25 Fourier coefficients of a circle that is false for those that describe its radius
 # and centre: the mean radius, and the amplitudes of cos θ and sin θ.
 _CENTRED = np.arange(SIZE) >= 3
-# Regular expressions for the names of hysteresis coefficients. The first matches the part that is
-# independent of force, the second the part that is proportional to force.
+# Regular expressions for the names of hysteresis coefficients. The first expression matches
+# coefficients of the part that is independent of force, the second those of the part that is
+# proportional to force.
 _CONSTANT_HYSTERESIS = re.compile(r"hysteresis_(?!force)")
 _PROPORTIONAL_HYSTERESIS = re.compile("hysteresis_force")
 
@@ -95,8 +96,8 @@ def predict_circularity(
 
     The quantities are those of ISO 230-4, without errors of the instrument, for the first circle of
     each plane. The circular deviation G is the largest difference of radii along the path. The
-    uncertainty of the path makes the sizes of G, F_max and F_min too large where the readings do
-    not determine the path well. On average, this excess is removed.
+    uncertainty of the path makes G and the absolute values of F_max and F_min too large if the
+    readings do not determine the path well. This excess is removed on average.
 
     Parameters
     ----------
@@ -115,9 +116,9 @@ def predict_circularity(
         One row per plane, force and quantity. Columns are plane, radius_mm, force_N, quantity,
         unit, mean, sd, median, ci_low, ci_high. G, F_max and F_min [µm] are taken about the
         least-squares centre and radius; F_max_nominal and F_min_nominal about the least-squares
-        centre and the nominal radius, which the readings determine only as well as the length of
-        the bar is known. The best estimate of each quantity is its mean. Squareness and
-        scale_mismatch [µm/m] are computed from the second harmonic of the path, and include the
+        centre and the nominal radius. The uncertainty of the bar's length adds to that of
+        F_max_nominal and F_min_nominal. The best estimate of each quantity is its mean. Squareness
+        and scale_mismatch [µm/m] are computed from the second harmonic of the path, and include the
         effect of compliance. Squareness has the sign of the plane's own parameter, E_C0YX in XY;
         scale_mismatch is the gain of the first axis minus that of the second. For a plane run in
         both directions of travel, G, F_max and F_min are those of the mean path. For such a plane
@@ -150,7 +151,7 @@ def predict_circularity(
 class PathDraws(NamedTuple):
     """Posterior draws of the quantities of a tool path in one plane at one force."""
 
-    #: plane, radius [mm] and force [N] of the path, by name of the table column
+    #: plane of the path, its radius [mm] and the force [N]; the keys are names of table columns
     place: dict[str, Any]
     #: posterior draws of each quantity of `predict_circularity`, by name, shape (draws,)
     quantities: dict[str, Array]
@@ -241,7 +242,7 @@ def _bidirectional_quantities(path_um: Array, half_difference_um: Array) -> dict
 
 
 def summarise_draws(values: Array, prob: float) -> dict[str, float]:
-    """Return standard deviation, median and ends of the interval of draws, by column name.
+    """Return standard deviation, median and interval ends of posterior draws, by column name.
 
     ``values`` are the draws, shape (draws,); ``prob`` is the probability of the equal-tailed
     interval.
@@ -278,8 +279,8 @@ def _draw_hysteresis(
 ) -> dict[str, _Hysteresis]:
     """Return random draws of hysteresis for each plane run in both directions of travel.
 
-    If the posterior is an average over models, the draws of one model follow those of another.
-    Planes whose hysteresis is zero are left out.
+    If the posterior is an average over models, the draws of all models are joined, one model after
+    the other. Planes whose hysteresis is zero are left out.
     """
     if not bound.setting.both_ways:
         return {}
@@ -298,8 +299,8 @@ def _draw_hysteresis_of_model(draws: ModelDraws) -> dict[str, _Hysteresis]:
 
     The planes are those run in both directions of travel; planes in which the hysteresis is zero in
     all draws are left out. Hysteresis changes its sign with the direction of travel, which is +1 or
-    −1 in `Setting`; it is returned for the travel +1. One part is independent of the force, and one
-    part is per newton.
+    −1 in `Setting`; the result is for the direction +1. One part of the result does not depend on
+    the force, and the other part is the hysteresis per newton of force.
     """
     bound = draws.bound
     names: list[str] = []

@@ -48,7 +48,7 @@ class Conflict(NamedTuple):
 
 
 class JointDifference(NamedTuple):
-    """Joint estimate of the n compared parameters of two campaigns, and their difference."""
+    """Joint estimate of n parameters in two campaigns, and the difference between the campaigns."""
 
     means: Array  #: posterior means of the parameters in both campaigns, shape (2, n)
     #: posterior mean of each parameter's value in the second campaign minus that in the first,
@@ -190,7 +190,8 @@ def _places(
     """Return the indices of a campaign's coefficients in the joint list of both campaigns.
 
     ``all_names`` is the joint list: the coefficients of the first campaign, then those of the
-    second that are not ``common``. ``is_first`` states whether ``campaign`` is the first.
+    second campaign that are not in ``common``. ``is_first`` states whether ``campaign`` is the
+    first.
     """
     if is_first:
         return list(range(len(campaign.names)))

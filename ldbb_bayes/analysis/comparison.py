@@ -67,15 +67,15 @@ __all__ = [
 
 # Scales of the prior of the slopes at which the Bayes factor is computed. A slope is the change of
 # a compliance with force. The scale is the prior standard deviation of this change over the range
-# of force, divided by the size of the compliance. The size is the estimate of the compliance or,
-# if the prior has slopes_of_estimate false, the prior standard deviation of the compliance.
+# of force, divided by the size of the compliance. The size is the estimate of the compliance or, if
+# ``slopes_of_estimate`` of the prior is false, the prior standard deviation of the compliance.
 SLOPE_SCALES = (0.03, 0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 2.0, 3.0)
 # The readings reject an assumption about how circles differ if its log evidence is lower than that
-# of the models' own assumption by this or more [nat].
+# of the models' own assumption by this number [nat] or more.
 _REJECTED = 5.0
 # Evidences under an assumption about how circles differ are computed only roughly if the log
-# evidences of both models are at least this much [nat] below the larger of the two under the
-# models' own assumption.
+# evidences of both models under this assumption are at least this number [nat] below the larger of
+# their log evidences under the models' own assumption.
 _FAR_REJECTED = 10.0
 # Number of posterior draws over which each model's prediction of the readings is averaged.
 _QUALITY_DRAWS = 1000
@@ -168,7 +168,8 @@ class ComparedTest:
     def stands_out(self) -> bool:
         """Return whether the test stands out from its prediction by the other tests.
 
-        A test stands out if its family-wise p-value is below 2 %, even if it is not flagged.
+        A test stands out if its family-wise p-value is below 2 %, even if the field ``flag`` is
+        false.
         """
         return self.lofo_family_wise_p_value < FALSE_ALARMS
 
@@ -178,8 +179,8 @@ class ScaledSlopes:
     """The log Bayes factor of two models [nat], and its error, under one prior of the slopes.
 
     A slope is the change of a compliance with force. Over the range of force, the prior standard
-    deviation of this change is ``slope_scale`` times the size of the compliance, which `Prior`
-    defines.
+    deviation of this change is ``slope_scale`` times the size of the compliance. `Prior` defines
+    this size.
     """
 
     slope_scale: float
@@ -239,8 +240,8 @@ class Comparison(Result):
     prior_sensitivity_crossings: tuple[float, ...]
     #: log Bayes factor of the second model over the first under each assumption about how circles
     #: differ from one another; the models' own assumption comes first, white noise alone last. If
-    #: there are ``explanations``, the second entry is the average over the rival explanations, and
-    #: the third entry is the comparison without any of them.
+    #: ``explanations`` is not None, the second entry is the average over the rival explanations,
+    #: and the third entry is the comparison without rival explanations.
     discrepancy_sensitivity: tuple[Assumed, ...]
     #: posterior probability that each compliance changes with force, by name of the compliance;
     #: empty if no model has slopes, or if only evidences were computed
@@ -251,7 +252,8 @@ class Comparison(Result):
     #: compliance C(F) against force F, by name, averaged over models in which different subsets of
     #: the compliances change with force; empty if ``slopes`` is empty
     compliance_against_force: dict[str, Curve]
-    #: every test predicted from the other tests, by name of the test; empty if no test was left out
+    #: comparison of every test with its prediction from the other tests, by name of the test; empty
+    #: if no test was left out
     tests: dict[str, ComparedTest]
     #: fits of constant compliance to the tests at every two neighbouring forces: the table that
     #: `local_fits` returns; empty if all tests have one force, or if only evidences were computed
@@ -297,7 +299,7 @@ class Comparison(Result):
 
     @property
     def within_tolerance(self) -> bool:
-        """Return whether ``largest_error`` is within ``tolerance``.
+        """Return whether the largest error of any log evidence is at most ``tolerance``.
 
         Assumptions whose log evidences are at least 10 nat below that of the models' own assumption
         are not counted.
@@ -308,7 +310,8 @@ class Comparison(Result):
         """Return the log evidence of an assumption minus that of the models' own assumption [nat].
 
         The assumptions are about how circles differ from one another. The log evidence of an
-        assumption is the larger one of the two models under it.
+        assumption is the larger of the log evidences that the two models have under this
+        assumption.
         """
         return assumed.best - self.discrepancy_sensitivity[0].best
 
@@ -386,10 +389,10 @@ def read_comparison(path: str | os.PathLike[str]) -> Comparison:
 
 @dataclass(frozen=True)
 class _ComparisonPlan:
-    """The models whose evidences a comparison computes, and its choice of further results.
+    """The models whose evidences a comparison computes, and the further results that it computes.
 
     Each value in ``by_slope_scale``, ``unchanged`` and ``by_assumption`` holds the first two
-    models, both changed in the manner that the key names.
+    models, both changed in the way that the key describes.
     """
 
     #: the first two models to compare, by the names that the caller gave
@@ -475,9 +478,10 @@ def compare(
     campaign : Campaign
         Campaign with readings.
     evidence_only : bool
-        Whether to compute only evidences and how they depend on assumptions, which takes a third of
-        the time. In this case no test is left out, models with only some of the slopes are not
-        compared, and nothing is fitted to the tests at neighbouring forces.
+        Whether to compute only the evidences and their dependence on assumptions. This takes a
+        third of the time of a full comparison. In this case no test is left out, models with only
+        some of the slopes are not compared, and nothing is fitted to the tests at neighbouring
+        forces.
     tolerance : float
         Largest error allowed for a log evidence [nat], from 0.0001 to 1.
     prob : float
@@ -486,7 +490,7 @@ def compare(
     seed : int
         Seed of the random draws from which simulated readings and credible intervals are computed.
     progress : callable, optional
-        Function called with the steps done and their total number.
+        Function called with the number of steps done and the total number of steps.
     evidences : Evidences, optional
         Evidences of this campaign that are known already. New evidences are added to the object,
         which can then be passed to `average`. If evidences are given, their tolerance replaces
@@ -757,7 +761,7 @@ def _evidences_of(left_out_nodes: Mapping[str, Mapping[str, Nodes]]) -> list[Evi
 
 
 def _log_bayes_factors(nodes_by_model: Mapping[str, Nodes]) -> dict[str, tuple[float, float]]:
-    """Return the log Bayes factor of each other model over the first model, and its error [nat].
+    """Return the log Bayes factor of each later model over the first model, and its error [nat].
 
     In a key such as "linear/constant", the first model is named last.
     """

@@ -1,7 +1,7 @@
 """Change of compliance with force: the curve C(F) at the ends of the tested forces.
 
-A slope such as C_XXX_1 does not give the whole change. The curve also has a part that comes from
-joints that yield to their own load (the term `JointLoad`).
+A slope such as C_XXX_1 does not describe the whole change. The curve also has a part that comes
+from joints that yield to their own load (the term `JointLoad`).
 """
 
 from __future__ import annotations
@@ -66,10 +66,11 @@ class ChangeWithForce(Result):
     at_reference: DrawnValue  #: C(F0)
     at_largest: DrawnValue  #: C(F_max)
     change: DrawnValue  #: C(F_max) − C(F_min)
-    #: change divided by C(F0), a pure number; None if the interval of C(F0) contains zero
+    #: change divided by the compliance C(F0) at the reference force, a pure number; None if the
+    #: credible interval of C(F0) contains zero
     relative: DrawnValue | None
     probability_of_increase: float  #: probability that the change is positive
-    #: probability that the change is negative. In an average over models of which some have no
+    #: probability that the change is negative. In an average over models, some of which have no
     #: change, the probabilities of increase and decrease sum to less than one.
     probability_of_decrease: float
 
@@ -102,9 +103,9 @@ def change_with_force(posterior: xr.DataTree, *, prob: float = 0.95) -> dict[str
     Returns
     -------
     dict of str to ChangeWithForce
-        Change by name of the compliance, such as ``C_XXX``, for every compliance that has a slope
-        or depends on the term `JointLoad`. The result is empty if there is no such compliance, or
-        if all tests have the same force.
+        Change of every compliance that has a slope or depends on the term `JointLoad`. The keys are
+        names of compliances, such as ``C_XXX``. The result is empty if there is no such compliance,
+        or if all tests have the same force.
 
     Raises
     ------
@@ -131,8 +132,8 @@ def change_with_force(posterior: xr.DataTree, *, prob: float = 0.95) -> dict[str
 def _change_of(curves: ForceCurves, draws: CurveDraws, prob: float) -> ChangeWithForce:
     """Return the change of one compliance from posterior draws of its curve C(F).
 
-    ``draws`` holds its values at the smallest, the reference and the largest force. ``prob`` is the
-    probability of the credible intervals.
+    ``draws`` holds the values of the curve at the smallest, the reference and the largest force.
+    ``prob`` is the probability of the credible intervals.
     """
     at_reference = _value_of(draws.at_reference, prob)
     relative = None

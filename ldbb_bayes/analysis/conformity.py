@@ -54,8 +54,8 @@ __all__ = [
 _FEWEST_DRAWS = 10
 # Number of posterior draws for which the machine's circular path is computed.
 _PATH_DRAWS = 2000
-# A smaller posterior standard deviation is replaced by this value in a divisor, to avoid a division
-# by zero.
+# A posterior standard deviation below this number is replaced by this number where it is a divisor,
+# to avoid a division by zero.
 _LEAST_SD = 1e-300
 
 
@@ -221,7 +221,8 @@ class _StatedDraws(NamedTuple):
     """Posterior draws of a quantity with a tolerance, and the force at which it is stated."""
 
     values: Array  #: posterior draws of the quantity, shape (draws,)
-    force_N: float | None  #: force of ``values`` [N]; None for geometric errors and slopes
+    #: force at which the quantity is stated [N]; None for geometric errors and slopes
+    force_N: float | None
 
 
 def _stated_draws(
@@ -322,9 +323,9 @@ def _tail_probability(outside: Array, score: float) -> float:
 def _probability_of_few_draws(count: int, n: int, normal_tail: float) -> float:
     """Return the probability of the side of a limit on which too few of the n draws lie.
 
-    It is the tail of a normal distribution, ``normal_tail``, but at least the share ``count`` / n
-    of the draws on this side, and at most ``_FEWEST_DRAWS`` / n. If no draw lies on this side, only
-    the normal distribution determines the probability.
+    The probability is the tail of a normal distribution, ``normal_tail``, but at least the share
+    ``count`` / n of the draws on this side, and at most ``_FEWEST_DRAWS`` / n. If no draw lies on
+    this side, only the normal distribution determines the probability.
     """
     largest_share = _FEWEST_DRAWS / n
     return max(count / n, min(normal_tail, largest_share))

@@ -1,4 +1,4 @@
-"""The rule for confounding: assumed effects that have most of a parameter's variance."""
+"""Rule for confounding: assumed effects that cause more than half of a parameter's variance."""
 
 from __future__ import annotations
 
@@ -12,27 +12,28 @@ __all__ = ["NEAR_TIE", "SAME_COMBINATION", "confounding_sources"]
 
 # The errors of all parameters that an effect causes form a vector. Two effects act on the same
 # combination of parameters if the squared cosine of the angle between their vectors is at least
-# this.
+# this number.
 SAME_COMBINATION = 0.95
 # An effect with less than this share of a parameter's variance is not named with the verdict on the
 # parameter.
 _NAMED_SHARE = 0.05
-# Shares and contractions that differ from their limit by less than this count as equal to it, so
-# that no verdict depends on rounding errors. With a share of one half, a parameter is not
-# confounded; with a contraction equal to its limit, it is not prior-limited.
+# Shares and contractions that differ from their limit by less than this number count as equal to
+# the limit, so that no verdict depends on rounding errors. The contraction is one minus the ratio
+# of posterior and prior variance. With a share of one half, a parameter is not confounded. With a
+# contraction equal to the limit, it is not prior-limited.
 NEAR_TIE = 1e-6
 
 
 def confounding_sources(
     sources: Sequence[VarianceSource], likeness: Mapping[tuple[str, str], float] | None
 ) -> tuple[VarianceSource, ...]:
-    """Return the assumed sources with which a parameter is confounded; empty if there are none.
+    """Return the assumed sources with which a parameter is confounded, or an empty tuple.
 
-    These sources together have more than half of the parameter's variance, and act on the same
-    combination of parameters. ``sources`` are all sources of the parameter's variance, the largest
-    share first. ``likeness`` is the squared cosine of the angle between the vectors of parameter
-    errors that two sources cause, by the names of the two sources. If ``likeness`` is None, all
-    sources are taken to act on the same combination.
+    A parameter is confounded with assumed sources that together cause more than half of its
+    variance, and act on the same combination of parameters. ``sources`` are all sources of the
+    parameter's variance, the largest share first. ``likeness`` is the squared cosine of the angle
+    between the vectors of parameter errors that two sources cause, by the names of the two sources.
+    If ``likeness`` is None, all sources are taken to act on the same combination.
     """
     candidates = []
     for source in sources:

@@ -71,8 +71,8 @@ def cures(bound: BoundModel, aliases: Sequence[Degeneracy]) -> tuple[tuple[Cure,
     A degeneracy is a combination of parameters and nuisance coefficients (effects that are modelled
     but not of interest) that no reading resolves. To find out whether further tests help, they are
     added to the plan, and the degeneracies of the longer plan are found. Turning both balls is
-    named only if turning one ball does not help. If the ``term`` of a degeneracy is not empty, a
-    calibration is always among its remedies.
+    named only if turning one ball does not help. If a degeneracy involves the effect of a model
+    term (its field ``term`` is not empty), a calibration is always among the remedies.
 
     Parameters
     ----------
@@ -181,7 +181,7 @@ class Directed(NamedTuple):
 
 
 def in_other_direction(plan: Campaign) -> Directed:
-    """Return the circles of a plan, and further circles in the other direction of travel."""
+    """Return the circles of a plan, and copies of circles in the opposite direction of travel."""
     directions_of: dict[str, set[str | None]] = {}
     for test in plan.tests:
         directions_of.setdefault(str(test.plane), set()).add(test.direction)
@@ -226,7 +226,7 @@ def at_other_radius(plan: Campaign) -> list[CircularTest]:
     """Return copies of all tests of a plan at a radius that the plan does not have.
 
     The radius is two thirds of that of the test with the lowest force. If a test of the plan has
-    about this radius, the radius is multiplied by two thirds again, until no test has it.
+    about this radius, the radius is multiplied by two thirds again, until no test has the radius.
     """
     radii_of_plan = np.array([test.circle.radius_mm for test in plan.tests])
     radius = float(radii_of_plan[plan.forces_N.argmin()])

@@ -1,9 +1,9 @@
-"""Changes C(F_max) − C(F_min) of compliances over the tested forces, as linear functions.
+"""Changes C(F_max) − C(F_min) of compliances over the tested forces, as sums of coefficients.
 
 How a compliance C(F) changes follows from its slopes. For a direct compliance, it follows also from
 the coefficients of the term `JointLoad` (joints that yield to their own load). The change is
-therefore a weighted sum of coefficients of the linear model, whose uncertainty is known without
-readings.
+therefore a weighted sum of coefficients of the linear model. The uncertainty of this sum can be
+computed without readings.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ def curve_changes(bound: BoundModel, information: Information) -> dict[str, Curv
 
 
 def _joint_load_weights(bound: BoundModel, information: Information, axis: str) -> Array:
-    """Return the change of a compliance by the term `JointLoad` per unit of every coefficient.
+    """Return the change of a compliance due to the term `JointLoad`, per unit of each coefficient.
 
     The compliance is the direct compliance of ``axis``. Its change is taken from the smallest
     tested force to the largest. The result has the shape (m,) for m coefficients. It is zero if the

@@ -77,8 +77,8 @@ def compare_posteriors(
     -------
     DataFrame
         One row per parameter that both posteriors have, without offsets of the tool ball, in
-        internal units (mm, N, rad). Columns are unit, first and second (posterior means, of both
-        campaigns at the reference force of the first), difference, sd (of the difference), ci_low,
+        internal units (mm, N, rad). Columns are unit, first and second (posterior means, both at
+        the reference force of the first campaign), difference, sd (of the difference), ci_low,
         ci_high and probability_of_increase. With the same instrument, ``attrs["conflict"]`` is the
         instrument's coefficient about which the campaigns disagree most, and the p-value of the
         disagreement (Bonferroni). It is None for different instruments, and if the readings of both
@@ -215,10 +215,10 @@ def _check_comparable_machines(first: BoundModel, second: BoundModel, name: str)
 
 
 def _rows_at_force(bound: BoundModel, names: Sequence[str], reference_force_N: float) -> Array:
-    """Return the matrix that maps a model's parameters to those at another reference force.
+    """Return the matrix that converts a model's parameters to another reference force.
 
-    It maps the p parameters at the model's own reference force to the n parameters in ``names`` at
-    ``reference_force_N``, and has the shape (n, p).
+    The matrix, shape (n, p), maps the p parameters at the model's own reference force to the n
+    parameters ``names`` at the force ``reference_force_N`` [N].
     """
     rows = np.zeros((len(names), len(bound.names)))
     lever = reference_force_N - bound.setting.reference_force_N

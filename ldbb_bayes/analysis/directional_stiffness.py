@@ -63,7 +63,8 @@ _SMALLEST_SHARE = 0.1
 # A direction is not determined if its credible interval is at least this wide [°], because a wider
 # interval may contain both axes of the plane.
 _WIDEST_DEG = 90.0
-# Radius of a very small circle [mm]. The compliance on it equals the compliance in its centre.
+# Radius of a very small circle [mm]. The compliance on this circle equals the compliance in its
+# centre.
 _CENTRE_RADIUS_MM = 1e-6
 # Angles of the directions from which the compliance tensor of a plane is computed: along its first
 # axis, along its second axis, and midway between the two [rad].
@@ -97,8 +98,8 @@ class AxialDirection(Result):
     """A direction in a plane, as an angle from the plane's first axis, with its uncertainty.
 
     A direction and its opposite are the same. The mean is that of axial directions: half the angle
-    of the mean of exp(2iθ). The ends of the interval are stated near the mean, so that they may lie
-    below 0° or above 180°.
+    of the mean of exp(2iθ). Each end of the interval is given as the equivalent angle nearest to
+    the mean. It can therefore lie below 0° or above 180°.
     """
 
     angle_deg: float  #: mean direction, from 0° to 180°
@@ -107,7 +108,8 @@ class AxialDirection(Result):
     ci_low_deg: float  #: lower end of the equal-tailed credible interval
     ci_high_deg: float  #: upper end of the equal-tailed credible interval
     within_U: float  #: share of the posterior draws within mean ± U
-    #: length of the mean of exp(2iθ): 1 if all draws agree, 0 if every direction is equally likely
+    #: absolute value of the mean of exp(2iθ) over posterior draws of the direction θ: 1 if all
+    #: draws agree, 0 if every direction is equally likely
     concentration: float
     #: whether the interval is narrower than 90°; if not, the readings do not determine the
     #: direction, and the mean must not be used
@@ -138,7 +140,7 @@ class PlaneStiffness(Result):
     compliance_high: Numbers
     least: StatedValue  #: least stiffness along the bar on the circle, k_min
     greatest: StatedValue  #: greatest stiffness along the bar on the circle, k_max
-    ratio: StatedValue  #: k_max / k_min
+    ratio: StatedValue  #: greatest stiffness divided by least stiffness, k_max / k_min
     softest: AxialDirection  #: direction of the least stiffness
     stiffest: AxialDirection  #: direction of the greatest stiffness
     #: direction of the softer principal axis of the compliance tensor in the circle's centre
@@ -159,14 +161,15 @@ class PrincipalAxis(Result):
     #: half angle of a cone about ``direction`` that contains the true axis with the probability of
     #: the credible intervals [°]
     cone_deg: float
-    is_determined: bool  #: whether the cone is narrower than 45°
+    is_determined: bool  #: whether the half angle ``cone_deg`` is below 45°
 
 
 @dataclass(frozen=True)
 class PrincipalStiffness(Result):
     """Principal stiffnesses of a machine tested in three planes, at one force of the bar.
 
-    They are the inverse eigenvalues of the compliance tensor in the centre of the first circle.
+    The stiffnesses are the inverse eigenvalues of the compliance tensor in the centre of the first
+    circle.
     """
 
     force_N: float  #: force of the bar [N]
@@ -271,9 +274,9 @@ def stiffness(
 ) -> DirectionalStiffness:
     """Return the stiffness by direction in every tested plane, with its uncertainty.
 
-    The compliance along the bar is c(θ; F) = j_C(θ)·C(F): the deflection along the bar at the angle
-    θ of the circle, divided by the bar's force F. It includes the slopes of the compliances and the
-    term `JointLoad`. An error of the bar's length changes none of the numbers. Errors of the mount
+    The compliance along the bar is the deflection along the bar at the angle θ of the circle,
+    divided by the bar's force F. It includes the slopes of the compliances and the term
+    `JointLoad`. An error of the bar's length changes none of the numbers. Errors of the mount
     cancel in the difference of two compliances. Errors of the force's gain cancel in the ratio of
     stiffnesses.
 
@@ -295,7 +298,7 @@ def stiffness(
         softer principal axis, the cross compliance, and the difference of the direct compliances.
         If three planes were tested, the result also has the principal stiffnesses in space. If the
         compliance along the bar is hardly known in some directions, noise makes the least stiffness
-        too small and the greatest stiffness too large; this excess is removed.
+        too small and the greatest stiffness too large; both errors are removed on average.
 
     Raises
     ------
@@ -325,9 +328,9 @@ def stiffness_of_fit(
 ) -> DirectionalStiffness:
     """Return the stiffness by direction at one force, from draws of a fitted model.
 
-    The result is that of `stiffness`, but no posterior needs to be built, which would take longer
-    than this computation. ``draws`` are posterior draws of the model, ``force_N`` is the force of
-    the bar [N], and ``prob`` is the probability of the credible intervals.
+    The result is that of `stiffness`, but is computed without first building a posterior, which
+    saves time. ``draws`` are posterior draws of the model, ``force_N`` is the force of the bar [N],
+    and ``prob`` is the probability of the credible intervals.
     """
     bound = draws.bound
     forces = _forces(bound, [force_N])
@@ -359,10 +362,10 @@ def _stiffness_of(
 
 
 def stiffness_draws(posterior: xr.DataTree, force_N: float) -> dict[str, dict[str, Array]]:
-    """Return posterior draws of k_min, k_max and their ratio, by plane and quantity.
+    """Return draws of the least and greatest stiffness and their ratio, by plane and quantity.
 
-    ``force_N`` is the force of the bar [N]. Each array has the shape (draws,). Stiffnesses are in
-    N/mm.
+    ``force_N`` is the force of the bar [N]. Each array has the shape (draws,). The keys of the
+    quantities are ``k_min``, ``k_max`` and ``k_ratio``; k_min and k_max are in N/mm.
     """
     bound = bound_of(posterior)
     forces = _forces(bound, [force_N])
@@ -472,11 +475,11 @@ def _cross(
 
 
 class _Tensor(NamedTuple):
-    """Posterior draws of a plane's compliance tensor [mm/N], each of shape (draws,)."""
+    """Posterior draws of the elements of a plane's compliance tensor [mm/N], shape (draws,)."""
 
-    first: Array  #: element of the plane's first axis
-    second: Array  #: element of the plane's second axis
-    cross: Array  #: element that couples both axes
+    first: Array  #: diagonal element of the plane's first axis
+    second: Array  #: diagonal element of the plane's second axis
+    cross: Array  #: off-diagonal element, which couples the two axes
 
 
 def _plane_tensor(bound: BoundModel, r: int, plane: str, compliances: Array) -> _Tensor:
@@ -526,7 +529,7 @@ def _principal_stiffness(
 
 
 def _stated_stiffness(compliance: Array, prob: float) -> StatedValue:
-    """Return the stiffness of a compliance with the given posterior draws [mm/N].
+    """Return the stiffness that is the inverse of a compliance with given posterior draws [mm/N].
 
     If the compliance may be nearly zero, the result states that only the lower end of the
     stiffness' interval is determined. ``prob`` is the probability of the interval.
@@ -544,9 +547,10 @@ def _ratio(extremes: CurveExtremes) -> Array:
 
 
 def _above_zero(compliance: Array) -> Array:
-    """Return draws of a compliance, in which draws near or below zero are raised.
+    """Return draws of a compliance; draws near or below zero are replaced by a positive value.
 
-    They are raised to the share ``_SMALLEST_SHARE`` of the median of the draws' absolute values.
+    This value is ``_SMALLEST_SHARE`` times the median of the draws' absolute values. Draws below
+    this value are replaced by it.
     """
     floor = _SMALLEST_SHARE * np.median(np.abs(compliance))
     return np.maximum(compliance, max(floor, np.finfo(float).tiny))

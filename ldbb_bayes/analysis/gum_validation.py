@@ -42,8 +42,8 @@ __all__ = [
 # Largest number of significant digits of a standard uncertainty within which intervals are
 # compared.
 _MOST_DIGITS = 2
-# JCGM 101, 8.2, requires the ends of the distribution's interval to be computed with an error of at
-# most this share of the numerical tolerance.
+# JCGM 101, 8.2, requires the ends of the distribution's interval to be computed with a numerical
+# error of at most this share of the tolerance.
 _SHARE_OF_TOLERANCE = 0.2
 # The numerical error of an end of the distribution's interval is this multiple of its standard
 # error, as in JCGM 101, 7.9.4.
@@ -69,10 +69,10 @@ class GumComparison(Result):
     gum_u: float  #: standard uncertainty u of ``gum_estimate``
     gum_low: float  #: lower end y − k u of the interval by the GUM
     gum_high: float  #: upper end y + k u of the interval by the GUM
-    mean: float  #: mean of the distribution
-    sd: float  #: standard deviation of the distribution
-    low: float  #: lower end of the equal-tailed interval of the distribution
-    high: float  #: upper end of the equal-tailed interval of the distribution
+    mean: float  #: mean of the posterior distribution
+    sd: float  #: standard deviation of the posterior distribution
+    low: float  #: lower end of the equal-tailed interval of the posterior distribution
+    high: float  #: upper end of the equal-tailed interval of the posterior distribution
     error: float  #: numerical error of ``low`` and ``high``: twice the larger standard error
     tolerance: float  #: numerical tolerance δ for the number of digits asked for
     #: largest number of significant digits of u within which the two intervals agree, 0 to 2
@@ -80,26 +80,29 @@ class GumComparison(Result):
 
     @property
     def d_low(self) -> float:
-        """Distance between the lower ends of the two intervals."""
+        """Distance between the lower ends of the GUM's interval and of the posterior's interval."""
         return abs(self.gum_low - self.low)
 
     @property
     def d_high(self) -> float:
-        """Distance between the upper ends of the two intervals."""
+        """Distance between the upper ends of the GUM's interval and of the posterior's interval."""
         return abs(self.gum_high - self.high)
 
     @property
     def validated(self) -> bool:
-        """Whether the GUM's interval may be used: both ends differ by at most ``tolerance``."""
+        """Whether the GUM's interval may be used.
+
+        This is so if both ``d_low`` and ``d_high`` are at most ``tolerance``.
+        """
         return max(self.d_low, self.d_high) <= self.tolerance
 
     @property
     def decided(self) -> bool:
         """Whether the numerical error leaves no doubt about ``validated``.
 
-        This is so if the error is at most a fifth of the tolerance, as JCGM 101, 8.2, requires. It
-        is also so if the error is smaller than the difference between the tolerance and the larger
-        of ``d_low`` and ``d_high``.
+        There is no doubt if the numerical error is at most a fifth of the tolerance, as JCGM 101,
+        8.2, requires. There is no doubt either if the numerical error is smaller than the
+        difference between the tolerance and the larger of ``d_low`` and ``d_high``.
         """
         distance = abs(max(self.d_low, self.d_high) - self.tolerance)
         return self.error <= max(_SHARE_OF_TOLERANCE * self.tolerance, distance)
@@ -222,7 +225,7 @@ def numerical_tolerance(u: float, digits: int) -> float:
     """Return the numerical tolerance δ of a standard uncertainty u.
 
     Rounded to ``digits`` significant digits, u is a whole number times 10^l; δ is half of 10^l
-    (JCGM 101, 7.9.2). It is zero if u is zero.
+    (JCGM 101, 7.9.2). The tolerance is zero if u is zero.
     """
     if u == 0.0:
         return 0.0

@@ -26,8 +26,8 @@ from ldbb_bayes.results import Array, Result
 
 __all__ = ["DescribedMachine", "VisibleParameter", "describe_machine"]
 
-# Radii at which the parameters' effects on the readings are sampled [mm]. Four suffice, because an
-# effect is a polynomial in the radius of degree 3 at most.
+# Radii at which the parameters' effects on the readings are sampled [mm]. Four radii suffice,
+# because an effect is a polynomial in the radius of degree 3 at most.
 _RADII_MM = np.array([1.0, 2.0, 3.0, 4.0])
 # Angles at which the parameters' effects on the readings are sampled [rad].
 _ANGLES_RAD = np.arange(24) * (2 * np.pi / 24)
@@ -60,8 +60,8 @@ class VisibleParameter:
     #: whether the parameter cannot be negative, whatever the compliances of the joints are; the
     #: prior excludes negative values of such parameters only
     not_negative: bool
-    #: parameters whose weighted sum this parameter represents: their weights, by name; empty if it
-    #: represents only itself
+    #: weights, by name, of the parameters whose weighted sum this parameter represents; empty if
+    #: this parameter represents only itself
     members: Mapping[str, float]
 
 
@@ -165,8 +165,8 @@ def _describe_compliances(
 ) -> tuple[VisibleParameter, ...]:
     """Return a description of each compliance that circular tests can determine.
 
-    ``visible`` states which compliances these are, and of which compliances each represents a
-    weighted sum.
+    ``visible`` names these compliances. It also states which of them represent a weighted sum of
+    several compliances, and names the compliances in the sum.
     """
     jacobians = {}
     for plane, sampled in _sampled_circles(machine, circles).items():

@@ -103,9 +103,9 @@ def _measure_pair(pair: _Pair) -> dict[str, Any]:
     """Return the table row of two tests run in opposite directions.
 
     The bidirectional deviation G_b is the width of the zone between concentric circles that holds
-    the traces of both tests. It is computed about the least-squares centre (``G_b``) and as the
-    narrowest such zone (``G_b_minimum_zone``). The mean deviation D is the mean radial deviation of
-    the two tests from the nominal radius. All three are in µm.
+    the traces of both tests. ``G_b`` is the width of the zone about the least-squares centre;
+    ``G_b_minimum_zone`` is the width of the narrowest zone about any centre. The mean deviation D
+    is the mean radial deviation of the two tests from the nominal radius. All three are in µm.
     """
     clockwise_angle, clockwise_reading = _trace(pair.clockwise)
     counter_angle, counter_reading = _trace(pair.counterclockwise)
@@ -127,10 +127,11 @@ def _measure_pair(pair: _Pair) -> dict[str, Any]:
 def _measure_test(bound: BoundModel, test: CircularTest) -> dict[str, Any]:
     """Return the table row of one test, by name of the column.
 
-    The row has the test's conditions and, from its readings, G, F_max, F_min and G of the minimum
-    zone [µm], radial deviations from the nominal circle [µm], squareness and scale mismatch [µm/m].
-    Squareness and scale mismatch are not a number for an arc, and for a circle with too few
-    different angles to tell the Fourier orders apart.
+    The row has the conditions of the test and quantities computed from the readings: G, F_max,
+    F_min and G of the minimum zone [µm], the largest and the smallest radial deviation from the
+    nominal circle [µm], squareness and scale mismatch [µm/m]. Squareness and scale mismatch are not
+    a number for an arc, and for a circle with too few different angles to tell the Fourier orders
+    apart.
     """
     angle, reading = _trace(test)
     zone = least_squares_zone(angle, reading)

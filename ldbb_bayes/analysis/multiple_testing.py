@@ -37,8 +37,8 @@ def pooled_p_value(p_values: Array) -> Array:
 
     Every p-value p becomes a Cauchy variate tan((1/2 − p) π). If the p-values are independent, the
     mean of these variates has a Cauchy distribution too. If they depend on one another, the upper
-    tail of its distribution is nearly that of a Cauchy distribution (Liu and Xie, J. Am. Stat.
-    Assoc. 115, 2020).
+    tail of the mean's distribution is nearly that of a Cauchy distribution (Liu and Xie, J. Am.
+    Stat. Assoc. 115, 2020).
 
     Parameters
     ----------
@@ -47,8 +47,8 @@ def pooled_p_value(p_values: Array) -> Array:
     """
     clipped = np.clip(p_values, _LEAST, 1.0 - _LEAST)
     mean = np.tan((0.5 - clipped) * np.pi).mean(axis=-1)
-    # The probability that a Cauchy variate exceeds the mean, computed so that no digits are lost if
-    # the mean is large.
+    # This is the probability that a Cauchy variate exceeds the mean. In this form, no digits are
+    # lost if the mean is large.
     return np.asarray(np.arctan2(1.0, mean) / np.pi)
 
 
@@ -56,11 +56,11 @@ def uniformity_p_value(p_values: Array) -> Array:
     """Return the p-value of the hypothesis that n values, which may be dependent, are uniform.
 
     The i-th smallest of n independent uniform values has the distribution Beta(i, n + 1 − i). This
-    gives a two-sided p-value for each value; `pooled_p_value` makes one p-value of them. It is the
-    test POT of Tesso and Vehtari (LOO-PIT predictive model checking, arXiv:2603.02928, 2026), but
-    large p-values are not left out before the p-values are pooled: without large p-values, the test
-    would reject too often for small n. The test detects values that are too small, and also values
-    that are all too near one, for example because predictions are too wide.
+    gives a two-sided p-value for each value; `pooled_p_value` makes one p-value of them. The method
+    is the test POT of Tesso and Vehtari (LOO-PIT predictive model checking, arXiv:2603.02928,
+    2026), but large p-values are not left out before the p-values are pooled: without large
+    p-values, the test would reject too often for small n. The test detects values that are too
+    small, and also values that are all too near one, for example because predictions are too wide.
 
     Parameters
     ----------

@@ -71,9 +71,9 @@ def local_fits(
     DataFrame
         One row per pair of force levels and parameter, in internal units (mm, N, rad). Columns are
         force_low_N, force_high_N, force_N (mean over the pair's tests), tests (their number),
-        parameter and unit; the least-squares estimate least_squares and its standard uncertainty
-        for white noise alone, least_squares_u, not a number where the pair does not determine it;
-        and the posterior's mean, sd, ci_low and ci_high.
+        parameter and unit; the least-squares estimate least_squares and, for white noise alone, its
+        standard uncertainty least_squares_u (both are not a number if the pair does not determine
+        the parameter); and the posterior's mean, sd, ci_low and ci_high.
 
     Raises
     ------

@@ -113,9 +113,10 @@ class NullSpace:
     ) -> dict[int, Array]:
         """Return combinations of target coefficients and imitators that change no reading.
 
-        ``targets`` and ``imitators`` are indices of coefficients. In the combination of a target
-        the target has the value one, and the imitators have values that cancel its effect on the
-        readings. Targets whose effect the imitators cannot cancel are left out.
+        ``targets`` and ``imitators`` are indices of coefficients; imitators are the coefficients
+        that may cancel the effect of a target. In the combination of a target, the target has the
+        value one, and the imitators have values that cancel its effect on the readings. Targets
+        whose effect the imitators cannot cancel are left out.
         """
         # The imitators are the same for all targets, so that their matrix is factored once.
         solutions = np.linalg.lstsq(
@@ -158,8 +159,8 @@ def _choose_pivots(basis: Array, preferred: NDArray[np.bool_]) -> list[int]:
 
     The matrix is ``basis``, shape (c, k): k vectors with one row for each of c coefficients. In
     each step, the row is chosen that has the longest part orthogonal to all rows chosen before.
-    ``preferred``, shape (c,), is true for rows that are chosen before other rows, unless this part
-    is very short.
+    ``preferred``, shape (c,), is true for rows that are chosen before other rows, unless their
+    orthogonal part is very short.
     """
     pivots: list[int] = []
     remainder = basis.copy()

@@ -36,8 +36,9 @@ from ldbb_bayes.model.terms.columns import NOISE, OWN
 
 __all__ = ["MAJORITY", "Origin", "edition_terms", "is_prior_stated", "is_size_stated", "origins"]
 
-# Sources have most of a parameter's variance if their share of the variance is above this. Knowing
-# them would then reduce the standard uncertainty of the parameter by 30 % or more.
+# Sources have most of a parameter's variance if their share of the variance is above this number.
+# Knowing the sources exactly would then reduce the standard uncertainty of the parameter by 30 % or
+# more.
 MAJORITY = 0.5
 # An effect counts as measured here if the readings alone, with a flat prior of the effect, give it
 # a standard uncertainty below this share of its prior standard deviation.
@@ -47,9 +48,9 @@ MEASURED_SD_RATIO = 0.5
 class Origin(StrEnum):
     """Where the size of a source of uncertainty comes from."""
 
-    MEASURED = "measured here"  #: the readings of this campaign determine it
-    STATED = "stated"  #: a certificate, or a prior that the user gave, states its size
-    ASSUMED = "assumed"  #: nobody measured it; the default prior gives its size
+    MEASURED = "measured here"  #: the readings of this campaign determine the size of the source
+    STATED = "stated"  #: a certificate, or a prior that the user gave, states the size
+    ASSUMED = "assumed"  #: nobody measured the source; the default prior gives its size
 
 
 def origins(bound: BoundModel, information: Information) -> dict[tuple[str, str], Origin]:
@@ -91,7 +92,7 @@ def is_size_stated(bound: BoundModel, coefficient: str, term: Term | None) -> bo
     coefficient, or if the user has added the term to the model with ``with_term``. Other settings
     of the term do not state the size: for example, if the user removes the curvature from a mount's
     deflection, the size of the deflection stays uncertain. ``term`` is the model term that the
-    coefficient belongs to. Return False if it is None, because the model then has no such term.
+    coefficient belongs to. Return False if ``term`` is None: the model has no such term.
     """
     if term is None:
         return False
@@ -126,8 +127,8 @@ def _prior_size(term: Term, bound: BoundModel, coefficient: str) -> tuple[object
     """Return what determines the prior sd of a coefficient.
 
     The values returned are the sd or a factor of the sd, the hyper-parameters that multiply this
-    factor, and the part of the sd that is stated. Return None if the term has no coefficient of
-    this name.
+    factor, and the part of the sd that the user or a certificate states. Return None if the term
+    has no coefficient of this name.
     """
     for columns in term.columns(bound.setting):
         if isinstance(columns, Columns) and coefficient in columns.names:

@@ -4,8 +4,9 @@ Each test r is compared with replicates: circles simulated from p(y_r | y_−r),
 its readings y_r given the readings y_−r of the other tests. If there are several models, each
 simulates a share of the replicates equal to its posterior probability given the other tests. For
 each Fourier order, the p-value of a test is the share of replicates that deviate at least as much
-as the test. A test has 13 p-values, one for each Fourier order from 0 to 12. The smallest of them
-may be small by chance, and is therefore compared with the smallest p-values of the replicates.
+as the test. A test has 13 p-values, one for each Fourier order from 0 to 12. The smallest of 13
+p-values is often small by chance alone. It is therefore compared with the smallest p-values of the
+replicates.
 
 Holm's method bounds the family-wise error: the probability that any test is flagged although all
 tests agree. A flagged test is taken out before the remaining tests are judged again, because it
@@ -58,7 +59,7 @@ _CIRCLES_PER_DRAW_AGAIN = 2
 
 @dataclass(frozen=True)
 class JudgedTest:
-    """One test compared with its prediction from the other tests, except flagged tests.
+    """One test compared with its prediction from the other tests that are not flagged.
 
     If a campaign has only two tests and they disagree, both have small p-values. Neither is
     flagged, because nothing shows which of them is wrong.
@@ -333,8 +334,8 @@ def judge_circle(observed: Array, replicates: Array) -> JudgedTest:
         replicate_distances.append(distances)
         tails.append(_minus_log_tail(float(distance), components))
     # ``most_nearer`` is the number of replicates that deviate less than the circle in its worst
-    # Fourier order. Count the replicates that, in any order, deviate more than this number of other
-    # replicates.
+    # Fourier order. Count the replicates that, in at least one order, deviate more than the
+    # ``most_nearer`` replicates that deviate least in this order.
     most_nearer = max(nearer_counts)
     edge = np.full((MAX_ORDER + 1, 1), -np.inf)
     if most_nearer:

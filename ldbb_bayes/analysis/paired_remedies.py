@@ -1,4 +1,8 @@
-"""Pairs of cures for parameters that stay confounded after the best single cure."""
+"""Pairs of cures for parameters that stay confounded after the best single cure.
+
+A cure is a change of the plan, such as more circles, or a certificate of the instrument. A
+parameter is confounded if assumed effects cause more than half of its variance.
+"""
 
 from __future__ import annotations
 
@@ -38,9 +42,10 @@ def paired_remedies(
 ) -> dict[str, PairedRemedy]:
     """Return pairs of cures for parameters that stay confounded after the best single cure.
 
-    The first cure is the parameter's cheapest cure from `remedies`. The second cure is the one
-    that, added to the first, makes the standard uncertainty of the parameter smallest. A pair
-    counts only if this standard uncertainty is less than 90 % of that with the first cure alone.
+    A cure is a change of the plan, such as more circles, or a certificate of the instrument. The
+    first cure is the parameter's cheapest cure from `remedies`. The second cure is the one that,
+    added to the first, makes the standard uncertainty of the parameter smallest. A pair counts only
+    if this standard uncertainty is less than 90 % of that with the first cure alone.
 
     Parameters
     ----------

@@ -36,8 +36,8 @@ __all__ = [
 
 # Number of posterior draws from which contributions to the readings of a circle are computed.
 DRAWS = 2000
-# Names of three sums of contributions to the readings: of all effects of the machine, of all
-# compliances, and of all geometric errors.
+# Names of three sums of contributions to the readings: the sum over all effects of the machine, the
+# sum over all compliances, and the sum over all geometric errors.
 TOGETHER = "compliance and geometry"
 COMPLIANCE = "compliance"
 GEOMETRY = "geometry"
@@ -70,14 +70,15 @@ def decompose_deviation(
     Returns
     -------
     DataFrame
-        One row per plane and source. Sources are all effects together, all compliances, all
-        geometric errors, every compliance (its slope included) and every geometric error. Offsets
-        of the tool ball are sources of their own, but not part of the three sums. Columns are
-        plane, radius_mm, force_N and source; and, in µm, maximum, minimum, peak_to_peak, sd, ci_low
-        and ci_high. The values maximum and minimum are those of the posterior mean contribution.
-        The posterior of the peak-to-peak value has the median peak_to_peak, the standard deviation
-        sd and the interval from ci_low to ci_high. The uncertainty of the contribution makes its
-        peak-to-peak value too large; this excess is removed.
+        One row per plane and source. Sources are every compliance (its slope included), every
+        geometric error, and three sums: of all effects, of all compliances and of all geometric
+        errors. Offsets of the tool ball are separate sources, and are not included in the sums.
+        Columns are plane, radius_mm, force_N and source; and, in µm, maximum, minimum,
+        peak_to_peak, sd, ci_low and ci_high. The values maximum and minimum are those of the
+        posterior mean contribution. The posterior of the peak-to-peak value has the median
+        peak_to_peak, the standard deviation sd and the interval from ci_low to ci_high. The
+        uncertainty of the contribution makes its peak-to-peak value too large; this excess is
+        removed.
 
     Raises
     ------
@@ -143,8 +144,9 @@ def _columns_by_source(bound: BoundModel, columns: MachineColumns) -> dict[str, 
     """Return the effects of the p parameters on a circle, shape (25, p), by source.
 
     An effect is the change of the circle's 25 Fourier coefficients per unit of the parameter. The
-    columns of parameters that do not belong to the source are zero. Offsets of the tool ball are
-    sources of their own, but not part of the sums.
+    columns of parameters that do not belong to the source are zero. Some sources are sums, for
+    example of all compliances. Offsets of the tool ball are separate sources, and are not included
+    in the sums.
     """
     geometry = np.where(is_tool_ball_offset(bound), 0.0, columns.geometric)
     by_source = {

@@ -63,8 +63,8 @@ def calibrate_posterior(
     In every replicate, true parameters and hyper-parameters (the scales of the noise and of other
     effects) are drawn from the posterior, a repetition of the tests is simulated from them, and the
     posterior of measured and simulated readings together is computed. The rank of a true value is
-    the number of draws from this posterior that are below it. If this posterior is computed
-    correctly, the ranks are uniformly distributed (posterior SBC, Säilynoja et al. 2025).
+    the number of draws from this posterior that are below the true value. If this posterior is
+    computed correctly, the ranks are uniformly distributed (posterior SBC, Säilynoja et al. 2025).
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ def calibrate_posterior(
 
 
 class _EnlargedCampaigns(NamedTuple):
-    """What all replicates have in common: model, measured campaign and true values.
+    """Settings that all replicates have in common: model, measured campaign and true values.
 
     ``beta``, shape (replicates, p), and ``phi``, shape (replicates, h), are posterior draws of the
     parameters and hyper-parameters, one for each replicate. ``draws`` is the number of draws among
@@ -178,10 +178,11 @@ def _rank_replicate(study: _EnlargedCampaigns, seed: np.random.SeedSequence) -> 
 
 
 def _with_times(campaign: Campaign) -> Campaign:
-    """Return a campaign whose tests state their times, if drift follows the order in the list.
+    """Return a campaign whose tests state their times, if drift is computed from their order.
 
-    If drift does not follow this order, the campaign is returned unchanged. A repetition of the
-    tests has the same times as the tests, so that drift is measured from the same mean time.
+    If drift is not computed from the order in which the tests are listed, the campaign is returned
+    unchanged. A repetition of the tests then has the same times as the tests, and drift is measured
+    from the same mean time.
     """
     if time_source(campaign) != TimeSource.LISTED:
         return campaign

@@ -38,7 +38,7 @@ def least_squares_zone(angle_rad: Array, deviation: Array) -> Zone:
     """Return the zone of radial deviations about the centre of the least-squares circle.
 
     ``deviation``, shape (n,), are the radial deviations at the angles ``angle_rad``, shape (n,).
-    They may have any unit; the zone has the same unit.
+    The deviations may have any unit; the zone has the same unit.
     """
     columns = _circle_columns(angle_rad, deviation)
     mean, *centre = np.linalg.lstsq(columns, deviation, rcond=None)[0].tolist()

@@ -3,8 +3,8 @@
 A rank is the number of posterior draws below the true value in a simulated campaign. The method is
 that of Säilynoja, Bürkner and Vehtari, Graphical test for discrete uniformity, Statistics and
 Computing 32:32 (2022). The band consists of a binomial interval at every rank. All intervals have
-the same probability. It is chosen so that the joint probability of staying inside all intervals is
-the probability of the band. The joint probability is computed exactly.
+the same probability. This probability is chosen so that the joint probability of staying inside all
+intervals is the probability of the band. The joint probability is computed exactly.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ def simultaneous_band(replicates: int, draws: int, prob: float) -> tuple[Array, 
     """Return lower and upper limits of a band for the distribution of ranks, shape (draws,) each.
 
     For ranks that are uniform in 0 … draws, the whole distribution `ecdf` stays inside the band
-    with probability ``prob``. The true probability may be slightly larger, because numbers of ranks
-    are whole numbers.
+    with probability ``prob``. The true probability may be slightly larger, because the number of
+    ranks below a limit is a whole number.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def simultaneous_band(replicates: int, draws: int, prob: float) -> tuple[Array, 
     def pointwise_intervals(excluded: float) -> tuple[Array, Array]:
         """Return the ends of the binomial intervals of counts, one interval for each rank.
 
-        Each interval excludes at most the probability ``excluded``.
+        The probability of a count outside its interval is at most ``excluded``.
         """
         lower = (at_most < 0.5 * excluded).sum(axis=0)
         upper = (more_than > 0.5 * excluded).sum(axis=0)

@@ -7,12 +7,12 @@ standard uncertainty of every parameter. Hyper-parameters φ (the scales of the 
 effects) are carried over by name (`HyperPrior.carried`). Some effects need an estimate of the
 machine; for them, the estimate from the readings is kept.
 
-Changes of a plan that add circles double the number of circles. A part of their benefit comes from
-this number alone, and would also result if all readings were taken twice at the same times. Another
-order, direction of travel, angle of the balls or radius counts as a cure only if it helps more than
-taking all readings twice. More circles are advised only if sources that are measured here, such as
-scatter between readings and circles, have most of the variance. An assumed effect is the same in
-every circle, and does not average out.
+Changes of a plan that add circles double the number of circles. A part of the benefit comes from
+this larger number alone. The same part would result if all readings were taken twice under the same
+conditions. Another order, direction of travel, angle of the balls or radius counts as a cure only
+if it helps more than taking all readings twice. More circles are advised only if sources that are
+measured here, such as scatter between readings and circles, have most of the variance. An assumed
+effect is the same in every circle, and does not average out.
 """
 
 from __future__ import annotations
@@ -30,15 +30,15 @@ from ldbb_bayes.units import ranked
 
 __all__ = ["CURED_RATIO", "NARROWER", "Remedy", "remedies"]
 
-# A cure is enough if the standard uncertainty with the cure, divided by that without it, is at most
-# this: at least half of the variance is then removed.
+# A cure is enough if the standard uncertainty with the cure, divided by that without the cure, is
+# at most this number: at least half of the variance is then removed.
 CURED_RATIO = 0.5**0.5
 # A change counts as a cure only if the standard uncertainty with the change, divided by that
-# without it, is less than this.
+# without the change, is less than this number.
 NARROWER = 0.9
 # A change of the plan that adds circles counts as a cure only if it is better than taking all
 # readings twice: the standard uncertainty with the change, divided by that from taking all readings
-# twice, must be less than this.
+# twice, must be less than this number.
 _BETTER_THAN_REPETITION = 0.9
 
 
@@ -60,7 +60,7 @@ class _Trial:
     """A single cure that was tried.
 
     ``ratio``, shape (p,), are the standard uncertainties of all parameters with the cure, divided
-    by those without it.
+    by those without the cure.
     """
 
     kind: RemedyKind
@@ -79,7 +79,8 @@ def remedies(tried: TriedCures, sd: Array, measured_share: Array) -> dict[str, R
     The cures are tried in the order of `RemedyKind`, and certificates in the order of
     ``CERTIFICATES``. The first cure that reduces the standard uncertainty to at most 71 % (the
     variance to half) is returned. If there is no such cure, the cure that reduces the standard
-    uncertainty most is returned, provided that it reduces it to less than 90 %.
+    uncertainty most is returned, provided that the result is less than 90 % of the standard
+    uncertainty without any cure.
 
     Parameters
     ----------
@@ -115,8 +116,8 @@ def remedies(tried: TriedCures, sd: Array, measured_share: Array) -> dict[str, R
 def _helps(trial: _Trial, i: int, repetition: float, measured_share: float) -> bool:
     """Return whether a cure by itself reduces the standard uncertainty of parameter i enough.
 
-    The standard uncertainty with the cure must be less than 90 % of that without it. A cure that
-    adds circles under other conditions must also be better than taking all readings twice with
+    The standard uncertainty with the cure must be less than 90 % of that without the cure. A cure
+    that adds circles under other conditions must also be better than taking all readings twice with
     nothing else changed; ``repetition`` is the standard uncertainty from all readings taken twice,
     divided by the present standard uncertainty. More circles under the same conditions help only if
     most of the variance comes from sources that are measured here; ``measured_share`` is the share

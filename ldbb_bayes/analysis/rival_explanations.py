@@ -127,7 +127,7 @@ def compare_explanations(pair: Mapping[str, HybridModel], evidences: Evidences) 
     for name in names:
         includes = [name in combination for combination in combinations]
         inclusion_probability[name] = float(probability[includes].sum())
-    # By the order of `subsets`, the first row has the models with slopes and the second those
+    # In the order of `subsets`, the first row has the models with slopes and the second those
     # without slopes. The last column has the models without rival explanations.
     log_evidence_by_slopes = log_evidence.reshape(2, -1)
     error_by_slopes = error.reshape(2, -1)

@@ -67,9 +67,9 @@ class Assumed:
 def discrepancy_assumptions(models: Collection[HybridModel]) -> dict[str, Change]:
     """Return assumptions about how circles may differ from one another, by label.
 
-    Each assumption is a function that changes a model. The first leaves the models unchanged, each
-    of the next changes one term, and the last leaves only white noise. A change of a term is
-    omitted if it alters none of ``models``.
+    Each assumption is a function that changes a model. The first assumption leaves the models
+    unchanged, each of the following ones changes one term, and the last assumption leaves only
+    white noise. A change of a term is omitted if it alters none of ``models``.
     """
     changes: dict[str, Change] = {_UNCHANGED: _leave_unchanged}
     for alternative in _ALTERNATIVES:

@@ -65,7 +65,7 @@ class Tolerance(Shown):
     """Tolerance of a quantity: its lower limit, its upper limit or both.
 
     Limits are in internal units (mm, N, rad). Values equal to a limit conform. At least one limit
-    must be given. If both are given, the lower one must lie below the upper one.
+    must be given. If both are given, the lower limit must lie below the upper limit.
 
     Examples
     --------
@@ -248,8 +248,8 @@ def _read_range(subject: str, text: str, lower: str, upper: str, inside_unit: st
     """Return the tolerance whose limits are the texts ``lower`` and ``upper``.
 
     A lower limit without a unit has the unit of the upper limit. ``inside_unit`` is the internal
-    unit of the result (of mm, N, rad). ``subject`` and ``text``, the whole tolerance as stated, are
-    for error messages.
+    unit of the result (of mm, N, rad). Error messages name ``subject`` and quote ``text``, the
+    whole tolerance as the user wrote it.
     """
     if not _UNIT_CHARACTER.search(_EXPONENT.sub("", lower)):
         lower += _NUMBER.sub("", upper)

@@ -179,12 +179,12 @@ def sd_by_name(
 
 
 def longer_plans(bound: BoundModel) -> Mapping[RemedyKind, Campaign]:
-    """Return, by kind of cure, the plan after each cure that changes the plan, the cheapest first.
+    """Return the plan after each cure that changes the plan, by kind of cure, cheapest cure first.
 
-    Cures that the campaign does not need are left out: another order if the model has no drift, and
-    the other direction if every plane is run in both directions. For another order, the circles of
-    a plan are reordered. If the campaign has been run already, its circles are repeated in the new
-    order.
+    Cures that the campaign does not need are left out: another order of the circles if the model
+    has no drift, and the other direction of travel if every plane is run in both directions. For
+    another order, the circles of a plan are reordered. If the campaign has been run already, its
+    circles are repeated in the new order.
     """
     plan = bound.campaign.plan()
     tests = _timed(plan)
@@ -238,8 +238,8 @@ def _extended(
 def _shuffled(tests: Sequence[CircularTest]) -> tuple[CircularTest, ...]:
     """Return the tests in an order that is nearly uncorrelated with their forces.
 
-    Of 200 random orders with a fixed seed, it is the one with the smallest correlation between
-    place in the order and force. The k-th test of the new order is run at the k-th time.
+    From 200 random orders with a fixed seed, the order is taken that has the smallest correlation
+    between place in the order and force. The k-th test of the new order is run at the k-th time.
     """
     forces = np.array([float(test.force_N or 0.0) for test in tests])
     place = np.arange(len(tests)) - 0.5 * (len(tests) - 1)

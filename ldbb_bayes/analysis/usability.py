@@ -74,8 +74,7 @@ def undetermined_parameters(verdicts: Mapping[str, ParameterIdentifiability]) ->
     A parameter with the verdict identified, or with a flat prior, is determined. Any other
     parameter is hardly determined if the ratio of its posterior and prior standard deviation is
     above a limit between 0.25 and 0.4. The limit lies in the widest gap between the ratios of the
-    other parameters, so that of two parameters with nearly the same ratio both are determined, or
-    neither is.
+    other parameters, so that two parameters with nearly the same ratio are judged alike.
 
     Parameters
     ----------

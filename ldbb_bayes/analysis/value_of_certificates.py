@@ -47,8 +47,9 @@ def uncertainty_with(bound: BoundModel, instrument: Instrument, weight: Array, p
 
     The variance of each parameter is the sum of two parts: its variance given φ, averaged over
     values of φ, and the variance of its mean given φ over these values. The hyper-parameters φ are
-    the scales of the noise and of other effects. The values are those for the instrument of
-    ``bound``; they are carried over to ``instrument`` by name (`HyperPrior.carried`).
+    the scales of the noise and of other effects. The given values of φ are those for the instrument
+    of ``bound``. The hyper-parameters of the model with ``instrument`` have the values of those
+    with the same names (`HyperPrior.carried`).
 
     Parameters
     ----------
@@ -101,7 +102,8 @@ def averaged_moments(bound: BoundModel, combinations: Array, weight: Array, phi:
     """
     sample = _few_values(weight, phi)
     number = len(bound.names)
-    # In the density, the parameters come after the nuisance coefficients.
+    # In the posterior density of all coefficients, the parameters come after the nuisance
+    # coefficients.
     rows = np.concatenate([combinations[:, number:], combinations[:, :number]], axis=1)
     density = bound.collapsed.conditional(sample.phi)[1]
     mean = density.mean @ rows.T + combinations[:, :number] @ bound.centre

@@ -124,19 +124,21 @@ class ModelVariance:
         return errors
 
     def variance_if_known(self, names: Sequence[str]) -> Array:
-        """Return the variances of the quantities if some effects were known exactly, shape (q,).
+        """Return the variances that the quantities would have if some effects were known exactly.
 
-        ``names`` are the names of these effects: model terms or single coefficients.
+        ``names`` are the names of these effects: model terms or single coefficients. The result has
+        the shape (q,).
         """
         return self._scaled(self._variance(self.information, names))
 
     def variance_without_assumed(self, partners: Sequence[str]) -> Array:
-        """Return the variances if the assumed coefficients of some effects were known, shape (q,).
+        """Return the variances that quantities would have if some assumed coefficients were known.
 
-        Coefficients of these effects that are measured or stated stay uncertain. For example, if a
-        certificate states the mount's deflection, only the curvature of this deflection, which is
-        assumed, becomes known. ``partners`` are names of model terms, or of parameters whose priors
-        are meant.
+        The assumed coefficients of the effects ``partners`` become known. Coefficients of these
+        effects that are measured or stated stay uncertain. For example, if a certificate states the
+        mount's deflection, only the curvature of this deflection, which is assumed, becomes known.
+        ``partners`` are names of model terms, or names of parameters for the effects of their
+        priors. The result has the shape (q,).
         """
         information = self.information
         known = [name for name in partners if name in information.names]
@@ -151,7 +153,10 @@ class ModelVariance:
         return np.einsum("qi,ij,qj->q", self.weights, covariance, self.weights)
 
     def _scaled(self, variance: Array) -> Array:
-        """Return variances of the linear model, scaled to those of the draws, shape (q,)."""
+        """Return variances of the linear model, scaled to the variances of the draws, shape (q,).
+
+        Each variance is multiplied by ``sd``² and divided by the quantity's `gaussian_variance`.
+        """
         before = np.where(self.gaussian_variance > 0.0, self.gaussian_variance, 1.0)
         return np.clip(variance / before, 0.0, 1.0) * self.sd**2
 
@@ -202,7 +207,7 @@ class AveragedVariance:
 
     @cached_property
     def _divisor(self) -> Array:
-        """Divisors of shares: the variances of the quantities, or one where they are zero."""
+        """Divisors of shares: the variances of the quantities, or one where a variance is zero."""
         return np.where(self.variance > 0.0, self.variance, 1.0)
 
     @cached_property
@@ -236,10 +241,11 @@ class AveragedVariance:
         return {term: np.clip(share, 0.0, 1.0) for term, share in removed.items()}
 
     def sd_without_assumed(self, partners: Sequence[str]) -> Array:
-        """Return the standard uncertainties if assumed coefficients were known, shape (q,).
+        """Return the standard uncertainties that quantities would have without assumed effects.
 
-        These coefficients are the assumed ones of the effects ``partners``, which are names of
-        model terms or parameters; see `ModelVariance.variance_without_assumed`.
+        In this case the assumed coefficients of the effects ``partners`` would be known.
+        ``partners`` are names of model terms or parameters; see
+        `ModelVariance.variance_without_assumed`. The result has the shape (q,).
         """
         variance = np.diag(self.spread).copy()
         for model in self.models:
@@ -273,7 +279,7 @@ class AveragedVariance:
 def sources_of(bound: BoundModel, information: Information) -> dict[str, SourcesOfVariance]:
     """Return all sources of the variance of every parameter of one model, largest share first.
 
-    A model term whose coefficients have several origins is one source for each of them. The prior
+    A model term whose coefficients have several origins gives one source for each origin. The prior
     of the parameter itself and those of the other parameters are sources of their own.
 
     Parameters
@@ -300,7 +306,7 @@ def weights_of_parameters(information: Information) -> Array:
 
 
 def _without_noise(information: Information, known: Sequence[str]) -> Information:
-    """Return the information of readings without the noise of some terms.
+    """Return the information that the readings would have if some terms caused no noise.
 
     ``known`` are the class names of these terms.
     """

@@ -43,7 +43,7 @@ _DRAWS = 4000
 _CURVE_POINTS = 41
 # The curves of a model are computed from draws of the parameters at several values of the
 # hyper-parameters. There are at most ``_DRAWS_PER_NODE`` draws at each value, and fewer if there
-# would be less than ``_FEWEST_NODES`` values.
+# would otherwise be fewer than ``_FEWEST_NODES`` values.
 _DRAWS_PER_NODE = 8
 _FEWEST_NODES = 64
 # In a subset of slopes, some compliances change with force and others do not. If there are at most

@@ -17,7 +17,7 @@ variance of the means given φ. If a posterior is judged, standard uncertainties
 draws; if a plan is judged, they are those of its forecast.
 
 In an average over models, shares and uncertainties are averaged over the models, weighted with the
-models' probabilities (`variance_sources`). The same rules give the verdicts.
+models' probabilities (`variance_sources`). The rules for the verdicts are those for a single model.
 """
 
 from __future__ import annotations
@@ -143,9 +143,10 @@ class ParameterIdentifiability(Result):
     verdict: Verdict  #: verdict: identified, prior-limited or confounded
     held_by: VarianceSource  #: source with the largest share of the parameter's variance
     #: assumed effects that a confounded parameter cannot be separated from: model terms, or other
-    #: parameters; those with the largest share first. Empty for other verdicts.
+    #: parameters, sorted by share, the largest first. Empty for other verdicts.
     partners: Annotated[tuple[str, ...], Field(alias="with")]
-    #: share of each effect in ``partners`` in the parameter's variance, by name of the effect
+    #: for each effect in ``partners``, the share of the parameter's variance that is due to this
+    #: effect; the keys are names of effects
     partner_shares: dict[str, float]
     #: standard uncertainty that the parameter would have if the effects in ``partners`` were known
     #: exactly; None if ``partners`` is empty
@@ -153,8 +154,8 @@ class ParameterIdentifiability(Result):
     #: cheapest cure, with the parameter's standard uncertainty after it; None if no cure reduces
     #: the standard uncertainty by more than 10 %, or if no cures were looked for
     remedy: Remedy | None
-    #: two cures together, if the parameter stays confounded after ``remedy`` alone; None if it does
-    #: not, or if no second cure reduces the standard uncertainty by a further 10 %
+    #: two cures together, if the parameter stays confounded after ``remedy`` alone; None if
+    #: ``remedy`` is enough, or if no second cure reduces the standard uncertainty by a further 10 %
     paired_remedy: PairedRemedy | None
     unit: str  #: internal unit of the parameter (of mm, N, rad)
     prior_mean: Number  #: prior mean of the parameter; not a number for a flat prior
@@ -171,11 +172,11 @@ class ParameterIdentifiability(Result):
     #: share of the parameter's posterior variance that vanishes if a model term is known, by class
     #: name of the term
     confounding: dict[str, float]
-    #: shares of model terms, reading noise and the parameters' own priors in the parameter's
-    #: variance, as in `budget_uncertainty`; the shares sum to one
+    #: shares of the parameter's variance that are due to each model term, to reading noise and to
+    #: the parameters' own priors, as in `budget_uncertainty`; the shares sum to one
     shares: dict[str, float]
-    #: sum of the shares of all sources of one origin in the parameter's variance, by origin; the
-    #: sums add up to one
+    #: for each origin, the share of the parameter's variance that is due to the sources of this
+    #: origin; the shares sum to one
     origin_shares: dict[Origin, float]
 
 
@@ -201,15 +202,16 @@ class ChangeIdentifiability(Result):
     largest_force_N: float  #: largest force tested, F_max [N]
     verdict: Verdict  #: verdict on the change C(F_max) − C(F_min)
     held_by: VarianceSource  #: source with the largest share of the change's variance
-    #: share of each assumed effect with which the change is confounded in the change's variance, by
-    #: name of the effect
+    #: for each assumed effect with which the change is confounded, the share of the variance of the
+    #: change that is due to this effect; the keys are names of effects
     partner_shares: dict[str, float]
-    #: cheapest cure, as for a parameter; None if no cure reduces ``sd`` by more than 10 %
+    #: cheapest cure for the uncertainty of the change; None if no cure reduces ``sd`` by more than
+    #: 10 %
     remedy: Remedy | None
     prior_sd: Finite  #: prior standard deviation of the change; infinite for a flat prior
     sd: float  #: posterior standard deviation of the change
-    #: sum of the shares of all sources of one origin in the change's variance, by origin; the sums
-    #: add up to one
+    #: for each origin, the share of the variance of the change that is due to the sources of this
+    #: origin; the shares sum to one
     origin_shares: dict[Origin, float]
 
 
@@ -232,18 +234,19 @@ class Identifiability(Result):
     #: verdict on the change of each compliance over the tested forces, by name of the compliance
     changes: dict[str, ChangeIdentifiability]
     degeneracies: tuple[Degeneracy, ...]  #: combinations of coefficients that no reading resolves
-    #: remedies for each item of ``degeneracies``: further tests that resolve it when added to the
-    #: plan, or a calibration
+    #: remedies for each of ``degeneracies``: further tests that would resolve the degeneracy, or a
+    #: calibration
     cures: tuple[tuple[Cure, ...], ...]
     #: class names of the terms of the model's preset that the user switched off. The intervals do
     #: not cover the effects of these terms.
     not_modelled: tuple[str, ...]
-    #: number of parameters that the readings determine: the sum of the contractions, or for a flat
-    #: prior the number of all parameters
+    #: number of parameters that the readings determine: the sum over the parameters of the
+    #: contraction, one minus the ratio of posterior and prior variance; for a flat prior, the
+    #: number of all parameters
     effective_parameters: float
-    #: change of each parameter's least-squares estimate (rows) caused by each nuisance coefficient
-    #: (columns), if the fit ignores the nuisance and its size is one prior standard deviation; in
-    #: internal units (mm, N, rad)
+    #: table of changes of least-squares estimates, in internal units (mm, N, rad). Rows are
+    #: parameters and columns are nuisance coefficients. Each change is that of the parameter's
+    #: estimate if the fit ignores a nuisance coefficient of one prior standard deviation.
     alias: ByRow
     #: posterior correlations of the parameters, and of the nuisances (effects not of interest) that
     #: act in several tests
@@ -253,7 +256,7 @@ class Identifiability(Result):
     #: instrument lacks, and for all these certificates together. Empty for a flat prior.
     certificates: dict[str, dict[str, float]]
     #: hyper-parameters (scales of the noise and of other effects) at which the verdicts are
-    #: computed; lengths in µm, λ and decay are pure numbers
+    #: computed; lengths in µm; noise factors λ and decays are pure numbers
     hyper_um: dict[str, float]
     #: whether the hyper-parameters and the means come from readings; if not, they come from priors
     measured: bool
@@ -262,9 +265,9 @@ class Identifiability(Result):
 def _scales_before(bound: BoundModel, plan: Campaign) -> tuple[Array, Array]:
     """Return weights, shape (w,), and values, shape (w, h), of the hyper-parameters of a plan.
 
-    Hyper-parameters are the scales of the noise and of other effects. The values represent their
-    posterior given the readings of the plan's pilot. If the plan has no pilot, the only value is
-    the prior median.
+    Hyper-parameters are the scales of the noise and of other effects. The values represent the
+    posterior of the hyper-parameters given the readings of the plan's pilot (the campaign from
+    which the plan was designed). If the plan has no pilot, the only value is the prior median.
     """
     pilot = plan.pilot
     if pilot is None or pilot.is_plan:
@@ -321,7 +324,7 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
     """Return how well a campaign or a plan determines the parameters of a model.
 
     Each parameter is identified, prior-limited (the readings hardly narrow its prior) or confounded
-    (an effect that nobody measured holds most of its variance). No readings are needed, so that a
+    (an effect that nobody measured causes most of its variance). No readings are needed, so that a
     plan can be judged before it is run. All results are those of the linear Gaussian model, in
     which compliances may be negative. Shares of the variance are those at the posterior mean of the
     hyper-parameters (the scales of the noise and of other effects). For a plan, they are those at
@@ -415,7 +418,7 @@ def _averaged_over_scales(
     weight: Array,
     phi: Array,
 ) -> AveragedVariance:
-    """Return the variance of all parameters and changes with force of one model, and its sources.
+    """Return variances of parameters and changes with force under one model, with their sources.
 
     The shares of the sources are those at the mean of the hyper-parameters. The uncertainties are
     averaged over the values ``phi`` of the hyper-parameters, shape (w, h), with the weights
@@ -646,7 +649,7 @@ def variance_share_removed(information: Information, names: Sequence[str]) -> Ar
 def not_modelled(bound: BoundModel) -> tuple[str, ...]:
     """Return the class names of the terms of a model's preset that the user switched off.
 
-    The preset ``paper`` has no terms, so that none is missing from it.
+    The result is empty for the preset ``paper``, which has no terms.
     """
     if bound.model.preset == "paper":
         return ()
@@ -655,7 +658,7 @@ def not_modelled(bound: BoundModel) -> tuple[str, ...]:
 
 
 class PartneredVerdict(NamedTuple):
-    """A verdict on a parameter, and the sources that it cannot be separated from, if any."""
+    """A verdict on a parameter, and the sources from which the parameter cannot be separated."""
 
     verdict: Verdict
     partners: tuple[VarianceSource, ...]
@@ -815,12 +818,12 @@ def _remedies_of(
 
 
 def _shares_by_name(sources: Sequence[VarianceSource]) -> dict[str, float]:
-    """Return the shares of sources by name."""
+    """Return the shares of sources in the variance of a quantity, by name of the source."""
     return {source.name: source.share for source in sources}
 
 
 def _shares_by_origin(sources: Sequence[VarianceSource]) -> dict[Origin, float]:
-    """Return the sum of the shares of all sources of each origin, in the order of `Origin`."""
+    """Return for each origin the share of the variance due to the sources of this origin."""
     shares = dict.fromkeys(Origin, 0.0)
     for source in sources:
         shares[source.origin] += source.share

@@ -43,7 +43,8 @@ _PRIOR_CIRCLES = 2000
 _PRIOR_PROB = 0.95
 # Error allowed in every log evidence [nat].
 _TOLERANCE = 1e-2
-# If the p-value of all circles left out together is below this, they do not scatter as predicted.
+# If the p-value of all circles left out together is below this number, the circles do not scatter
+# as predicted.
 _UNIFORM = 0.05
 # Number of steps by which the weights of stacking are found; each step raises the mean log density.
 _STACKING_STEPS = 500
@@ -56,8 +57,9 @@ class PriorRange:
     measured_um: float
     low_um: float  #: lower end of the interval of ranges of circles drawn from the prior
     high_um: float  #: upper end of the interval that begins at ``low_um``
-    #: probability of a range as large or larger under the prior, not adjusted for the number of
-    #: circles; a small value means that the prior is too narrow for this machine
+    #: probability, under the prior, of a range at least as large as the measured range, not
+    #: adjusted for the number of circles; a small value means that the prior is too narrow for this
+    #: machine
     p_value: float
 
 
@@ -65,7 +67,9 @@ class PriorRange:
 class LeftOutCircle:
     """One circle compared with its prediction from the other circles."""
 
-    p_value: float  #: probability that a circle of the same machine deviates at least as much
+    #: probability that another circle of the same machine deviates from the prediction at least as
+    #: much as this circle does
+    p_value: float
     family_wise_p_value: float  #: p-value adjusted for the number of circles (Holm)
     worst_order: int  #: Fourier order in which the circle deviates most
 
@@ -85,24 +89,28 @@ class Workflow(Result):
     prior_ranges: dict[str, PriorRange]  #: range of every circle, by name of the test
     prior_prob: float  #: probability of the intervals in ``prior_ranges``
     rhat_max: float  #: largest R-hat of all parameters and hyper-parameters
-    ess_bulk_min: float  #: smallest effective sample size for a mean
-    ess_tail_min: float  #: smallest effective sample size for a quantile at 5 % or 95 %
+    #: smallest effective sample size for the mean of a parameter or hyper-parameter
+    ess_bulk_min: float
+    #: smallest effective sample size for the 5 % or 95 % quantile of a parameter or hyper-parameter
+    ess_tail_min: float
     converged: bool  #: whether the sampler reached its targets
     #: sensitivity to the prior (by power-scaling) of the parameters whose sensitivity is above
     #: 0.05, by name, the most sensitive first
     prior_sensitivity: dict[str, float]
     #: comparison of every circle with its prediction from the other circles, by name of the test
     left_out: dict[str, LeftOutCircle]
-    #: ranks of true values among posterior draws of campaigns enlarged by simulation
+    #: calibration for machines like this one: ranks of true values among posterior draws, from
+    #: `calibrate_posterior`
     calibration: Validation
     #: weights with which the models together predict circles left out best, by name of the model
     stacking_weights: dict[str, float]
-    #: sum over the tests of the log density of each test given the other tests [nat], by model
+    #: expected log predictive density of each model: sum over the tests of the log density of each
+    #: test given the other tests [nat]; the keys are names of models
     elpd: dict[str, float]
 
     @property
     def surprising_circles(self) -> tuple[str, ...]:
-        """Names of the circles whose range is too large for the prior (family-wise p below 2 %)."""
+        """Names of circles whose range is too large for the prior (family-wise p-value < 2 %)."""
         names = list(self.prior_ranges)
         p_values = np.array([entry.p_value for entry in self.prior_ranges.values()])
         adjusted = holm(p_values)
@@ -112,7 +120,8 @@ class Workflow(Result):
     def quiet_circles(self) -> tuple[str, ...]:
         """Names of the circles whose range is below the interval that the prior expects.
 
-        The prior is wider than this machine needs. That is not wrong: priors are for all machines.
+        For these circles, the prior is wider than this machine needs. This is no fault, because the
+        prior is meant for all machines.
         """
         names = []
         for name, expected in self.prior_ranges.items():
@@ -122,7 +131,7 @@ class Workflow(Result):
 
     @property
     def outlying_circles(self) -> tuple[str, ...]:
-        """Names of the circles that the other circles do not predict (family-wise p below 2 %)."""
+        """Names of circles that the other circles do not predict (family-wise p-value < 2 %)."""
         names = []
         for name, circle in self.left_out.items():
             if circle.family_wise_p_value < FALSE_ALARMS:
@@ -142,7 +151,7 @@ class Workflow(Result):
 
     @property
     def scatter_as_predicted(self) -> bool:
-        """Whether the p-values of all circles left out are uniform (p not below 5 %).
+        """Whether the p-values of all circles left out are uniform (p-value at least 5 %).
 
         This result is for information only, and does not count in ``passed``.
         """
@@ -275,7 +284,7 @@ def _left_out_circles(
     left_out_nodes: Mapping[str, Mapping[str, Nodes]],
     seed: int,
 ) -> dict[str, LeftOutCircle]:
-    """Return the comparison of every circle with its prediction from the others, by test."""
+    """Return the comparison of every circle with its prediction from the other circles, by test."""
     judged = judge_tests(nodes_by_model, left_out_nodes, seed=seed, tolerance=_TOLERANCE)
     circles = {}
     for name, test in judged.items():
