@@ -109,8 +109,8 @@ def _as_tuple(tests: Any) -> Any:
         return tests
 
 
-# Type of a field of a campaign that holds tests. Any iterable of tests is accepted; it is stored as
-# a tuple.
+# Type of a field of a campaign that holds tests. Any iterable of tests is accepted; the tests are
+# stored as a tuple.
 Tests = Annotated[Sequence[CircularTest], BeforeValidator(_as_tuple)]
 
 
@@ -131,8 +131,8 @@ class CampaignFields(Shown):
     machine_id: Label | None = None
     #: date of the measurement in ISO 8601, such as 2026-11-20 or 2026-11-20T14:30
     date: Date | None = None
-    # The names and the date from here to `force_device` are printed on the report; no computed
-    # number depends on them.
+    # The fields from here to `force_device` hold names and a date, which are printed on the report.
+    # No computed number depends on these fields.
     machine_type: Label | None = None  #: maker and type of the machine
     serial_number: Label | None = None  #: serial number of the machine
     operator: Label | None = None  #: name of the person who measured

@@ -103,7 +103,7 @@ class CampaignContent(NamedTuple):
     """
 
     tests: tuple[CircularTest, ...]
-    fields: dict[str, Any]  # values of all fields of the campaign except ``tests``, by name
+    fields: dict[str, Any]  # values of all other fields; the keys are the names of the fields
 
 
 def read_campaign_toml(path: Path) -> CampaignContent:
@@ -165,11 +165,11 @@ def _pilot_of(path: Path, file: _CampaignFile) -> Campaign | None:
 
 
 def _fill_from_certificates(path: Path, content: dict[str, Any]) -> None:
-    """In each table, replace the key ``dcc`` with the values that the named certificate states.
+    """In each table, replace the key ``dcc`` with the values that a certificate states.
 
-    The key names the file of a digital calibration certificate (DCC). ``content`` is the content of
-    the campaign.toml at ``path`` and is changed in place. Raise an `InputError` if a table and its
-    certificate state the same key.
+    The value of the key is the name of the certificate's file, a digital calibration certificate
+    (DCC). ``content`` is the content of the campaign.toml at ``path`` and is changed in place.
+    Raise an `InputError` if a table and its certificate state the same key.
     """
     tables = {"bar": content.get("bar"), "force": content.get("force")}
     balls = content.get("balls", {})

@@ -125,9 +125,10 @@ def _test_table(campaign: Campaign, test: CircularTest) -> dict[str, Any]:
 
 
 def _planned_angles_table(test: CircularTest) -> dict[str, Any]:
-    """Return number, first angle and arc of a planned test's angles, by keys of campaign.toml.
+    """Return the number, the first angle and the arc of a planned test's angles.
 
-    Raise an `InputError` if the angles are not evenly spaced within one turn.
+    The result is a dictionary with the keys of campaign.toml. Raise an `InputError` if the
+    angles are not evenly spaced within one turn.
     """
     require(
         test.step_deg,

@@ -1,7 +1,7 @@
 """Digital calibration certificates (DCC) of bar, force device and balls.
 
-The numbers of a certificate are returned under keys of ``campaign.toml``. They become fields of
-`Instrument`.
+The numbers of a certificate are returned as dictionaries with the keys of ``campaign.toml``. The
+numbers become values of fields of `Instrument`.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ _LONGEST_LABEL = 200
 class CertifiedQuantity:
     """One number of a calibration certificate, as the certificate writes it.
 
-    ``name`` is the name that the certificate gives the quantity; it is empty if there is none.
-    ``value`` is the number.
+    ``name`` is the name that the certificate gives the quantity; it is empty if the certificate
+    gives no name. ``value`` is the number.
     """
 
     name: str
@@ -77,8 +77,8 @@ class CertifiedQuantity:
         """What the quantity is, such as ``length``, according to its name and attribute refType.
 
         If the name and the refType of the quantity do not show its role, the names and refType
-        attributes of the certificate's elements that contain the quantity are used. If they do not
-        show the role either, it is an empty text.
+        attributes of the certificate's elements that contain the quantity are used. If these do not
+        show the role either, the role is an empty text.
         """
         own_text = f"{self.name} {self.ref_type}".lower()
         holder_text = " ".join(self.holders).lower()
@@ -144,9 +144,9 @@ def _without_rounding(number: float) -> float:
 class CalibrationCertificate(Shown):
     """Digital calibration certificate (DCC): its identifier and its numbers.
 
-    The methods return what the certificate states about a bar, a force device or a ball, under keys
-    of ``campaign.toml``. They raise an `InputError` if the certificate states nothing about the
-    object.
+    The methods return dictionaries of what the certificate states about a bar, a force device or a
+    ball. The keys are those of ``campaign.toml``. The methods raise an `InputError` if the
+    certificate states nothing about the object.
     """
 
     path: Path
@@ -227,7 +227,7 @@ class CalibrationCertificate(Shown):
         return candidates[0]
 
     def force(self) -> dict[str, Any]:
-        """Return what the certificate states about a force device, under keys of campaign.toml.
+        """Return what the certificate states about a force device; keys are from campaign.toml.
 
         The key U_percent is the expanded uncertainty (k = 2) of the gain, in percent of the gain.
         If no gain is stated, U_percent is the expanded uncertainty of the largest certified force,
@@ -258,7 +258,8 @@ class CalibrationCertificate(Shown):
     def _force_scale(self) -> CertifiedQuantity | None:
         """Return the certified gain of a force device [N/bar], or the largest certified force [N].
 
-        The force is returned only if no gain is stated. If neither is stated, return None.
+        The force is returned only if no gain is stated. If neither a gain nor a force is stated,
+        return None.
         """
         gains = self._quantities_by_role("N/bar").get("gain", [])
         if gains:
@@ -405,8 +406,8 @@ def _several_errors(
 ) -> InputError:
     """Return the error for a certificate that states several errors of a bar's length.
 
-    The message lists the errors. Each error has a name that distinguishes it from the other errors,
-    and the numbers that the user may give instead of the certificate.
+    For each error, the message states a name that distinguishes it from the other errors, and the
+    two numbers that the user may give instead of the certificate.
     """
     texts = []
     for quantity in candidates[:_QUANTITIES_LISTED]:

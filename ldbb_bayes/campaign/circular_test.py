@@ -238,7 +238,7 @@ class CircularTest(TestFields):
         return array
 
     def _faults(self, angle: Array | None, reading: Array | None) -> Iterator[str]:
-        """Yield one text for each fault of the test: what the test must have, and the remedy.
+        """Yield a text for each fault of a test: what the test must have, and the remedy.
 
         ``angle`` [deg] are the angles of the test, and ``reading`` [µm] its readings. Either is
         None if it is not given.

@@ -59,8 +59,8 @@ def read_campaign(
     path : str or os.PathLike
         Path of the folder or file.
     certificates : mapping of str to object, optional
-        Values of fields of `Instrument`, by name. They replace the values that ``campaign.toml``
-        states; a tidy CSV states no such values.
+        Values of fields of `Instrument`; the keys are the names of the fields. These values replace
+        those that ``campaign.toml`` states; a tidy CSV states no such values.
     **options : object
         Values of fields of `Campaign`, such as ``radius_mm=150``. They are permitted only with a
         tidy CSV, because a ``campaign.toml`` states these values itself.

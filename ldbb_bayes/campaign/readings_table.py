@@ -104,7 +104,7 @@ def _single_value(path: Path, test: str, column: str, values: Any) -> str | floa
 
 
 def _read_columns(path: Path, known: Sequence[str]) -> dict[str, Any]:
-    """Return the columns of a CSV file by name, as arrays of numbers or of texts.
+    """Return the columns of a CSV file as arrays of numbers or of texts; the keys are their names.
 
     If semicolons or tabs separate the cells and no number contains a point, commas are read as
     decimal marks. ``known`` are the permitted names of columns. Raise an `InputError` for a name
@@ -132,7 +132,10 @@ def _read_columns(path: Path, known: Sequence[str]) -> dict[str, Any]:
 
 
 def _check_names(path: Path, names: Sequence[str], known: Sequence[str]) -> None:
-    """Refuse a header with too many, unknown or repeated names; ``known`` are the allowed names."""
+    """Raise an `InputError` for a header with too many, unknown or repeated names.
+
+    ``known`` are the permitted names.
+    """
     require(
         len(names) <= _LARGEST_COLUMNS,
         f"{path}, line 1: a table must have at most {_LARGEST_COLUMNS} columns, got {len(names)}."
@@ -203,8 +206,8 @@ def _angles_and_readings(path: Path, columns: Mapping[str, Any]) -> dict[str, Ar
 def _one_of(path: Path, columns: Mapping[str, Any], names: tuple[str, str]) -> str:
     """Return the one of two ``names`` that is the name of a column of a table.
 
-    ``columns`` are the columns of the table by name. Raise an `InputError` if the table has columns
-    of both names, or no column of these names.
+    ``columns`` holds the columns of the table; the keys are their names. Raise an `InputError` if
+    the table has columns of both names, or no column of these names.
     """
     present = [name for name in names if name in columns]
     if len(present) != 1:

@@ -280,8 +280,8 @@ def _design_for_goals(
 ) -> None:
     """Find the cheapest campaign that reaches the goals for uncertainties; print and write it.
 
-    ``settings`` are the options of the command ``design`` by name; the goals are some of them. The
-    campaign is written as a plan. Exit with code 1 if a goal is not reached.
+    ``settings`` are the options of the command ``design``, which include the goals; the keys are
+    their names. The campaign is written as a plan. Exit with code 1 if a goal is not reached.
     """
     # The import is here and not at the top of the file, because the modules load SciPy, which takes
     # a long time.
@@ -353,10 +353,11 @@ def validate(
     """Check by simulation that credible intervals cover true values as often as they promise.
 
     The tests are those of a plan or a campaign. True values are drawn at random from the priors,
-    and readings are simulated from them. The ranks of the true values among the random draws of
-    each posterior must be uniformly distributed. Exit code 1: they are not uniform, or a simulation
-    failed. With --workflow a campaign with readings goes through all checks of a Bayesian workflow,
-    and true values are drawn from its posterior. Exit code 1: something was found wrong.
+    and readings are simulated with these values. The ranks of the true values among the random
+    draws of each posterior must be uniformly distributed. Exit code 1: they are not uniform, or a
+    simulation failed. With --workflow a campaign with readings goes through all checks of a
+    Bayesian workflow, and true values are drawn from its posterior. Exit code 1: something was
+    found wrong.
     """
     if settings.pop("workflow"):
         _check_workflow(plan, model, certificates, output, settings, pool)

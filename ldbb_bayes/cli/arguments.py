@@ -269,8 +269,8 @@ def _read_sheets(text: str, flag: str) -> list[str]:
 def _layout(layout: Path | None = None, **options: Any) -> lb.reading.Layout:
     """Return the layout, which states how tables are to be read, from a layout file and options.
 
-    ``layout`` is the path of the file; None if there is no file. ``options`` are fields of `Layout`
-    by name, which take precedence over the file.
+    ``layout`` is the path of the file; None if there is no file. ``options`` holds values of fields
+    of `Layout`; the keys are names of fields. These values take precedence over the file.
     """
     from_file = lb.reading.Layout() if layout is None else lb.reading.read_layout(layout)
     columns = dict(from_file.columns)

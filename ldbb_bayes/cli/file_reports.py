@@ -88,7 +88,7 @@ def report_files(
         Output of the command ``report``. If it names no folder, the report is written into a folder
         beside the first file.
     settings
-        Options of the report by name.
+        Options of the report; the keys are their names.
     model
         Model with compliance linear in force.
     steps
@@ -152,7 +152,7 @@ def report_files(
 def _check_settings(settings: dict[str, Any], source: ReportSource) -> None:
     """Raise an `InputError` for options that are valid only for reports made from stored fits.
 
-    ``settings`` are the options by name; ``source`` are the files of readings.
+    ``settings`` are the options; the keys are their names. ``source`` are the files of readings.
     """
     for name in ("comparison", "design"):
         require(
@@ -176,7 +176,7 @@ def page_settings(settings: dict[str, Any]) -> dict[str, Any]:
     Parameters
     ----------
     settings
-        Options of the report by name.
+        Options of the report; the keys are their names.
 
     Returns
     -------
@@ -210,7 +210,7 @@ def _analyse(
         Function that is called with the name of a step when this step of the report begins, so that
         the progress bar shows the name.
     settings
-        Options of the report by name.
+        Options of the report; the keys are their names.
     executor
         Executor with a second process, which computes a part of the analyses; None if there is no
         second process.

@@ -130,7 +130,7 @@ class Option:
 class Group:
     """Options whose values together make one argument of a command, such as the model."""
 
-    options: Mapping[str, Option]  #: options of the group by name
+    options: Mapping[str, Option]  #: options of the group; the keys are their names
     make: Callable[..., Any]  #: function that makes the argument from the values of the options
     #: parameter of the command that is not an option; its value is the first argument of ``make``.
     #: None if there is no such parameter.
@@ -149,8 +149,8 @@ class Group:
     def take_from(self, typed: dict[str, Any]) -> Any:
         """Return the argument that the options of the group make together.
 
-        ``typed`` are the values of all options of the command by name. The values of the options of
-        this group are removed from it.
+        ``typed`` holds the values of all options of the command; the keys are the names of the
+        options. The values of the options of this group are removed from it.
         """
         positional = []
         if self.positional is not None:
@@ -204,7 +204,7 @@ def group(
         Parameter of the command that is not an option; its value is the first argument of
         ``make``.
     **options
-        Options of the group, by name.
+        Options of the group.
 
     Returns
     -------
@@ -214,7 +214,7 @@ def group(
 
 
 def options_of(*groups: str, **kinds: Any) -> dict[str, Option]:
-    """Return the options that the file ``options.toml`` declares, by name.
+    """Return a dictionary of the options that the file ``options.toml`` declares.
 
     Parameters
     ----------
@@ -222,12 +222,13 @@ def options_of(*groups: str, **kinds: Any) -> dict[str, Option]:
         Names of groups of options. Each group is a table of the file. A table inside this table
         holds the options of one panel of the help.
     **kinds
-        Kinds of option values, by name, in addition to the kinds that exist for all commands.
+        Kinds of option values, in addition to the kinds that exist for all commands. The keys are
+        the names of the kinds in the file.
 
     Returns
     -------
     dict
-        Declarations of the options by name.
+        Declarations of the options; the keys are the names of the options.
     """
     known_kinds = {**_KINDS, **kinds}
     options: dict[str, Option] = {}

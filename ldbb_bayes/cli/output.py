@@ -188,8 +188,8 @@ class Output:
             Result to print without the option ``--json``, or a tuple of tables and sentences to
             print.
         contents, figures
-            Contents of the files by name, and functions that draw the figures by name; see
-            `write_files`.
+            Contents of the files, and functions that draw the figures. The keys are the names of
+            the files and figures; see `write_files`.
         write_more
             Function that writes further files into the folder.
         note

@@ -128,7 +128,8 @@ def steps_of(update: Callable[[float, str, int, int], None] | None, **weights: f
         the present step, the number of things done in this step, and the total number of things in
         this step (both 0 if unknown). If None, no progress is reported.
     **weights
-        Approximate relative durations of the steps, by name, in the order of the steps.
+        Approximate relative durations of the steps, in the order of the steps. The keys are the
+        names of the steps.
 
     Returns
     -------
@@ -165,7 +166,8 @@ def step_progress(quiet: bool, **weights: float) -> Iterator[Begin]:
     quiet
         Whether to show no bar.
     **weights
-        Approximate relative durations of the steps, by name; see `steps_of`.
+        Approximate relative durations of the steps; the keys are the names of the steps. See
+        `steps_of`.
 
     Yields
     ------

@@ -1,4 +1,4 @@
-"""Reading of options whose value is a range LO:HI:STEP, a list, or clockings of both balls."""
+"""Reading of options whose value is a range LO:HI:STEP, a list, or angles of both balls."""
 
 from __future__ import annotations
 

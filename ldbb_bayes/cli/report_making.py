@@ -55,7 +55,7 @@ def make_report(
     output
         Output of the command.
     settings
-        Options of the report by name.
+        Options of the report; the keys are their names.
     model
         Model with compliance linear in force.
     figures
@@ -122,7 +122,7 @@ def _report_fits(source: ReportSource, output: Output, settings: dict[str, Any])
     """Write a report from stored fits, and return it.
 
     The report is written into the folder that the user chose; by default, this is the folder of the
-    first fit. ``settings`` are the options of the report by name.
+    first fit. ``settings`` are the options of the report; the keys are their names.
     """
     source.refuse_table_options()
     paths = source.paths
@@ -195,8 +195,8 @@ def _stored_result(folder: Path, name: str) -> Path | None:
 def _design_file(fit_folder: Path, settings: dict[str, Any]) -> Path | None:
     """Return the path of the stored design (choice of the next tests) that a report shows.
 
-    Return None if no design is stored, or if the options ``settings`` state the number of tests, so
-    that a new design must be computed.
+    Return None if no design is stored, or if the options ``settings`` state the number of tests,
+    because a new design must then be computed.
     """
     if "tests" not in settings:
         return settings.get("design", _stored_result(fit_folder, "design"))

@@ -271,8 +271,8 @@ class ReportSource:
     def _read_campaign(self) -> lb.Campaign:
         """Return the campaign in the given folder or file, with the labels that options state.
 
-        Labels are names and dates, on which no number depends. Raise an `InputError` for several
-        files, and for options that apply only to an import of tables.
+        Labels are names and dates, on which no computed number depends. Raise an `InputError` for
+        several files, and for options that apply only to an import of tables.
         """
         first = self.paths[0]
         require(

@@ -20,8 +20,8 @@ _LONGEST_LINE = 20_000
 # to read a key grows with the square of its number of parts; valid files need at most three parts.
 _DEEP_KEY = re.compile(r"(?:[\w-]{1,200}[ \t]{0,9}\.[ \t]{0,9}){8}")
 # Pattern of strings and comments. A string between triple quotes may end with two more quotes. A
-# string without an end counts as reaching to the end of its line or of the text, so that no part of
-# the text is searched twice. TOML with such a string is refused later.
+# string without closing quotes is assumed to end with its line or with the text. No part of the
+# text is then searched twice. TOML with such a string is refused later.
 _STRING_OR_COMMENT = re.compile(
     r'''
     """(?:[^\\]|\\(?:.|\Z))*?(?:"{3,5}|\Z)  # string between triple quotation marks

@@ -115,7 +115,7 @@ def _locate(model: Any, content: Any, loc: tuple[int | str, ...]) -> _Location:
 
 
 def _nested_model(owner: Any, key: int | str) -> Any:
-    """Return the class that describes the table under a key of a TOML file, if there is one.
+    """Return the class that describes the value of a key in a file, if the value is a table.
 
     ``owner`` is the class that describes the table that contains the key ``key``. If the value of
     the key is not a table, return ``owner``.
