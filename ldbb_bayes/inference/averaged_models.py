@@ -90,9 +90,10 @@ def _bound_of_model(
 ) -> BoundModel:
     """Return one model of an average, applied to the campaign.
 
-    ``largest`` is the model with all parameters of the average. ``places`` are the indices, among
-    these parameters, of those that the returned model has. ``rivals`` are the names of the rival
-    explanations in the returned model: effects that look like a change of compliance with force.
+    ``largest`` is the model with all parameters of the average. ``places`` are the indices of the
+    returned model's parameters among the parameters of ``largest``. ``rivals`` are the names of the
+    rival explanations in the returned model: effects that look like a change of compliance with
+    force.
     """
     present = {largest.names[place] for place in places}
     absent = [name for name in largest.names if name not in present]

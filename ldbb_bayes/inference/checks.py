@@ -2,9 +2,10 @@
 
 The basis consists of the 25 harmonics of a circle: a constant, and cosine and sine for each of the
 orders 1 to 12. φ are the h hyper-parameters, the scales of the noise and of other effects; σ, one
-of them, is the standard deviation of white noise. β are the p parameters: compliances, their slopes
-and geometric errors. Shared nuisances are effects that are modelled but not of interest and that
-several tests have in common. Draws are random draws from the posterior. Index r counts the tests.
+of the hyper-parameters, is the standard deviation of white noise. β are the p parameters:
+compliances, their slopes and geometric errors. Shared nuisances are effects that are modelled but
+not of interest and that several tests have in common. Draws are random draws from the posterior.
+Index r counts the tests.
 """
 
 from __future__ import annotations
@@ -53,22 +54,22 @@ __all__ = [
 ]
 
 # A shift of the circles' centre in proportion to force is reported if its p-value times the number
-# of axes tested in all planes (Bonferroni) is below this.
+# of axes tested in all planes (Bonferroni) is below this value.
 SHIFTED = 0.01
 # Largest number of random draws from the posterior from which posterior predictive checks are
 # computed.
 _DRAWS = 500
 # A posterior predictive check fails if its p-value times the number of all checks (Bonferroni) is
-# below this.
+# below this value.
 _FAILS = 0.01
 # Posterior predictive checks are ranked by the logarithms of their p-values. p-values below this
-# are first raised to it, so that the logarithm is finite. Standard errors of slopes over force are
-# raised to the same value, so that nothing is divided by zero.
+# number are first replaced by it, so that the logarithm is finite. Standard errors of slopes over
+# force below this number are replaced too, to avoid a division by zero.
 _SMALLEST_P = 1e-300
 # The autocorrelation of a test's noise is computed from at most this many readings of the test.
 _LONGEST_STRETCH = 100_000
-# The residuals of a test's readings after a fit of the Fourier orders 0 to 12 count as rounding
-# errors if their sum of squares is below this share of the readings' sum of squares.
+# The residuals of a fit of the Fourier orders 0 to 12 to a test's readings count as rounding errors
+# if the sum of squares of the residuals is below this share of the readings' sum of squares.
 _ROUNDING = 1e-24
 # Whether the circles' centre shifts with force is checked only in planes with at least this many
 # tests.
@@ -92,9 +93,9 @@ class CheckKind(StrEnum):
 
 @dataclass(frozen=True)
 class Check:
-    """One posterior predictive check of one test: whether its readings look as the model expects.
+    """One posterior predictive check of the readings of one test against the model.
 
-    A small p-value means that they do not.
+    A small p-value means that the model hardly ever predicts such readings.
     """
 
     kind: CheckKind
@@ -112,8 +113,8 @@ class TestChecks(Result):
     shared nuisances (effects that are modelled but not of interest and that several tests have in
     common, such as ball form) are subtracted first. Each p-value in ``orders_p`` is the probability
     that the residual of a new circle is larger, averaged over the posterior. The p-values
-    ``noise_p`` and ``autocorrelation_p`` are two-sided. Both and ``autocorrelation`` are None if
-    the test has no more than 25 readings.
+    ``noise_p`` and ``autocorrelation_p`` are two-sided. These two p-values and ``autocorrelation``
+    are None if the test has at most 25 readings.
     """
 
     __test__ = False
@@ -189,11 +190,11 @@ def effects_of_failures(
 def _shift_without(bound: BoundModel, phi: Array, tests: Sequence[str]) -> dict[str, float]:
     """Return the largest change of any parameter when one test is left out, for each of ``tests``.
 
-    ``tests`` are the names of the tests that are left out one at a time; they are the keys of the
-    result. The change is in units of the parameter's posterior standard deviation. It is computed
-    at one value ``phi`` of the hyper-parameters (scales of the noise and of other effects), shape
-    (h,). The result is empty if the campaign has one test only or the prior is flat. ``bound`` is
-    the model, applied to its campaign.
+    ``tests`` are the names of the tests that are left out one at a time. These names are the keys
+    of the result. The change is in units of the parameter's posterior standard deviation, and is
+    computed at one value ``phi`` of the hyper-parameters (scales of the noise and of other
+    effects), shape (h,). The result is empty if the campaign has one test only or the prior is
+    flat. ``bound`` is the model, applied to its campaign.
     """
     if len(bound.test_names) < 2 or bound.model.prior.flat:
         return {}
@@ -210,9 +211,9 @@ def _widening_by_noise(bound: BoundModel, phi: Array, tests: Sequence[str]) -> f
     """Return the largest share by which an interval grows if some tests are noisier than modelled.
 
     Intervals are those of the parameters; a share of 0.1 means that an interval is 10 % wider.
-    ``tests`` are the names of the tests that are noisier. Their noise variance is taken to be as
-    large as their readings show at the Fourier orders 13 to 16, if that exceeds the noise variance
-    σ² of the model. For every test, σ² is then replaced by the mean noise variance of all tests.
+    ``tests`` are the names of the tests that are noisier. For these tests, the noise variance
+    follows from the readings at the Fourier orders 13 to 16, unless the noise variance σ² of the
+    model is larger. For every test, σ² is then replaced by the mean noise variance of all tests.
     ``phi``, shape (h,), is one value of the hyper-parameters (scales of the noise and of other
     effects). ``bound`` is the model, applied to its campaign.
     """
@@ -272,8 +273,8 @@ def centre_shift(bound: BoundModel, beta: Array) -> dict[str, float]:
     and each of its two axes, a p-value is then computed by Student's t-test of the slope of the
     centre (Fourier coefficients of order 1) over force. Only planes with at least four tests and at
     least three different forces are checked. An axis is reported if its smallest p-value in any
-    plane, times the number of all p-values (Bonferroni), is below 1 %. The keys of the result are
-    the axes reported, the values their smallest p-values. ``bound`` is the model, applied to its
+    plane, times the number of all p-values (Bonferroni), is below 1 %. The result is a dict from
+    each axis reported to the smallest p-value of this axis. ``bound`` is the model, applied to its
     campaign.
     """
     residuals = reduced_residuals(bound, machine_coefficients(bound, beta[None])[0])

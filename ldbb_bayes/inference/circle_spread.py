@@ -2,10 +2,10 @@
 
 The factor λ multiplies the set-up shift (of zero and centre) and the discrepancy (unexplained
 deviations) of one circle. Its prior, λ² ~ InvGamma(a, a) with a = 3/2, has heavy tails, so that one
-unusual circle among the measured ones hardly changes the compliances. But most circles of one
-machine scatter alike, and a band for a new circle would be too wide if the λ of the new circle were
-drawn from that prior. The shape a is therefore learnt: each posterior draw of the λ of R measured
-circles determines the probabilities of a few possible values of a:
+unusual measured circle hardly changes the compliances. But most circles of one machine scatter
+alike, and a band for a new circle would be too wide if the λ of the new circle were drawn from that
+prior. The shape a is therefore learnt: each posterior draw of the λ of R measured circles
+determines the probabilities of a few possible values of a:
 
     p(a | λ_1 … λ_R) ∝ p(a) Π InvGamma(λ_r²; a, a).
 
@@ -26,12 +26,13 @@ from ldbb_bayes.results import Array
 
 __all__ = ["draw_new_noise_factors", "shape_probabilities"]
 
-# Values of the shape a that are considered. The first value is that of the model's prior. Large
-# values mean that circles scatter alike.
+# The squared noise factor λ² of a circle has the density InvGamma(a, a). These values of the shape
+# a are considered; the first one is that of the model's prior. A large a means that circles scatter
+# alike.
 _SHAPES = np.array([1.5, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0, 40.0])
-# Prior probability of the first value of the shape a; the other values have equal prior
-# probabilities. This probability is so large that a few circles cannot rule out that the next
-# circle is unusual.
+# Prior probability of the first shape in ``_SHAPES``; the other shapes have equal prior
+# probabilities. The probability of the first shape is so large that a few circles cannot rule out
+# that the next circle is unusual.
 _FIRST_PROBABILITY = 0.5
 
 

@@ -3,11 +3,11 @@
 The 25 basis coefficients of a circle are its harmonics of the orders 0 to 12. β are the p
 parameters: compliances, their slopes and geometric errors. φ are the h hyper-parameters, the scales
 of the noise and of other effects. y are the readings. Nuisances are effects that are modelled but
-not of interest: shared ones are common to several tests, private ones belong to a single circle.
-There are three kinds of prediction:
+not of interest: shared nuisances are common to several tests, private nuisances belong to a single
+circle. There are three kinds of prediction:
 
-- machine: H β plus the nominal deflection of the mount; the latter is left out if the readings are
-  already compensated for it. The matrix H holds the effect of a unit of each parameter on each
+- machine: H β plus the nominal deflection of the mount; this deflection is left out if the readings
+  are already compensated for it. The matrix H holds the effect of a unit of each parameter on each
   circle;
 - shared: the machine plus ball form, bar length, mount and force error. Root-mean-square residual
   and fitness (Eq. 34-35 of the paper) refer to this prediction;
@@ -74,8 +74,8 @@ class ModelDraws(NamedTuple):
 class PrivateTerm(NamedTuple):
     """An effect on one circle only, with v coefficients that are drawn anew for every circle."""
 
-    #: change of the 25 Fourier coefficients (orders 0 to 12) of the readings [mm] per unit of each
-    #: of the v coefficients of the effect, shape (25, v)
+    #: change of the readings' 25 Fourier coefficients (orders 0 to 12) [mm] per unit of each of the
+    #: effect's v coefficients, shape (25, v)
     columns: Array
     #: standard deviations of the effect's v coefficients, for every random draw of the
     #: hyper-parameters, shape (draws, v)
@@ -129,10 +129,10 @@ def shared_terms(
 ) -> list[Columns]:
     """Return the columns of shared nuisances, or those of private nuisances if ``private`` is True.
 
-    Nuisances are effects that are modelled but not of interest. Shared ones are common to several
-    tests; private ones belong to a single test. A column holds the effect of one nuisance
-    coefficient on the readings of every test. ``columns`` holds the columns of all nuisances of a
-    model. Noise of the Fourier coefficients themselves (`BasisNoise`) is left out.
+    Nuisances are effects that are modelled but not of interest. Shared nuisances are common to
+    several tests; private nuisances belong to a single test. A column holds the effect of one
+    nuisance coefficient on the readings of every test. ``columns`` holds the columns of all
+    nuisances of a model. Noise of the Fourier coefficients themselves (`BasisNoise`) is left out.
     """
     return [term for term in columns if isinstance(term, Columns) and term.private == private]
 
@@ -155,8 +155,9 @@ def draw_shared(bound: BoundModel, phi: Array, beta: Array, rng: np.random.Gener
 
     Nuisances are effects that are modelled but not of interest, such as ball form. All q
     coefficients are drawn once for each draw of the parameters ``beta``, shape (draws, p), and
-    hyper-parameters ``phi``, shape (draws, h), given the values of both and the readings. ``bound``
-    is the model, applied to its campaign.
+    hyper-parameters ``phi``, shape (draws, h). They are drawn conditional on the readings and on
+    the parameters and hyper-parameters of the draw. ``bound`` is the model, applied to its
+    campaign.
     """
     draws = []
     for start in range(0, len(phi), CHUNK):

@@ -43,7 +43,8 @@ def conditional_draws(
     rng : Generator
         Generator of random numbers.
     truncated : bool, optional
-        Whether no compliance may be negative in a draw. Default: as the model requires.
+        If True, no compliance is negative in a draw. Default: True if the model does not allow
+        negative compliances.
 
     Returns
     -------
@@ -94,7 +95,7 @@ def draw_parameters_given(
     ------
     InputError
         If repeated rejection finds no draw without negative compliances for some value of the
-        hyper-parameters. The readings then contradict compliances that are not negative.
+        hyper-parameters. The readings then contradict the condition that no compliance is negative.
     """
     beta = np.zeros((len(free), len(bound.names)))
     missing = np.arange(len(free))
@@ -107,7 +108,7 @@ def draw_parameters_given(
 
 
 def no_physical_draw() -> InputError:
-    """Return the error for a posterior from which no draw without negative compliances is found."""
+    """Return the error to raise if no posterior draw without negative compliances is found."""
     return InputError(
         "the posterior must leave room where no compliance is negative, got no draw that falls"
         " there. The readings contradict non-negative compliance: check signs, mount compensation"

@@ -1,10 +1,11 @@
-"""Proposal for importance sampling in which mean and width of coordinates depend on earlier ones.
+"""Proposal for importance sampling: means and widths of coordinates depend on other coordinates.
 
 A proposal is the density from which points are drawn. If a scale that is common to all circles is
-near zero, the readings determine the other scales less well, so that the densities of these are
-wider. A correlation cannot express this. Let u be h coordinates that are not correlated, with
+near zero, the readings determine the other scales less well, so that the other scales have wider
+densities. A correlation cannot express this. Let u be h coordinates that are not correlated, with
 indices from 1 to h. The mean m of a coordinate and the logarithm of its width s are therefore
-polynomials of degree two in those of the first k coordinates that have a smaller index. Then
+polynomials of degree two in the coordinates that have a smaller index, of which only the first k
+are used. Then
 
     z = (u − m) / s − offset
 
@@ -29,11 +30,12 @@ _LEADING = 7
 # In the polynomials, values of coordinates are limited to this distance from zero, so that the
 # polynomials are not extrapolated. Coordinates have the standard deviation one.
 _FARTHEST = 5.0
-# Largest absolute value of the logarithm of a width.
+# Largest absolute value of the logarithm of a coordinate's width.
 _LARGEST_LOG_WIDTH = 1.0
-# A coefficient of the polynomials is zero unless it exceeds this number of standard errors.
+# Means and logarithms of widths of coordinates are polynomials in other coordinates. A coefficient
+# is set to zero unless it exceeds this number of standard errors.
 _SIGNIFICANT = 3.0
-# Number of scoring steps by which the widths are fitted.
+# Number of scoring steps by which the widths of the coordinates are fitted.
 _STEPS = 4
 
 
@@ -48,14 +50,16 @@ class IndependentPoints(NamedTuple):
 class Dependence:
     """How mean and width of h coordinates u depend on the first k coordinates.
 
-    The rows of both matrices hold the coefficients of the constant 1, of the first k coordinates,
-    and of the squares of these coordinates. A coordinate depends only on coordinates with a smaller
-    index.
+    The rows of ``mean`` and of ``log_width`` hold the coefficients of the constant 1, of the first
+    k coordinates, and of the squares of these coordinates. A coordinate depends only on coordinates
+    with a smaller index.
     """
 
-    mean: Array  #: coefficients of the means, shape (1 + 2 k, h)
-    log_width: Array  #: coefficients of the logarithms of the widths, shape (1 + 2 k, h)
-    offset: Array  #: numbers that are subtracted after division by the widths, shape (h,)
+    mean: Array  #: coefficients of the means of h coordinates, shape (1 + 2 k, h)
+    #: coefficients of the logarithms of the widths of h coordinates, shape (1 + 2 k, h)
+    log_width: Array
+    #: numbers subtracted from the coordinates after division by the widths, shape (h,)
+    offset: Array
 
     @property
     def leading(self) -> int:
@@ -150,8 +154,8 @@ def fit_dependence(u: Array, weight: Array) -> Dependence:
     Parameters
     ----------
     u : ndarray, shape (n, h)
-        Coordinates of the points. Their weighted means are zero, their variances are one, and they
-        are not correlated.
+        Coordinates of the points. The coordinates have weighted means of zero and variances of one,
+        and are not correlated with each other.
     weight : ndarray, shape (n,)
         Weights of the points, which sum to one.
     """
@@ -175,14 +179,14 @@ def fit_dependence(u: Array, weight: Array) -> Dependence:
 def _fit_widths(
     deviation: Array, polynomials: _Polynomials, is_before: Array, weight: Array
 ) -> Array:
-    """Return the coefficients of the logarithms of the widths, shape (2 k, h).
+    """Return the coefficients of the logarithms of the widths of h coordinates, shape (2 k, h).
 
-    The first k rows are the coefficients of the ``polynomials`` of degree one, the other k rows
-    those of the polynomials of degree two. ``deviation``, shape (n, h), holds the deviations of h
-    coordinates of n points from their means, ``weight``, shape (n,), the weights of the points.
-    ``is_before``, shape (k, h), is True where the coordinate of the row has a smaller index than
-    the coordinate of the column. The likelihood of normal deviations is maximised by scoring steps
-    (Harvey, Econometrica 44 (1976) 461).
+    The first k rows are the coefficients of the ``polynomials`` of degree one, the other k rows are
+    the coefficients of the polynomials of degree two. ``deviation``, shape (n, h), holds the
+    deviations of h coordinates of n points from their means, ``weight``, shape (n,), the weights of
+    the points. ``is_before``, shape (k, h), is True where the coordinate of the row has a smaller
+    index than the coordinate of the column. The likelihood of normal deviations is maximised by
+    scoring steps (Harvey, Econometrica 44 (1976) 461).
     """
     values = np.concatenate([polynomials.linear, polynomials.square], axis=1)
     counts = np.concatenate([is_before, is_before])

@@ -37,7 +37,7 @@ _LOG_LAMBDA = np.arange(-1.5, 3.01, 0.25)
 # [nat].
 _TOLERANCE = 1e-2
 # The densities of a test's readings at all posterior draws are tempered if the Pareto shape k̂ of
-# the inverse densities is above this. Tempering raises the densities to a power below one.
+# the inverse densities is above this value. Tempering raises the densities to a power below one.
 _LARGE_K = 0.4
 # The power to which the densities of a test's readings are raised (tempering) is this value divided
 # by the Pareto shape k̂ of the inverse densities.
@@ -56,8 +56,9 @@ def with_predictive(posterior: xr.DataTree, *, draws: int = 1000, seed: int = 1)
     posterior : DataTree
         Posterior from `sample` or `load`.
     draws : int
-        Largest number of draws used, in all chains together. They are evenly spaced in each chain.
-        The groups posterior, sample_stats and log_prior of the result hold only these draws.
+        Largest number of draws used, in all chains together. The draws used are evenly spaced in
+        each chain. The groups posterior, sample_stats and log_prior of the result hold only these
+        draws.
     seed : int
         Seed of the random draws of new circles.
 
@@ -82,15 +83,15 @@ def with_predictive(posterior: xr.DataTree, *, draws: int = 1000, seed: int = 1)
     ``log_likelihood.per_test`` (chain, draw, test) is ln p(y_r | y_−r, φ): the log density of the
     readings of test r, given those of all other tests and the hyper-parameters φ (scales of the
     noise and of other effects). All unknowns on which the readings depend linearly are integrated
-    out. If the model requires it, the integral is only over values without negative compliances. If
-    the model has a factor λ_r, this factor is integrated out as well. The harmonic mean of p over
-    draws is the density of the readings of a circle left out (Bürkner, Gabry and Vehtari 2021), so
-    that ``arviz.loo`` estimates what `compare` computes. The Pareto shape k̂ of the weights 1 / p
-    of the draws is low, because the density of the hyper-parameters other than λ_r changes little
-    if circle r is left out. If k̂ exceeds 0.4 nevertheless, p is raised to a power below one and
-    scaled so that its harmonic mean is the exact density. The sum of ln p over tests is not the log
-    likelihood of all readings; the sensitivity of the posterior to that log likelihood is in
-    ``Fit.sensitivity``.
+    out. If the model does not allow negative compliances, the integral is only over values without
+    negative compliances. If the model has a factor λ_r, this factor is integrated out as well. The
+    harmonic mean of p over draws is the density of the readings of a circle left out (Bürkner,
+    Gabry and Vehtari 2021), so that ``arviz.loo`` estimates what `compare` computes. The Pareto
+    shape k̂ of the weights 1 / p of the draws is low, because the density of the hyper-parameters
+    other than λ_r changes little if circle r is left out. If k̂ exceeds 0.4 nevertheless, p is
+    raised to a power below one and scaled so that its harmonic mean is the exact density. The sum
+    of ln p over tests is not the log likelihood of all readings; the sensitivity of the posterior
+    to that log likelihood is in ``Fit.sensitivity``.
 
     Examples
     --------

@@ -35,32 +35,35 @@ from ldbb_bayes.results import Array
 
 __all__ = ["LogValues", "RatioIntegral", "RatioSampler"]
 
-# Number of nodes in the largest sample, at which the density is evaluated.
+# Number of nodes (points at which a density is evaluated) in the largest sample.
 _LARGEST_SAMPLE = 4608
 # The density is first evaluated at every 24th node of the largest sample, then at every 8th node,
 # and at last at all its nodes. Evaluation stops as soon as the error is small enough.
 _STEPS = (24, 8, 1)
-# A sample is used only if the integral has at least this many times as many nodes as the sample.
+# A sample of an integral's nodes is used only if the number of all nodes is at least this multiple
+# of the number of nodes in the sample.
 _NODES_PER_SAMPLE = 2
 # A polynomial is fitted only if its number of coefficients is at most this share of the number of
 # nodes in the sample.
 _LARGEST_SHARE_OF_COEFFICIENTS = 0.5
-# Half of the nodes are drawn in proportion to their weights, half in proportion to this power of
-# the weights, so that the tails, where the ratio is largest, are sampled too.
+# Half of the nodes are drawn in proportion to their weights. The other half are drawn in proportion
+# to this power of the weights, so that nodes in the tails, where the ratio of the densities is
+# largest, are drawn too.
 _TAIL_POWER = 0.5
-# Polynomials count as linearly dependent if a singular value is below this share of the largest.
+# Polynomials count as linearly dependent if a singular value is below this share of the largest
+# singular value.
 _DEPENDENT = 1e-10
 # The integral of a density is computed from the mean of its ratios to a similar density at some
 # nodes. This mean is not trusted if the standard deviation of the ratios exceeds this share of the
-# mean. The largest ratios may then be missing among a few hundred.
+# mean. A sample of a few hundred nodes may then miss the largest ratios.
 _LARGEST_SCATTER = 0.4
-# The mean of the ratios of two densities is not trusted either if the logarithm of a ratio exceeds
-# the logarithm of the mean by more than this, because the square of the ratio might overflow.
+# The mean of the ratios of two densities is not trusted if the logarithm of a ratio exceeds the
+# logarithm of the mean by more than this number. The square of the ratio might then overflow.
 _LARGEST_LOG_RATIO = 50.0
-# The tail of the ratios of two densities is not heavy if no ratio exceeds their mean by more than
-# this share of the mean.
+# The tail of the ratios of two densities is taken not to be heavy if no ratio exceeds their mean by
+# more than this share of the mean.
 _LARGEST_PLAIN_RESIDUAL = 1.0
-# The error of the mean ratio is this multiple of its standard error.
+# The error of the mean of the ratios of two densities is this multiple of the standard error.
 _STANDARD_ERRORS = 3.5
 
 
@@ -73,11 +76,11 @@ class LogValues(NamedTuple):
     """
 
     log_density: Array
-    error: Array  #: error that does not necessarily cancel in a mean over nodes
+    error: Array  #: error of ln density [nat] that does not necessarily cancel in a mean over nodes
 
 
 class RatioIntegral(NamedTuple):
-    """Integral of a density as a sum over the nodes of another density, and its two errors."""
+    """Integral of a density as a sum over the nodes (weighted points) of another density."""
 
     integral: Integral
     value_error: float  #: weighted mean error of the logarithm of the density at the nodes [nat]
@@ -109,7 +112,7 @@ class _Sample:
 
     @cached_property
     def polynomials(self) -> Array:
-        """Polynomials of the coordinates of all n nodes, shape (n, coefficients)."""
+        """Values of the polynomials at all n nodes, shape (n, coefficients)."""
         return _polynomials(self.integral, self.degree)
 
     @cached_property
@@ -122,7 +125,10 @@ class _Sample:
 
     @cached_property
     def leverage(self) -> Array:
-        """Leverage of each node: the share of the value there in the fitted value, shape (m,)."""
+        """Leverage of each of the m nodes, shape (m,).
+
+        The leverage is the derivative of the fitted value with respect to the value to fit there.
+        """
         leverage = (self._decomposition.left**2).sum(axis=1)
         return np.asarray(np.minimum(leverage, 1.0 - np.finfo(float).eps))
 
@@ -159,8 +165,8 @@ class _MeanRatio(NamedTuple):
     under the density f e^q.
     """
 
-    log_mean: float  #: logarithm of the mean
-    error: float  #: error of the logarithm [nat]; infinite if the tail of the values is heavy
+    log_mean: float  #: logarithm of the mean of the ratio
+    error: float  #: error of ``log_mean`` [nat]; infinite if the tail of the ratios is heavy
     share: Array  #: weights of the m nodes, which sum to one, shape (m,)
 
 
@@ -199,12 +205,12 @@ def _is_trusted(share: Array, residual: Array, log_residual: Array) -> bool:
 
 
 class RatioSampler:
-    """Integrals of densities g, each from its ratio to one similar density f at some nodes of f.
+    """Integrals of densities g, each from the ratio of g to a similar density f at some nodes of f.
 
     Parameters
     ----------
     integral : Integral
-        Integral of the density f, with its n nodes.
+        Integral of the density f, with its n nodes (weighted points).
     seed : int
         Seed of the sample of nodes.
     """
@@ -272,7 +278,7 @@ class RatioSampler:
 
 
 def _probabilities(weight: Array) -> Array:
-    """Return the probability that a random draw picks each of the n nodes, shape (n,)."""
+    """Return the probability of each of n nodes (weighted points) of being picked, shape (n,)."""
     tempered = weight**_TAIL_POWER
     return 0.5 * weight + 0.5 * tempered / tempered.sum()
 

@@ -2,8 +2,8 @@
 
 ESS is the effective sample size. The Pareto shape k̂ is the shape of the Pareto distribution fitted
 to the largest weights; if k̂ is large, averages with these weights cannot be trusted. ArviZ is
-imported inside the functions that use it: it loads scipy.stats, which takes a long time, and most
-commands need no diagnostics.
+imported inside the functions that use it, because ArviZ loads scipy.stats, which takes a long time,
+and most commands need no diagnostics.
 """
 
 from __future__ import annotations
@@ -36,9 +36,10 @@ _TAILS = (0.05, 0.95)
 # Smallest number of importance weights whose tail can be judged: ArviZ fits a Pareto distribution
 # to a fifth of the weights and needs at least five of them.
 _FEWEST_WEIGHTS = 25
-# Importance weights count as equal if the range of their logarithms is smaller than this.
+# Importance weights count as equal if the range of their logarithms is smaller than this value.
 _EQUAL_LOG_RATIOS = float(np.sqrt(np.finfo(float).eps))
-# The tail of importance weights can be judged only if their effective sample size is above this.
+# The tail of importance weights can be judged only if their effective sample size is above this
+# number.
 _FEWEST_EFFECTIVE = 10.0
 # Largest Pareto shape k̂ of reliable importance weights, however many draws there are (Vehtari et
 # al. 2024).
@@ -60,8 +61,8 @@ def diagnose(chain: Array) -> Diagnostics:
     """Return effective sample sizes and rank-normalised split R-hat of d parameters.
 
     ``chain`` holds random draws, shape (chains, draws, d). The diagnostics are those of Vehtari et
-    al. 2021. The effective sample size for the tails is the smaller of the two for the quantiles at
-    5 % and at 95 %.
+    al. 2021. The effective sample size for the tails is the smaller of the effective sample sizes
+    for the quantiles at 5 % and at 95 %.
     """
     from arviz_stats.base import array_stats
 
@@ -132,8 +133,7 @@ class SmoothedWeights(NamedTuple):
     weights: Array  #: smoothed importance weights of n draws, which sum to one, shape (n,)
     #: shape k̂ of the Pareto distribution fitted to the largest importance weights
     pareto_k: float
-    #: largest Pareto shape k̂ with which the importance weights of this number of draws can be
-    #: trusted
+    #: largest Pareto shape k̂ with which the importance weights of n draws can be trusted
     largest_pareto_k: float
 
 

@@ -30,13 +30,14 @@ __all__ = [
     "warn_of_untrusted_weights",
 ]
 
-# The log probability that no compliance is negative cannot exceed zero. A computed value is refused
-# as spoilt by rounding errors if it exceeds zero by more than this plus its error [nat].
+# The log probability that no compliance is negative cannot exceed zero. A computed value that
+# exceeds this number plus the error of the value [nat] is refused, because it must be due to
+# rounding errors.
 _LARGEST_LOG_PROBABILITY = 0.1
 
 # A log probability that no compliance is negative may be computed from a few values of the
-# hyper-parameters if it is above this. The other values of the hyper-parameters then change the
-# result little, because the probability given any of them is at most one.
+# hyper-parameters if it is above this number. The other values of the hyper-parameters then change
+# the result little, because the probability given any of them is at most one.
 _LEAST_COARSE_LOG_PROBABILITY = -2.0
 
 
@@ -160,7 +161,7 @@ def log_bayes_factor(evidence: Evidence, other: Evidence) -> tuple[float, float]
     """Return the log Bayes factor of a model over another model, and its error [nat].
 
     The Bayes factor is B = Z / Z', the evidence Z of the first model divided by the evidence Z' of
-    the second one. At equal prior probabilities of the models it is the ratio of their posterior
+    the second one. At equal prior probabilities of the models B is the ratio of their posterior
     probabilities.
 
     Parameters
@@ -199,12 +200,12 @@ def log_bayes_factor(evidence: Evidence, other: Evidence) -> tuple[float, float]
 def log_prob_truncation(truncated: HyperPosterior, tolerance: float = 0.02) -> tuple[float, float]:
     """Return the log posterior probability that no compliance is negative, and its error [nat].
 
-    The probability P is that under the posterior which allows negative compliances. It is first
+    The probability P is that under the posterior which allows negative compliances. P is first
     computed as a mean, over at least 256 values of the hyper-parameters (scales of the noise and of
     other effects), of the probability given these values. The mean suffices if its error is at most
     ``tolerance`` and ln P is above −2. Otherwise a few values may decide the result, and P is
-    computed as a ratio of two integrals over the hyper-parameters: that of the posterior density
-    with the condition that no compliance is negative, and that of the density without the
+    computed as a ratio of two integrals over the hyper-parameters: the integral of the posterior
+    density with the condition that no compliance is negative, divided by the integral without this
     condition.
 
     Parameters

@@ -122,7 +122,7 @@ class Evidences(Shown):
         return [self._nodes[key] for key in keys]
 
     def unless_rejected(self, below: float, *models: HybridModel) -> list[Nodes]:
-        """Return the quadrature nodes of each model; coarse ones if all the models are rejected.
+        """Return the quadrature nodes of each model; coarse nodes if all the models are rejected.
 
         If nodes of all the models are known already, they are returned. Otherwise the nodes of all
         the models are first computed coarsely. If every log evidence plus its error is then at most
@@ -144,7 +144,8 @@ class Evidences(Shown):
 
         The new object starts its search for the mode of a model's posterior at the mode that this
         object has found for a model with the same hyper-parameters, if there is one. ``tolerance``
-        is the error allowed in every log evidence [nat]; if None, it is that of this object.
+        is the error allowed in every log evidence [nat]; if it is None, the tolerance of this
+        object is used.
         """
         return self._with_modes(tolerance or self.tolerance, self._keep_tests, self._modes)
 
@@ -156,7 +157,8 @@ class Evidences(Shown):
         ``test`` is the name of the test left out, ``tests`` are the names of all tests. ``modes``
         holds modes of posteriors. Its keys are tuples with the names of the hyper-parameters
         (scales of the noise and of other effects) of these posteriors. The search for the mode of a
-        model's posterior starts at the mode whose key is the model's hyper-parameters.
+        model's posterior starts at the mode whose key holds the names of the model's
+        hyper-parameters.
         """
         remaining = [name for name in tests if name != test]
         return self._with_modes(self.tolerance, remaining, modes, self.progress)
@@ -183,7 +185,7 @@ class Evidences(Shown):
         return rough
 
     def posterior(self, model: HybridModel) -> HyperPosterior:
-        """Return the posterior of a model's hyper-parameters, which equal models share."""
+        """Return the posterior of a model's hyper-parameters, one object for all equal models."""
         key = model_to_toml(model)
         if key not in self._posteriors:
             check_comparable(model, self.campaign)
@@ -214,9 +216,9 @@ def _largest_first(model: HybridModel) -> list[int]:
     """Return a sort key that puts larger models before smaller ones.
 
     A model is larger if its compliances are polynomials of a higher degree in the force. Among
-    models of equal degree, the one with fewer parameters fixed at zero is larger. If these numbers
-    are equal too, the one with more rival explanations of slopes is larger; these are effects that
-    look like a change of compliance with force.
+    models of equal degree, the model with fewer parameters fixed at zero is larger. If these
+    numbers are equal too, the model with more rival explanations of slopes is larger; these are
+    effects that look like a change of compliance with force.
     """
     return [-model.degree, len(model.fixed), -len(model.rivals)]
 
@@ -258,7 +260,8 @@ def leave_one_out(
         Nodes. The first key is the name of the model, the second key the name of the test left out.
     """
     models = {name: nodes.bound.model for name, nodes in nodes_by_model.items()}
-    # The search for the modes without a test begins at the modes of all tests.
+    # The search for the modes of the posteriors without one test begins at the modes that were
+    # found with all tests.
     modes = {}
     for nodes in nodes_by_model.values():
         modes[nodes.bound.hyper_prior.names] = nodes.posterior.plain.mode
@@ -292,7 +295,7 @@ def left_out_log_densities(
     """Return the log density of the readings of every test given those of the other tests.
 
     ln p(y_r | y_−r) = ln Z(y) − ln Z(y_−r), where Z(y) is the evidence for the readings of all
-    tests and Z(y_−r) that for all tests but r. ``nodes_by_model`` gives Z(y); its keys are the
+    tests and Z(y_−r) that for all tests except r. ``nodes_by_model`` gives Z(y); its keys are the
     names of the models. ``left_out_nodes`` gives Z(y_−r); its keys are the name of the model, then
     the name of test r. The result holds an array of shape (tests,) for each model. If no test was
     left out for a model, its array is empty.

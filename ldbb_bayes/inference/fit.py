@@ -36,8 +36,8 @@ from ldbb_bayes.units import ranked
 __all__ = ["Concern", "ConcernKind", "Fit", "State", "assess_fit"]
 
 # The posterior of a parameter counts as sensitive to the prior if its power-scaling sensitivity is
-# above this. The sensitivity states how much the posterior moves if the prior density is raised to
-# a power near one (Kallioinen et al. 2023).
+# above this value. The sensitivity states how much the posterior moves if the prior density is
+# raised to a power near one (Kallioinen et al. 2023).
 _SENSITIVE = 0.05
 # A failing posterior predictive check of a Fourier order matters if leaving out its test changes
 # some parameter by more than this multiple of the parameter's standard uncertainty.
@@ -45,21 +45,22 @@ _LARGEST_SHIFT = 0.5
 # A failing posterior predictive check of noise matters if the noise found in the readings widens
 # the interval of some parameter by more than this share of its width.
 _LARGEST_WIDENING = 0.1
-# Number of posterior draws from which the quality of the fit is computed.
+# Number of posterior draws from which root-mean-square residual and fitness are computed.
 _QUALITY_DRAWS = 1000
 # Number of posterior draws from which the posterior predictive checks are computed.
 _CHECKED_DRAWS = 500
 # The readings speak against non-negative compliances if the log of the posterior probability that
-# no compliance is negative is below this.
+# no compliance is negative is below this value.
 _IMPROBABLE = float(np.log(1e-3))
 # The posterior median of a hyper-parameter (scale of the noise or of another effect) is expected to
 # lie below the quantile of its prior at this probability.
 _EXPECTED_HYPER = 0.999
-# A fit warns of a parameter if its posterior mean is farther than this from the prior mean that the
-# user stated. The unit is the standard deviation that this distance has if the prior is right.
+# A fit warns of a parameter if the distance of its posterior mean from the prior mean that the user
+# stated is larger than this number. The unit is the standard deviation that this distance has if
+# the prior is right.
 _LARGEST_PRIOR_DISTANCE = 3.0
 # Smallest variance assumed for the distance between prior mean and posterior mean of a parameter,
-# as a share of the prior variance. It avoids a division by zero.
+# as a share of the prior variance. This limit avoids a division by zero.
 _SMALLEST_VARIANCE_SHARE = 0.05
 
 
@@ -101,8 +102,8 @@ class Concern(Result):
       axis ``name`` in proportion to force; number below which this p-value, times the number of
       axes in all planes, must be for the shift to be reported.
     - PRIOR: distance of the posterior mean of the parameter ``name`` from the prior mean that the
-      user stated; the largest distance expected. Both are in units of the standard deviation of
-      this distance if the prior is right.
+      user stated; the largest distance expected. Both are in units of the standard deviation that
+      this distance has if the prior is right.
     """
 
     kind: ConcernKind
@@ -120,12 +121,13 @@ class Fit(Result):
     #: per cent of the range of the readings, or NaN if all readings are equal. The keys are the
     #: names of the tests.
     fitness_percent: dict[str, float]
-    #: log probability that no compliance is negative, under the posterior that allows negative ones
+    #: log probability that no compliance is negative, under the posterior that allows negative
+    #: compliances
     log_prob_truncation: float
     #: error of the log posterior probability that no compliance is negative [nat]
     log_prob_truncation_error: Finite
-    #: log probability that no compliance is negative, under the prior that allows negative ones;
-    #: zero if the model allows them
+    #: log probability that no compliance is negative, under the prior that allows negative
+    #: compliances; zero if the model allows negative compliances
     log_prob_truncation_prior: float
     #: largest difference between the readings that the linearised model predicts and those that the
     #: exact geometry predicts, at the posterior mean of the parameters [µm]
@@ -221,8 +223,8 @@ class Fit(Result):
     def parameters(self) -> tuple[str, ...]:
         """Return the names of the parameters: compliances, slopes and geometric errors.
 
-        The names are those in ``sensitivity`` except the hyper-parameters (scales of the noise and
-        of other effects).
+        The names are the keys of ``sensitivity`` except those of the hyper-parameters (scales of
+        the noise and of other effects).
         """
         return tuple(name for name in self.sensitivity if name.startswith(("C_", "E_")))
 

@@ -31,7 +31,7 @@ class CurveDraws(NamedTuple):
 
     unit: str  #: internal unit of the compliance, such as mm/N
     at_smallest: Array  #: draws of the compliance at the smallest force tested, shape (draws,)
-    at_reference: Array  #: draws of the compliance at the model's reference force, (draws,)
+    at_reference: Array  #: draws of the compliance at the model's reference force, shape (draws,)
     at_largest: Array  #: draws of the compliance at the largest force tested, shape (draws,)
 
     @property

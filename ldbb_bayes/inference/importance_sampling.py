@@ -37,8 +37,9 @@ _POINTS_PER_DIMENSION = 1.5
 # Each round of importance sampling starts with this many times the points with which the round
 # before started, unless that exceeds the largest number allowed.
 _GROWTH = 4
-# Beside every component, a proposal has one that is wider by the factor ``_WIDE``. All wider ones
-# together have the share ``_WIDE_SHARE`` of the points.
+# A proposal, the density from which points are drawn, is a mixture. Beside every component it has a
+# component that is wider by the factor ``_WIDE``. All wider components together have the share
+# ``_WIDE_SHARE`` of the points.
 _WIDE = 1.5
 _WIDE_SHARE = 0.1
 # Largest number of rounds of importance sampling, each of which draws new points.
@@ -51,11 +52,12 @@ _EFFICIENT = 0.4
 # of points. A proposal fitted anew would hardly be better.
 _VERY_EFFICIENT = 0.7
 # A round is not extended if its error exceeds this multiple of the tolerance, unless the round is
-# already large. A proposal that is fitted anew, to more points, then takes fewer points in all.
+# already large. If the proposal (the density drawn from) is fitted anew to all points so far, fewer
+# points are then needed in total.
 _REACHABLE = 2.0
 # Before a proposal (the density drawn from) is fitted to weighted points, weights are evened out by
-# raising them to a power below one. In h dimensions, their effective sample size must then reach
-# this number times h + 1, or a third of the number of points if that is smaller.
+# raising them to a power below one. In h dimensions, the effective sample size of the weights must
+# then reach this number times h + 1, or a third of the number of points, whichever is smaller.
 _FITTED_PER_DIMENSION = 40.0
 # The power to which weights are raised starts at one. It is multiplied by ``_EVENING`` until the
 # effective sample size of the weights suffices or the power is no longer above ``_LEAST_POWER``.
@@ -74,15 +76,15 @@ def importance_sample(
 ) -> Integral:
     """Return the integral ∫ f of a density from quasi-random points, to a tolerance if possible.
 
-    Points are drawn in rounds from a proposal, a density much like f, and weighted by f divided by
-    the proposal. The proposal of the first round is fitted to f along directions through every
-    mode. The proposal of a later round is fitted to the points of all rounds before. If the weights
-    of a round are even enough, its number of points is doubled. The earliest round, except the
-    first, that reaches the tolerance with weights that can be trusted is returned. If there is no
-    such round, the one with the smallest error is returned; ``trusted`` of the result states
-    whether its weights can be trusted. If they cannot, other seeds are tried, as a round may miss a
-    tail of f by chance. If no seed gives weights that can be trusted, the result of the first seed
-    is returned.
+    Points are drawn in rounds from a proposal, a density much like f. The weight of a point is f
+    divided by the proposal. The proposal of the first round is fitted to f along directions through
+    every mode. The proposal of a later round is fitted to the points of all rounds before. If the
+    weights of a round are even enough, its number of points is doubled. The earliest round, except
+    the first, that reaches the tolerance with weights that can be trusted is returned. If there is
+    no such round, the round with the smallest error is returned; ``trusted`` of the result states
+    whether its weights can be trusted. If its weights cannot be trusted, other seeds are tried,
+    because a round may miss a tail of f by chance. If no seed gives weights that can be trusted,
+    the result of the first seed is returned.
 
     Parameters
     ----------
@@ -125,9 +127,10 @@ def _best_of_rounds(
 ) -> Integral:
     """Return the earliest round that reaches the tolerance, or the best round if none does.
 
-    The best round is the one with the smallest error, among those with weights that can be trusted
-    if there are any. The first round only serves to fit the proposal (the density drawn from) and
-    is never returned. The arguments are those of `importance_sample`.
+    The best round is the round with the smallest error. Rounds with weights that cannot be trusted
+    are considered only if there are no other rounds. The first round only serves to fit the
+    proposal (the density drawn from) and is never returned. The arguments are those of
+    `importance_sample`.
     """
     rng = np.random.default_rng(seed)
     components = tuple(_fit_along_axes(log_density, mode, root) for mode, root in modes)
@@ -181,9 +184,9 @@ def _draw_round(
     sequence (scramble). ``log_density`` is the logarithm of the density f to integrate and
     ``tolerance`` the error allowed in ln ∫ f [nat]. Doubling stops early if the weights are uneven
     or cannot be trusted, or if the round would have more than ``max_points`` points. Unless the
-    weights are very even, it also stops at ``refit_points`` points, as a proposal that is fitted
-    anew to these points is then likely to be better. For the same reason it stops early if the
-    error is still more than twice the tolerance and the round is small.
+    weights are very even, doubling also stops at ``refit_points`` points, because a proposal that
+    is fitted anew to these points is then likely to be better. For the same reason doubling stops
+    early if the error is still more than twice the tolerance and the round is small.
     """
     h = len(proposal.components[0].centre)
     engines = [qmc.Sobol(h + 1, rng=rng) for _ in range(_SCRAMBLES)]
@@ -208,7 +211,7 @@ def _extend_sample(
     size: int,
     earlier: Integral | None,
 ) -> Integral:
-    """Return a sample of weighted points: those of ``earlier``, if it is given, and new ones.
+    """Return a sample of weighted points: new points, and the points of ``earlier`` if given.
 
     ``size`` points are drawn from ``proposal`` with each of the randomised quasi-random sequences
     ``engines``. ``log_density`` is the logarithm of the density to integrate.
@@ -281,7 +284,8 @@ def _even_out(log_weight: Array, h: int) -> Array:
 
     The weights sum to one; ``log_weight``, shape (n,), holds the logarithms of the original
     weights. Weights are evened out by raising them to a power below one. The power is lowered until
-    their effective sample size suffices to fit a density to the points, or until it is very small.
+    the effective sample size of the weights suffices to fit a density to the points, or until the
+    power is very small.
     """
     sufficient = min(len(log_weight) / 3.0, _FITTED_PER_DIMENSION * (h + 1.0))
     power = 1.0

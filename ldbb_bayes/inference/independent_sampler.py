@@ -21,21 +21,22 @@ from ldbb_bayes.results import Array
 
 __all__ = ["JointDraws", "TooRoughError", "draw_jointly"]
 
-# The rejection sampler gives up if, for each block of 256 draws asked for, it has proposed this
-# number of blocks of draws.
+# The rejection sampler gives up after proposing this number of blocks of draws for each block of
+# 256 draws asked for.
 _MOST_ROUNDS = 50
-# If the posterior probability that no compliance is negative is below this, rejection of draws with
-# negative compliances would lose too many draws. The parameters are then drawn from a density that
-# is shifted (tilted) towards compliances that are not negative.
+# If the posterior probability that no compliance is negative is below this value, rejection of
+# draws with negative compliances would lose too many draws. The parameters are then drawn from a
+# density that is shifted (tilted) towards compliances that are not negative.
 _SMALLEST_SHARE_INSIDE = 0.02
 # The number of random draws of the parameters for each value of the hyper-parameters is chosen so
-# that this many of them are expected to have no negative compliance.
+# that, on average, this number of draws have no negative compliance.
 _EXPECTED_INSIDE = 4.0
 # Rejection sampling compares the posterior density with an envelope. The envelope is the proposal
-# (the density drawn from), scaled to the integral of the posterior density and multiplied by this.
+# (the density drawn from), scaled to the integral of the posterior density and multiplied by this
+# factor.
 _ENVELOPE = 2.0
-# Least estimate of the posterior probability that no compliance is negative. This number replaces
-# smaller ones, by which the posterior density would be divided.
+# The posterior density is divided by an estimate of the probability that no compliance is negative.
+# An estimate below this number is replaced by it, to avoid a division by nearly zero.
 _LEAST_SHARE = 1e-9
 
 
@@ -55,8 +56,8 @@ class JointDraws(NamedTuple):
     #: random draws of the p parameters (compliances, slopes, geometric errors) in mm, N and rad,
     #: shape (size, p)
     beta: Array
-    #: number of random draws that rejection accepted; at least ``size``, as the last block of
-    #: proposals may give more than are needed
+    #: number of random draws that were accepted; at least ``size``, because the last block may give
+    #: more draws than are needed
     accepted: int
     proposed: int  #: number of random draws that were proposed
 
@@ -74,8 +75,8 @@ def draw_jointly(posterior: HyperPosterior, size: int, rng: np.random.Generator)
     share is too small, the weight is multiplied by this probability itself, and β is drawn from a
     density shifted (tilted) towards compliances that are not negative. The probability of
     acceptance is the weight divided by twice an estimate of the mean weight. If this ratio exceeds
-    one, φ may be used several times, with different β if there are enough of these. ``posterior``
-    is the posterior density of φ.
+    one, φ may be used several times, with different β if enough β were drawn. ``posterior`` is the
+    posterior density of φ.
 
     Raises
     ------
@@ -116,7 +117,7 @@ def draw_jointly(posterior: HyperPosterior, size: int, rng: np.random.Generator)
 def _propose_tilted(
     posterior: HyperPosterior, proposal: Integral, rng: np.random.Generator
 ) -> tuple[Array, Array]:
-    """Return accepted draws of hyper-parameters φ and parameters β from one block of proposals.
+    """Return the accepted draws of one block of draws of hyper-parameters φ and parameters β.
 
     φ is drawn from ``proposal`` and accepted in proportion to its weight. The weight is the
     posterior density of φ under the condition that no compliance is negative, divided by the
@@ -134,7 +135,7 @@ def _propose_tilted(
 def _propose_untruncated(
     posterior: HyperPosterior, proposal: Integral, share_inside: float, rng: np.random.Generator
 ) -> tuple[Array, Array]:
-    """Return accepted draws of hyper-parameters φ and parameters β from one block of proposals.
+    """Return the accepted draws of one block of draws of hyper-parameters φ and parameters β.
 
     φ is drawn from ``proposal``, and several β are drawn for each φ as if compliances might be
     negative. φ is accepted in proportion to its weight, the posterior density divided by the
@@ -163,10 +164,10 @@ def _propose_untruncated(
 
 
 def _accept(log_weight: Array, rng: np.random.Generator) -> Index:
-    """Return the indices of accepted proposals, given the log weight of each proposal, shape (n,).
+    """Return the indices of the accepted draws among n draws with given log weights, shape (n,).
 
-    The expected number of times that an index occurs in the result is the weight of the proposal.
-    If the weight exceeds one, the index occurs at least once. Indices are in ascending order.
+    The expected number of times that an index occurs in the result is the weight of the draw. If
+    the weight exceeds one, the index occurs at least once. Indices are in ascending order.
     """
     weight = np.exp(log_weight)
     rounded_up = rng.random(len(weight)) < weight % 1.0
@@ -185,8 +186,8 @@ def _draw_standard(
     In standard coordinates the Gaussian density of the p parameters given the hyper-parameters is
     N(0, I). For each of w values of the hyper-parameters, ``tries`` draws are made from this
     density, shape (w, tries, p). If ``truncated``, only draws without a negative compliance are
-    usable; they come first. The counts have the shape (w,). ``conditional`` holds these Gaussian
-    densities.
+    usable. Usable draws come first. The counts have the shape (w,). ``conditional`` holds the
+    Gaussian densities.
     """
     z = rng.standard_normal((len(conditional.mean), tries, conditional.mean.shape[1]))
     rows = conditional.physical.rows

@@ -35,7 +35,7 @@ LogDensity = Callable[[Array], Array]
 # processor's cache.
 CHUNK = 256
 # Importance weights can be trusted if the shape k̂ of the Pareto distribution fitted to the largest
-# of them is at most this. Vehtari et al. (2024) allow 0.7.
+# weights is at most this value. Vehtari et al. (2024) allow 0.7.
 LARGEST_PARETO_K = 0.6
 # The error of an integral from a random sample is this multiple of the standard error, which is
 # computed from the scatter between independently randomised quasi-random sequences.
@@ -44,7 +44,7 @@ _STANDARD_ERRORS = 2.0
 # standard error that plain random points would give.
 _OF_PLAIN_ERROR = 0.5
 # The error of an integral from a random sample is enlarged if the Pareto shape k̂ of the sample's
-# weights exceeds this.
+# weights exceeds this value.
 _HEAVY_TAIL_K = 0.4
 # If the Pareto shape k̂ of the weights of a random sample exceeds ``_HEAVY_TAIL_K``, the error of
 # the integral is multiplied by 1 + (k̂ − ``_HEAVY_TAIL_K``) / ``_HEAVY_TAIL_STEP``.
@@ -61,11 +61,11 @@ _MEAN_OF_TWO = 0.25
 # times d. For larger d, the error is the larger of two numbers: its value at ``_LARGEST_LINEAR``,
 # and d².
 _LARGEST_LINEAR = 0.02
-# After the step of a lattice (the distance between its points) is shortened, the difference between
-# the log integrals from its two grids counts as at least this share of the difference before.
+# If the step of a lattice (the distance between its points) is shortened, the new difference
+# between the log integrals from its two grids counts as at least this share of the old difference.
 _DECLINE = 0.35
-# The share of an integral that falls on one of a lattice's two grids counts as at least this, so
-# that its logarithm is finite.
+# If the share of an integral that falls on one of a lattice's two grids is below this number, the
+# number is used instead, so that the logarithm of the share is finite.
 _TINY = 1e-300
 
 
@@ -89,8 +89,8 @@ class Integral:
     #: of density times volume, shape (n,)
     log_volume: Array
     #: index of the group to which each of the n nodes belongs, shape (n,): a grid of a lattice, or
-    #: a randomised sequence of a sample. The nodes of each group estimate the integral by
-    #: themselves.
+    #: a randomised sequence of a sample. The nodes of each group alone give an estimate of the
+    #: integral.
     estimate: Index
     #: whether each of the n nodes is one of the outermost of a lattice, beyond which the density
     #: was not evaluated, shape (n,)
@@ -102,7 +102,7 @@ class Integral:
     #: because their weight is small
     left_out: float = 0.0
     #: difference between ln ∫ f from the two grids of the lattice, before the distance between its
-    #: nodes was last shortened [nat]; zero if it was not shortened, and for a sample
+    #: nodes was last shortened [nat]; zero for a sample, or if the distance was not shortened
     coarser_difference: float = 0.0
     #: error of ln ∫ f [nat] that arises if the density was evaluated at some nodes only, and its
     #: values at the other nodes were inferred (`density_ratio`); zero if the density was evaluated
@@ -149,7 +149,8 @@ class Integral:
         if not self.trusted:
             return np.inf
         of_nodes = self._sample_error() if self.proposal is not None else self._lattice_error()
-        # The two errors are independent of each other.
+        # The error from the nodes and ``ratio_error`` are independent of each other, so that their
+        # squares are added.
         return float(np.hypot(of_nodes, self.ratio_error)) + self.left_out
 
     def _lattice_error(self) -> float:
@@ -158,7 +159,7 @@ class Integral:
         The error is the sum of two parts: the error of the mean of the two grids (see
         `_LARGEST_LINEAR`), and the share of the integral that may lie beyond the outermost nodes. A
         difference between the grids counts as at least 0.35 of the difference before the step was
-        last shortened, because it may be small by chance.
+        last shortened, because a small difference may be due to chance.
         """
         difference = max(self.grid_difference, _DECLINE * self.coarser_difference)
         of_mean = max(difference**2, _MEAN_OF_TWO * min(difference, _LARGEST_LINEAR))

@@ -21,10 +21,11 @@ __all__ = ["kept"]
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-# Groups of a posterior's tree whose numbers, together with its record, identify the posterior.
+# Groups of arrays of a posterior. Their numbers, together with the posterior's record of model and
+# sampler, identify the posterior.
 _IDENTIFYING_GROUPS = ("posterior", "prior", "sample_stats", "constant_data", "observed_data")
-# Largest number of results that the cache holds. It is enough for a report, which needs results of
-# a fit and of an average over models.
+# Largest number of results that the cache holds. This number is enough for a report, which needs
+# results of a fit and of an average over models.
 _MOST_RESULTS = 32
 # Results that the cache holds, the oldest first. A key consists of the function, the digest of the
 # posterior and the other arguments of the function.
@@ -34,8 +35,9 @@ _RESULTS: dict[Hashable, Any] = {}
 def kept(work: F) -> F:
     """Return ``work``, a function of a posterior, with a cache for its results.
 
-    Each call returns a shallow copy of the result, so that a caller may add entries to a
-    dictionary. All arguments of ``work`` except the posterior must be hashable.
+    Each call returns a shallow copy of the result. A caller can therefore add entries to a returned
+    dictionary without changing the cache. All arguments of ``work`` except the posterior must be
+    hashable.
     """
 
     @functools.wraps(work)
@@ -55,7 +57,7 @@ def kept(work: F) -> F:
 
 
 def _fingerprint(posterior: xr.DataTree) -> bytes:
-    """Return a digest of the numbers and of the record of a posterior."""
+    """Return a digest of a posterior's numbers, and of its record of model and sampler."""
     digest = hashlib.blake2b(posterior["provenance"].attrs["json"].encode())
     for group in _IDENTIFYING_GROUPS:
         if group not in posterior.children:

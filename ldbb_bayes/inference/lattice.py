@@ -25,7 +25,7 @@ from ldbb_bayes.results import Array
 __all__ = ["grow_lattice"]
 
 # An integral is computed from a coarse lattice if the error allowed in its logarithm is at least
-# this [nat], else from a fine lattice.
+# this value [nat], otherwise from a fine lattice.
 _LOOSE_TOLERANCE = 1e-2
 # Step (spacing of the points) with which a coarse lattice starts, in units of the standard
 # deviation of the Gaussian that is fitted to the density at its highest mode.
@@ -33,17 +33,19 @@ _LOOSE_STEP = 2.0
 # Step (spacing of the points) with which a fine lattice starts, as a multiple of the step with
 # which the integral of a Gaussian density would reach the tolerance.
 _STEP_MARGIN = 0.93
-# Points are added to a coarse lattice until the log density at its outermost points is below its
-# highest value by this [nat].
+# Points are added to a coarse lattice until the log density at the outermost points is lower than
+# the highest log density by this number [nat].
 _LOOSE_DEPTH = 9.0
-# Points are added to a fine lattice until the log density at its outermost points is below its
-# highest value by this plus ln(1 / tolerance) [nat]; the tolerance is that of the log integral.
+# Points are added to a fine lattice until the log density at the outermost points is lower than the
+# highest log density by this number plus ln(1 / tolerance) [nat]. The tolerance is the error
+# allowed in the log integral.
 _DEPTH = 5.5
 # If too much of the integral lies beyond the outermost points of a lattice, the lattice is computed
-# again, with points added until the log density at its outermost points is lower by this [nat].
+# again. Points are then added until the log density at the outermost points is lower than before by
+# this number [nat].
 _DEEPER = 3.0
 # If a lattice does not reach the tolerance, it is computed again with the spacing of its points
-# multiplied by this.
+# multiplied by this factor.
 _FINER = 0.85
 
 
@@ -219,9 +221,9 @@ def _first_front(starts: Sequence[Array], offset: float) -> Array:
     """Return the grid points next to the starting points of a grid's growth, shape (n, h).
 
     There are h dimensions. Starting points and grid points are in multiples of the grid's steps.
-    ``offset`` is the part of a step by which the grid is moved; it is not included in the grid
-    points. If ``offset`` is zero, the grid point nearest to each starting point is returned. If it
-    is 0.5, the 2^h grid points around each starting point are returned.
+    ``offset`` is the part of a step by which the grid is moved; the grid points are stated without
+    ``offset``. If ``offset`` is zero, the grid point nearest to each starting point is returned. If
+    ``offset`` is 0.5, the 2^h grid points around each starting point are returned.
     """
     along_axis = [0.0]
     if offset:

@@ -50,12 +50,13 @@ class LeastSquares(Result):
     #: root-mean-square residual over all readings and of each test [µm], and fitness of each test
     #: [%] (Eq. 34-35 of the paper)
     quality: FitQuality
-    #: predicted readings of each test [µm], by name of the test, in the order of its readings
+    #: predicted readings of each test [µm], in the order of the test's readings; the keys are the
+    #: names of the tests
     predicted_um: dict[str, Numbers]
 
     @property
     def estimate(self) -> dict[str, float]:
-        """Return the estimate of every parameter by name, in internal units (mm, N, rad)."""
+        """Return a dict from parameter names to estimates, in internal units (mm, N, rad)."""
         return {str(name): float(value) for name, value in self.table["estimate"].items()}
 
 

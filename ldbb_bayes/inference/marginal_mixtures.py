@@ -28,21 +28,23 @@ from ldbb_bayes.results import Array
 
 __all__ = ["MarginalMixtures", "marginal_mixtures"]
 
-# Largest number of posterior draws, and so of components of each mixture.
+# Largest number of posterior draws that are used. Each draw gives one component of the mixture for
+# every parameter.
 _COMPONENTS = 8192
-# Number of bisections in the search for a quantile. They determine the quantile to less than 1e-12
-# of the range of the draws.
+# Number of bisections in the search for a quantile. The bisections determine the quantile to less
+# than 1e-12 of the range of the draws.
 _BISECTIONS = 42
-# The components are divided into this number of batches of successive draws. The scatter between
-# batches gives the standard error of a quantile, even if successive draws are correlated.
+# The components of a mixture are divided into this number of batches of successive draws. The
+# scatter between batches gives the standard error of a quantile, even if successive draws are
+# correlated.
 _BATCHES = 16
 
 
 class MarginalMixtures(NamedTuple):
     """Marginal densities of p parameters, each a mixture of n truncated Gaussians of equal weight.
 
-    The bounds are infinite where no truncation acts. A component of zero standard deviation is the
-    drawn value itself.
+    The bounds of a Gaussian are infinite if the parameter is not restricted. A Gaussian with the
+    standard deviation zero stands for the drawn value itself.
     """
 
     beta: Array  #: drawn parameters, shape (n, p)

@@ -174,7 +174,7 @@ class EnsembleRun:
 class WeightedPoints(NamedTuple):
     """Independent random points in d dimensions with their importance weights.
 
-    The points are drawn from a proposal density near the target density, the one to be sampled.
+    The points are drawn from a proposal: a density near the target, the density to be sampled.
     """
 
     points: Array  #: coordinates of the random points, shape (size, d)
@@ -185,7 +185,7 @@ class WeightedPoints(NamedTuple):
 
 
 class Redraw(Protocol):
-    """Source of independent random points, drawn from a density near the one to sample."""
+    """Source of independent random points, drawn from a density near the density to sample."""
 
     def draw(self, size: int, random: np.random.RandomState) -> WeightedPoints:
         """Return ``size`` independent random points with their importance weights.
@@ -290,8 +290,8 @@ def _seconds_left(
     """Return the estimated time until a run stops [s], or None if it cannot be estimated.
 
     The run has made ``steps`` steps in ``elapsed`` seconds. ``walkers`` is the number of walkers of
-    all ensembles together. ``assessment`` is that of the draws so far, and ``rule`` decides when
-    the run stops.
+    all ensembles together. ``assessment`` is the assessment of the draws so far, and ``rule``
+    decides when the run stops.
     """
     share = assessment.share(rule, walkers=walkers)
     if not share > 0.0:
@@ -420,7 +420,7 @@ class RedrawMove:
         """Return the log importance weights of all walkers, shape (walkers,).
 
         ``coordinates`` has the shape (walkers, d). The weights are known from the last
-        `RedrawMove`. They are computed anew only for walkers that a move of another kind has
+        `RedrawMove`. Weights are computed anew only for walkers that a move of another kind has
         displaced since then.
         """
         displaced = np.ones(len(coordinates), dtype=bool)

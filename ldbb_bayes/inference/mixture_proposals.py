@@ -23,15 +23,15 @@ __all__ = ["Mixture", "Random", "SplitT", "fit_split_t", "refit_mixture"]
 # RandomState, which the sampler emcee uses.
 Random = np.random.Generator | np.random.RandomState
 
-# Degrees of freedom that are tried when a Student-t distribution is fitted to points. Those with
-# the heaviest tails come first.
+# Degrees of freedom that are tried when a Student-t distribution is fitted to points. The values
+# that give the heaviest tails come first.
 _FREEDOMS = np.array([3.0, 5.0, 9.0, 20.0])
 # Student-t distributions with light tails (many degrees of freedom) are fitted only in more
-# dimensions than this. In few dimensions they gain little, and too few points would be drawn far
-# from the centre of the density to integrate.
+# dimensions than this number. In few dimensions such distributions gain little, and too few points
+# would be drawn far from the centre of the density to integrate.
 _FEW_DIMENSIONS = 5
 # In few dimensions, only this number of the values in ``_FREEDOMS`` (degrees of freedom of a
-# Student-t distribution) are tried: the first ones, which have the heaviest tails.
+# Student-t distribution) are tried: the first values, which give the heaviest tails.
 _HEAVY_TAILS = 2
 # Degrees of freedom from which the fit of a Student-t distribution starts.
 _FIRST_FREEDOM = 9.0
@@ -48,10 +48,10 @@ _EM_STEPS = 3
 _SMALLEST_SCALE = 0.05
 _LARGEST_SCALE = 20.0
 # Factor by which a proposal (the density drawn from) is made wider than its fit to the points: for
-# importance sampling, too narrow is worse than too wide.
+# importance sampling, a proposal that is too narrow is worse than a proposal that is too wide.
 _WIDER = 1.05
 # Largest number of weighted points to which the tails of a proposal (the density drawn from) are
-# fitted. If there are more, this number of points is picked in proportion to the weights.
+# fitted. If there are more points, this number of points is picked in proportion to the weights.
 _FITTED_POINTS = 1024
 # Smallest share of a component in a mixture. A component that receives a smaller share of the
 # weighted points is not fitted to them again.
@@ -80,8 +80,8 @@ class SplitT:
     #: degrees of freedom of the distribution along each of h directions; first below the centre,
     #: then above it, shape (2, h)
     freedom: Array
-    #: how mean and width of each coordinate in z depend on the first coordinates; None if they do
-    #: not
+    #: how mean and width of each coordinate in z depend on the first coordinates; None if the
+    #: coordinates are independent
     dependence: Dependence | None = None
 
     def log_density(self, points: Array) -> Array:
@@ -341,11 +341,11 @@ def _fit_about(offset: float, z: Array, weight: Array, freedoms: Array) -> _Axis
 def _fit_scale(square: Array, side_weights: Array, scale: Array, freedom: Array) -> Array:
     """Return better scales of split Student-t distributions, shape (2, h), after a few steps.
 
-    The steps are those of expectation-maximisation. They start from ``scale``, with fixed degrees
-    of ``freedom``; both have the shape (2, h). ``square``, shape (n, h), holds the squared
-    distances of n points from the coordinate at which the two sides meet. ``side_weights``, shape
-    (2, n, h), holds the weights of the points on the lower and on the upper side, zero for points
-    on the other side.
+    The steps are those of expectation-maximisation. They start from ``scale``, shape (2, h). The
+    degrees of freedom stay at ``freedom``, shape (2, h). ``square``, shape (n, h), holds the
+    squared distances of n points from the coordinate at which the two sides meet. ``side_weights``,
+    shape (2, n, h), holds the weights of the points on the lower and on the upper side, zero for
+    points on the other side.
     """
     for _ in range(_EM_STEPS):
         pull = (freedom[:, None] + 1.0) / (freedom[:, None] + square / scale[:, None] ** 2)

@@ -42,7 +42,8 @@ _DIFFERENCE_STEP = 0.05
 # if it is smaller. Curvatures are in unbounded coordinates of the hyper-parameters, such as their
 # logarithms.
 _LEAST_CURVATURE = 0.3
-# The search for a mode (maximum) ends when a step raises the log density by at most this [nat].
+# The search for a mode (maximum) ends when a step raises the log density by at most this value
+# [nat].
 _MODE_GAIN = 1e-5
 # The search for modes (maxima) of the posterior of the hyper-parameters begins with ``_STARTS``
 # points. Only the ``_BEST_STARTS`` points of highest density are considered further.
@@ -51,11 +52,11 @@ _BEST_STARTS = _STARTS // 4
 # Largest number of points from which the search for modes (maxima) of the posterior climbs uphill.
 _BASINS = 3
 # Starting points of the search for modes (maxima) of the posterior, and the modes found, count as
-# separate if they are farther apart than this. The distance is in unbounded coordinates of the
-# hyper-parameters, such as their logarithms.
+# separate if their distance is larger than this value. The distance is in unbounded coordinates of
+# the hyper-parameters, such as their logarithms.
 _SEPARATION = 1.5
 # A maximum of the log posterior density of the hyper-parameters is negligible if it is lower than
-# the highest maximum by at least this [nat].
+# the highest maximum by at least this value [nat].
 _NEGLIGIBLE_DEPTH = 12.0
 # Maxima of the posterior density are also sought with the normal score of one scale held at this
 # number of standard deviations below its value at the mode, that is, with the scale near zero.
@@ -66,44 +67,44 @@ _BELOW_MODE = 4.0
 _NEGLIGIBLE_START = 12.0
 _NEGLIGIBLE_CORNER = 8.0
 # The search for a maximum with one scale near zero ends when a step raises the log density by no
-# more than this [nat].
+# more than this value [nat].
 _CORNER_GAIN = 1e-2
 # Coarse nodes are weighted values of the hyper-parameters that serve where a rough integral
-# suffices. ``_COARSE_TOLERANCE`` is the error allowed in the log integral from them [nat].
-# ``_COARSE_STEP`` is the spacing of the points of their lattice, in standard deviations of the
+# suffices. ``_COARSE_TOLERANCE`` is the error allowed in the log integral from coarse nodes [nat].
+# ``_COARSE_STEP`` is the spacing of coarse nodes on a lattice, in standard deviations of the
 # Gaussian fitted at the highest mode.
 _COARSE_TOLERANCE = 0.2
 _COARSE_STEP = 1.25
 # The probability that no compliance is negative is not computed at the nodes (values of the
 # hyper-parameters) of smallest weight. The share of the integral in these nodes is less than the
-# tolerance [nat] divided by this.
+# tolerance [nat] divided by this number.
 _PARTS_OF_TOLERANCE = 20.0
 # Largest share of the integral in nodes at which the probability that no compliance is negative is
 # not computed, whatever the tolerance.
 _LARGEST_LEFT_OUT = 5e-4
 # The error allowed in the log probability that no compliance is negative is a quarter of the
-# tolerance of the log evidence, but at least this [nat].
+# tolerance of the log evidence, but at least this value [nat].
 _FINEST_TOLERANCE = 1e-3
 # The probability that no compliance is negative is computed from quasi-random points that differ
 # between nodes (values of the hyper-parameters). The error that the points cause at one node may be
-# this multiple of the tolerance, because it cancels in the mean over hundreds of nodes.
+# this multiple of the tolerance, because such errors cancel in the mean over hundreds of nodes.
 _NOISE_PER_TOLERANCE = 2.0
 # If nodes (weighted values of the hyper-parameters) miss the tolerance only because of the error of
 # the probability that no compliance is negative, new nodes are computed with the tolerance
-# multiplied by this.
+# multiplied by this factor.
 _NODES_SHARE = 0.7
 # The posterior probability that no compliance is negative is first computed as a mean over
-# ``_FEWEST_PICKED`` nodes (values of the hyper-parameters). If its error is too large, it is
-# computed from ``_PICKED_GROWTH`` times as many nodes.
+# ``_FEWEST_PICKED`` nodes (values of the hyper-parameters). If the error of this mean is too large,
+# the mean over ``_PICKED_GROWTH`` times as many nodes is computed.
 _FEWEST_PICKED = 256
 _PICKED_GROWTH = 4
 # Error allowed in the logarithm of the posterior probability that no compliance is negative [nat],
 # where a rough value suffices.
 _PROBABILITY_TOLERANCE = 0.02
 # A mean of probabilities that no compliance is negative, each given one value of the
-# hyper-parameters, is computed relative to the largest of them. The logarithm of the largest counts
-# as at least ``_LEAST_LOG_PROBABILITY``, and the relative mean as at least ``_LEAST_SHARE_INSIDE``,
-# so that the logarithm of the mean is finite.
+# hyper-parameters, is computed relative to the largest probability. The logarithm of the largest
+# probability counts as at least ``_LEAST_LOG_PROBABILITY``, and the relative mean as at least
+# ``_LEAST_SHARE_INSIDE``, so that the logarithm of the mean is finite.
 _LEAST_LOG_PROBABILITY = -700.0
 _LEAST_SHARE_INSIDE = 1e-300
 # Means and variances of parameters are averages over nodes, that is, weighted values of the
@@ -119,7 +120,7 @@ _LEAST_SD_SHARE = 1e-6
 
 
 class ProbabilityInside(NamedTuple):
-    """Probability that no compliance is negative, under a posterior that allows negative ones."""
+    """Probability of no negative compliance, under a posterior that allows negative compliances."""
 
     log_value: float  #: logarithm of the probability
     error: float  #: error of ``log_value`` [nat]
@@ -262,8 +263,9 @@ class HyperPosterior:
     def _integral(self, tolerance: float) -> Integral:
         """Return the integral of the smooth posterior density, computed once for each tolerance.
 
-        Smooth means that a probability that no compliance is negative, if the density contains one,
-        is replaced by its upper bound. The tolerance is that of the log integral [nat].
+        If the posterior density contains the probability that no compliance is negative, the smooth
+        density contains an upper bound of this probability instead. The tolerance is that of the
+        log integral [nat].
         """
         if tolerance not in self._integrals:
             self._integrals[tolerance] = self._integrate(tolerance)
@@ -294,8 +296,8 @@ class HyperPosterior:
         Nodes are weighted values of the hyper-parameters φ (scales of the noise and of other
         effects). P(T | y, φ) is the probability, given the readings y and φ, of the condition T
         that no compliance is negative. This probability is computed at some of the nodes only
-        (`density_ratio`). If these nodes do not suffice for the tolerance, it is computed at all
-        nodes.
+        (`density_ratio`). If the error would then exceed the tolerance, the probability is computed
+        at all nodes.
 
         Parameters
         ----------
@@ -346,8 +348,8 @@ class HyperPosterior:
         P(T | y, φ) is the probability, given the readings y and the hyper-parameters φ, of the
         condition T that no compliance is negative. The result is the mean of P(T | y, φ) over nodes
         that are picked from ``integral`` in proportion to their weights. At first 256 nodes are
-        picked. As long as the error exceeds the tolerance, the number is multiplied by four, but it
-        does not exceed the number of nodes of ``integral``.
+        picked. As long as the error exceeds the tolerance, the number of picked nodes is multiplied
+        by four, but it does not exceed the number of nodes of ``integral``.
 
         Parameters
         ----------
@@ -414,7 +416,8 @@ class HyperPosterior:
     def coarse_probability(self) -> ProbabilityInside:
         """Posterior probability that no compliance is negative, from a few nodes.
 
-        Its error is at most 0.02 nat if a few nodes suffice for this; otherwise it is larger.
+        The error of the log probability is at most 0.02 nat if a few nodes suffice for this;
+        otherwise the error is larger.
 
         The nodes are picked from the `proposal` of the density that allows negative compliances.
         """
@@ -424,8 +427,9 @@ class HyperPosterior:
     def coarse(self) -> Integral:
         """Coarse nodes of this density: weighted values of the hyper-parameters.
 
-        Their log integral has a tolerance of 0.2 nat. If this density is ``truncated``, the
-        probability that no compliance is negative is replaced by its upper bound.
+        The error allowed in the log integral from coarse nodes is 0.2 nat. If this density is
+        ``truncated``, the probability that no compliance is negative is replaced by its upper
+        bound.
         """
         return self._integrate(_COARSE_TOLERANCE, step=_COARSE_STEP)
 
@@ -460,9 +464,10 @@ class HyperPosterior:
     def _starts(self) -> list[Array]:
         """Return the points from which the search for modes climbs.
 
-        The points have high densities among many starting points. There are at most three, which
-        are not close to each other. If the mode of a similar density was given, it is the only
-        point. Each point holds the normal scores of the hyper-parameters, shape (h,).
+        The points have high densities among many starting points. At most three points are
+        returned, and they are not close to each other. If the mode of a similar density was given,
+        only this mode is returned. Each point holds the normal scores of the hyper-parameters,
+        shape (h,).
         """
         if self._near is not None:
             return [self._scores.scores(self._near)]
@@ -544,8 +549,8 @@ def _log_probability(orthant: Orthant, tolerance: float, seed: int) -> NoisyLogP
     no compliance is negative; it is an integral of the Gaussian density of the parameters.
     ``orthant`` holds this density for every node. ``tolerance`` is the error allowed in the
     logarithm of the mean of P over many nodes [nat]. An error that all nodes have in common may be
-    a quarter of the tolerance. Noise that differs between nodes may be larger, because it cancels
-    in the mean.
+    as large as a quarter of the tolerance. Random errors that differ between nodes may be larger,
+    because they cancel in the mean.
     """
     return orthant.log_probability_with_noise(
         max(tolerance / 4.0, _FINEST_TOLERANCE),
@@ -555,7 +560,7 @@ def _log_probability(orthant: Orthant, tolerance: float, seed: int) -> NoisyLogP
 
 
 def _is_separate(point: Array, points: list[Array]) -> bool:
-    """Return whether a point is far enough from all of ``points`` to count as a separate one.
+    """Return whether a point is far enough from all of ``points`` to count as a separate point.
 
     Points are normal scores of the hyper-parameters, shape (h,).
     """
@@ -694,9 +699,9 @@ class Nodes:
         """Return posterior draws of parameters, shape (size, p), and hyper-parameters, (size, h).
 
         Hyper-parameters (scales of the noise and of other effects; lengths in mm) are picked from
-        the nodes by their weights. Parameters (compliances, slopes, geometric errors; in mm, N and
-        rad) are drawn at random given these and the readings. No compliance is negative in any draw
-        if the posterior of the nodes is ``truncated``.
+        the nodes in proportion to the weights. Parameters (compliances, slopes, geometric errors;
+        in mm, N and rad) are drawn at random given the picked hyper-parameters and the readings. No
+        compliance is negative in any draw if the posterior of the nodes is ``truncated``.
         """
         free = self.integral.resample(size, rng)
         beta = draw_parameters_given(self.bound, free, rng, truncated=self.posterior.truncated)
@@ -709,10 +714,10 @@ class Nodes:
 
         Means and variances given the hyper-parameters are averaged over the nodes (weighted values
         of the hyper-parameters). The nodes of smallest weight, which together hold at most the
-        share ``spare`` of the weight, are left out. If ``components`` is given, and there are more
-        nodes than this, the averages are over this number of nodes, picked by their weights. If
-        compliances must not be negative, means and variances given the hyper-parameters are
-        computed from ``points`` quasi-random points.
+        share ``spare`` of the weight, are left out. If ``components`` is given and there are more
+        nodes than this number, the averages are over ``components`` nodes, which are picked in
+        proportion to their weights. If compliances must not be negative, means and variances given
+        the hyper-parameters are computed from ``points`` quasi-random points.
         """
         free, weight = self.integral.heaviest(spare)
         if components is not None and len(free) > components:
@@ -732,10 +737,11 @@ class Nodes:
 
         ``levels``, shape (n,), holds the probabilities. The quantiles are those of a mixture of
         Gaussians: the densities of a parameter given each of ``components`` values of the
-        hyper-parameters, which are picked from the nodes by their weights. If compliances must not
-        be negative, this condition restricts the parameters along some directions. The coordinates
-        of the parameters along these directions are then drawn at random with the given ``seed``,
-        and each Gaussian is also conditional on the drawn coordinates.
+        hyper-parameters, which are picked from the nodes in proportion to the weights. If
+        compliances must not be negative, this condition restricts the parameters along some
+        directions. The coordinates of the parameters along these directions are then drawn at
+        random with the given ``seed``, and each Gaussian is also conditional on the drawn
+        coordinates.
         """
         rng = np.random.default_rng(seed)
 

@@ -3,8 +3,8 @@
 φ are the hyper-parameters, the scales of the noise and of other effects. Nodes are weighted points
 that represent p(φ | y), where y are the readings. If a campaign has many tests, its posterior of φ
 hardly changes when one test is left out. The nodes of the whole campaign, weighted by the density
-without the test, then represent the posterior without it, and the ratio of the two densities needs
-to be known at a few hundred of these nodes only (`density_ratio`).
+without the test, then represent the posterior without the test, and the ratio of the two densities
+needs to be known at a few hundred of these nodes only (`density_ratio`).
 
 The noise factor λ of the test left out is an exception. Without the test's readings, λ has its
 prior, which is much wider than its posterior. The density without the test is therefore multiplied
@@ -28,22 +28,24 @@ from ldbb_bayes.results import Array
 
 __all__ = ["NodesWithoutTest"]
 
-# Seed of the noise factors of tests left out, which are drawn from their prior.
+# Seed of the random draws of noise factors of tests that are left out. These factors are drawn from
+# the prior.
 _SEED = 0
 # The fitted standard deviation of the coordinate of a noise factor, given the other coordinates,
-# counts as at least this.
+# counts as at least this value.
 _LEAST_SD = 1e-6
 
 
 @dataclass(frozen=True)
 class GaussianFactor:
-    """Gaussian density of one of h coordinates given all others, fitted to weighted nodes.
+    """Gaussian density of one of h coordinates given all other coordinates, fitted to nodes.
 
     The mean of the coordinate is linear in the other h − 1 coordinates.
     """
 
     axis: int  #: index of the coordinate among all h coordinates
-    slopes: Array  #: change of the coordinate's mean per unit of each other coordinate, (h − 1,)
+    #: change of the coordinate's mean per unit of each other coordinate, shape (h − 1,)
+    slopes: Array
     intercept: float  #: mean of the coordinate where all other coordinates are zero
     sd: float  #: standard deviation of the coordinate about its mean
 
@@ -93,7 +95,7 @@ class NodesWithoutTest:
         self._tolerance = tolerance
 
     def nodes(self, posterior: HyperPosterior, test: str) -> Nodes | None:
-        """Return the nodes for the campaign without one test; None if they miss the tolerance.
+        """Return the nodes for the campaign without one test, or None if their error is too large.
 
         ``test`` is the name of the test left out. ``posterior`` is the posterior density of the
         hyper-parameters, given the readings of the other tests.
@@ -114,7 +116,7 @@ class NodesWithoutTest:
         """Return the nodes without one test, for a model with a noise factor of this test.
 
         ``axis`` is the index of the noise factor among the hyper-parameters. The result is None if
-        the nodes would miss the tolerance.
+        the error of the log evidence from the nodes exceeds the tolerance.
         """
         factor = fit_factor(self._integral, axis)
 

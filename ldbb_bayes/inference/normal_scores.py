@@ -25,15 +25,16 @@ from ldbb_bayes.results import Array
 
 __all__ = ["NormalScores"]
 
-# The distance of a hyper-parameter from its bounds counts as at least this, so that the logarithm
-# of the distance is finite.
+# The distance of a hyper-parameter from its bounds counts as at least this value, so that the
+# logarithm of the distance is finite.
 _LEAST_DISTANCE = 1e-300
 # A value of a hyper-parameter counts as near to a bound if the logarithm of the prior probability
-# of values between it and the bound is below this. Its distance from the bound is then computed
-# from this probability and the prior density at the bound, because a difference of two nearly equal
-# numbers would be inaccurate.
+# of values between it and the bound is below this number. The distance from the bound is then
+# computed from this prior probability and the prior density at the bound, because a difference of
+# two nearly equal numbers would be inaccurate.
 _NEAR_BOUND = -20.0
-# The logarithm of a probability counts as at most this, so that its normal quantile is finite.
+# The logarithm of a probability counts as at most this value, so that the normal quantile for the
+# probability is finite.
 _LARGEST_LOG_PROBABILITY = -1e-300
 
 
@@ -42,9 +43,10 @@ class NormalScores:
     """Transformation between normal scores and unbounded coordinates of h hyper-parameters.
 
     Unbounded coordinates, here called free, are those of `HyperPrior`, mostly ln(φ − lower bound).
-    Lengths and decays are transformed to their normal scores. Both have normal priors that are
-    restricted to an interval from a to b; for lengths b is infinite. The logarithms of noise
-    factors of circles stay as they are. Arrays of points have the shape (..., h).
+    Lengths and decays (powers by which form error falls with its order) are transformed to their
+    normal scores. Lengths and decays have normal priors that are restricted to an interval from a
+    to b; for lengths b is infinite. The logarithms of noise factors of circles stay as they are.
+    Arrays of points have the shape (..., h).
     """
 
     prior: HyperPrior
@@ -102,7 +104,10 @@ class NormalScores:
 
     @cached_property
     def _log_density_at_bounds(self) -> Array:
-        """Log density of the k restricted priors at both bounds, shape (2, k); −inf at infinity."""
+        """Log density of the k restricted priors at both bounds, shape (2, k).
+
+        At an infinite bound, the log density is −inf.
+        """
         white = (self._bounds - self._mean) / self._sd
         log_normal = -0.5 * white**2 - 0.5 * np.log(2.0 * np.pi)
         return np.asarray(log_normal - np.log(self._sd) - self._log_mass)

@@ -78,8 +78,8 @@ _UNITS = {
     "angle_rad": "rad",
     "radius_mm": "mm",
 }
-# Fields of a test that are arrays. In a posterior they are kept in the group constant_data, not in
-# the JSON record of the campaign.
+# Fields of a test that are arrays. In a posterior these arrays are kept in the group constant_data,
+# not in the JSON record of the campaign.
 _ARRAY_FIELDS = ("angle_deg", "reading_um", "angle_rad", "reading_mm")
 # Angles [°] given to a foreseen test (one that the campaign plans for later), as the record of a
 # posterior has no angles of such tests.
@@ -166,7 +166,7 @@ def save(posterior: xr.DataTree, path: str | os.PathLike[str]) -> Path:
     tree = posterior.copy()
     tree["provenance"].attrs["sha256"] = _digest(tree)
     with _no_lock_of_dask():
-        # Make the file in memory first, because HDF5 does not survive a full disk.
+        # Make the file in memory first, because the HDF5 library can crash on a full disk.
         content = bytes(tree.to_netcdf(engine="h5netcdf"))
     write_whole(target, content)
     return target
@@ -201,8 +201,8 @@ def load(path: str | os.PathLike[str]) -> xr.DataTree:
     ------
     InputError
         For a file that is missing, damaged (its digest then differs), not written by this package,
-        or written by another version of this package. Also for a fit of an earlier edition of the
-        default model.
+        or written by another version of this package. For a file with a fit of an earlier edition
+        of the default model.
 
     Examples
     --------
@@ -258,7 +258,7 @@ def _require_edition(tree: xr.DataTree, source: Path) -> None:
 def _read_tree(source: Path) -> xr.DataTree:
     """Return the tree of arrays in the netCDF file ``source``.
 
-    Raise an `InputError` for any failure to read it.
+    Raise an `InputError` if the file cannot be read.
     """
     with _silent_finalizers(), warnings.catch_warnings(action="ignore"):
         try:
@@ -321,8 +321,9 @@ def campaign_record(campaign: Campaign) -> dict[str, Any]:
     """Return the entry ``campaign`` of a posterior's record, from which the campaign is rebuilt.
 
     The entry holds the fields of the campaign and of its tests. Readings and angles are left out,
-    because the group ``constant_data`` of the posterior has them. The pilot is left out too: it
-    matters only before the tests are run.
+    because the group ``constant_data`` of the posterior has them. The pilot (the campaign from
+    which this campaign was planned) is left out too, because it matters only before the tests are
+    run.
     """
     campaign_fields = _fields(campaign, "name", "tests", "foreseen", "pilot", "adds_to_pilot")
     for name in ("mount", "force_law", "instrument"):

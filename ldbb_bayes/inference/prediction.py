@@ -59,15 +59,15 @@ def predict(
     circle), random force error and white noise are drawn anew. Set-up shift and discrepancy of the
     new circles scatter as much as those of the measured circles. Effects that the campaign does not
     show, such as the length of the bar at another radius, are drawn from their prior. If times are
-    not stated, the new circles count as run after the measured ones. To predict a circle that is
-    run between measured ones, state ``time_s`` of all tests.
+    not stated, the new circles are predicted as if they were run after the measured circles. To
+    predict a circle that is run between measured circles, state ``time_s`` of all tests.
 
     Parameters
     ----------
     posterior : DataTree
         Posterior from `sample`, `load` or `average`.
     plan : Campaign
-        Circles to predict; any readings in it are ignored.
+        Circles to predict; any readings in the plan are ignored.
     prob : float
         Probability of the equal-tailed interval of a reading, between 0 and 1.
     seed : int
@@ -335,10 +335,10 @@ def band_um(
     """Return the lower and upper limit of readings at every angle [µm], shape (2, angles).
 
     At each angle, a reading, white noise included, lies between the limits with the probability
-    ``prob``; it is below or above them with equal probabilities. The limits are computed from
-    random draws of circles: ``coefficients``, shape (draws, 25), holds their Fourier coefficients
-    of the orders 0 to 12 [mm], ``sigma_mm``, shape (draws,), the standard deviations of their white
-    noise. ``angle_rad``, shape (angles,), holds the angles.
+    ``prob``; the reading is below or above the limits with equal probabilities. The limits are
+    computed from random draws of circles: ``coefficients``, shape (draws, 25), holds their Fourier
+    coefficients of the orders 0 to 12 [mm], ``sigma_mm``, shape (draws,), the standard deviations
+    of their white noise. ``angle_rad``, shape (angles,), holds the angles.
     """
     readings = readings_drawn(coefficients, sigma_mm, angle_rad, rng)
     return np.quantile(readings, [(1.0 - prob) / 2.0, (1.0 + prob) / 2.0], axis=0) * 1e3

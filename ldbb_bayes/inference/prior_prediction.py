@@ -1,4 +1,4 @@
-"""Readings of circles that are drawn from the prior of a model.
+"""Simulated readings of circles: random draws from the prior predictive distribution of a model.
 
 Parameters are compliances, slopes and geometric errors; hyper-parameters are the scales of the
 noise and of other effects; nuisances are effects that are modelled but not of interest.
@@ -23,10 +23,10 @@ def prior_circles(bound: BoundModel, size: int, rng: np.random.Generator) -> Ite
     """Yield random readings that the prior predicts for each test in turn [mm], shape (size, n).
 
     A test has n readings. Each draw from the prior of parameters, hyper-parameters and nuisances
-    gives one circle, with white noise. If the model requires it, no compliance is negative in any
-    draw. The measured readings are used for one purpose only: some prior standard deviations are
-    proportional to an estimate Ĉ of the compliances. ``bound`` is the model, applied to its
-    campaign; its prior must not be flat.
+    gives one circle, with white noise. If the model does not allow negative compliances, no
+    compliance is negative in any draw. The measured readings are used for one purpose only: some
+    prior standard deviations are proportional to an estimate Ĉ of the compliances. ``bound`` is the
+    model, applied to its campaign; its prior must not be flat.
     """
     beta, phi = prior_draws_of(bound, size, rng)
     value = dict(zip(bound.hyper_prior.names, phi.T, strict=True))

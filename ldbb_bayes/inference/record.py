@@ -51,8 +51,9 @@ def prior_draws_of(bound: BoundModel, size: int, rng: np.random.Generator) -> tu
 
     Parameters are compliances, slopes and geometric errors; hyper-parameters are the scales of the
     noise and of other effects. The arrays have the shapes (size, p) and (size, h). If the model
-    requires it, no compliance is negative. If the prior of the parameters is flat, their array has
-    the shape (0, 0). ``bound`` is the model, applied to its campaign.
+    does not allow negative compliances, no compliance is negative in any draw. If the prior of the
+    parameters is flat, their array has the shape (0, 0). ``bound`` is the model, applied to its
+    campaign.
     """
     phi = bound.hyper_prior.draw(size, rng)
     if bound.model.prior.flat:

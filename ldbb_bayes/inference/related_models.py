@@ -54,9 +54,9 @@ class RelatedModels:
 
         ``posterior`` is the posterior of the hyper-parameters under that model. The nodes are those
         of the given model with other weights. If possible, the density of the other model is
-        evaluated at some of them only (`density_ratio`). The nodes are computed anew if the other
-        model has other hyper-parameters, or if the error of its log evidence from the given nodes
-        would exceed the tolerance.
+        evaluated at some of the nodes only (`density_ratio`). The nodes are computed anew if the
+        other model has other hyper-parameters, or if the error of its log evidence from the given
+        nodes would exceed the tolerance.
         """
         if posterior.bound.hyper_prior.names != self._names:
             return posterior.nodes(self._tolerance)

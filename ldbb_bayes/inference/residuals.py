@@ -29,7 +29,7 @@ __all__ = [
 ]
 
 # Singular values of the matrix that holds the Fourier functions at the angles of a test count as
-# zero if they are below this share of the largest one.
+# zero if they are below this share of the largest singular value.
 RANK_TOLERANCE = 1e-6
 
 
@@ -42,10 +42,11 @@ class FitQuality:
     """
 
     rmse_um: float  #: root-mean-square residual over the readings of all tests [µm]
-    #: root-mean-square residual over the readings of each test [µm], by name of the test
+    #: root-mean-square residual over the readings of each test [µm]; the keys are the names of the
+    #: tests
     rmse_by_test_um: dict[str, float]
-    #: fitness of each test [%], by name of the test: 100 % minus the root-mean-square residual in
-    #: per cent of the range of the readings; NaN if these are all equal
+    #: fitness of each test [%]: 100 % minus the root-mean-square residual in per cent of the range
+    #: of the readings, or NaN if all readings are equal. The keys are the names of the tests.
     fitness_percent: dict[str, float]
 
 

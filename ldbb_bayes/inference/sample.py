@@ -49,13 +49,13 @@ _CHAINS = 4
 _WALKERS = 128
 # Number of independent draws as a multiple of the required effective sample size. The multiple is
 # above one because the computed effective sample size of every parameter must reach the required
-# one.
+# value.
 _SURPLUS = 1.3
 # Number of further independent draws of each chain, so that the computed effective sample size of
-# every parameter reaches the required one.
+# every parameter reaches the required value.
 _SURPLUS_DRAWS = 50
 # Draws that are as good as independent may be picked from a run of emcee. The effective sample size
-# of the run must then be this multiple of their number.
+# of the run must then be this multiple of the number of draws picked.
 _THINNING = 4.0
 # If draws that are as good as independent are picked from a run of emcee, R-hat of the run must be
 # at most ``_RHAT_WHEN_THINNED``. The run must span at least ``_LENGTHS_WHEN_THINNED``
@@ -85,7 +85,7 @@ class IndependentDraws(NamedTuple):
     #: posterior draws of the h hyper-parameters (scales of the noise and of other effects; lengths
     #: in mm), shape (size, h)
     phi: Array
-    #: whether the draws are thinned from a run of emcee; if not, they are independent
+    #: whether the draws are thinned from a run of emcee; if False, the draws are independent
     by_emcee: bool
 
 
@@ -384,10 +384,10 @@ def _sample_jointly(
     """Return a run of emcee over parameters and hyper-parameters, and its posterior draws.
 
     The walkers start from hyper-parameters (scales of the noise and of other effects) drawn from a
-    density a little wider than their posterior ``start``, and from parameters drawn given these.
-    ``ensembles`` is the number of ensembles of walkers, and ``walkers`` the number of walkers of
-    each ensemble. By default there are four times as many walkers as coordinates (parameters and
-    hyper-parameters), but at least 128.
+    density a little wider than their posterior ``start``, and from parameters drawn given these
+    hyper-parameters. ``ensembles`` is the number of ensembles of walkers, and ``walkers`` the
+    number of walkers of each ensemble. By default there are four times as many walkers as
+    coordinates (parameters and hyper-parameters), but at least 128.
     """
     density = JointDensity(start.bound)
     d = len(start.bound.names) + len(start.bound.hyper_prior.names)
@@ -417,9 +417,9 @@ def draw(
 
     Parameters and hyper-parameters are drawn from the posterior density ``start``. If ``sampler``
     is "joint", the draws are thinned from a run of emcee with an effective sample size four times
-    as large as their number. If it is "independent", they are drawn independently; if the weights
-    of the density drawn from cannot be trusted, emcee is used instead. Raise an `InputError` if
-    emcee does not converge.
+    as large as the number of draws. If ``sampler`` is "independent", the draws are independent; if
+    the weights of the density drawn from cannot be trusted, emcee is used instead. Raise an
+    `InputError` if emcee does not converge.
     """
     if sampler == "independent":
         try:

@@ -43,7 +43,7 @@ def draw_with_shared(
 ) -> SharedDraws:
     """Return ``repeats`` random draws of nuisances and parameters for each of w values of φ.
 
-    φ are the hyper-parameters; ``free``, shape (w, h), holds them in unbounded coordinates.
+    φ are the hyper-parameters; ``free``, shape (w, h), holds their values in unbounded coordinates.
     ``bound`` is the model, applied to its campaign. There are w × ``repeats`` draws, and those for
     one value of φ follow each other. Raise an `InputError` if the model allows no negative
     compliances and no draw without negative compliances is found.

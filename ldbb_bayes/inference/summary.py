@@ -32,8 +32,8 @@ __all__ = [
     "summarize_nuisances",
 ]
 
-# Entries of a posterior's record that the JSON result of a fit leaves out. They serve to rebuild
-# the campaign and the model, or are stated with each parameter instead.
+# Entries of a posterior's record that the JSON result of a fit leaves out. These entries serve to
+# rebuild the campaign and the model, or the JSON result states their contents with each parameter.
 _FOR_REBUILDING = frozenset(
     ("fields", "test_fields", "foreseen", "toml", "prior_sd", "prior_mean", "groups")
 )
@@ -136,8 +136,8 @@ def result_json(posterior: xr.DataTree, *, prob: float = 0.95) -> dict[str, Any]
 
     The result holds the numbers of every parameter and hyper-parameter, and most entries of the
     posterior's record. Parameters are in mm, N and rad, hyper-parameters that are lengths in µm.
-    ``prob`` is the probability of the credible intervals, which is also part of their key: ``ci95``
-    for 95 %.
+    ``prob`` is the probability of the credible intervals. The keys of the intervals state this
+    probability in per cent, such as ``ci95``.
     """
     check_probability(prob)
     record = record_of(posterior)
@@ -181,8 +181,8 @@ def priors_of(posterior: xr.DataTree) -> tuple[dict[str, float | None], dict[str
     """Return prior standard deviations and prior means; the keys are the names of the parameters.
 
     Standard deviations are those of parameters and hyper-parameters, before compliances are
-    restricted to values that are not negative; they are None for parameters with a flat prior.
-    Means are given only for parameters with a proper prior. Units are mm, N and rad.
+    restricted to values that are not negative; the standard deviation of a parameter with a flat
+    prior is None. Means are given only for parameters with a proper prior. Units are mm, N and rad.
     """
     model = record_of(posterior)["model"]
     return model["prior_sd"], model["prior_mean"]
@@ -220,9 +220,9 @@ def summarize_nuisances(posterior: xr.DataTree) -> pd.DataFrame:
     -------
     DataFrame
         Table with the columns term, unit, mean, sd and prior_sd, and one row per coefficient. Units
-        are made of mm, N, rad, bar, h and K; the unit of a pure number is 1. The prior sd is the
-        one for hyper-parameters (the scales of the noise and of other effects) at their posterior
-        mean. Coefficients of the mount are deviations from its nominal deflection.
+        are made of mm, N, rad, bar, h and K; the unit of a pure number is 1. The prior sd is
+        computed with the hyper-parameters (the scales of the noise and of other effects) at their
+        posterior mean. Coefficients of the mount are deviations from its nominal deflection.
 
     Raises
     ------
@@ -254,8 +254,8 @@ def _prior_of_nuisances(bound: BoundModel, phi: Array) -> pd.DataFrame:
     """Return a table with term, unit and prior standard deviation of shared nuisance coefficients.
 
     The prior standard deviation depends on the hyper-parameters; ``phi``, shape (h,), holds the
-    values of the hyper-parameters for which it is given. ``bound`` is the model, applied to its
-    campaign.
+    values of the hyper-parameters at which the standard deviation is computed. ``bound`` is the
+    model, applied to its campaign.
     """
     value = dict(zip(bound.hyper_prior.names, phi, strict=True))
     rows = {}
