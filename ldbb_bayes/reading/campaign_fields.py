@@ -163,7 +163,8 @@ def _stated_values(recording: Recording, field: str) -> dict[Any, _StatedValue]:
             value = round(value, _COMPARED_PLACES)
         source = f"line {statement.line}"
         place = source
-        # Lines of sheets without a table are numbered as "3 of …", with the name of the sheet.
+        # For a line of a sheet without a table, ``line`` is a text that also names the sheet, such
+        # as "3 of …".
         if " of " not in source:
             place = f"{source} of {recording.sheet.place}"
         values[value] = _StatedValue(value, source, place)

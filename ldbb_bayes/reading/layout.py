@@ -254,7 +254,7 @@ def read_layout(path: str | os.PathLike[str]) -> Layout:
     ------
     InputError
         For a file that is not TOML, and for an unknown field or impossible value; the message names
-        its place.
+        the place of the error.
 
     Examples
     --------

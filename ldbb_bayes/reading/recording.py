@@ -120,8 +120,7 @@ class Recording:
     def radius_mm(self) -> float:
         """Radius of the test's circle [mm].
 
-        The radius is the one that the test's fields state, or else that of the campaign, or else
-        150 mm.
+        The radius is that of the test's fields, or else the radius of the campaign, or else 150 mm.
         """
         radius = self.fields.get("radius_mm") or self.campaign.get("radius_mm")
         return float(radius or _USUAL_RADIUS_MM)
