@@ -11,7 +11,8 @@ __all__ = ["run"]
 def run() -> None:
     """Load the commands of this program, and run the command that the user typed.
 
-    Ctrl-C at any time, also during loading, ends the program with one line and exit code 130.
+    Ctrl-C at any time, also during loading, ends the program with one line of text and exit code
+    130.
     """
     # Let BLAS (the linear algebra library behind NumPy) use one thread, which is faster than
     # several because the matrices are small. NumPy reads these variables when it is loaded.

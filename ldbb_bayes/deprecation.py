@@ -13,8 +13,8 @@ _Arguments = ParamSpec("_Arguments")
 _Result = TypeVar("_Result")
 
 #: Public functions and classes of version 0.2 that were renamed or moved. The keys are the old
-#: names and the values are the new names, both without ``lb.``, the usual short name of this
-#: package.
+#: names and the values are the new names, both without the prefix ``lb.``, the usual short name of
+#: this package.
 NEW_NAMES = {
     "BallForm": "terms.BallForm",
     "BarLength": "terms.BarLength",
@@ -92,7 +92,7 @@ NEW_NAMES = {
 def warn_of_new_name(old: str) -> None:
     """Give a FutureWarning that states the new name of a renamed or moved function or class.
 
-    ``old`` is the public name of the function or class in version 0.2, without ``lb.``.
+    ``old`` is the public name of the function or class in version 0.2, without the prefix ``lb.``.
     """
     warnings.warn(
         f"lb.{old} is now lb.{NEW_NAMES[old]}. Use the new name: version 0.4 will not have the old"

@@ -87,7 +87,7 @@ def check_seed(seed: object) -> None:
 
 @contextmanager
 def placed(place: object) -> Iterator[None]:
-    """Put the place of a fault in front of the message of an `InputError` in the ``with`` block.
+    """Put the place of a fault before the message of an `InputError` raised in the ``with`` block.
 
     The place is, for example, the name of the file that contains the fault.
     """

@@ -554,8 +554,8 @@ def _cells_of(names: Sequence[Hashable], values: Sequence[Any]) -> list[Any]:
 def _decimals_of(row: Mapping[Hashable, Any], factor: float) -> int | None:
     """Return the number of decimals that gives a row's standard uncertainty two significant digits.
 
-    ``row`` holds the cells of the row by column, and ``factor`` converts their unit to the display
-    unit. Return None for a row without a standard uncertainty.
+    ``row`` holds the cells of the row; the keys are the names of the columns. ``factor`` converts
+    the unit of the cells to the display unit. Return None for a row without a standard uncertainty.
     """
     for name in _STANDARD_UNCERTAINTIES:
         u = row.get(name)

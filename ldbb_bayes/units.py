@@ -86,7 +86,8 @@ DISPLAY_UNITS = _display_units()
 class _Size(NamedTuple):
     """Size of a unit in mm, N and rad, with its powers of length and force.
 
-    For angles and ratios, both powers are zero; for mm/N they are 1 and −1.
+    For angles and ratios, both powers are zero; for mm/N, the power of length is 1 and that of
+    force is −1.
     """
 
     factor: float  # size of the unit in mm, N and rad; 1e-3 for µm
@@ -139,7 +140,7 @@ _SKEWED_SHARE = 0.2
 def display_unit(unit: str) -> tuple[float, str]:
     """Return the factor from an internal unit to its display unit, and the display unit's label.
 
-    For mm/N these are 1e6 and nm/N.
+    For mm/N, the factor is 1e6 and the label is nm/N.
     """
     require(
         unit in DISPLAY_UNITS,

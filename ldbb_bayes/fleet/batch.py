@@ -56,7 +56,7 @@ class Batch(Result):
     ['campaigns/machine_1']
     """
 
-    out: Path  #: folder of the batch, which holds its table and its journal
+    out: Path  #: folder of the batch, which holds its table and its journal (database of the rows)
     #: Parquet file with the batch's table, one row per campaign, in the folder of the batch
     dataset: Path
     campaigns: int  #: number of all campaigns of the batch

@@ -248,7 +248,8 @@ def _bayes_factor_columns(density: HyperPosterior) -> dict[str, Any]:
 
     The Bayes factor compares a model with compliance linear in force and a model with constant
     compliance. The keys of the result are the names of the columns. ``density`` is the posterior
-    density of the hyper-parameters under the model of the fit.
+    density of the hyper-parameters (scales of the noise and of other effects) under the model of
+    the fit.
     """
     value, error = linear_over_constant(density, tolerance=_EVIDENCE_TOLERANCE)
     return {"log_bayes_factor": value, "log_bayes_factor_error": error}

@@ -63,9 +63,9 @@ def chart_points(
     """Return the points of a control chart, and for each point limits from the earlier campaigns.
 
     A point is the estimate of a parameter from one campaign alone. Its limits are the ends of the
-    interval in which it should lie according to the earlier campaigns. The machine's scatter is the
-    standard deviation of its parameters from campaign to campaign. In the shapes of arrays, n is
-    the number of campaigns, q that of parameters and instrument errors, s that of instrument
+    interval in which the point should lie according to the earlier campaigns. The machine's scatter
+    is the standard deviation of its parameters from campaign to campaign. In the shapes of arrays,
+    n is the number of campaigns, q that of parameters and instrument errors, s that of instrument
     errors, and r that of values of the scatter. All values are in units of the prior sd.
 
     Parameters

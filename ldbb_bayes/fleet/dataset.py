@@ -45,11 +45,11 @@ _METADATA_KEY = b"ldbb_bayes"
 # Numbers that a batch's table holds for every parameter. Each number has a separate column, such as
 # C_XXX.mean.
 PARAMETER_COLUMNS = ("mean", "sd", "median", "ci_low", "ci_high")
-# Pattern of the names of stiffness quantities in a batch's table. In a plane, these are the least
-# and the greatest stiffness, their ratio, their directions, the principal axis, and the difference
-# between the direct compliances of the two axes. If there are several planes, the plane follows the
-# name, as in k_min_YZ. The principal stiffnesses of a machine tested in three planes are k_1, k_2
-# and k_3.
+# Pattern of the names of stiffness quantities in a batch's table. In a plane, the quantities are
+# the least and the greatest stiffness, their ratio, their directions, the principal axis, and the
+# difference between the direct compliances of the two axes. If there are several planes, the plane
+# follows the name, as in k_min_YZ. The principal stiffnesses of a machine tested in three planes
+# are k_1, k_2 and k_3.
 STIFFNESS_NAME = re.compile(
     r"(k_min|k_max|k_ratio|softest_direction|stiffest_direction|principal_axis|C_..._minus_C_...)"
     r"(_[XYZ]{2})?|k_[123]"
@@ -357,11 +357,12 @@ class _Dataset(NamedTuple):
 def _read_table(
     path: Path, columns: Sequence[str] | None, further: re.Pattern[str] | None
 ) -> _Dataset:
-    """Return the requested columns of a batch's table; raise an `InputError` for any other file.
+    """Return the requested columns of a batch's table, and the schema of all its columns.
 
-    ``columns`` are the names of the requested columns; None requests all columns. Columns that the
-    table does not have are left out. ``further`` is a pattern: if it matches the name of a
-    quantity, the columns of this quantity are requested, too.
+    Raise an `InputError` if the file is not the table of a batch. ``columns`` are the names of the
+    requested columns; None requests all columns. Columns that the table does not have are left out.
+    ``further`` is a pattern: if it matches the name of a quantity, the columns of this quantity are
+    requested, too.
     """
     import pyarrow as pa  # imported here, because pyarrow need not be installed
     import pyarrow.parquet as pq

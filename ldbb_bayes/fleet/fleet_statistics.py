@@ -3,7 +3,7 @@
 ln p(y_i | c_i, b) = −½ (c_i, b)ᵀ Λ_i (c_i, b) + η_iᵀ (c_i, b) + const
 
 y_i are the readings of campaign i. c_i are the chosen parameters of its machine; the compliances of
-all campaigns are stated at one reference force. b are the errors of the instrument (mount, force
+all campaigns are given for one reference force. b are the errors of the instrument (mount, force
 gain) that all campaigns share. Λ_i is a precision matrix (inverse of a covariance matrix), η_i the
 shift, that is, Λ_i times the estimate.
 
@@ -68,7 +68,7 @@ class FleetStatistics:
     #: likelihoods of the c parameters and s instrument errors from the n campaigns, in units of
     #: ``prior_sd``, shape (n, c + s)
     likelihood: Gaussian
-    reference_force_N: float  #: force at which the compliances of all campaigns are stated [N]
+    reference_force_N: float  #: force for which the compliances of all campaigns are given [N]
     #: lowest and highest force of the range that all campaigns have in common [N]; if there is no
     #: such range, the first number exceeds the second
     forces_N: tuple[float, float]
@@ -272,7 +272,7 @@ def reference_sd(
 
 
 class _Likelihood(NamedTuple):
-    """Likelihood of q quantities from one campaign, and the prior that is not part of it.
+    """Likelihood of q quantities from one campaign, and the prior of the campaign's fit.
 
     The quantities are parameters of the machine and errors of the instrument.
     """
@@ -290,7 +290,7 @@ class _Likelihood(NamedTuple):
 
 
 def _likelihood(row: Mapping[Any, Any], wanted: Sequence[str], force_N: float) -> _Likelihood:
-    """Return the likelihood of a campaign: its posterior moments with the prior divided out.
+    """Return the likelihood of a campaign: the Gaussian posterior of its fit, divided by the prior.
 
     Parameters
     ----------
@@ -335,11 +335,11 @@ def _divide_out_prior(
 ) -> tuple[Array, Array]:
     """Return precision (q, q) and shift (q,) of a likelihood: a posterior divided by its prior.
 
-    All three are Gaussian functions of q quantities. Posterior and prior are given by their means,
-    shape (q,), and covariances, shape (q, q). The precision (inverse covariance) of the likelihood
-    is that of the posterior minus that of the prior. Negative eigenvalues of this difference are
-    set to zero: in the directions of their eigenvectors the readings add nothing to the prior. The
-    shift is the precision times the estimate.
+    Likelihood, posterior and prior are Gaussian functions of q quantities. Posterior and prior are
+    given by their means, shape (q,), and covariances, shape (q, q). The precision (inverse
+    covariance) of the likelihood is that of the posterior minus that of the prior. Negative
+    eigenvalues of this difference are set to zero: in the directions of their eigenvectors the
+    readings add nothing to the prior. The shift is the precision times the estimate.
     """
     scale = np.sqrt(np.diag(prior_covariance))
     squared_scale = scale[:, None] * scale

@@ -34,8 +34,8 @@ def gather(given: Iterable[str | os.PathLike[str]]) -> tuple[str, ...]:
     Raises
     ------
     InputError
-        If no campaign exists, a file path does not fit on one line, or a list or folder cannot be
-        read.
+        If no campaign exists, a file path cannot be written on one line, or a list or folder cannot
+        be read.
     """
     entries = [given] if isinstance(given, str | os.PathLike) else given
     path_by_folder: dict[str, str] = {}

@@ -29,8 +29,9 @@ __all__ = ["batch_identity", "begin_batch", "open_journal", "save_row"]
 # Name of the text file, in the folder of a batch, that lists the file paths of all campaigns of the
 # batch.
 _LIST = "campaigns.txt"
-# Names of all files that the folder of a batch may hold: the journal, SQLite's temporary files for
-# the journal, the list of campaigns, and the finished and the unfinished table.
+# Names of all files that the folder of a batch may hold: the journal (an SQLite database of the
+# rows), SQLite's temporary files for this database, the list of campaigns, and the finished and the
+# unfinished table.
 _BATCH_FILES = (
     JOURNAL,
     f"{JOURNAL}-wal",
@@ -125,9 +126,8 @@ def batch_identity(settings: Settings) -> dict[str, Any]:
     ----------
     settings : settings with which the campaigns of the batch are fitted.
 
-    Returns
-    -------
-    Options and versions of software. The keys are the names under which differences are reported.
+    Returns ------- Options and versions of software. The keys are the names that a message states
+    if two runs differ.
     """
     identity: dict[str, Any] = {"model": model_sha256(settings.model)[:12]}
     for name in ("sampler", "seed", "ess", "prob", "compare"):

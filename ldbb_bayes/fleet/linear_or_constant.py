@@ -36,9 +36,9 @@ def linear_over_constant(density: HyperPosterior, *, tolerance: float) -> Eviden
 
     Parameters
     ----------
-    density : posterior density of the hyper-parameters under the model of a fit, in which
-        compliances depend on force. If they depend linearly on force, the nodes of this fit serve
-        both models.
+    density : posterior density of the hyper-parameters (scales of the noise and of other effects)
+        under the model of a fit, in which compliances depend on force. If the dependence is linear,
+        the nodes (weighted values of the hyper-parameters) of this fit are used for both models.
     tolerance : error allowed in each of the two log evidences [nat]. The error of the result is the
         sum of the errors of both log evidences.
     """
@@ -69,7 +69,7 @@ def _log_evidence_from(nodes: Nodes, truncated: HyperPosterior, tolerance: float
     hyper-parameters.
 
     ``truncated`` is the posterior density of the hyper-parameters under truncation; ``tolerance``
-    is the error allowed in the probability that no compliance is negative [nat].
+    is the error allowed in the log probability that no compliance is negative [nat].
     """
     bound = truncated.bound
     value = nodes.evidence.log_value

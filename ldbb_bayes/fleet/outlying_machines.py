@@ -41,8 +41,9 @@ __all__ = ["JudgedMachines", "judge_machines"]
 # weights cannot be trusted, this number of new draws is made from the posterior given the other
 # machines.
 _DRAWS_WITHOUT = 512
-# New random draws of the spreads without one machine are made for at most this number of machines,
-# the most outlying machines first.
+# Spreads are the standard deviations of machines about the mean of their population. To leave out
+# one machine, new random draws of the spreads are made from the posterior given the other machines.
+# New draws are made for at most this number of machines, the most outlying machines first.
 _MOST_REDRAWN = 200
 # Smallest p-value of a machine's parameter. Smaller p-values are replaced by this number, because
 # the corresponding quantile of the normal distribution would not be finite.
@@ -68,7 +69,8 @@ class JudgedMachines:
     #: prediction; shape (n, c)
     z: Array
     #: whether the p-values of each of n machines cannot be trusted, because the weights of the
-    #: random draws of the spreads are unreliable (Pareto's k̂ is too high), shape (n,)
+    #: random draws of the spreads (standard deviations from machine to machine) are unreliable
+    #: (Pareto's k̂ is too high), shape (n,)
     doubtful: Array
 
 
@@ -132,11 +134,12 @@ class _LeftOut(NamedTuple):
     """
 
     #: ln p(y_m | y_−m, s), the log density of the readings of machine m given those of all other
-    #: machines, up to a constant, for each of n machines and k random draws of the spreads s, shape
-    #: (k, n)
+    #: machines, up to a constant, for each of n machines and k random draws of the spreads s
+    #: (standard deviations from machine to machine), shape (k, n)
     log_density: Array
     #: difference of each of c parameters from what the other machines predict for it, divided by
-    #: its standard deviation, for n machines and k random draws of the spreads, shape (c, k, n)
+    #: the standard deviation of this difference, for n machines and k random draws of the spreads
+    #: (standard deviations from machine to machine), shape (c, k, n)
     z: Array
 
 

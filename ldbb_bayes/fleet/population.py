@@ -88,16 +88,22 @@ class _DrawLimits(NamedTuple):
     Spreads are the standard deviations of the machines about the mean of their population.
     """
 
-    #: largest product of the number of random draws and the number of machines. At least ``lowest``
-    #: draws are made even if the product is then larger.
+    #: largest product of the number of random draws of the spreads (standard deviations from
+    #: machine to machine) and the number of machines. At least ``lowest`` draws are made even if
+    #: the product is then larger.
     pairs: int
-    lowest: int  #: smallest number of random draws of the spreads, for any number of machines
-    highest: int  #: largest number of random draws of the spreads, for any number of machines
+    #: smallest number of random draws of the spreads (standard deviations from machine to machine),
+    #: for any number of machines
+    lowest: int
+    #: largest number of random draws of the spreads (standard deviations from machine to machine),
+    #: for any number of machines
+    highest: int
 
     def size(self, machines: int) -> int:
-        """Return the number of random draws of the spreads for this number of machines.
+        """Return the number of random draws made of the spreads of this number of machines.
 
-        This number of draws is the largest power of two within the limits.
+        Spreads are the standard deviations of the machines about their mean. The number of draws is
+        the largest power of two within the limits.
         """
         count = min(max(self.pairs / machines, self.lowest), self.highest)
         return int(2 ** int(np.log2(count)))
@@ -106,9 +112,9 @@ class _DrawLimits(NamedTuple):
 # Limits of the number of random draws from which the spreads of a population (standard deviations
 # of the machines about the mean) are summarised.
 _SPREAD_DRAWS = _DrawLimits(pairs=4_000_000, lowest=2048, highest=8192)
-# Limits of the number of random draws of the population's spreads from which the estimates for
-# every machine are computed. These draws are the first of the draws from which the spreads are
-# summarised.
+# Limits of the number of random draws of the spreads (standard deviations from machine to machine)
+# from which the estimates for every machine are computed. The same draws, and further draws, are
+# used to summarise the spreads.
 _MACHINE_DRAWS = _DrawLimits(pairs=1_000_000, lowest=256, highest=2048)
 
 
@@ -137,7 +143,8 @@ class PooledParameter(Result):
 class PooledMachine(Result):
     """Estimates for one machine of a population, and its comparison with the other machines."""
 
-    #: machine_id of the machine; if its campaign states none, the file path of the campaign
+    #: machine_id of the machine, or the file path of its campaign if the campaign states no
+    #: machine_id
     name: Annotated[str, Field(exclude=True)]
     campaigns: int  #: number of campaigns of this machine
     #: estimates of the machine's parameters from its own campaigns and from the population; the
@@ -176,8 +183,8 @@ class Population(Result):
     ((), False)
     """
 
-    #: distribution of each parameter over the machines (mean, spread, prediction for a further
-    #: machine); the keys are the names of the parameters
+    #: distribution of each parameter over the machines (mean, standard deviation from machine to
+    #: machine, prediction for a further machine); the keys are the names of the parameters
     parameters: dict[str, PooledParameter]
     #: estimates for each machine; the key is the machine_id or, if there is none, the file path of
     #: the campaign
@@ -196,12 +203,13 @@ class Population(Result):
     #: scale of the prior of each parameter's spread (sd of the machines about the mean), which is
     #: HalfNormal(spread_scale · prior_sd)
     spread_scale: float
-    seed: int  #: seed of the random draws of the spreads
+    #: seed of the random draws of the spreads (standard deviations from machine to machine)
+    seed: int
     #: Pareto's k̂ of the weights of the random draws of the spreads (standard deviations of the
     #: machines about the mean); the lower it is, the more reliable are the draws
     pareto_k: float
-    #: whether Pareto's k̂ of the weights is low enough for the random draws of the spreads to be
-    #: trusted
+    #: whether Pareto's k̂ of the weights is low enough for the random draws of the spreads
+    #: (standard deviations from machine to machine) to be trusted
     trusted: bool
     caveats: tuple[Caveat, ...]  #: limitations of the population and of its campaigns
     prob: Annotated[float, Field(exclude=True)]  #: probability of the credible intervals
@@ -598,7 +606,8 @@ def _instrument_sd(
     statistics
         Likelihoods of the campaigns.
     weight
-        Weights of k random draws of the machines' spreads, shape (k,).
+        Weights of k random draws of the machines' spreads (standard deviations about their mean),
+        shape (k,).
     shared
         Gaussian of the mean and the instrument's errors for each draw.
     sd
@@ -679,7 +688,7 @@ def _estimate_machines_separately(
     shared: Gaussian,
     tails: tuple[float, float],
 ) -> _Moments:
-    """Return estimates from each machine's own campaigns, shape (n, c): n machines, c parameters.
+    """Return estimates from each machine's own campaigns: c parameters of n machines, shape (n, c).
 
     Only the errors of the instrument are estimated from the campaigns of all machines. All values
     are in units of the prior sd.
@@ -691,7 +700,8 @@ def _estimate_machines_separately(
     parameters
         Number c of parameters.
     weight
-        Weights of k random draws of the machines' spreads, shape (k,).
+        Weights of k random draws of the machines' spreads (standard deviations about their mean),
+        shape (k,).
     shared
         Gaussian of the population's mean and the instrument's errors for each draw.
     tails

@@ -28,7 +28,7 @@ _SAME_FORCE = 1e-9
 
 @dataclass(frozen=True)
 class PopulationPrior(Shown):
-    """Prior of the compliances C of a population's next machine: C ~ N(mean, sd²).
+    """Prior of the compliances C of one more machine of a population: C ~ N(mean, sd²).
 
     The prior is for compliances at the population's reference force, in internal units (mm, N,
     rad). The slopes of compliances and the geometric errors keep the priors of the model.
@@ -45,7 +45,7 @@ class PopulationPrior(Shown):
     ()
     """
 
-    reference_force_N: float  #: force at which the compliances of the prior are stated [N]
+    reference_force_N: float  #: force for which the compliances of the prior are given [N]
     machines: int  #: number of machines in the population from which the prior was made
     campaigns: int  #: number of campaigns in the population from which the prior was made
     #: prior mean of each compliance in internal units (mm, N, rad); the keys are the names of the
@@ -74,7 +74,7 @@ class PopulationPrior(Shown):
         """Return a model whose compliances have this prior from a population.
 
         The slopes of compliances keep the prior standard deviations of the given model. The
-        compliances of the returned model are stated at the population's reference force.
+        compliances of the returned model are given for the population's reference force.
 
         Parameters
         ----------
@@ -147,9 +147,9 @@ class PopulationPrior(Shown):
     def _check_machine(self, campaign: Campaign) -> None:
         """Raise an `InputError` if the population's prior does not apply to a campaign.
 
-        The campaign's machine must have the population's topology. The campaign's compliances must
-        stand for the same sums of joint compliances as those of the population. The campaign must
-        not be part of the population.
+        The campaign's machine must have the topology (chain of joints) of the population's
+        machines. The campaign's compliances must stand for the same sums of joint compliances as
+        those of the population. The campaign must not be part of the population.
         """
         if campaign.topology != self.topology:
             raise InputError(
@@ -208,7 +208,7 @@ def read_population_prior(path: str | os.PathLike[str]) -> PopulationPrior:
     Returns
     -------
     PopulationPrior
-        Means and standard deviations of the next machine's compliances.
+        Prior means and standard deviations of the compliances of this machine.
 
     Raises
     ------

@@ -56,18 +56,19 @@ _DIFFERENCE_STEP = 1e-4
 # than this number [nat]. s are the spreads, that is, the standard deviations of machines about the
 # mean of their population.
 _MODE_GAIN = 1e-10
-# Random draws of ln s are limited to a range. It begins ``_RANGE_BELOW`` below ln τ. It ends
-# ``_RANGE_ABOVE`` above ln τ or the mode of the density of ln s, whichever is larger. s are the
-# spreads, that is, the standard deviations of machines about the mean of their population; τ is the
-# scale of their prior.
+# Random draws of ln s are limited to a range. The range begins ``_RANGE_BELOW`` below ln τ. The
+# range ends ``_RANGE_ABOVE`` above ln τ or above the mode of the density of ln s, whichever is
+# larger. s are the spreads, that is, the standard deviations of machines about the mean of their
+# population; τ is the scale of their prior.
 _RANGE_BELOW = 80.0
 _RANGE_ABOVE = 25.0
-# Smallest effective number of random draws of the machines' spreads, divided by the actual number
-# of draws. If the first set of draws has a larger share than this and its weights can be trusted,
-# no second set is made.
+# Smallest effective number of random draws of the machines' spreads (standard deviations about
+# their mean), divided by the actual number of draws. If the first set of draws has a larger share
+# than this number and its weights can be trusted, no second set is made.
 _EFFECTIVE_SHARE = 0.2
-# A second set of random draws of the machines' spreads has the covariance of the first set, plus
-# this share of the covariance that follows from the curvature at the mode of the density.
+# A second set of random draws of the machines' spreads (standard deviations about their mean) has
+# the covariance of the first set, plus this share of the covariance that follows from the curvature
+# at the mode of the density.
 _ADDED_VARIANCE = 0.05
 # Smallest eigenvalue allowed in the curvature matrix at the mode of the density of ln s; smaller
 # eigenvalues are replaced by this number. s are the spreads, that is, the standard deviations of
@@ -153,17 +154,21 @@ class MachineEstimates(NamedTuple):
     from μ, divided by their spreads.
     """
 
-    #: posterior means of the c parameters of n machines for each of k values of the spreads, in
-    #: units of the parameters' prior sd, shape (k, n, c)
+    #: posterior means of the c parameters of n machines for each of k values of the spreads
+    #: (standard deviations from machine to machine), in units of the parameters' prior sd, shape
+    #: (k, n, c)
     mean: Array
     #: posterior standard deviations of the c parameters of n machines for each of k values of the
-    #: spreads, in units of the parameters' prior sd, shape (k, n, c)
+    #: spreads (standard deviations from machine to machine), in units of the parameters' prior sd,
+    #: shape (k, n, c)
     sd: Array
     #: posterior means of z_m = (c_m − μ) / s, with the parameters c_m of machine m, the
-    #: population's mean μ and the spreads s, for k values of s and n machines, shape (k, n, c)
+    #: population's mean μ and the spreads s (standard deviations of machines about μ), for k values
+    #: of s and n machines, shape (k, n, c)
     z_mean: Array
     #: posterior variances of z_m = (c_m − μ) / s, with the parameters c_m of machine m, the
-    #: population's mean μ and the spreads s, for k values of s and n machines, shape (k, n, c)
+    #: population's mean μ and the spreads s (standard deviations of machines about μ), for k values
+    #: of s and n machines, shape (k, n, c)
     z_variance: Array
 
 
@@ -225,7 +230,8 @@ class SpreadDensity:
 
     #: likelihoods of n machines for q parameters and instrument errors, shape (n, q)
     likelihood: Gaussian
-    #: scale τ of the half-normal prior of the spreads, in units of the parameters' prior sd
+    #: scale τ of the half-normal prior of the spreads (standard deviations from machine to
+    #: machine), in units of the parameters' prior sd
     scale: float
 
     def log(self, t: Array) -> Array:
@@ -243,8 +249,9 @@ class SpreadDensity:
 
         s are the spreads of the c parameters, that is, the standard deviations of the machines
         about the mean μ of their population; y are the readings. The result has the shape (k, c).
-        By Fisher's identity it is Σ_m (E[z_m² | y, s] − 1) plus the gradient of the log prior. z_m
-        = (c_m − μ) / s is the standardised difference of machine m's parameters c_m from μ.
+        By Fisher's identity, the gradient is Σ_m (E[z_m² | y, s] − 1) plus the gradient of the log
+        prior. z_m = (c_m − μ) / s is the standardised difference of machine m's parameters c_m from
+        μ.
         """
         s = np.exp(t)
         shared = shared_quantities(self.likelihood, s)
@@ -286,8 +293,8 @@ class Spreads:
     Spreads are the standard deviations of the machines about the mean of their population.
     """
 
-    #: k random draws of the spreads of c parameters, in units of the parameters' prior sd, shape
-    #: (k, c)
+    #: k random draws of the spreads (standard deviations from machine to machine) of c parameters,
+    #: in units of the parameters' prior sd, shape (k, c)
     spread: Array
     #: logarithm of the posterior density divided by the density of the distribution from which the
     #: draws were made, up to a constant, for each of k random draws, shape (k,)
@@ -299,7 +306,8 @@ class Spreads:
     pareto_k: float
     #: limit of Pareto's k̂ of the weights; if k̂ is larger, the random draws cannot be trusted
     good_k: float
-    #: mode of the posterior density of ln s, with the spreads s of c parameters, shape (c,)
+    #: mode of the posterior density of ln s, with the spreads s (standard deviations from machine
+    #: to machine) of c parameters, shape (c,)
     mode: Array
 
     @property
@@ -313,10 +321,11 @@ class Spreads:
         return 1.0 / float(np.sum(self.weight**2))
 
     def first(self, size: int) -> Spreads:
-        """Return the first ``size`` draws of the spreads, with weights that again sum to one.
+        """Return the first ``size`` random draws of the spreads, with weights that sum to one.
 
-        The draws are made from quasi-random points. Therefore the first draws alone also cover the
-        range of the spreads evenly.
+        Spreads are the standard deviations of machines about the mean of their population. The
+        draws are made from quasi-random points. Therefore the first draws alone also cover the
+        range of all draws evenly. The weights of these draws are scaled to the sum one.
         """
         log_weight = self.log_weight[:size]
         return _weight_draws(self.spread[:size], log_weight, self.mode)
@@ -362,7 +371,8 @@ def draw_spreads(
 def _better(first: Spreads, second: Spreads) -> Spreads:
     """Return the better of two sets of weighted random draws of the machines' spreads.
 
-    A set whose weights can be trusted is better than a set whose weights cannot be trusted. Of two
+    Spreads are the standard deviations of the machines about the mean of their population. A set
+    whose weights can be trusted is better than a set whose weights cannot be trusted. Of two
     trusted sets, the better has the larger effective number of draws. Of two sets that cannot be
     trusted, the better has the smaller Pareto's k̂ of its weights.
     """
@@ -380,7 +390,8 @@ def _draw_about(
 ) -> Spreads:
     """Return weighted draws of the spreads from a Student t distribution about a centre.
 
-    Coordinates are the logarithms of the spreads. ``centre`` and ``covariance`` are those of the t
+    Spreads are the standard deviations of machines about the mean of their population. Coordinates
+    are the logarithms of the spreads. ``centre`` and ``covariance`` are those of the t
     distribution. ``size`` is the number of quasi-random points. ``mode`` is the highest point of
     the posterior density.
     """

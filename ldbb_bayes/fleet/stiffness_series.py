@@ -32,7 +32,7 @@ class StiffnessOfVisit(Result):
     """
 
     campaign: str  #: label of the campaign
-    force_N: float  #: reference force of the campaign, at which the stiffness is stated
+    force_N: float  #: reference force of the campaign, for which the stiffness is given [N]
     unit: str  #: unit of the numbers: N/mm, mm/N, deg, or empty for a ratio
     mean: float | None  #: posterior mean of the stiffness, in ``unit``
     sd: float | None  #: standard uncertainty u of the stiffness, in ``unit``

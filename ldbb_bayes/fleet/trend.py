@@ -127,7 +127,7 @@ class Visit(Result):
 
     #: label of the campaign: its name, or its file path if the name is missing or not unique
     campaign: str
-    #: date of the campaign; None if the campaign states none
+    #: date of the campaign; None if the campaign states no date
     date: Annotated[datetime | None, PlainSerializer(_isoformat)]
     #: probability that a parameter of the machine changed between the previous campaign and this
     #: campaign
@@ -156,7 +156,7 @@ class Trend(Result):
     12
     """
 
-    machine: str | None  #: machine_id of the machine; None if its campaigns state none
+    machine: str | None  #: machine_id of the machine; None if its campaigns state no machine_id
     reference_force_N: float  #: force for which the compliances are given [N]
     #: values of the options of `find_trend`; the keys are change_scale and repeatability (in units
     #: of the parameter's reference sd), probability (prior probability of a change), threshold, ci

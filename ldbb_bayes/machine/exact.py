@@ -26,7 +26,7 @@ def exact_reading_mm(
     compliances: Mapping[str, float] | None = None,
     geometric_errors: Mapping[str, float] | None = None,
 ) -> Array:
-    """Return the exact reading of one circle: geometry by Eq. 1-14 plus compliance by Eq. 20.
+    """Return the exact reading of one circle: geometric part (Eq. 1-14) plus elastic part (Eq. 20).
 
     The geometric part is the distance of the balls minus the radius; homogeneous transforms of the
     whole chain give this distance. The elastic part is F Σ j_C · C, where F is the force, C are the

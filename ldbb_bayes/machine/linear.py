@@ -180,22 +180,24 @@ class Kept:
     the set.
     """
 
-    #: kept compliances, each the representative of a proportional set, in the order of Table 1 of
-    #: the paper
+    #: compliances that circles can separate, in the order of Table 1 of the paper. Each is kept as
+    #: the representative of its proportional set, that is, of the compliances whose effects on the
+    #: readings are proportional to each other.
     names: tuple[ComplianceName, ...]
-    #: for each kept compliance, the names of the compliances in its proportional set (Table 2 of
-    #: the paper); the kept compliance comes first
+    #: for each kept compliance, the names of the compliances whose effects on the readings are
+    #: proportional to its effect (proportional set, Table 2 of the paper); the kept compliance
+    #: comes first
     sets: tuple[tuple[str, ...], ...]
-    #: for each kept compliance, the weights of the compliances in its set. A weight is the effect
-    #: of a compliance on the reading divided by the effect of the kept compliance; the unit of a
-    #: weight is a power of mm.
+    #: for each kept compliance, the weights of the compliances in its set, whose effects on the
+    #: readings are proportional to each other. A weight is the effect of a compliance on the
+    #: reading divided by the effect of the kept compliance; the unit of a weight is a power of mm.
     weights: tuple[tuple[float, ...], ...]
     #: for each kept compliance, the weights of further compliances that it represents in part. The
     #: effects of these further compliances are linear combinations of the effects of several kept
     #: compliances.
     absorbed: tuple[Mapping[ComplianceName, float], ...]
-    #: for each kept compliance, whether it cannot be negative because it is a deflection in the
-    #: direction of the load
+    #: for each compliance that is kept as representative of a set, whether it cannot be negative
+    #: because it is a deflection in the direction of the load
     not_negative: tuple[bool, ...]
     null: tuple[str, ...]  #: names of the compliances that never change a reading
     #: names of compliances whose effect on the reading is a linear combination of the effects of
@@ -205,8 +207,8 @@ class Kept:
     #: number of linearly independent effects of all compliances on readings at equally spaced
     #: angles of full circles
     rank: int
-    #: condition number of the matrix whose columns are the readings per unit of each kept
-    #: compliance
+    #: condition number of the matrix with one column for each kept compliance; a column holds the
+    #: readings per unit of the compliance
     condition_number: float
 
 
@@ -217,7 +219,7 @@ def kept_compliances(machine: Machine, *circles: Circle) -> Kept:
     of compliances are examined: the planar compliances of every tested plane, and all further
     compliances of the joints that change a reading. Compliances that change readings in proportion
     to each other form a set. The representative of a set is chosen by these rules, applied in this
-    order; for the paper's machine they give the paper's choice:
+    order; for the paper's machine, the rules give the paper's choice:
 
     1. prefer a compliance that is not a translation caused by a moment;
     2. prefer the compliance with the fewest rotary components;
@@ -252,8 +254,8 @@ class _Candidates:
 def _candidates(machine: Machine, circles: tuple[Circle, ...]) -> _Candidates:
     """Return the compliances that may change readings on given circles, with their effects.
 
-    These are all planar compliances of the tested planes, and all further compliances of the joints
-    that change a reading.
+    The compliances are all planar compliances of the tested planes, and all further compliances of
+    the joints that change a reading.
     """
     angle = np.arange(_ANGLES) * (2 * np.pi / _ANGLES)
     names = joint_names(machine)
@@ -447,10 +449,10 @@ def _table_order(name: ComplianceName, machine: Machine) -> _TableOrder:
 def _independent(unit: Array, representatives: Sequence[int]) -> list[int]:
     """Return the indices of compliances with effects that are linearly independent of each other.
 
-    The compliances are examined in the order of their indices ``representatives``. A compliance is
-    left out if its effect is a linear combination of the effects of compliances that are already
-    chosen. ``unit`` (n, m) has one column for each of m compliances, which holds the readings at n
-    angles, scaled to length one.
+    ``representatives`` holds the indices of the compliances in the order in which they are
+    examined. A compliance is left out if its effect is a linear combination of the effects of
+    compliances that are already chosen. ``unit`` (n, m) has one column for each of m compliances,
+    which holds the readings at n angles, scaled to length one.
     """
     chosen: list[int] = []
     basis = np.zeros((unit.shape[0], 0))
@@ -473,12 +475,12 @@ def hybrid_jacobian(
 ) -> pd.DataFrame:
     """Return the reading per unit of every parameter of the linear hybrid model.
 
-    This is J_H of Eq. 28 and, with reference force F0 = 0, of Eq. 33. The column of a compliance is
-    F j_C, and the column of its slope of degree k is F (F − F0)^k j_C, where j_C is the reading per
-    unit force and compliance. The compliances are those that this circle alone can separate.
-    Columns are named like the parameters in the results of a fit: first compliances such as C_XXX,
-    then slopes such as C_XXX_1, then geometric errors such as E_XX1. Equations are those of the
-    paper.
+    The table is J_H of Eq. 28 and, with reference force F0 = 0, of Eq. 33. The column of a
+    compliance is F j_C, and the column of its slope of degree k is F (F − F0)^k j_C, where j_C is
+    the reading per unit force and compliance. The compliances are those that this circle alone can
+    separate. Columns are named like the parameters in the results of a fit: first compliances such
+    as C_XXX, then slopes such as C_XXX_1, then geometric errors such as E_XX1. Equations are those
+    of the paper.
 
     Parameters
     ----------
@@ -545,7 +547,8 @@ def hybrid_jacobian(
 def patterns(machine: Machine, circle: Circle, angle_rad: Array) -> pd.DataFrame:
     """Return the readings per unit of every planar compliance and geometric error.
 
-    For one plane these are the 18 compliances of Table 2 and the 7 errors of Table 3 of the paper.
+    For one plane, the table holds the 18 compliances of Table 2 and the 7 errors of Table 3 of the
+    paper.
 
     Parameters
     ----------

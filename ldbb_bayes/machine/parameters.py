@@ -106,9 +106,11 @@ class ComplianceName:
 class GeometricName:
     """Name of a geometric error: one component of the deviation of an axis or of the tool."""
 
-    component: str  #: direction of the error: X, Y or Z for a translation, A, B or C for a rotation
-    axis: str  #: machine axis to which the error belongs; ``t`` for the tool
-    #: kind of the error: gain (scale error), straightness, squareness, or offset (of the tool)
+    #: direction of the geometric error: X, Y or Z for a translation, A, B or C for a rotation
+    component: str
+    axis: str  #: machine axis to which the geometric error belongs; ``t`` for the tool
+    #: kind of the geometric error: gain (scale error), straightness, squareness, or offset (of the
+    #: tool)
     kind: GeometricKind
     reference: str = ""  #: reference axis of a squareness error; empty for other errors
     #: number of the set-up to which a tool offset belongs, from 2; 0 for the tool offsets of set-up
@@ -117,9 +119,10 @@ class GeometricName:
 
     @property
     def label(self) -> str:
-        """Name of the error in code, such as E_XX1, E_YX2, E_Xt0 and, for set-up 2, E_Xt0_2.
+        """Name of the geometric error in code, such as E_XX1, E_YX2 and E_Xt0.
 
-        The squareness error E_C(0Y)X of ISO 230-1 is named E_C0YX.
+        The squareness error E_C(0Y)X of ISO 230-1 is named E_C0YX. The tool offset E_Xt0 of set-up
+        2 is named E_Xt0_2.
         """
         if self.kind == "squareness":
             return f"E_{self.component}0{self.reference}{self.axis}"
