@@ -65,10 +65,10 @@ class _SortedColumns(NamedTuple):
 
     #: columns of nuisance terms whose coefficients are the same in all tests
     shared: list[Columns]
-    #: class name of the nuisance term to which each coefficient of ``shared`` belongs
+    #: for each coefficient that is the same in all tests, the class name of its nuisance term
     owners: list[str]
-    #: columns of nuisance terms whose coefficients differ between tests; they are treated as noise
-    #: of each test
+    #: columns of nuisance terms whose coefficients differ between tests; the effects of these terms
+    #: are treated as noise of each test
     noises: list[_Noise]
 
 
@@ -138,9 +138,9 @@ def _first_tests_of_equal_noise(bound: BoundModel, noises: list[_Noise], phi: Ar
     """Return for each test the index of the first test that has the same noise covariance.
 
     Two tests have the same noise if they have the same angles, the same noise factor λ of the
-    circle, and the same columns of the terms in ``noises``. Equal angles are recognised only in a
-    plan; in a campaign with readings, all tests count as different. ``phi``, shape (w, h), are the
-    hyper-parameters, among them the factors λ. Indices count from 0.
+    circle, and the same columns of the nuisance terms that act as noise (``noises``). Equal angles
+    are recognised only in a plan; in a campaign with readings, all tests count as different.
+    ``phi``, shape (w, h), are the hyper-parameters, among them the factors λ. Indices count from 0.
     """
     scale_of = dict(zip(bound.hyper_prior.names, phi.T, strict=True))
     first_of_kind: dict[tuple[object, ...], int] = {}

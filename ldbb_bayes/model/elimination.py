@@ -82,12 +82,13 @@ class Update(NamedTuple):
     borders: int
     #: Index, in the border (set of later columns), of the first row whose products are computed.
     first: int
-    #: Index, in the border, of the row after the last row whose products are computed.
+    #: Index, in the border (set of later columns), of the row after the last row whose products are
+    #: computed.
     stop: int
     #: Rows of the workspace (the array of all matrix entries) from which the products are
-    #: subtracted, shape (a, stop − first, m + 1 − first) for borders of m columns. A product that
-    #: occurs twice is used once; its second copy goes to the last row of the workspace, which is
-    #: never read.
+    #: subtracted, shape (a, stop − first, m + 1 − first) for borders (sets of later columns) of m
+    #: columns. A product that occurs twice is used once; its second copy goes to the last row of
+    #: the workspace, which is never read.
     targets: NDArray[np.intp]
 
 
@@ -115,11 +116,11 @@ class Front(NamedTuple):
     updates: list[Update]
 
     def eliminate(self, workspace: Array) -> None:
-        """Compute the columns of L of all groups, and change the entries of later columns.
+        """Compute the Cholesky factor's entries for groups of columns, and change later columns.
 
-        L is the lower triangular Cholesky factor. Products of the computed columns are subtracted
-        from the entries of later columns. ``workspace`` (entries, w) holds all matrix entries for w
-        values of the hyper-parameters, and is changed in place.
+        Products of the computed columns of the factor are subtracted from the entries of later
+        columns. ``workspace`` (entries, w) holds all matrix entries for w values of the
+        hyper-parameters, and is changed in place.
         """
         w = workspace.shape[1]
         columns = self.shape[1]
@@ -137,7 +138,7 @@ class Front(NamedTuple):
             workspace[update.targets] -= np.einsum("akiw,akjw->aijw", left, right)
 
     def solve(self, workspace: Array, solution: Array) -> None:
-        """Replace L⁻¹ Aᵀ D⁻¹ r by the coefficients P⁻¹ Aᵀ D⁻¹ r, for the columns of the groups.
+        """Replace L⁻¹ Aᵀ D⁻¹ r by the coefficients P⁻¹ Aᵀ D⁻¹ r, for some groups of columns.
 
         P = Aᵀ D⁻¹ A = L Lᵀ, with the design matrix A, the noise covariance D and the readings r.
         ``workspace`` (entries, w) holds the entries of L. ``solution`` (columns of A, w) is changed

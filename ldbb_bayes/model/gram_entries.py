@@ -47,7 +47,7 @@ class EntryBlock(NamedTuple):
     its own group; of these entries, those before the diagonal are not needed.
     """
 
-    #: Indices, among all entries, of the entries of the block; their number is groups · s · n.
+    #: Indices of the block's entries among all matrix entries; their number is groups · s · n.
     entries: slice
     #: Number of groups, number s of columns in a group, and number n of entries in a column.
     shape: tuple[int, int, int]
@@ -64,18 +64,19 @@ class _DenseGram(NamedTuple):
     #: Index, within each group, of the first column whose Gram entries the array holds. Entries
     #: before the diagonal of this column are left out.
     first: int
-    #: Indices of the k kinds of rows of the design matrix that have Gram entries in each group of
-    #: columns, shape (groups, k).
+    #: Indices of the k kinds of rows of the design matrix that have Gram entries (scalar products
+    #: of columns) in each group of columns, shape (groups, k).
     kinds: NDArray[np.intp]
     #: Gram entries (scalar products of columns of the design matrix) for each of k kinds of rows,
     #: shape (groups, columns, entries of a column, k).
     products: Array
 
     def assemble(self, weight: Array, entries: Array) -> None:
-        """Compute the entries of P and Aᵀ D⁻¹ r for the columns of this object.
+        """Compute the entries of P = Aᵀ D⁻¹ A and Aᵀ D⁻¹ r for the columns of this object.
 
-        ``weight`` (kinds, w) is the reciprocal variance 1/D of every kind of row. The results are
-        written into ``entries``, the array that `GramEntries.assemble` returns.
+        A is the design matrix, D the noise covariance, and r are the readings. ``weight`` (kinds,
+        w) is the reciprocal variance 1/D of every kind of row. The results are written into
+        ``entries``, the array that `GramEntries.assemble` returns.
         """
         matrix = entries[self.block.entries].reshape(*self.block.shape, weight.shape[1])
         stop = self.first + self.products.shape[1]
@@ -125,7 +126,8 @@ class GramEntries:
     def assemble(self, weight: Array) -> Array:
         """Return all entries of P = Aᵀ D⁻¹ A and of Aᵀ D⁻¹ r, shape (entries, w).
 
-        ``weight`` (kinds, w) is the reciprocal variance 1/D of every kind of row.
+        A is the design matrix, D the noise covariance, and r are the readings. ``weight`` (kinds,
+        w) is the reciprocal variance 1/D of every kind of row.
         """
         entries = np.asarray(self._sparse @ weight)
         for dense in self._dense:
@@ -160,7 +162,8 @@ def _sparse_gram(
     second = first + np.arange(len(first)) - np.repeat(np.cumsum(factors) - factors, factors)
     index = (place_in_order[column[first], column[second]], kinds[row[first]])
     shape = (size, kinds.max(initial=-1) + 1)
-    # The conversion to a CSR matrix adds up the products from all rows of one kind.
+    # The conversion to a CSR matrix adds up the products from all rows with the same variance (rows
+    # of one kind).
     gram = coo_array((element[first] * element[second], index), shape=shape).tocsr()
     gram.eliminate_zeros()
     return gram
@@ -188,7 +191,8 @@ def _dense_gram(block: EntryBlock, gram: csr_array) -> list[_DenseGram]:
     calls = -(-columns // _COLUMNS_AT_ONCE)
     if len(products) < max(_DENSE_SHARE * needed * most_kinds, _FEWEST_DENSE * calls):
         return []
-    # Groups with fewer than ``most_kinds`` kinds of rows get additional products that are zero.
+    # Groups of columns with fewer than ``most_kinds`` kinds of rows get additional products that
+    # are zero.
     group_kinds = np.zeros((groups, most_kinds), dtype=np.intp)
     rank = np.cumsum(has_kind, axis=1) - 1
     group_kinds[group, rank[group, kind]] = kind

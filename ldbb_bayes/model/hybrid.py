@@ -86,8 +86,9 @@ _FEWEST_SCALED_CIRCLES = 4
 # Error tolerance [nat] for the log prior probability that compliances are not negative. It applies
 # separately to each group of compliances that depend on common parameters.
 _TRUNCATION_TOLERANCE = 1e-4
-# Largest number of machines that are drawn from the prior to find one without a negative
-# compliance. With the default prior and three tested planes, about one in 60 machines has none.
+# Largest number of machines (sets of parameters) that are drawn at random from the prior, to find
+# one without a negative compliance. With the default prior and three tested planes, about one in 60
+# machines has no negative compliance.
 _MOST_MACHINES = 20_000
 
 
@@ -639,7 +640,7 @@ _KEPT_ESTIMATES = 64
 # model can be shared, because nothing changes it after it was made.
 _BOUND_MODELS: list[BoundModel] = []
 # Largest number of bound models that the cache holds. An average over models with constant and
-# linear compliance uses sixteen; a fit of the same campaign may use further models.
+# linear compliance uses sixteen bound models, and a fit of the same campaign may use others.
 _KEPT_BOUND_MODELS = 24
 
 

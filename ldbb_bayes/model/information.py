@@ -51,8 +51,8 @@ class Information:
     #: Class name of the nuisance term to which each of the m coefficients belongs, or `OWN` for a
     #: parameter of interest.
     owners: tuple[str, ...]
-    #: Prior sd of each of the m coefficients in internal units (mm, N, rad), or a typical size if
-    #: its prior is flat, shape (m,).
+    #: Prior sd of each of the m coefficients in internal units (mm, N, rad), shape (m,); for a
+    #: coefficient with a flat prior, its typical size.
     scale: Array
     #: Whether the parameters of interest have flat priors.
     flat: bool
@@ -182,8 +182,9 @@ class Information:
         if times == 1.0 and self._noise_names.isdisjoint(fixed):
             if len(free) == len(self.names):
                 return self._root, free
-            # If R is restricted to the columns of the free coefficients, RᵀR is the precision
-            # matrix of these coefficients. R is used here because it has fewer rows than the design
+            # R is a square root of the posterior precision matrix of all coefficients, RᵀR =
+            # precision. With only the columns of the free coefficients, RᵀR is the precision matrix
+            # of these coefficients. R is used here because it has fewer rows than the design
             # matrix.
             return np.asarray(np.linalg.qr(self._root[:, free], mode="r")), free
         return self._root_of(np.sqrt(times) * self.rows(fixed), free), free

@@ -245,8 +245,8 @@ def physical_rows(
         Reference force F0 [N], for the error message.
     """
     at_forces = [compliance_rows(interest.compliances, parameters, lever) for lever in levers_N]
-    # The keys of a dictionary are the rows of the matrix A, because a dictionary keeps their order
-    # and drops equal rows.
+    # The rows of the result are stored as keys of a dictionary, which keeps their order and drops
+    # equal rows.
     rows: dict[tuple[float, ...], None] = {}
     for j in np.flatnonzero(interest.visible.not_negative):
         label = interest.compliances[j].label

@@ -263,8 +263,9 @@ class StructuredGaussian:
                 normal[first : self._shared] = standard[batch.phi_index, k].T
                 if not elimination.is_positive:
                     # Coefficients with a negative prior variance cannot be drawn. They belong to
-                    # single tests. Here all coefficients of single tests are eliminated first, so
-                    # that draws of the shared coefficients do not depend on them.
+                    # single tests. Here all coefficients of single tests are eliminated first.
+                    # Draws of the coefficients common to all tests therefore do not depend on the
+                    # coefficients of single tests.
                     normal[self._shared :] = 0.0
                 draws[batch.phi_index, k] = elimination.solve(workspace, normal)[: self._shared].T
         return draws * self._unit[: self._shared]

@@ -74,9 +74,10 @@ class Observations(NamedTuple):
     #: Sources of variance, one for each column of ``rows.variance``: hyper-parameters (standard
     #: deviations of effects) and products of hyper-parameters.
     sources: list[Source]
-    #: Unit in which every nuisance coefficient is expressed, shape (coefficients,). It is the prior
-    #: sd divided by the hyper-parameter that scales it, or the whole prior sd if no hyper-parameter
-    #: does. For a flat prior it is the reciprocal norm of the coefficient's column.
+    #: Unit in which every nuisance coefficient is expressed, shape (coefficients,). The unit is the
+    #: prior sd divided by the hyper-parameter that scales this sd, or the prior sd itself if no
+    #: hyper-parameter scales it. For a flat prior, the unit is the reciprocal norm of the
+    #: coefficient's column.
     unit: Array
     #: Signs ±1 of the prior variances of the nuisance coefficients, shape (coefficients,). A
     #: negative variance removes noise, as `_columns_for_uneven_angles` explains.

@@ -76,11 +76,11 @@ class _Node(NamedTuple):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Number of columns of the node, and number of columns of its border."""
+        """Number of columns, and number of later columns that their elimination changes."""
         return self.columns.bit_count(), self.border.bit_count()
 
     def into(self, parent: _Node) -> _Node:
-        """Return this node and its parent as one node, whose columns are eliminated together."""
+        """Return the union of this node and its parent: one set of columns, eliminated together."""
         border = (self.border | parent.border) & ~parent.columns
         return _Node(self.columns | parent.columns, border)
 
@@ -179,7 +179,7 @@ def _minimum_degree(neighbours: NDArray[np.bool_], last: NDArray[np.intp]) -> ND
 
 
 def _single_nodes(neighbours: NDArray[np.bool_]) -> list[_Node]:
-    """Return one node for each column: the column and its border.
+    """Return one node (set of columns that are eliminated together) for each column.
 
     ``neighbours`` (columns, columns) states which columns have a row in common; rows and columns of
     this matrix are in the order of elimination. The border of a column contains its neighbours that

@@ -105,11 +105,11 @@ class OrthantMoments(NamedTuple):
     only.
     """
 
-    #: Mean of the d coordinates of the standard normal vector e along ``axes``, given that all
-    #: constraints hold, shape (w, d) for w problems.
+    #: Mean of the d coordinates of the standard normal vector e along the directions ``axes``,
+    #: given that all constraints hold, shape (w, d) for w problems.
     mean: Array
-    #: Covariance of the d coordinates of the standard normal vector e along ``axes``, given that
-    #: all constraints hold, shape (w, d, d) for w problems.
+    #: Covariance of the d coordinates of the standard normal vector e along the directions
+    #: ``axes``, given that all constraints hold, shape (w, d, d) for w problems.
     covariance: Array
     #: The d orthonormal directions of the standard normal vector e (q elements) that the
     #: constraints depend on, shape (w, d, q) for w problems.
@@ -117,13 +117,13 @@ class OrthantMoments(NamedTuple):
 
 
 class NoisyLogProbability(NamedTuple):
-    """Logarithms of the probabilities of w problems, and two parts of their errors [nat]."""
+    """Log probabilities ln P(u ≥ 0) of w problems, and two parts of their errors [nat]."""
 
-    log_value: Array  #: ln P, shape (w,)
-    #: error of analytical bounds and of constraints that were left out, shape (w,); infinite if no
-    #: quasi-random point satisfies all constraints
+    log_value: Array  #: ln P(u ≥ 0), shape (w,)
+    #: error from analytical bounds and from leaving out constraints [nat], shape (w,); infinite if
+    #: no quasi-random point satisfies all constraints
     common_error: Array
-    noise: Array  #: error that comes from the quasi-random points, shape (w,)
+    noise: Array  #: error that comes from the quasi-random points [nat], shape (w,)
 
 
 class _Solved(NamedTuple):
@@ -246,8 +246,8 @@ class Orthant:
         open_members = np.flatnonzero(error > tolerance)
         for near in (_NEAR_SD, np.inf):
             # The first pass leaves out constraints whose mean is at least six sd above zero. Where
-            # their effect on ln P exceeds a tenth of the tolerance, the second pass uses all
-            # constraints.
+            # leaving them out changes ln P(u ≥ 0) by more than a tenth of the tolerance, the second
+            # pass uses all constraints.
             near_rows = distance[open_members] < near
             unfinished = np.zeros(len(open_members), dtype=bool)
             for pattern in np.unique(near_rows, axis=0):

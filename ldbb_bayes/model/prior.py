@@ -269,11 +269,11 @@ class Prior(Shown):
     #: whether all parameters of interest have flat (constant) priors, as in the paper's least
     #: squares
     flat: bool = False
-    #: prior sds that replace the defaults, by name of the parameter of interest, in internal units
-    #: (mm, N, rad)
+    #: prior sds that replace the defaults, in internal units (mm, N, rad); the keys are names of
+    #: parameters of interest
     overrides: Mapping[str, float] = field(default_factory=dict)
-    #: prior means that are not zero, by name of the parameter of interest, in internal units
-    #: (mm, N, rad)
+    #: prior means that are not zero, in internal units (mm, N, rad); the keys are names of
+    #: parameters of interest
     means: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

@@ -36,7 +36,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["ReferencePosterior", "fixed_point"]
 
-# Number of steps from the least-squares estimate of a machine to the fixed point.
+# Number of steps in which a machine's parameters are estimated, starting from the least-squares
+# estimate. Each step linearises the model about the estimate of the step before.
 _STEPS = 3
 # A flat prior of a nuisance coefficient counts as a Gaussian prior. Its sd is this multiple of the
 # uncertainty that the coefficient has from the readings alone if all other coefficients are known.

@@ -102,15 +102,17 @@ class _ConvexFunction(NamedTuple):
     that the tilting has shifted. φ and Φ are the standard normal density and distribution function.
     """
 
-    #: Value of the convex function for each of w problems, shape (w,).
+    #: Value, for each of w problems, of the convex function whose minimum gives the saddle point of
+    #: the tilted density, shape (w,).
     value: Array
-    #: Derivatives of the convex function with respect to the inverse Mills ratios m, shape (w, d).
+    #: Derivatives of the convex function (whose minimum gives the saddle point) with respect to the
+    #: inverse Mills ratios m, shape (w, d).
     gradient: Array
     #: Derivative of each inverse Mills ratio m_j with respect to its edge e_j, between 0 and 1,
     #: shape (w, d).
     slope: Array
-    #: Largest absolute element of the gradient for each of w problems, relative to the size of the
-    #: gradient's terms, shape (w,).
+    #: Largest absolute element of the convex function's gradient for each of w problems, relative
+    #: to the size of the gradient's terms, shape (w,).
     error: Array
 
 
@@ -157,7 +159,7 @@ class Tilted(NamedTuple):
     last: Array
 
     def select(self, members: NDArray[np.intp]) -> Tilted:
-        """Return the batch of the problems with the indices ``members``, counted from 0."""
+        """Return the object for the problems with the indices ``members``, counted from 0."""
         return Tilted(
             self.unit[..., members],
             self.bound[..., members],

@@ -54,13 +54,13 @@ class _TurnedBall(NamedTuple):
 
 
 class _CoefficientPrior(NamedTuple):
-    """Prior of the coefficients of a form, with entries for cosine and sine of each order."""
+    """Prior of the coefficients of a ball's form error: cosine and sine of each order."""
 
     #: factor of τ² (n/6)^(−2p) in the prior variance, with the hyper-parameters τ and p: 1/2 for
     #: each ball whose form is not stated at the order n
     share_of_tau: Array
-    sd_um: Array  #: part of the prior sd that no hyper-parameter scales [µm]
-    mean_um: Array  #: prior mean, from certificates [µm]
+    sd_um: Array  #: part of each coefficient's prior sd that no hyper-parameter scales [µm]
+    mean_um: Array  #: prior mean of each coefficient, from certificates [µm]
 
 
 class _Form(NamedTuple):

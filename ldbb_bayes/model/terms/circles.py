@@ -163,13 +163,13 @@ class _HysteresisPrior(NamedTuple):
     The prior sds are given at the Fourier orders 0 and 1; at the order n they are divided by n.
     """
 
-    #: prior sd of the part that does not depend on force [mm]; if ``hyper`` is given, this sd
-    #: divided by the hyper-parameter
+    #: prior sd of the part of hysteresis that does not depend on force [mm]; if ``hyper`` is given,
+    #: this sd divided by the hyper-parameter
     constant_sd: float
-    #: name of the hyper-parameter that scales the part that does not depend on force; None if its
-    #: scale is fixed
+    #: name of the hyper-parameter that scales the part of hysteresis that does not depend on force;
+    #: None if this part has a fixed scale
     hyper: Hyper | None
-    proportional_sd: float  #: prior sd of the part that is proportional to force [mm/N]
+    proportional_sd: float  #: prior sd of hysteresis proportional to force [mm/N]
     last_order: int  #: highest Fourier order of the harmonics
 
 

@@ -87,11 +87,11 @@ class Source(NamedTuple):
 
     @property
     def names(self) -> tuple[Hyper, ...]:
-        """Names of the hyper-parameters from which this factor is computed."""
+        """Names of the hyper-parameters from which this factor of a prior sd is computed."""
         return tuple(name for name in (self.hyper, self.circle, self.decay) if name)
 
     def at(self, value: Mapping[Hyper, Any]) -> Any:
-        """Return the value of the factor for given hyper-parameters.
+        """Return the value of this factor of a prior sd, for given hyper-parameters.
 
         ``value`` maps the names of the hyper-parameters to numbers, or to arrays that all have the
         same shape; lengths are in mm. The result has the same shape.
@@ -260,7 +260,8 @@ class BasisNoise(Shown):
     array([0.    , 0.0005, 0.0005])
     """
 
-    hyper: Hyper  #: name of the hyper-parameter (scale of the effect) that multiplies ``sd``
+    #: name of the hyper-parameter (scale of the effect) that multiplies the sds of the noise
+    hyper: Hyper
     #: sd of each of the 25 Fourier coefficients of the noise, divided by the hyper-parameter that
     #: scales it, shape (25,)
     sd: Array
