@@ -68,17 +68,17 @@ _MANY_TERMS = 12
 class Update(NamedTuple):
     """Products of matrix entries, which are subtracted when groups of columns are eliminated.
 
-    The products are subtracted from the entries of the border of each group, which is the set of
-    later columns that the group changes. There are a different borders, and b groups have each
-    border. One call computes the products of the border's rows ``first`` to ``stop`` − 1 with all
-    its rows from ``first`` on.
+    The border of a group is the set of later columns that the group changes; the products are
+    subtracted from their entries. The number of borders is a, and the number of groups with the
+    same border is b. One call computes the products of the border's rows ``first`` to ``stop`` − 1
+    with all its rows from ``first`` on.
     """
 
-    #: Slice that selects the a · b groups from all groups that are eliminated together. The b
-    #: groups with the same border follow each other.
+    #: Slice that selects the groups to which this update applies from all groups that are
+    #: eliminated together. Groups with the same border (set of later columns) follow each other.
     groups: slice
-    #: Number a of different borders (sets of later columns that a group of columns changes). No two
-    #: borders have a column in common.
+    #: Number of borders (sets of later columns that a group of columns changes). No two borders
+    #: have a column in common.
     borders: int
     #: Index, in the border (set of later columns), of the first row whose products are computed.
     first: int

@@ -9,8 +9,8 @@ of P is therefore
 
 and an entry of Aᵀ D⁻¹ r, with the readings r, has the same form. All entries together are one
 constant matrix G (entries, kinds) times the reciprocal variances (kinds, w) for w values of φ. G is
-stored as a sparse matrix. Only blocks of entries most of which are not zero are stored as dense
-matrices, whose products the library BLAS computes.
+stored as a sparse matrix. Blocks in which most entries are not zero are stored as dense matrices
+instead; their products are computed with the library BLAS.
 """
 
 from __future__ import annotations
@@ -49,7 +49,8 @@ class EntryBlock(NamedTuple):
 
     #: Indices of the block's entries among all matrix entries; their number is groups · s · n.
     entries: slice
-    #: Number of groups, number s of columns in a group, and number n of entries in a column.
+    #: Number of groups of columns, number s of columns in a group, and number n of entries in a
+    #: column.
     shape: tuple[int, int, int]
 
 

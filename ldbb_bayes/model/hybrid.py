@@ -1080,10 +1080,10 @@ class BoundModel(Shown):
         """Return the p parameters of a machine drawn at random from the prior, shape (p,).
 
         In the default model, the prior sd of a slope is proportional to the estimated size of its
-        compliance. Here it is proportional to the size of the drawn compliance instead. If the
-        prior excludes negative compliances, no drawn compliance is negative. The parameters are in
-        mm, N and rad. Raise an `InputError` if the prior is flat, or if nearly all machines drawn
-        from the prior have a negative compliance.
+        compliance. For a drawn machine, this sd is proportional to the size of the drawn compliance
+        instead. If the prior excludes negative compliances, no drawn compliance is negative. The
+        parameters are in mm, N and rad. Raise an `InputError` if the prior is flat, or if nearly
+        all machines drawn from the prior have a negative compliance.
         """
         prior = self.model.prior
         if prior.flat or not prior.slopes_of_estimate:

@@ -98,9 +98,10 @@ class HyperPrior:
         return np.where(self.in_mm, 1e3, 1.0)
 
     def named(self, phi: Array) -> dict[str, float]:
-        """Return the values of the h hyper-parameters by name, with lengths in µm.
+        """Return a dict with the values of the h hyper-parameters, with lengths in µm.
 
-        ``phi``, shape (h,), holds the values with lengths in mm.
+        The keys are the names of the hyper-parameters. ``phi``, shape (h,), holds the values with
+        lengths in mm.
         """
         return dict(zip(self.names, (phi * self.shown).tolist(), strict=True))
 

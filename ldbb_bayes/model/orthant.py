@@ -144,7 +144,7 @@ class _Points:
     """Quasi-random points: eight copies of one lattice, each with a random shift (scramble)."""
 
     seed: int
-    shared: bool  #: whether all problems use the same quasi-random points
+    shared: bool  #: whether the points are the same for all probabilities
 
     def of(self, tilted: Tilted, size: int) -> Array:
         """Return quasi-random points in the unit cube for w problems.
