@@ -98,11 +98,11 @@ class Front(NamedTuple):
     Each group has s columns. Its elimination changes m later columns, the border of the group.
     """
 
-    #: Rows of the workspace (the array of all matrix entries) that hold the s (s + m + 1) entries
-    #: of every group.
+    #: Rows of the workspace (the array of all matrix entries) that hold the entries of these groups
+    #: of columns: s (s + m + 1) entries for a group of s columns that changes m later columns.
     entries: slice
-    #: Number of groups, number s of columns in a group, and number s + m + 1 of entries of a
-    #: column. The m entries belong to the later columns that the group changes.
+    #: Number of groups of columns, number s of columns in a group, and number s + m + 1 of entries
+    #: of a column. The m entries belong to the later columns that the group changes.
     shape: tuple[int, int, int]
     #: Signs ±1 of the Cholesky pivots of the s columns of each group, shape (groups, s); None if
     #: all are positive. A pivot is negative where a prior variance is negative
@@ -498,7 +498,7 @@ def _families_of_fronts(groups: list[ColumnGroup]) -> list[list[_Family]]:
 
 
 def _disjoint_families(families: list[_Family]) -> list[list[_Family]]:
-    """Divide families into lists, so that no two families of a list have overlapping borders.
+    """Divide families into lists such that no two families of a list have overlapping borders.
 
     A family consists of groups of columns that change the same later columns, which are its border.
     The families of a list have equal numbers of groups and are consecutive in ``families``.

@@ -47,7 +47,8 @@ class EntryBlock(NamedTuple):
     its own group; of these entries, those before the diagonal are not needed.
     """
 
-    #: Indices of the block's entries among all matrix entries; their number is groups · s · n.
+    #: Indices of the block's entries among all matrix entries. There are n entries for each of the
+    #: s columns of every group.
     entries: slice
     #: Number of groups of columns, number s of columns in a group, and number n of entries in a
     #: column.
@@ -62,8 +63,8 @@ class _DenseGram(NamedTuple):
     """
 
     block: EntryBlock
-    #: Index, within each group, of the first column whose Gram entries the array holds. Entries
-    #: before the diagonal of this column are left out.
+    #: Index, within each group, of the first column whose Gram entries (scalar products of columns)
+    #: are in ``products``. Entries before the diagonal of this column are left out.
     first: int
     #: Indices of the k kinds of rows of the design matrix that have Gram entries (scalar products
     #: of columns) in each group of columns, shape (groups, k).
@@ -86,7 +87,7 @@ class _DenseGram(NamedTuple):
 
 
 class GramEntries:
-    """Scalar products of columns with each other and with readings, over rows of each kind.
+    """Scalar products of a design matrix's columns with each other and with the readings.
 
     Parameters
     ----------

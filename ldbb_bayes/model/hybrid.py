@@ -81,7 +81,7 @@ _SIGMA = Scale("sigma", "sigma_um", "σ", "white noise")
 # Other hyper-parameters follow these, and the noise factors λ of single circles are last.
 _HYPER_ORDER = ("sigma", "delta", "delta_0", "delta_1", "kappa", "tau", "decay", "omega", "eta")
 # If the model has the term ``CircleScale`` and the campaign has at least this number of circles,
-# every circle has a noise factor λ of its own. Otherwise no circle has one.
+# every circle has a noise factor λ of its own. Otherwise no circle has a noise factor.
 _FEWEST_SCALED_CIRCLES = 4
 # Error tolerance [nat] for the log prior probability that compliances are not negative. It applies
 # separately to each group of compliances that depend on common parameters.
@@ -743,7 +743,7 @@ class BoundModel(Shown):
         """Return the conditions of all tests with the names of the circles' noise factors λ.
 
         Circles have such factors only if the model has the term `CircleScale`, and the campaign or
-        its pilot has enough tests.
+        its pilot has at least four tests.
         """
         count = len(self.campaign.tests)
         if self.pilot is not None:
@@ -926,7 +926,7 @@ class BoundModel(Shown):
 
     @cached_property
     def columns_of(self) -> dict[type[Term], tuple[Columns | BasisNoise, ...]]:
-        """Columns (readings per unit coefficient) of each nuisance term; the keys are classes.
+        """Columns (readings per unit coefficient) of nuisance terms; the keys are their classes.
 
         Nuisances are effects that are modelled but not of interest. For a term that does not act on
         this campaign, the tuple is empty.

@@ -100,14 +100,14 @@ class Information:
         """Return the design matrix of all m coefficients for readings with unit noise, (k, m).
 
         Each row belongs to one of the k reduced readings of all tests (at most 25 for each test).
-        The matrix is multiplied from the left by the inverse Cholesky factor of their noise
-        covariance. The coefficients are divided by their prior sd. Noise of the terms whose class
-        names are in ``fixed`` is left out, as if it were known.
+        The matrix is multiplied from the left by the inverse Cholesky factor of the noise
+        covariance of the reduced readings. The coefficients are divided by their prior sd. Noise of
+        the terms whose class names are in ``fixed`` is left out, as if it were known.
         """
         return np.concatenate(self.blocks(fixed))
 
     def blocks(self, fixed: Collection[str] = ()) -> list[Array]:
-        """Return the design matrices of all m coefficients for readings with unit noise, by test.
+        """Return, for each test, the design matrix of all m coefficients for unit noise.
 
         The design matrix of a test is multiplied from the left by the inverse Cholesky factor of
         the noise covariance of the test's reduced readings. The coefficients are divided by their
@@ -219,8 +219,8 @@ class Information:
     ) -> Array:
         """Return the posterior covariance of all m coefficients, shape (m, m).
 
-        The coefficients are divided by their prior sds. The covariance is zero for those taken as
-        known.
+        The coefficients are divided by their prior sds. The covariance is zero for coefficients
+        that are taken as known.
 
         Parameters
         ----------

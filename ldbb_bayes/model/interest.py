@@ -30,7 +30,7 @@ __all__ = [
 
 Group = Literal["compliance", "slope", "geometric"]
 # The prior sd of a slope (change of a compliance with force) is proportional to the estimated size
-# of the compliance, which counts as at least the typical size of the compliance (usually its prior
+# of the compliance. The smallest size used is the typical size of the compliance (usually its prior
 # sd) divided by this number.
 _SD_PER_LEAST_SIZE = 20.0
 

@@ -238,8 +238,9 @@ def _sort_nuisances(
 ) -> _Nuisances:
     """Return the nuisances, sorted into diagonal noise, shared columns and private columns.
 
-    Nuisances are effects modelled but not of interest. The coefficients of shared columns are the
-    same in all tests; in private columns each test has its own coefficients.
+    Nuisances are effects modelled but not of interest. Diagonal noise is noise whose covariance is
+    made diagonal. The coefficients of shared columns are the same in all tests; in private columns
+    each test has its own coefficients.
 
     Parameters
     ----------

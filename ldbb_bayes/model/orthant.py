@@ -195,9 +195,9 @@ class Orthant:
         points. In the second case, the error is the standard error from the scatter between eight
         random shifts of the points, times a factor from Student's t. The true value of ln P is then
         within three errors of the result with a probability of 99 %. The result of a problem does
-        not depend on the others in the batch. All problems use the same points, so that their
-        errors are correlated. If no point satisfies all constraints, ln P is replaced by its upper
-        bound and the error is infinite.
+        not depend on the other problems. All problems use the same points, so that their errors are
+        correlated. If no point satisfies all constraints, ln P is replaced by its upper bound and
+        the error is infinite.
 
         Parameters
         ----------
@@ -468,7 +468,7 @@ class Orthant:
 
     @cached_property
     def _solved(self) -> _Solved:
-        """All problems, with triangular matrices of constraints, and the shifted densities.
+        """Triangular matrices of the constraints of all problems, and the shifted densities.
 
         Random vectors are drawn from the shifted densities. Constraints that are certain to hold in
         all problems of the batch are left out.
@@ -517,10 +517,10 @@ def _scramble_error(weight: Array) -> Array:
     """Return the error of the mean importance weight of each of w problems, shape (w,).
 
     The error is the standard error of the mean of eight independent estimates, times a factor
-    because eight are few, but at least a tenth of the standard error that plain random points would
-    have. ``weight`` holds the weights of all quasi-random points, shape (scrambles, points, w).
-    Each scramble (a copy of the points with its own random shift) gives one estimate: the mean of
-    its weights.
+    (because eight estimates are few), but at least a tenth of the standard error that plain random
+    points would have. ``weight`` holds the weights of all quasi-random points, shape (scrambles,
+    points, w). Each scramble (a copy of the points with its own random shift) gives one estimate:
+    the mean of its weights.
     """
     scatter = weight.mean(axis=1).std(axis=0, ddof=1) / np.sqrt(_SCRAMBLES)
     points = weight.shape[0] * weight.shape[1]

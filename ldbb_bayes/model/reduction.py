@@ -35,7 +35,7 @@ _ROUNDING = 1e-12
 
 
 class NearUniform(NamedTuple):
-    """Full circle of readings at nearly uniform angles, and how far these are from uniform ones.
+    """Full circle of nearly uniform angles, and the departure of the angles from uniform ones.
 
     R is the triangular factor in the QR decomposition of the 25 Fourier functions at the test's
     angles, and RᵀR = S (1 + V λ Vᵀ) S. The diagonal matrix S holds the norms of these functions,

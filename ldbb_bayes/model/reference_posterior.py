@@ -84,7 +84,7 @@ class ReferencePosterior:
 
         ``setting`` are the conditions of the tests, with the estimate of the machine about which
         the model is linearised. Parameters that are fixed are zero. Compliances that change no
-        reading have the values assumed for a plan, and count as known.
+        reading have the values assumed for a plan, and count as exactly known.
         """
         free = np.array([name not in self.fixed for name in self.interest.names])
         posterior = self._posterior(setting, free)
@@ -163,10 +163,10 @@ class ReferencePosterior:
 
     @cached_property
     def _stacked(self) -> _StackedReadings:
-        """Reduced readings of all tests in arrays of one shape.
+        """Reduced readings of all tests (at most 25 numbers a test), in arrays of one shape.
 
-        If a test has fewer reduced readings than another test, further reduced readings are added
-        to it, which are zero and which no coefficient changes.
+        If a test has fewer reduced readings than another test, zeros that no coefficient changes
+        are added as further reduced readings.
         """
         most = max(len(test.factor) for test in self.reduced)
         factors = np.zeros((len(self.reduced), most, SIZE))

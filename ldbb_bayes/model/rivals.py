@@ -27,7 +27,8 @@ class Rival(NamedTuple):
     setting: str
 
 
-# Rivals of the slopes, by the names that results use for them.
+# Rivals of the slopes (effects that resemble a change of a compliance with force). The keys are the
+# names that results use for them.
 RIVALS: dict[str, Rival] = {
     "joint load": Rival(JointLoad, ""),
     "curved mount": Rival(Mount, "curvature_um"),

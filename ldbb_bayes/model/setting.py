@@ -503,9 +503,10 @@ def _time_h(campaign: Campaign, pilot: Campaign | None) -> Array:
 
 
 def _listed_s(campaign: Campaign) -> Array:
-    """Return the time of every test minus the mean [s], from the order in which tests are listed.
+    """Return the time of every test minus the mean time [s], from the order of the tests.
 
-    All times are zero if the campaign states that its tests were run in another order.
+    The tests are assumed to have been run in the order in which they are listed, at equal
+    intervals. All results are zero if the campaign states that its tests were run in another order.
     """
     listed_s = SECONDS_PER_TEST * np.arange(len(campaign.tests))
     if campaign.order is not None:

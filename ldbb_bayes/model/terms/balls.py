@@ -207,7 +207,7 @@ class BallForm(Term):
         ``orders``, shape (n,), are the orders of the coefficients, at least 2. If the ball's
         certificate or grade states its deviation from sphericity S, the sd is
         S/√24 · min(1, 3/order). Otherwise it is ``sphericity_um``/√24 at the orders 2 and 3, and
-        zero at higher ones.
+        zero at higher orders.
         """
         sphericity = ball.stated_sphericity_um
         relative = np.minimum(1.0, _LAST_SPHERICITY_ORDER / orders)
@@ -246,10 +246,11 @@ class BallForm(Term):
                 )
 
     def is_stated(self, coefficient: str, campaign: Campaign) -> bool:
-        """Return whether certificates state the size of a coefficient of form, given its name.
+        """Return whether certificates state the size of a coefficient of the balls' form.
 
         For a coefficient of the sum of both balls' forms, certificates or grades of both balls must
-        state the form. ``campaign`` holds the certificates.
+        state the form. ``campaign`` holds the certificates, and the coefficient is given by its
+        name.
         """
         instrument = campaign.instrument
         balls = [instrument.work, instrument.tool]
@@ -278,10 +279,10 @@ class BallForm(Term):
 
     @classmethod
     def pattern(cls, coefficient: str) -> str:
-        """Return harmonic, ball and plane of a coefficient of form in words, from its name.
+        """Return harmonic, ball and plane of a coefficient of the balls' form in words.
 
-        For example, work_form_cos2 is `` in cos 2θ of the work ball``; reports append these words
-        to the name of the term.
+        The coefficient is given by its name. For example, work_form_cos2 is `` in cos 2θ of the
+        work ball``; reports append these words to the name of the term.
         """
         ball = _ball_in_words(coefficient)
         of_ball = f" of {ball}" if ball else ""
@@ -381,10 +382,10 @@ def _patterns(setting: Setting, suffix: str, tests: NDArray[np.bool_]) -> list[C
     """Return the columns of the machine's pattern in one plane at one radius.
 
     The pattern is an error of the machine that repeats with every turn: cosine and sine of several
-    orders of the angle. A column is the reading per unit of one coefficient, zero in all other
-    tests. Each direction of travel in which the tests run has its own columns. The prior sds of the
-    coefficients have the common scale ω (``omega``) and fall with the order by the power ``decay``,
-    which is a hyper-parameter too.
+    orders of the angle. A column is the reading per unit of one coefficient; it is zero in tests of
+    other planes and radii. Each direction of travel in which the tests run has its own columns. The
+    prior sds of the coefficients have the common scale ω (``omega``) and fall with the order by the
+    power ``decay``, which is a hyper-parameter too.
 
     Parameters
     ----------

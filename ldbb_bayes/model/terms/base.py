@@ -71,7 +71,7 @@ class Uncertainty:
     #: name of the field of `Instrument` that holds the uncertainty from a certificate, such as
     #: bar_U_um; empty text if no field does
     certificate: str
-    stated: bool  #: whether a certificate states the uncertainty; otherwise it is a default
+    stated: bool  #: whether the uncertainty is that of a certificate, not a default
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ class Uncertainties(Result):
 
     #: values and standard uncertainties that the terms assume about the instrument, term by term
     assumed: tuple[Uncertainty, ...]
-    #: names of the instrument's calibration certificates, by the part that each certifies, such as
+    #: names of the instrument's calibration certificates; the keys are the certified parts, such as
     #: bar
     certificates: Mapping[str, str]
 
@@ -184,8 +184,8 @@ class Term(Shown):
     'five waves (cos 5θ)'
     """
 
-    #: classes of all nuisance terms by their names, in the order in which models, results and model
-    #: files list them
+    #: classes of all nuisance terms, in the order in which models, results and model files list
+    #: them; the keys are the names of the classes
     kinds: ClassVar[dict[str, type[Term]]] = {}
     #: beginning of the names of the term's coefficients, or a tuple of several beginnings; by
     #: default made from the class name, such as bar_length for BarLength

@@ -170,7 +170,7 @@ class _HysteresisPrior(NamedTuple):
     #: None if this part has a fixed scale
     hyper: Hyper | None
     proportional_sd: float  #: prior sd of hysteresis proportional to force [mm/N]
-    last_order: int  #: highest Fourier order of the harmonics
+    last_order: int  #: highest Fourier order of hysteresis
 
 
 @dataclass(frozen=True)
@@ -292,9 +292,9 @@ def _columns_of_plane(
 ) -> list[Columns]:
     """Return the columns of hysteresis in one plane of a campaign.
 
-    First come the columns of the part that does not depend on force, then those of the part
-    proportional to force. ``plane`` states which tests are in the plane, and ``prior`` is the prior
-    of the coefficients.
+    First come the columns of the part of hysteresis that does not depend on force, then the columns
+    of the part proportional to force. ``plane`` states which tests are in the plane, and ``prior``
+    is the prior of the coefficients.
     """
     suffixes = ["0"]
     for order in range(1, prior.last_order + 1):

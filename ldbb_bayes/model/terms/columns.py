@@ -136,8 +136,8 @@ class Columns(Shown):
     #: shape (tests, 25, p)
     values: Array
     #: prior sd of each of the p coefficients, shape (p,), or one number for all. If ``hyper`` names
-    #: a hyper-parameter, it is the prior sd divided by this hyper-parameter; otherwise it is in
-    #: internal units (mm, N, rad). It is infinite for a flat prior.
+    #: a hyper-parameter, ``sd`` is the prior sd divided by this hyper-parameter; otherwise ``sd``
+    #: is in internal units (mm, N, rad). For a flat prior, ``sd`` is infinite.
     sd: Any
     #: name of the hyper-parameter (scale of the effect) that multiplies ``sd``; None if there is
     #: no such hyper-parameter

@@ -57,7 +57,7 @@ class BarLength(Term):
         """Return the columns of the bar's length error, one for each nominal radius of a campaign.
 
         A column is the reading per unit of length error: 1 in tests with this radius, 0 in all
-        others.
+        other tests.
         """
         names = []
         constants = []

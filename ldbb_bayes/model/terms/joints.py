@@ -1,4 +1,4 @@
-"""Nuisance terms of the machine's joints: nonlinear compliance, and change along the travel.
+"""Nuisance terms of the machine's joints: compliance that changes with load or along the travel.
 
 Nuisance terms are effects that are modelled but not of interest.
 """
