@@ -116,8 +116,8 @@ def average(
     Parameters
     ----------
     models : mapping of str to HybridModel
-        Models by name, for example constant and linear compliance. Each must be the largest model
-        with some parameters fixed at zero.
+        Models by name, for example constant and linear compliance. Each model must be equal to the
+        largest model with some parameters fixed at zero.
     campaign : Campaign
         Campaign with readings.
     seed : int

@@ -14,7 +14,7 @@ of the posterior draws, which includes the truncation and the uncertainty of φ.
 averages over values of φ from the posterior.
 
 In an average over models, the shares are those under every model, weighted with the probability of
-the model times the variance under it; the spread of the models' means is a source of its own, which
+the model times the variance under it; the spread of the models' means is a separate source, which
 is called the choice between the models.
 
 The size of every source is measured here (determined by the readings of this campaign), stated (by
@@ -122,11 +122,11 @@ class _ModelBudget:
     p parameters, in internal units. ``phi`` are the mean hyper-parameters, by name. ``covariance``,
     shape (m, m), is the posterior covariance of all m coefficients (parameters and nuisances) at
     these hyper-parameters, in units of the prior standard deviations; ``information`` is the
-    information of the bound model at the same hyper-parameters. ``shares`` holds, by names of
-    source and model term, the share of the source in the variance of each parameter, shape (p,).
-    ``ratio_if_known`` holds, by name of a model term, the variance that each parameter would have
-    if the term were known exactly, divided by its present variance, shape (p,). ``origins`` holds
-    the origin of each source.
+    information of the bound model at the same hyper-parameters. ``shares`` holds, for the names of
+    a source and of its model term, the share of the source in the variance of each parameter, shape
+    (p,). ``ratio_if_known`` holds, for the name of a model term, the variance that each parameter
+    would have if the term were known exactly, divided by the present variance of the parameter,
+    shape (p,). ``origins`` holds the origin of each source.
     """
 
     model: AveragedModel
@@ -210,8 +210,8 @@ def budget_uncertainty(posterior: xr.DataTree) -> dict[str, Budget]:
     decided at the mean of the hyper-parameters.
 
     In an average over models m with probabilities p_m, u² is Σ p_m (var_m + (mean_m − mean)²). The
-    shares under each model are weighted with p_m var_m, and the spread of the means is a source of
-    its own, ``ModelChoice``.
+    shares under each model are weighted with p_m var_m, and the spread of the means is a separate
+    source, ``ModelChoice``.
 
     Parameters
     ----------

@@ -160,7 +160,7 @@ class PathDraws(NamedTuple):
 def path_draws(
     posterior: xr.DataTree, forces_N: Sequence[float] = (), draws: int = 2000
 ) -> Iterator[PathDraws]:
-    """Yield posterior draws of each quantity of `predict_circularity`, by plane and force.
+    """Yield posterior draws of each quantity of `predict_circularity`, for each plane and force.
 
     ``forces_N`` are forces of the bar [N], by default 0 and the tested forces. ``draws`` is the
     number of posterior draws used.
@@ -295,7 +295,7 @@ def _draw_hysteresis(
 
 
 def _draw_hysteresis_of_model(draws: ModelDraws) -> dict[str, _Hysteresis]:
-    """Return draws of the hysteresis under one model of an average, by plane.
+    """Return draws of the hysteresis in each plane, under one model of an average.
 
     The planes are those run in both directions of travel; planes in which the hysteresis is zero in
     all draws are left out. Hysteresis changes its sign with the direction of travel, which is +1 or

@@ -1,7 +1,7 @@
 """The difference of two campaigns that were run with the same instrument.
 
-Bar, balls, mount and force device are the same in both campaigns, so that their errors largely
-cancel in the difference. Their nuisance coefficients (effects that are modelled but not of
+Bar, balls, mount and force device are the same in both campaigns, so that errors of these parts
+largely cancel in the difference. Their nuisance coefficients (effects that are modelled but not of
 interest) are common to both campaigns, and the prior of these coefficients counts only once. β are
 the p parameters of interest; φ are the h hyper-parameters (the scales of the noise and of other
 effects).

@@ -156,7 +156,8 @@ class ComparedTest:
     """
 
     force_N: float
-    #: log density of the test's readings given all other tests [nat], by model
+    #: log density of the test's readings given all other tests [nat], under each model; the keys
+    #: are names of models
     lofo_log_density: dict[str, float]
     lofo_p_value: float
     lofo_family_wise_p_value: float
@@ -333,7 +334,7 @@ class Comparison(Result):
     def allowed(self, assumed: Assumed) -> bool:
         """Return whether the readings allow an assumption about how circles differ.
 
-        They allow the assumption unless its log evidence is 5 nat or more below that of the
+        The readings allow the assumption unless its log evidence is 5 nat or more below that of the
         assumption that the models themselves make.
         """
         return self.gain(assumed) > -_REJECTED
@@ -650,7 +651,7 @@ def _plan_comparison(
 def _models_by_slope_scale(
     pair: Mapping[str, HybridModel],
 ) -> dict[str, tuple[HybridModel, ...]]:
-    """Return both models of a pair under every scale of the slopes' prior, by name of the scale.
+    """Return both models of a pair under every scale of the slopes' prior; keys name the scales.
 
     Slopes are changes of compliance with force. The dictionary is empty if neither model has
     slopes, or if the two models differ only in this prior.
@@ -752,7 +753,8 @@ def _weigh_assumptions(
 def _evidences_of(left_out_nodes: Mapping[str, Mapping[str, Nodes]]) -> list[Evidence]:
     """Return the evidences of all models with each test left out in turn, as one list.
 
-    ``left_out_nodes`` holds the posteriors by name of the model and of the test left out.
+    ``left_out_nodes`` holds the posterior of each model for each test left out. Its keys are names
+    of models, then names of tests.
     """
     evidences: list[Evidence] = []
     for nodes_by_test in left_out_nodes.values():
@@ -911,9 +913,9 @@ def _compare_tests(
     """Return the comparison of every test with its prediction from the other tests, by name.
 
     The result is empty if no test is left out. ``nodes_by_model`` holds the posterior of each model
-    for all tests; ``left_out_nodes`` holds, by model and test, the posterior without the test.
-    ``left_out_log_densities`` holds the log density of every test given the other tests, by model
-    [nat]. ``tolerance`` is the error allowed of a log evidence [nat].
+    for all tests; ``left_out_nodes`` holds, for each model and test, the posterior without the
+    test. ``left_out_log_densities`` holds, for each model, the log density of every test given the
+    other tests [nat]. ``tolerance`` is the error allowed of a log evidence [nat].
     """
     if not left_out_nodes:
         return {}

@@ -62,10 +62,10 @@ class ChangeWithForce(Result):
     smallest_force_N: float  #: smallest force tested, F_min [N]
     reference_force_N: float  #: reference force of the model, F0 [N]
     largest_force_N: float  #: largest force tested, F_max [N]
-    at_smallest: DrawnValue  #: C(F_min)
-    at_reference: DrawnValue  #: C(F0)
-    at_largest: DrawnValue  #: C(F_max)
-    change: DrawnValue  #: C(F_max) − C(F_min)
+    at_smallest: DrawnValue  #: compliance C(F_min) at the smallest force tested
+    at_reference: DrawnValue  #: compliance C(F0) at the reference force
+    at_largest: DrawnValue  #: compliance C(F_max) at the largest force tested
+    change: DrawnValue  #: change of the compliance, C(F_max) − C(F_min)
     #: change divided by the compliance C(F0) at the reference force, a pure number; None if the
     #: credible interval of C(F0) contains zero
     relative: DrawnValue | None
@@ -91,7 +91,7 @@ def change_with_force(posterior: xr.DataTree, *, prob: float = 0.95) -> dict[str
 
     All numbers are computed from posterior draws of the curve C(F); each draw has a value at both
     forces. If the posterior is an average over models, draws of models with constant compliance are
-    included; their change is zero.
+    included, with a change of zero.
 
     Parameters
     ----------

@@ -60,7 +60,7 @@ _LEAST_SD = 1e-300
 
 
 class Decision(StrEnum):
-    """Decision on a quantity with a tolerance, by ISO 14253-1 and at a given confidence."""
+    """Decision on conformity with a tolerance, as ISO 14253-1 requires, at a given confidence."""
 
     CONFORMS = "conforms"
     DOES_NOT_CONFORM = "does not conform"

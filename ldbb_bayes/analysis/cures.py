@@ -22,8 +22,8 @@ __all__ = ["Cure", "Directed", "at_other_radius", "clocked", "cures", "in_other_
 
 # A test whose arc is below this angle is not a full circle [°].
 _FULL_CIRCLE_DEG = 355.0
-# A test with readings at fewer different angles than this does not count as a full circle, because
-# its readings do not resolve all Fourier orders.
+# A test with readings at fewer different angles than this number does not count as a full circle,
+# because its readings do not resolve all Fourier orders.
 _FEWEST_ANGLES = 36
 # Angles of the readings in full circles that are tried as further tests [°].
 _FULL_CIRCLE_ANGLES_DEG = np.arange(120) * 3.0
@@ -36,7 +36,7 @@ _CLOCKINGS_DEG = (45.0, 90.0)
 # the plan, and the second number times its highest force.
 _LOWER_FORCE_SHARE = 0.5
 _HIGHER_FORCE_SHARE = 1.5
-# Radius of further tests, as a share of a radius of the plan.
+# Radius of further tests, divided by a radius of the plan.
 _OTHER_RADIUS_SHARE = 2.0 / 3.0
 # Radii that differ by no more than this share of the larger count as the same.
 _SAME_RADIUS_SHARE = 0.01
@@ -135,7 +135,7 @@ def _pattern(nuisance: str) -> str:
 
 
 def _further_tests(plan: Campaign, directed: Directed) -> dict[Cure, list[CircularTest]]:
-    """Return the tests that each remedy would add to a plan, by remedy.
+    """Return, for each remedy, the tests that the remedy would add to a plan.
 
     ``directed`` holds the circles of the plan, and further circles in the other direction of
     travel.
@@ -171,9 +171,9 @@ def _at_other_forces(plan: Campaign) -> list[CircularTest]:
 class Directed(NamedTuple):
     """Circles of a plan with their direction of travel, and circles in the other direction.
 
-    ``stated`` are the circles of the plan. If no circle of a plane states its direction, they are
-    all taken to be clockwise. ``further`` are copies of circles in the direction in which their
-    plane is not run; a plane that is run in both directions has none.
+    ``stated`` are the circles of the plan. If no circle of a plane states its direction, all
+    circles of the plane are taken to be clockwise. ``further`` are copies of circles in the
+    direction in which their plane is not run; a plane that is run in both directions has none.
     """
 
     stated: list[CircularTest]

@@ -164,8 +164,8 @@ def _compare_one_instrument(
 def _compare_independent(first: Array, second: Array, levels: Array) -> _Differences:
     """Return the differences of n parameters between two independent posteriors.
 
-    ``first`` and ``second`` are their posterior draws, shape (draws, n). ``levels`` are the
-    probabilities below the lower and the upper end of the interval, shape (2,).
+    ``first`` and ``second`` are draws of the parameters from the two posteriors, shape (draws, n).
+    ``levels`` are the probabilities below the lower and the upper end of the interval, shape (2,).
     """
     means = np.array([first.mean(axis=0), second.mean(axis=0)])
     rng = np.random.default_rng(0)

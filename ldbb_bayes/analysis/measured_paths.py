@@ -125,7 +125,7 @@ def _measure_pair(pair: _Pair) -> dict[str, Any]:
 
 
 def _measure_test(bound: BoundModel, test: CircularTest) -> dict[str, Any]:
-    """Return the table row of one test, by name of the column.
+    """Return the table row of one test; the keys are names of columns.
 
     The row has the conditions of the test and quantities computed from the readings: G, F_max,
     F_min and G of the minimum zone [µm], the largest and the smallest radial deviation from the

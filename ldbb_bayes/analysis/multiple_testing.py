@@ -9,8 +9,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["holm", "pooled_p_value", "uniformity_p_value"]
 
-# Before p-values are pooled, values nearer to 0 or 1 than this are moved to this distance, so that
-# their Cauchy quantiles are finite.
+# Before p-values are pooled, values whose distance from 0 or 1 is below this number are moved to
+# this distance, so that their Cauchy quantiles are finite.
 _LEAST = 1e-12
 
 

@@ -84,13 +84,13 @@ class NullSpace:
     def _independent_vectors(
         self, columns: NDArray[np.intp], *, preferred: NDArray[np.bool_]
     ) -> dict[int, Array]:
-        """Return a basis of the unresolved combinations of some coefficients, by index of pivot.
+        """Return a basis of the unresolved combinations of some coefficients, one vector per pivot.
 
-        ``columns`` are the indices of these coefficients. Each vector of the basis has the value
-        one at its pivot, and zero at all other pivots. The values of the other coefficients cancel
-        the effect of the pivot on the readings. ``preferred``, with one entry for each of
-        ``columns``, is true for coefficients that should be pivots where possible. A pivot whose
-        effect cannot be cancelled well enough is left out.
+        The keys are indices of pivots. ``columns`` are the indices of the coefficients. Each vector
+        of the basis has the value one at its pivot, and zero at all other pivots. The values of the
+        other coefficients cancel the effect of the pivot on the readings. ``preferred``, with one
+        entry for each of ``columns``, is true for coefficients that should be pivots where
+        possible. A pivot whose effect cannot be cancelled well enough is left out.
         """
         pivots = columns[_choose_pivots(self._orthonormal_basis(columns), preferred)]
         return self._imitations(pivots, np.setdiff1d(columns, pivots))

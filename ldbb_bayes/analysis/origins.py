@@ -153,7 +153,7 @@ def is_prior_stated(bound: BoundModel, parameter: str) -> bool:
 
 
 def edition_terms(bound: BoundModel) -> dict[type[Term], Term]:
-    """Return the nuisance terms of the preset that the model was made from, by class.
+    """Return the nuisance terms of the preset that the model was made from; keys are classes.
 
     The terms have the package's own values, even where the user has changed them in the model.
     """
@@ -203,7 +203,7 @@ def _origin_of_noise(bound: BoundModel, name: str) -> Origin:
 
 
 def _noises_of(bound: BoundModel) -> Mapping[str, tuple[Columns | BasisNoise, ...]]:
-    """Return the columns that act as noise of single tests, by class name of their term."""
+    """Return the columns that act as noise of single tests; keys are class names of terms."""
     noises = {}
     for kind, columns in bound.columns_of.items():
         noises[kind.__name__] = tuple(

@@ -48,7 +48,7 @@ _REPLICATES = 20_000
 _REPLICATES_PER_TEST = 400
 # Number of replicates from each posterior draw when a test is first judged.
 _CIRCLES_PER_DRAW = 5
-# A test whose p-value is at most this is judged again with more replicates.
+# A test whose p-value is at most this number is judged again with more replicates.
 _SMALL_P_VALUE = 0.05
 # Factor by which the number of replicates grows when a test is judged again.
 _MORE_REPLICATES = 2
@@ -177,9 +177,9 @@ def judge_tests(
     ----------
     nodes_by_model
         Quadrature nodes (weighted values of the hyper-parameters) of the posterior given all tests,
-        by model.
+        for each model.
     left_out_nodes
-        Quadrature nodes of the posterior given all tests but one, by model and by the test left
+        Quadrature nodes of the posterior given all tests but one, for each model and each test left
         out, as returned by `leave_one_out`.
     seed, tolerance, replicates
         Seed of the simulated circles, error allowed in every log evidence [nat], and number of
@@ -251,8 +251,8 @@ def _judge_left_out(
 
     ``size`` is the number of circles that are simulated at first. If at most 5 % of them deviate as
     much as the test, the test is judged again with twice as many circles. ``nodes_by_model`` holds
-    the posterior of each model given all tests. ``left_out_nodes`` holds, by model and test, the
-    posterior given all tests but this one.
+    the posterior of each model given all tests. ``left_out_nodes`` holds, for each model and test,
+    the posterior given all other tests.
     """
     bound = _any_nodes(nodes_by_model).bound
     r = bound.test_names.index(name)

@@ -17,7 +17,7 @@ from ldbb_bayes.units import ranked
 __all__ = ["PairedRemedy", "paired_remedies"]
 
 # Two second cures count as equal if the parameter's standard uncertainties with them, divided by
-# that without any cure, differ by less than this. The cheaper one of equal cures is taken.
+# that without any cure, differ by less than this number. Of two equal cures, the cheaper is taken.
 _EQUAL_RATIOS = 0.02
 
 

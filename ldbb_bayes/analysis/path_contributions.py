@@ -141,7 +141,7 @@ def contribution_paths(
 
 
 def _columns_by_source(bound: BoundModel, columns: MachineColumns) -> dict[str, Array]:
-    """Return the effects of the p parameters on a circle, shape (25, p), by source.
+    """Return, for each source, the effects of the p parameters on a circle, shape (25, p).
 
     An effect is the change of the circle's 25 Fourier coefficients per unit of the parameter. The
     columns of parameters that do not belong to the source are zero. Some sources are sums, for

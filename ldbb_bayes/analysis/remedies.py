@@ -3,9 +3,9 @@
 A cure is a change of the plan (another order of the circles, the other direction of travel, turned
 balls, more circles, a second radius) or a certificate of the instrument. Each cure is tried: the
 longer plan, or the certified campaign, is bound to the same model, and its `Information` gives the
-standard uncertainty of every parameter. Hyper-parameters φ (the scales of the noise and of other
-effects) are carried over by name (`HyperPrior.carried`). Some effects need an estimate of the
-machine; for them, the estimate from the readings is kept.
+standard uncertainty of every parameter. The hyper-parameters φ (the scales of the noise and of
+other effects) keep their values under the same names (`HyperPrior.carried`). Effects that depend on
+an estimate of the machine keep the estimate from the readings.
 
 Changes of a plan that add circles double the number of circles. A part of the benefit comes from
 this larger number alone. The same part would result if all readings were taken twice under the same
@@ -73,8 +73,8 @@ def remedies(tried: TriedCures, sd: Array, measured_share: Array) -> dict[str, R
     """Return the cheapest cure of every parameter and of every change with force, by name.
 
     The cure is None if no cure reduces the standard uncertainty by more than 10 %. Changes with
-    force are those of compliances over the tested forces (`curve_changes`). They follow the
-    parameters, under names such as "change of C_XXX".
+    force are those of compliances over the tested forces (`curve_changes`). In the result, changes
+    with force follow the parameters, under names such as "change of C_XXX".
 
     The cures are tried in the order of `RemedyKind`, and certificates in the order of
     ``CERTIFICATES``. The first cure that reduces the standard uncertainty to at most 71 % (the

@@ -1,9 +1,9 @@
 """Slopes compared with rival explanations of why compliance seems to change with force.
 
 Slopes of the compliances, load on the joints, a nonlinear mount and a nonlinear force device may
-each explain why the readings do not grow in proportion to force. Every combination of them is a
-model. All models have the same prior probability, and their evidences give the posterior
-probabilities.
+each explain why the readings do not grow in proportion to force. Every combination of these
+explanations is a model. All models have the same prior probability, and their evidences give the
+posterior probabilities.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ __all__ = ["Explained", "Explanations", "compare_explanations", "subsets"]
 # seems to change with force.
 _SLOPES = "slopes"
 # The readings support slopes (changes of compliance with force) if the log Bayes factor of slopes
-# over no slopes is above this [nat].
+# over no slopes is above this number [nat].
 _ASKING = 1.0
 
 
@@ -61,9 +61,9 @@ class Explanations:
     def instead(self) -> tuple[str, ...]:
         """Names of the rival explanations that make slopes unnecessary; empty if there are none.
 
-        Slopes are changes of compliance with force. Rivals make them unnecessary if the readings
-        support slopes in models without rivals, but not on the average over rivals. The names
-        returned are those of the rivals in the most probable combination without slopes.
+        Slopes are changes of compliance with force. Rival explanations make slopes unnecessary if
+        the readings support slopes in models without rivals, but not on the average over rivals.
+        The names are those of the rivals in the most probable combination without slopes.
         """
         if self.alone.log_bayes_factor > _ASKING > self.averaged.log_bayes_factor:
             return next(model.by for model in self.models if _SLOPES not in model.by)
@@ -77,7 +77,7 @@ def subsets(names: Sequence[str]) -> list[tuple[str, ...]]:
 
 
 def compare_explanations(pair: Mapping[str, HybridModel], evidences: Evidences) -> Explanations:
-    """Compare slopes with their rival explanations, by the evidence of every combination.
+    """Compare slopes with rival explanations, using the evidence of every combination.
 
     Slopes are changes of compliance with force; rivals are other effects, such as a nonlinear
     mount, that change the readings in the same way. A model includes the slopes or not, and each
@@ -91,7 +91,7 @@ def compare_explanations(pair: Mapping[str, HybridModel], evidences: Evidences) 
     pair : mapping of str to HybridModel
         The model without slopes, then the same model with slopes; both have the same rivals.
     evidences : Evidences
-        Evidences that are known already; new ones are added.
+        Evidences that are known already; new evidences are added to this object.
 
     Returns
     -------

@@ -50,7 +50,7 @@ class Assumed:
     """Log evidences of two models and their log Bayes factor under one assumption [nat].
 
     The Bayes factor is that of the second model over the first. ``assumption`` is a text, such as
-    "without set-up shift"; ``log_evidence`` holds the log evidences by name of the model.
+    "without set-up shift"; the keys of ``log_evidence`` are the names of the models.
     """
 
     assumption: str
@@ -65,7 +65,7 @@ class Assumed:
 
 
 def discrepancy_assumptions(models: Collection[HybridModel]) -> dict[str, Change]:
-    """Return assumptions about how circles may differ from one another, by label.
+    """Return assumptions about how circles may differ from one another; the keys are labels.
 
     Each assumption is a function that changes a model. The first assumption leaves the models
     unchanged, each of the following ones changes one term, and the last assumption leaves only
@@ -110,7 +110,7 @@ def _reduce_to_white_noise(model: HybridModel) -> HybridModel:
 def changed(
     pair: Iterable[HybridModel], changes: Mapping[str, Change]
 ) -> dict[str, tuple[HybridModel, ...]]:
-    """Return both models of a pair under each assumption, by label of the assumption.
+    """Return both models of a pair under each assumption; the keys are labels of assumptions.
 
     ``changes`` are the assumptions, as `discrepancy_assumptions` returns them. An assumption is
     left out if the two models are the same under it.

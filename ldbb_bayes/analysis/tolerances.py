@@ -205,7 +205,7 @@ def tolerances_in(
 
 
 def check_force(campaign: Campaign, force_N: float | None) -> None:
-    """Raise an `InputError` for a force too far from the tested forces for stating a compliance.
+    """Raise an `InputError` if a force is too far from the tested forces to state a compliance.
 
     ``force_N`` [N] must lie between a tenth of the smallest force tested and 1.5 times the largest.
     None, which stands for the model's reference force, is allowed.

@@ -2,9 +2,9 @@
 
 A cure is a change of the plan (another order of the circles, the other direction of travel, turned
 balls, more circles, a second radius) or a certificate of the instrument. The longer plan, or the
-certified campaign, is bound to the model. Hyper-parameters φ (the scales of the noise and of other
-effects) are carried over by name (`HyperPrior.carried`). Some effects need an estimate of the
-machine; for them, the estimate from the readings is kept.
+certified campaign, is bound to the model. The hyper-parameters φ (the scales of the noise and of
+other effects) keep their values under the same names (`HyperPrior.carried`). Effects that depend on
+an estimate of the machine keep the estimate from the readings.
 """
 
 from __future__ import annotations
@@ -43,11 +43,11 @@ _ORDERS_TRIED = 200
 class RemedyKind(StrEnum):
     """Kinds of cure in the order of their cost, the cheapest first."""
 
-    ORDER = "order"  #: the same circles in an order that is not correlated with force
-    DIRECTION = "direction"  #: every circle also in the other direction of travel
-    BALLS = "balls"  #: every circle also with both balls turned in their sockets
-    CIRCLES = "circles"  #: every circle twice
-    RADIUS = "radius"  #: every circle also at a second radius
+    ORDER = "order"  #: the same circles are run in an order that is not correlated with force
+    DIRECTION = "direction"  #: every circle is run in both directions of travel
+    BALLS = "balls"  #: every circle is repeated with both balls turned in their sockets
+    CIRCLES = "circles"  #: every circle is run twice
+    RADIUS = "radius"  #: every circle is repeated at a second radius
     CERTIFICATE = "certificate"  #: a calibration certificate of the instrument
 
 
@@ -90,8 +90,8 @@ class TriedCures:
     def bound_with(self, *steps: CureStep) -> BoundModel | None:
         """Return the model bound to the campaign after these cures, applied one after the other.
 
-        Return None if a cure cannot be applied after the others, for example because the instrument
-        already has the certificate.
+        Return None if a cure cannot be applied after those before it, for example because the
+        instrument already has the certificate.
         """
         if steps not in self._bound_with:
             before = self.bound_with(*steps[:-1])

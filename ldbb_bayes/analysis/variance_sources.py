@@ -6,10 +6,10 @@ prior of a parameter. Each source has a share in the quantity's variance, and an
 measured here, stated or assumed (`origins`).
 
 In an average over models m with probabilities p_m, the variance of a quantity is
-Σ p_m (var_m + (mean_m − mean)²). The part Σ p_m var_m is shared out among the sources of every
-model, as for a single model. The part Σ p_m (mean_m − mean)² is a source of its own, the choice
-between the models (`MODEL_CHOICE`). This source counts as measured here, because the readings
-determine the probabilities of the models. The variances var_m are those of the posterior draws.
+Σ p_m (var_m + (mean_m − mean)²). The part Σ p_m var_m is divided among the sources of every model,
+as for a single model. The part Σ p_m (mean_m − mean)² is a separate source, the choice between the
+models (`MODEL_CHOICE`). This source counts as measured here, because the readings determine the
+probabilities of the models. The variances var_m are those of the posterior draws.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ class ModelVariance:
 
     @cached_property
     def origins(self) -> dict[tuple[str, str], Origin]:
-        """Origin of every source, by names of source and model term."""
+        """Origin of every source; each key has the names of the source and of its model term."""
         return origins(self.bound, self.information)
 
     @cached_property
@@ -212,7 +212,9 @@ class AveragedVariance:
 
     @cached_property
     def shares_by_term(self) -> dict[str, Array]:
-        """Share of every term in the variances of the quantities, shape (q,), by class name.
+        """Share of every model term in the variances of the quantities, shape (q,).
+
+        The keys are class names of terms.
 
         The priors of the parameters count as one term, and so does the choice between the models of
         an average.
@@ -280,7 +282,7 @@ def sources_of(bound: BoundModel, information: Information) -> dict[str, Sources
     """Return all sources of the variance of every parameter of one model, largest share first.
 
     A model term whose coefficients have several origins gives one source for each origin. The prior
-    of the parameter itself and those of the other parameters are sources of their own.
+    of the parameter itself is a separate source, and so is the prior of each other parameter.
 
     Parameters
     ----------
@@ -321,7 +323,7 @@ def _without_noise(information: Information, known: Sequence[str]) -> Informatio
 
 
 def _likeness(patterns: Mapping[str, Array]) -> dict[tuple[str, str], float]:
-    """Return the squared cosine of the angle between every two patterns of errors, by names.
+    """Return the squared cosine of the angle between every two patterns of errors.
 
     A pattern, shape (p,), holds the errors of all p parameters that one source causes together with
     an error of the quantity considered. The keys of the result are pairs of names of sources. For a

@@ -93,7 +93,7 @@ class Curve:
 class AveragedSlopes(NamedTuple):
     """Probabilities of slopes, and compliances against force, averaged over subsets of slopes."""
 
-    slopes: dict[str, VaryingSlope]  #: probability of a change with force, by compliance
+    slopes: dict[str, VaryingSlope]  #: probability that each compliance changes with force
     subsets: tuple[SlopeSubset, ...]  #: subsets of slopes, the most probable first
     #: curve of each compliance against force, averaged over the subsets of slopes
     curves: dict[str, Curve]
@@ -122,7 +122,7 @@ def slope_subsets(
     model : HybridModel
         Model of degree 1 with all slopes.
     evidences : Evidences
-        Evidences that are known already; new ones are added.
+        Evidences that are known already; new evidences are added to this object.
     seed : int
         Seed of the random draws from which the curves C(F) are computed.
     prob : float
@@ -196,7 +196,7 @@ def _best_first(slopes: int, weigh: Callable[[Choice], Nodes]) -> dict[Choice, N
 def averaged_curves(
     weighed: Sequence[Nodes], probability: Array, seed: int, prob: float
 ) -> dict[str, Curve]:
-    """Return compliances C(F) over the tested forces F, averaged over models, by compliance.
+    """Return the curve C(F) of each compliance over the tested forces F, averaged over models.
 
     Each curve has 41 equally spaced forces, from the lowest to the highest force tested. If all
     tests were run at one force, each curve has this force only.

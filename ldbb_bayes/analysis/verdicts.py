@@ -1,11 +1,11 @@
 """Verdicts whether each parameter is identified, prior-limited or confounded.
 
 A verdict follows from the sources of a parameter's uncertainty. Each source has a share in the
-variance of the parameter (`Information.shares`; they sum to one), and an origin: it is measured
-here, stated or assumed (`origins`). A parameter is confounded with an effect that nobody measured
-or stated if this effect has more than half of the variance. In this module, β are the parameters
-(compliances, their slopes and geometric errors) and y the readings. Nuisances are effects that are
-modelled but not of interest.
+variance of the parameter (`Information.shares`; the shares sum to one), and an origin: it is
+measured here, stated or assumed (`origins`). A parameter is confounded with an effect that nobody
+measured or stated if this effect has more than half of the variance. In this module, β are the
+parameters (compliances, their slopes and geometric errors) and y the readings. Nuisances are
+effects that are modelled but not of interest.
 
 Shares, origins and degeneracies are computed for the linear Gaussian model, in which compliances
 may be negative, at one value of the hyper-parameters φ (the scales of the noise and of other
@@ -154,8 +154,9 @@ class ParameterIdentifiability(Result):
     #: cheapest cure, with the parameter's standard uncertainty after it; None if no cure reduces
     #: the standard uncertainty by more than 10 %, or if no cures were looked for
     remedy: Remedy | None
-    #: two cures together, if the parameter stays confounded after ``remedy`` alone; None if
-    #: ``remedy`` is enough, or if no second cure reduces the standard uncertainty by a further 10 %
+    #: two cures together, if the parameter stays confounded after ``remedy`` alone; None if the
+    #: parameter does not stay confounded, or if no second cure reduces the standard uncertainty by
+    #: a further 10 %
     paired_remedy: PairedRemedy | None
     unit: str  #: internal unit of the parameter (of mm, N, rad)
     prior_mean: Number  #: prior mean of the parameter; not a number for a flat prior
@@ -251,9 +252,10 @@ class Identifiability(Result):
     #: posterior correlations of the parameters, and of the nuisances (effects not of interest) that
     #: act in several tests
     correlation: ByRow
-    #: standard uncertainties to expect with further certificates of the instrument, by certificate,
-    #: then by parameter. They are stated for no further certificate, for each certificate that the
-    #: instrument lacks, and for all these certificates together. Empty for a flat prior.
+    #: standard uncertainties to expect with further certificates of the instrument, first by
+    #: certificate, then by parameter. There are entries for no further certificate, for each
+    #: certificate that the instrument lacks, and for all these certificates together. There is no
+    #: entry for a flat prior.
     certificates: dict[str, dict[str, float]]
     #: hyper-parameters (scales of the noise and of other effects) at which the verdicts are
     #: computed; lengths in µm; noise factors λ and decays are pure numbers
@@ -293,9 +295,9 @@ def _relative_to(
 ) -> dict[str, dict[str, float]]:
     """Return standard uncertainties with further certificates, scaled to a plan's forecast.
 
-    ``certificates`` holds standard uncertainties by certificate, then by parameter. Those under the
-    first key are without a further certificate. For each parameter, all standard uncertainties are
-    multiplied by the factor that makes the one without a further certificate equal to the forecast
+    ``certificates`` holds standard uncertainties by certificate, then by parameter. The first key
+    stands for no further certificate. The standard uncertainties of each parameter are all
+    multiplied by the same factor, which makes that under the first key equal to the forecast
     ``expected``.
     """
     without = next(iter(certificates.values()))
@@ -327,10 +329,11 @@ def identify(model: HybridModel, campaign: Campaign) -> Identifiability:
     (an effect that nobody measured causes most of its variance). No readings are needed, so that a
     plan can be judged before it is run. All results are those of the linear Gaussian model, in
     which compliances may be negative. Shares of the variance are those at the posterior mean of the
-    hyper-parameters (the scales of the noise and of other effects). For a plan, they are those at
-    the posterior mean given the readings of its pilot or, without a pilot, at the prior median.
-    Standard uncertainties are averaged over the hyper-parameters. For a plan, they are those that
-    the analysis of its readings is expected to state; `design` forecasts the same values.
+    hyper-parameters (the scales of the noise and of other effects). For a plan, the shares are
+    those at the posterior mean given the readings of its pilot (the campaign from which it was
+    designed) or, without a pilot, at the prior median. Standard uncertainties are averaged over the
+    hyper-parameters. For a plan, the standard uncertainties are those that the analysis of its
+    readings is expected to state; `design` forecasts the same values.
 
     Parameters
     ----------
@@ -462,7 +465,7 @@ def judge_posterior(posterior: xr.DataTree) -> dict[str, ParameterIdentifiabilit
 
     If the posterior is an average over models (`average`), the variance of a parameter is the sum
     of two parts: its mean variance within the models, and the variance of its means between them.
-    The second part is a source of uncertainty of its own, ``ModelChoice``. The share of every other
+    The second part is a separate source of uncertainty, ``ModelChoice``. The share of every other
     source in the first part is averaged over the models. The weight of a model is its probability
     times the variance of the parameter within it.
 
@@ -584,7 +587,7 @@ def _sampled_sd(posterior: xr.DataTree, bound: BoundModel, variance: AveragedVar
 
 
 def confounded_parameters(bound: BoundModel, phi: Array) -> dict[str, tuple[str, ...]]:
-    """Return the effects with which each confounded parameter is confounded, by parameter.
+    """Return for each confounded parameter the effects with which it is confounded.
 
     Parameters that are not confounded are left out. The effects are those in the verdicts of
     `judge_posterior`, but this function takes less time.
@@ -605,7 +608,7 @@ def confounded_parameters(bound: BoundModel, phi: Array) -> dict[str, tuple[str,
 
 
 def confounded_in(posterior: xr.DataTree) -> dict[str, tuple[str, ...]]:
-    """Return the effects with which each confounded parameter of a posterior is confounded.
+    """Return for each confounded parameter of a posterior the effects with which it is confounded.
 
     Parameters that are not confounded are left out. The effects are those in the verdicts of
     `judge_posterior`, also if the posterior is an average over models, but this function takes less

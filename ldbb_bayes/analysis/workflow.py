@@ -284,7 +284,7 @@ def _left_out_circles(
     left_out_nodes: Mapping[str, Mapping[str, Nodes]],
     seed: int,
 ) -> dict[str, LeftOutCircle]:
-    """Return the comparison of every circle with its prediction from the other circles, by test."""
+    """Return for every test the comparison of its circle with the prediction from the others."""
     judged = judge_tests(nodes_by_model, left_out_nodes, seed=seed, tolerance=_TOLERANCE)
     circles = {}
     for name, test in judged.items():
@@ -293,12 +293,12 @@ def _left_out_circles(
 
 
 def stacking_weights(log_densities: Mapping[str, Array]) -> dict[str, float]:
-    """Return the weights of models that together predict circles left out best, by model.
+    """Return the weights with which models together predict circles left out best, by model.
 
     The weights w_m are not negative, sum to one and maximise Σ_r ln Σ_m w_m p_m(y_r | y_−r) (Yao et
     al., Bayesian Analysis 13, 2018). ``log_densities`` holds ln p_m(y_r | y_−r) [nat], shape
-    (tests,), by model m. The weights are found by the steps of the EM algorithm, which raise the
-    sum in every step.
+    (tests,), for each model m. The weights are found by the steps of the EM algorithm, which raise
+    the sum in every step.
     """
     names = list(log_densities)
     log_density = np.array([log_densities[name] for name in names])
