@@ -33,7 +33,7 @@ _DRAWS = 20_000
 
 
 class _Differences(NamedTuple):
-    """Means, differences and their uncertainties for n parameters of two campaigns."""
+    """Means and differences of n parameters of two campaigns, with standard uncertainties."""
 
     means: Array  #: posterior means of the parameters in both campaigns, shape (2, n)
     #: posterior mean of each parameter's value in the second campaign minus that in the first,

@@ -30,12 +30,12 @@ from ldbb_bayes.results import readable
 
 __all__ = ["local_fits"]
 
-# Settings of the quadrature for local fits. These settings limit errors of standard deviations to 2
-# %, which is enough for a figure. Nodes are weighted values of the hyper-parameters. The five
-# settings are: error of the log evidence [nat]; largest share of the weight that may be left out
-# with the nodes of the smallest weight; number of quasi-random points for the condition that no
-# compliance is negative; number of nodes for means and standard deviations; and number of
-# components of the mixture for the quantiles.
+# Settings of the quadrature for local fits. They limit the errors of standard deviations to 2 %,
+# which is enough for a figure. Nodes are weighted values of the hyper-parameters. The five settings
+# are: error of the log evidence [nat]; largest share of the weight that may be left out with the
+# nodes of the smallest weight; number of quasi-random points for the condition that no compliance
+# is negative; number of nodes for means and standard deviations; and number of components of the
+# mixture for the quantiles.
 _TOLERANCE = 5e-2
 _SPARE = 1e-3
 _POINTS_INSIDE = 128
