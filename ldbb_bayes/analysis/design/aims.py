@@ -1,10 +1,10 @@
-"""Aims of a campaign under way, and the distances from them after one more circle.
+"""Aims of a campaign under way, and the distances from these aims after one more circle.
 
 There are two kinds of aims. One is that a quantity has at most the standard uncertainty u*. If the
 uncertainty u is expected, the distance from this aim is ln(u/u*). The other is a decision between
 two models: the log Bayes factor in favour of the true model is to be at least t. If the log Bayes
 factor Φ is expected, the distance from this aim is ln(t/Φ). Distances from several aims can be
-added, because each is zero where its aim is expected to be just reached.
+added, because each distance is zero if the campaign is expected to just reach the aim.
 """
 
 from __future__ import annotations
@@ -20,16 +20,21 @@ from ldbb_bayes.results import Array
 
 __all__ = ["Aim", "SlopesAim", "UncertaintyAim", "total_distance"]
 
-# Weight that an aim which is reached already has when a circle is chosen. As the weight is not
-# zero, such an aim still decides between two circles that are equally good for all aims that are
-# not reached.
+# When a circle is chosen, the distance from an aim that is reached already has this weight. As the
+# weight is not zero, the aim still decides between two circles that are equally good for all aims
+# not yet reached.
 _REACHED = 1e-3
-# Smaller expected log Bayes factors [nat] are raised to this value, to avoid the logarithm of zero.
+# An expected log Bayes factor [nat] below this value is replaced by it, to avoid the logarithm of
+# zero.
 _LEAST_EVIDENCE = 1e-9
 
 
 class Aim(Protocol):
-    """Aim of a campaign. Its distance is computed from covariances of the parameters."""
+    """Aim of a campaign under way.
+
+    The distance of the campaign from the aim is computed from covariances of the parameters. It is
+    zero if the campaign is expected to just reach the aim.
+    """
 
     @property
     def is_reached(self) -> bool:
@@ -49,35 +54,38 @@ class UncertaintyAim:
     """Aim that the standard uncertainty of a combination w·β of the parameters becomes small.
 
     β are the p parameters. Uncertainties are first computed for known hyper-parameters (scales of
-    the noise and of other effects), and then multiplied by ``inflation``, because they are larger
-    if the hyper-parameters are unknown.
+    the noise and of other effects), and then multiplied by ``inflation``, because unknown
+    hyper-parameters make them larger.
     """
 
-    #: weights w, shape (p,), by which the p parameters in units of their prior standard deviations
-    #: are multiplied
+    #: weights w of the p parameters in the combination, shape (p,); the parameters are in units of
+    #: their prior standard deviations
     weights: Array
-    target: float  #: standard uncertainty asked for
-    #: factor by which uncertainties are multiplied: the present standard uncertainty with unknown
-    #: hyper-parameters, divided by the root mean square of the present standard uncertainties with
-    #: known hyper-parameters
+    target: float  #: largest standard uncertainty at which the aim is reached
+    #: factor by which uncertainties for known hyper-parameters are multiplied: the present standard
+    #: uncertainty for unknown hyper-parameters, divided by the root mean square of the standard
+    #: uncertainties for known hyper-parameters
     inflation: float
     is_reached: bool  #: whether the aim is reached already
 
     def sd(self, covariance: Array) -> Array:
-        """Return the standard uncertainties of w·β, shape (K, ...).
+        """Return the standard uncertainty of the combination w·β of the parameters, shape (K, ...).
 
-        ``covariance``, shape (K, ..., p, p), are covariances of the p parameters, in units of their
-        prior standard deviations, at K values of the hyper-parameters.
+        β are the p parameters and w their weights ``weights``. ``covariance``, shape (K, ..., p,
+        p), are covariances of the p parameters, in units of their prior standard deviations, at K
+        values of the hyper-parameters. The dimensions (...) are those of several possible circles,
+        treated at once.
         """
         variance = covariance @ self.weights @ self.weights
         return np.asarray(self.inflation * np.sqrt(np.maximum(variance, 0.0)))
 
     def distance(self, covariance: Array) -> Array:
-        """Return the distances ln(u/u*), shape (...), averaged over the hyper-parameters.
+        """Return the distances ln(u/u*) from the aim, shape (...), averaged over hyper-parameters.
 
-        u is the standard uncertainty of w·β, and u* is ``target``. ``covariance``, shape (K, ...,
-        p, p), are covariances of the p parameters, in units of their prior standard deviations, at
-        K values of the hyper-parameters.
+        u is the standard uncertainty that is expected for the combination of the parameters, and u*
+        is ``target``. ``covariance``, shape (K, ..., p, p), are covariances of the p parameters, in
+        units of their prior standard deviations, at K values of the hyper-parameters. The
+        dimensions (...) are those of several possible circles, treated at once.
         """
         return np.asarray(np.log(self.sd(covariance) / self.target).mean(axis=0))
 
@@ -86,17 +94,19 @@ class UncertaintyAim:
 class SlopesAim:
     """Aim that the evidence decides whether the compliances change with force."""
 
-    #: indices of the slopes (changes of compliance with force) among the p parameters
+    #: indices of the slopes (changes of compliance with force) in the list of parameters
     columns: Sequence[int]
     threshold: float  #: log Bayes factor that is enough for the decision [nat]
     is_reached: bool  #: whether the aim is reached already
 
     def distance(self, covariance: Array) -> Array:
-        """Return the distances ln(t/Φ), shape (...), averaged over the hyper-parameters.
+        """Return the distances ln(t/Φ) from the aim, shape (...), averaged over hyper-parameters.
 
-        t is ``threshold``, and Φ the expected log Bayes factor in favour of the true model.
-        ``covariance``, shape (K, ..., p, p), are covariances of the p parameters, in units of their
-        prior standard deviations, at K values of the hyper-parameters.
+        t is ``threshold``. Φ is the expected log Bayes factor in favour of the true one of two
+        models: compliances that change with force, or constant compliances. ``covariance``, shape
+        (K, ..., p, p), are covariances of the p parameters, in units of their prior standard
+        deviations, at K values of the hyper-parameters. The dimensions (...) are those of several
+        possible circles, treated at once.
         """
         of_slopes = covariance[..., self.columns, :][..., self.columns]
         root = np.linalg.cholesky(np.linalg.inv(of_slopes))
@@ -105,11 +115,12 @@ class SlopesAim:
 
 
 def total_distance(aims: Sequence[Aim], covariance: Array) -> Array:
-    """Return the sum of the distances from all aims, shape (...).
+    """Return the weighted sum of the distances from all aims, shape (...).
 
-    Aims that are reached already, and distances below zero, have the weight 0.001. ``covariance``,
-    shape (K, ..., p, p), are covariances of the p parameters, in units of their prior standard
-    deviations, at K values of the hyper-parameters.
+    The distance from an aim that is reached already is multiplied by 0.001, and so is a distance
+    below zero. ``covariance``, shape (K, ..., p, p), are covariances of the p parameters, in units
+    of their prior standard deviations, at K values of the hyper-parameters. The dimensions (...)
+    are those of several possible circles, treated at once.
     """
     total = np.zeros(covariance.shape[1:-2])
     for aim in aims:

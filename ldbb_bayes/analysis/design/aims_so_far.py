@@ -39,12 +39,12 @@ __all__ = [
 
 # Number of values of the hyper-parameters at which possible circles are compared.
 _NODES = 16
-# Number of posterior draws of the parameters. The means and standard deviations of the parameters
-# are averages over the same number of values of the hyper-parameters.
+# Number of posterior draws of the parameters, and number of values of the hyper-parameters from
+# which the means and standard deviations of the parameters are computed.
 _DRAWS = 1024
-# Least distance of an estimate from a tolerance limit, in present standard uncertainties. Smaller
-# distances are raised to this value when a circle is chosen: if the estimate is exactly at the
-# limit, no campaign is long enough for a decision.
+# Least distance between an estimate and a tolerance limit, in present standard uncertainties. When
+# a circle is chosen, a smaller distance is replaced by this one. If the estimate were exactly at
+# the limit, no campaign would be long enough for a decision.
 _LEAST_DISTANCE = 0.2
 # Least standard uncertainty that an aim asks for, as a fraction of the present standard
 # uncertainty. Without this limit, a goal relative to a parameter that may be zero would ask for an
@@ -56,7 +56,7 @@ _LEAST_TARGET = 1e-3
 class GoalSoFar(Result):
     """State of a goal for an expanded uncertainty U (k = 2): now, and after the best next circle.
 
-    All numbers but probabilities are in ``unit``.
+    All numbers except the probabilities are in the unit ``unit``.
     """
 
     unit: str
@@ -65,13 +65,13 @@ class GoalSoFar(Result):
     #: largest U that the goal permits; if the goal is relative to the parameter, the limit at the
     #: parameter's posterior mean
     limit: float
-    #: probability that the goal is met already; 0 or 1, except if the goal is relative to the
-    #: parameter, because the true value of the parameter is not known
+    #: probability that the goal is met already; 0 or 1, unless the goal is a percentage of the
+    #: parameter, whose true value is not known
     probability: float
     U_next: float  #: U expected after the best next circle
     probability_next: float  #: probability that the goal is met after the best next circle
-    #: U that would remain after very many of the best circles; if this U is above ``limit``,
-    #: circles alone do not reach the goal
+    #: U that would remain if the best possible circles were repeated very many times; if this U is
+    #: above ``limit``, circles alone do not reach the goal
     U_floor: float
 
 
@@ -101,10 +101,10 @@ class Known(NamedTuple):
 
 
 def known_from(nodes: Nodes, seed: int) -> Known:
-    """Return what a posterior states about the parameters and the hyper-parameters.
+    """Return moments and draws of the parameters, and values of the hyper-parameters.
 
-    ``nodes`` are weighted values of the hyper-parameters that represent the posterior. ``seed`` is
-    the seed of the random draws.
+    All are computed from ``nodes``, weighted values of the hyper-parameters that represent the
+    posterior given the circles run. ``seed`` is the seed of the random draws.
     """
     rng = np.random.default_rng(seed)
     mean, sd = nodes.moments(components=_DRAWS)
@@ -114,19 +114,19 @@ def known_from(nodes: Nodes, seed: int) -> Known:
 
 
 def _inflation(sd: float, weights: Array, covariance: Array) -> float:
-    """Return the ratio of standard uncertainties with unknown and with known hyper-parameters.
+    """Return the factor by which unknown hyper-parameters increase a standard uncertainty.
 
-    Both are standard uncertainties of one combination of the parameters, whose weights are
-    ``weights``, shape (p,). ``sd`` is the standard uncertainty if the hyper-parameters are unknown.
-    The other is a root mean square over K known values of the hyper-parameters, at which the
-    parameters have the covariances ``covariance``, shape (K, p, p).
+    The standard uncertainty is that of a combination of the p parameters with the weights
+    ``weights``, shape (p,). ``sd`` is its value for unknown hyper-parameters. ``covariance``, shape
+    (K, p, p), are the covariances of the parameters for K known values of the hyper-parameters.
+    They give K standard uncertainties; ``sd`` is divided by the root mean square of these.
     """
     return sd / float(np.sqrt((covariance @ weights @ weights).mean()))
 
 
 @dataclass(frozen=True, eq=False)
 class GoalState:
-    """A goal, the present knowledge of its parameter, and the aim that follows from both."""
+    """A goal, what is known of its parameter now, and the goal as an aim for the next circle."""
 
     goal: Goal
     unit: str  # internal unit of the parameter (made of mm, N, rad)
@@ -138,8 +138,8 @@ class GoalState:
     def is_met(self) -> Array:
         """Return, for each posterior draw of the parameter, whether the goal is met now.
 
-        The result has the shape (n,). The limit of a relative goal depends on the value of the
-        parameter, which is that of the draw.
+        The result has the shape (n,), for n draws. The goal may limit U to a percentage of the
+        parameter's value; the value is then that of the draw.
         """
         return self.goal.is_met(self.draws, self.sd)
 
@@ -147,17 +147,18 @@ class GoalState:
         """Return the probability that the goal is met if the parameter has a given uncertainty.
 
         ``sd``, shape (K,), are K equally likely values of the standard uncertainty. The probability
-        is a mean over these values and over the posterior draws of the parameter, because the limit
-        of a relative goal depends on the parameter's value.
+        is a mean over these values and over the posterior draws of the parameter. The draws matter
+        if the goal limits U to a percentage of the parameter's value.
         """
         limits = self.goal.limit_U(self.draws)
         return float((COVERAGE_FACTOR * sd[:, None] <= limits).mean())
 
     def so_far(self, after: Array, floor: Array) -> GoalSoFar:
-        """Return the state of the goal: now, after the best next circle, and after very many.
+        """Return the state of the goal now, after the best next circle and after very many circles.
 
-        ``after`` are the covariances of the p parameters after the best next circle, and ``floor``
-        those after very many circles, at K values of the hyper-parameters, shape (K, p, p).
+        ``after``, shape (K, p, p), are the covariances of the p parameters after the best next
+        circle, at K values of the hyper-parameters. ``floor``, of the same shape, are the
+        covariances after very many circles.
         """
         sd_next = self.aim.sd(after)
         expected_sd = min(float(np.sqrt((sd_next**2).mean())), self.sd)
@@ -183,8 +184,8 @@ def goal_states(
     The keys are the names of the goals' parameters.
 
     ``known`` is the posterior given the circles run, and ``covariance``, shape (K, p, p), are the
-    covariances of the parameters at K values of the hyper-parameters. ``confidence`` is the
-    probability with which a goal must be met to count as reached.
+    covariances of the parameters at K values of the hyper-parameters. ``confidence`` is the least
+    probability at which a goal is treated as reached.
     """
     states = {}
     for name, goal in goals.items():
@@ -208,16 +209,16 @@ def goal_states(
 
 @dataclass(frozen=True, eq=False)
 class ToleranceState:
-    """The present decision on a quantity with a tolerance, and the aim to reach a decision."""
+    """The present decision whether a quantity keeps its tolerance, and the aim to decide this."""
 
     now: Conformity
     aim: UncertaintyAim
 
     def so_far(self, after: Array) -> ToleranceSoFar:
-        """Return the present decision, and the probability of one after the best next circle.
+        """Return the present decision, and the probability of a decision after the next circle.
 
-        ``after``, shape (K, p, p), are the covariances of the p parameters after that circle, at K
-        values of the hyper-parameters.
+        ``after``, shape (K, p, p), are the covariances of the p parameters after the best next
+        circle, at K values of the hyper-parameters.
         """
         sd = self.now.sd
         sd_next = min(float(np.sqrt((self.aim.sd(after) ** 2).mean())), sd)
@@ -237,11 +238,12 @@ def tolerance_states(
     covariance: Array,
     confidence: float,
 ) -> dict[str, ToleranceState]:
-    """Return the present decision on every quantity with a tolerance, and the aim to decide.
+    """Return the present decision on every tolerance, and the aim to reach a decision.
 
-    The keys are the names of the quantities. A quantity, such as a stiffness, is approximated by a
-    linear function of the parameters, which is fitted to the draws in ``posterior``. ``tolerances``
-    holds the tolerance of each quantity. The other arguments are those of `goal_states`.
+    The decision is whether a quantity, such as a stiffness, keeps its tolerance. The keys of the
+    result are the names of the quantities. Each quantity is approximated by a linear function of
+    the parameters, which is fitted to the draws in ``posterior``. ``tolerances`` holds the
+    tolerance of each quantity. The other arguments are those of `goal_states`.
     """
     decisions = assess_conformity(posterior, tolerances, confidence=confidence)
     draws = quantity_draws(posterior, decisions)

@@ -1,6 +1,6 @@
-"""The model for an analysis of planned tests alone, with settings that their pilot fixed.
+"""The model for an analysis of planned tests alone, without the readings of their pilot.
 
-The pilot is the campaign or plan that a design starts from.
+The pilot is the campaign or plan that a design starts from. It fixes some settings of the model.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ __all__ = ["analysis_model"]
 
 
 def analysis_model(space: Space, tests: Sequence[CircularTest]) -> HybridModel:
-    """Return the model for an analysis of planned tests alone.
+    """Return the model for an analysis of planned tests alone, without the readings of their pilot.
 
     The reference force of the model and the prior standard deviations of the slopes are those of
-    the pilot: the campaign or plan that the design starts from. ``space`` is the space of the
-    design, and ``tests`` are the planned tests.
+    the pilot: the campaign or plan that the design starts from. ``space`` holds the model and the
+    pilot of the design, and ``tests`` are the planned tests.
     """
     model = space.model
     setting = space.bound.setting
@@ -36,8 +36,8 @@ def analysis_model(space: Space, tests: Sequence[CircularTest]) -> HybridModel:
     force_range_N = max(forces) - min(forces)
     if not (prior.flat or np.isclose(force_range_N, setting.force_range_N, rtol=1e-9)):
         # The default prior standard deviation of a slope depends on the range of force of the
-        # tests. State the value for the campaign that the design starts from, so that the model
-        # keeps this value.
+        # tests. Set this prior standard deviation to its value for the campaign that the design
+        # starts from.
         for parameter in space.bound.parameters:
             if parameter.group == "slope":
                 overrides[parameter.name] = parameter.prior_sd

@@ -1,10 +1,10 @@
 """Scales of noise and effects that the analysis of planned tests may believe in.
 
 φ are the hyper-parameters: the scales of the noise and of other effects. An analysis does not know
-the true scales of a machine. It estimates the scales from the readings and the prior. The
-uncertainty that the analysis states is an average over all scales that it believes to be possible.
-Large scales remain possible even if the readings scatter little: three circles that agree do not
-prove that a fourth circle would agree with them.
+the true scales of a machine; it estimates them from the readings and the prior. The uncertainty
+that the analysis states is an average over all scales that it believes to be possible. Large scales
+remain possible even if the readings scatter little: three circles that agree do not prove that a
+fourth circle would agree with them.
 
 The normal score of a scale is the standard normal quantile of the scale's cumulative prior
 probability, so that the prior of the scores v is N(0, 1). Readings y ~ N(0, V(v)) carry the Fisher
@@ -35,13 +35,15 @@ _LARGEST_SCORE = 6.0
 # Step of the central differences of variances with respect to the normal scores of scales.
 _STEP = 0.1
 # If there are more circles than this, the analysis is assumed to know the true scales. An average
-# over the scales that the analysis believes in would then differ little from the value at the true
-# scales, and would take the longest time to compute.
+# over the scales that the analysis finds likely would then differ little from the value at the true
+# scales, but would take a long time to compute.
 _MOST_CIRCLES = 24
 
 
 def believed_scales(bound: BoundModel, phi: Array, draws: int, seed: int) -> Array:
-    """Return scales that the analysis of planned tests may believe in, for each possible machine.
+    """Return scales that an analysis of planned tests may find likely, for each possible machine.
+
+    The scales are the hyper-parameters: the scales of the noise and of other effects.
 
     Parameters
     ----------
@@ -50,7 +52,7 @@ def believed_scales(bound: BoundModel, phi: Array, draws: int, seed: int) -> Arr
     phi
         True hyper-parameters of K possible machines, shape (K, h), lengths in mm.
     draws
-        Number of values of the hyper-parameters drawn for each machine.
+        Number of sets of hyper-parameters drawn for each machine.
     seed
         Seed of the random numbers.
 
@@ -70,8 +72,9 @@ def believed_scales(bound: BoundModel, phi: Array, draws: int, seed: int) -> Arr
     error_of_estimate = rng.standard_normal((machines, size))
     spread_of_belief = rng.standard_normal((machines, draws, size))
     first = _belief(truth, fisher_information(bound, truth), error_of_estimate)
-    # The Fisher information about a scale grows with the scale. Its value half-way between the true
-    # scores and the first estimate is a better average than its value at the true scores.
+    # The Fisher information about a scale grows with the scale. The information half-way between
+    # the true scores and the first estimate of the scores is a better average than the information
+    # at the true scores.
     middle = 0.5 * (truth + first.mean)
     belief = _belief(truth, fisher_information(bound, middle), error_of_estimate)
     scores = belief.mean[:, None] + np.einsum("kij,knj->kni", belief.root, spread_of_belief)
@@ -80,14 +83,21 @@ def believed_scales(bound: BoundModel, phi: Array, draws: int, seed: int) -> Arr
 
 
 class _Belief(NamedTuple):
-    """Gaussian approximations of what K analyses believe about the normal scores of h scales."""
+    """Gaussian approximations of the posteriors of h normal scores in K analyses.
+
+    The normal score of a scale (hyper-parameter) is the standard normal quantile of the scale's
+    cumulative prior probability.
+    """
 
     mean: Array  # means of the scores, shape (K, h)
     root: Array  # square roots of the covariances of the scores, shape (K, h, h)
 
 
 def _belief(truth: Array, information: Array, error: Array) -> _Belief:
-    """Return what K analyses believe about the normal scores of h scales.
+    """Return Gaussian approximations of the posteriors of h normal scores in K analyses.
+
+    The normal score of a scale (hyper-parameter) is the standard normal quantile of the scale's
+    cumulative prior probability.
 
     ``truth``, shape (K, h), are the true scores. ``information``, shape (K, h, h), is the Fisher
     information of the readings about the scores. ``error``, shape (K, h), are standard normal
@@ -95,7 +105,7 @@ def _belief(truth: Array, information: Array, error: Array) -> _Belief:
     """
     size, axes = np.linalg.eigh(information)
     size = np.maximum(size, 0.0)
-    # All matrices below are symmetric functions of the information matrix, so that they do not
+    # All matrices below are symmetric functions of the information matrix. They therefore do not
     # depend on the signs and the order of its eigenvectors.
     weight = _along(axes, size / (size + 1.0))
     noise = _along(axes, np.sqrt(size) / (size + 1.0))
@@ -114,6 +124,8 @@ def _along(axes: Array, values: Array) -> Array:
 
 def fisher_information(bound: BoundModel, scores: Array) -> Array:
     """Return the Fisher information of planned readings about the normal scores of the scales.
+
+    Scales are hyper-parameters: those of the noise and of other effects.
 
     The parameters of interest and all other effects are integrated out: the readings have the
     covariance V = Σ_c s_c x_c x_cᵀ + σ² 1. Here x_c is the column of changes of the readings per
@@ -156,7 +168,11 @@ def fisher_information(bound: BoundModel, scores: Array) -> Array:
 def _information_at(
     columns: Array, variances: Array, noise: float, slopes: Array, noise_slope: Array
 ) -> Array:
-    """Return the Fisher information of N reduced readings at one value of the scales, shape (h, h).
+    """Return the Fisher information of N reduced readings about h normal scores, shape (h, h).
+
+    The readings of a test are reduced to fewer values, which hold all effects. The normal score of
+    a scale (hyper-parameter) is the standard normal quantile of the scale's cumulative prior
+    probability.
 
     Parameters
     ----------
@@ -186,7 +202,11 @@ def _information_at(
 
 
 class _Effects(NamedTuple):
-    """All effects on the reduced readings of planned tests, at w values of the scales."""
+    """All effects on the reduced readings of planned tests, and their variances.
+
+    The readings of a test are reduced to fewer values, which hold all effects. There are variances
+    for each of w sets of hyper-parameters.
+    """
 
     columns: Array  # changes of the N reduced readings per unit of each of C effects, shape (N, C)
     variances: Array  # variances of the effects, shape (w, C)
@@ -194,9 +214,10 @@ class _Effects(NamedTuple):
 
 
 def _effects_at(bound: BoundModel, phi: Array) -> _Effects:
-    """Return all effects on the planned readings, and their variances at w values of the scales.
+    """Return all effects on the planned readings, and the variances of these effects.
 
-    ``phi``, shape (w, h), are w values of the h hyper-parameters, lengths in mm.
+    ``phi``, shape (w, h), are w sets of the h hyper-parameters, with lengths in mm. The variances
+    are computed for each set.
     """
     values = dict(zip(bound.hyper_prior.names, phi.T, strict=True))
     factors = [test.factor for test in bound.reduced]

@@ -1,9 +1,9 @@
 """The design of the next campaign: its forces, its number of circles and its clockings.
 
 A clocking is the pair of angles by which the two balls are turned. A pilot is the campaign or plan
-that a design starts from. A candidate is a test that could be run, once or several times. Shares
-are the fractions of the number of tests that are run at each candidate; the resulting numbers of
-tests need not be whole. The efficiency of a design compares the design with the best shares.
+that a design starts from. A candidate is a test that could be run, once or several times. The share
+of a candidate is its number of runs divided by the number of all runs, where numbers of runs need
+not be whole. The efficiency of a design compares the design with the best shares.
 """
 
 from __future__ import annotations
@@ -44,16 +44,16 @@ from ldbb_bayes.results import Records, Result, read_result, readable
 
 __all__ = ["Certificate", "Design", "Judged", "Limits", "design", "read_design"]
 
-# A division of tests among candidates counts as proven optimal if the largest sensitivity exceeds
-# the mean of the sensitivities, weighted by the fractions of tests, by no more than this relative
-# amount. A sensitivity is the rate at which the criterion grows with the fraction of the tests at
-# one candidate.
+# A division of tests among candidate tests is treated as proven optimal if the largest sensitivity
+# exceeds the mean of the sensitivities, weighted by the fractions of tests, by no more than this
+# relative amount. The sensitivity of a candidate is the rate at which the criterion grows with its
+# fraction of the tests.
 _CERTIFICATE_TOLERANCE = 1e-4
 # Candidate tests whose share (fraction) of the tests is below this are left out of the table of the
 # best shares.
 _LISTED_SHARE = 1e-4
-# More circles count as useless for a parameter if more than this share of its expected standard
-# uncertainty would remain even after very many more circles like those of the design.
+# More circles are treated as useless for a parameter if more than this share of its expected
+# standard uncertainty would remain even if every circle of the design were run very many times.
 _STUCK_SHARE = 0.8
 # Default step between the force levels that a design chooses from [N].
 _FORCE_STEP_N = 1.0
@@ -65,16 +65,16 @@ _RESERVED_NAMES = ("recommended", _EQUAL_STEPS)
 
 @dataclass(frozen=True)
 class Certificate(Result):
-    """Certificate that states whether the shares of the tests are proven to be the best.
+    """Certificate that states whether the shares of candidate tests are proven to be the best.
 
-    A candidate is a test that could be run; its share is the fraction of the tests that are run at
-    it. The sensitivity of a candidate is the rate at which the criterion grows with its share. The
-    bound is the mean of the sensitivities, weighted by the shares. By Kiefer and Wolfowitz (1960),
-    the shares are optimal if the largest sensitivity of all candidates does not exceed the bound.
-    The certificate ``holds`` if the largest sensitivity exceeds the bound by at most 0.01 %. For
-    criterion D with flat priors the bound is the number of parameters. If the criterion is not
-    concave, the certificate is not ``global``: it proves only that no small change of the shares is
-    an improvement.
+    A candidate is a test that could be run; its share is its number of runs divided by the number
+    of all runs. The sensitivity of a candidate is the rate at which the criterion grows with its
+    share. The bound is the mean of the sensitivities, weighted by the shares. By Kiefer and
+    Wolfowitz (1960), the shares are optimal if the largest sensitivity of all candidates does not
+    exceed the bound. ``holds`` is true if the largest sensitivity exceeds the bound by at most 0.01
+    %. For criterion D with flat priors the bound is the number of parameters. If the criterion is
+    not concave, ``is_global`` is false: the certificate then proves only that no small change of
+    the shares is an improvement.
     """
 
     max_sensitivity: float
@@ -85,14 +85,15 @@ class Certificate(Result):
 
 @dataclass(frozen=True, eq=False)
 class Judged(Forecast):
-    """Another design that is compared with the recommended one, and the forecast of its results."""
+    """A design that is compared with the recommended design, with the forecast of its results."""
 
     name: str
     #: table of the design's tests, one row per test: force_N, and the columns that `Design.columns`
     #: names
     tests: Records
-    #: efficiency of these tests by the criterion of the design, relative to the best division of as
-    #: many tests among the candidates; zero if these tests leave a parameter undetermined
+    #: efficiency of these tests by the criterion of the design, relative to the best division of
+    #: the same number of tests among the candidate tests; zero if these tests leave a parameter
+    #: undetermined
     efficiency: float
 
 
@@ -105,10 +106,10 @@ class Limits(Result):
     #: the tests only add to tests already run
     levels: int | None
     #: direction of travel of each plane in which all circles run in the same direction although the
-    #: model has a hysteresis there; the keys are the planes
+    #: model includes hysteresis in this plane; the keys are the planes
     one_way: dict[str, str]
-    #: whether the model has a drift and the pilot may have drifted; the forecast assumes that the
-    #: drift does not depend on the tests' settings
+    #: whether the model includes drift and the machine may have drifted in the campaign that the
+    #: design starts from; the forecast assumes that drift does not depend on the tests' settings
     drift: bool
     #: parameters whose expected standard deviation would decrease by less than 20 % even if every
     #: test were run very many times
@@ -130,7 +131,7 @@ class Pilot(Result):
 
 @dataclass(frozen=True)
 class Planned:
-    """Tests that a design recommends, the space they were chosen from, and the analysis model."""
+    """Tests that a design recommends, the possible tests, and the model for the analysis."""
 
     tests: tuple[CircularTest, ...]
     space: Space
@@ -158,24 +159,24 @@ class Design(Forecast):
     #: recommended tests, one row per different test: force_N, the columns that `columns` names, and
     #: count, the number of times to run the test
     table: Annotated[Records, Field(alias="tests")]
-    #: whether the tests of the pilot, the campaign that the design starts from, count as run
-    #: already
+    #: whether the recommended tests are added to those of the campaign that the design starts from
+    #: and analysed together with them
     augment: bool
     degree: int  #: degree of the model's compliances as polynomials of force
     #: reference force F0 of the campaign or plan that the design starts from [N]
     reference_force_N: float
     #: efficiency of the design by its criterion, relative to ``shares``, the best division of the
-    #: same number of tests among the candidates
+    #: same number of tests among the candidate tests
     efficiency: float
     #: certificate that states whether ``shares`` are proven to be the best shares of the tests
     certificate: Certificate
     #: best division of the tests, one row per candidate test with a share above 0.0001: force_N,
-    #: the columns that `columns` names, and share, the fraction of the tests that are run at this
-    #: candidate
+    #: the columns that `columns` names, and share, the number of runs of this candidate divided by
+    #: the number of all runs
     shares: Records
-    #: expected standard deviation of each parameter for a design in equal steps of force. All tests
-    #: of this design have the first radius and the first pair of ball angles to choose from. The
-    #: keys are the names of the parameters.
+    #: expected standard deviation of each parameter for a design in equal steps of force. All its
+    #: tests have the first of the radii and the first of the pairs of ball angles to choose from.
+    #: The keys are the names of the parameters.
     baseline: dict[str, Expected]
     #: designs for comparison: one in equal steps of force, and those that the caller gave
     compared: tuple[Judged, ...]
@@ -191,8 +192,8 @@ class Design(Forecast):
     #: one row per candidate test: force_N, the columns that `columns` names, and sensitivity, the
     #: rate at which the criterion grows with the share of the candidate, at the best shares
     sensitivity: Annotated[Records, Field(exclude=True)] = field(default_factory=pd.DataFrame)
-    #: ``Planned``: the recommended tests, the space they were chosen from, and the model for their
-    #: analysis; None if the design was read from a file
+    #: the recommended tests, the space of the tests to choose from, and the model for the analysis;
+    #: None if the design was read from a file
     planned: Annotated[Any, Field(exclude=True)] = None
 
     @property
@@ -293,12 +294,12 @@ def read_design(path: str | os.PathLike[str]) -> Design:
     Returns
     -------
     Design
-        Design without its tests, which are in the plan in the same folder.
+        The design without its tests; the plan in the same folder contains them.
 
     Raises
     ------
     InputError
-        For a file that is missing, damaged, or not written by this package.
+        If the file is missing, damaged, or not written by this package.
 
     Examples
     --------
@@ -379,7 +380,7 @@ def design(
     Parameters
     ----------
     model : HybridModel
-        Model that the tests are to determine.
+        Model whose parameters the tests are to determine.
     pilot : Campaign
         Campaign already run, or plan, that the design starts from.
     tests : int, optional
@@ -404,7 +405,8 @@ def design(
         Names of the parameters of interest; all other parameters are nuisances. Default: all
         parameters that the criterion is about.
     augment : bool
-        Whether the pilot's tests count as run, so that ``tests`` is the number of tests added.
+        Whether the new tests are added to those of the pilot and analysed together with them;
+        ``tests`` is then the number of new tests.
     against : mapping of str to Campaign
         Designs for comparison: campaigns or plans, whose names are the keys.
     slope_size : float
@@ -424,7 +426,8 @@ def design(
         150.0}. Other certificates are "work ball G10", "tool ball G10", "mount", "force" and
         "angle".
     probability : float
-        With goals: share of the possible machines on which all goals are to be met.
+        With goals: share of the machines, of those that are likely given the pilot, on which all
+        goals are to be met.
 
     Returns
     -------
@@ -510,9 +513,9 @@ def design(
 
 
 def _refuse_beside_goals(names: Sequence[str]) -> None:
-    """Raise an `InputError` if arguments were given that cannot be combined with goals.
+    """Raise an `InputError` if there are arguments that cannot be combined with goals.
 
-    ``names`` are the names of these arguments.
+    ``names`` are the names of the arguments given that cannot be combined with goals.
     """
     require(
         not names,
@@ -534,7 +537,7 @@ def _number_of_tests(tests: int | None, pilot: Campaign) -> int:
 
 def _default_criterion(model: HybridModel) -> CriterionName:
     """Return the name of the default criterion: ``eig``, or ``d`` if the priors are flat."""
-    # Information gained over a flat prior is infinite.
+    # With flat priors, the information gain ``eig`` is infinite.
     return "d" if model.prior.flat else "eig"
 
 
@@ -594,10 +597,10 @@ def _describe_design(
 ) -> Design:
     """Return the design that the search found, with the forecast of its results.
 
-    ``space`` is the problem of the search and ``exact`` its solution. ``pilot`` holds the name and
-    the digest of the campaign that the design starts from. ``compared`` holds the tests of the
-    designs for comparison, whose names are its keys; the result includes the forecasts of these
-    designs.
+    ``space`` describes the problem, and ``exact`` is the solution that the search found. ``pilot``
+    holds the name and the digest of the campaign that the design starts from. ``compared`` holds
+    the tests of the designs for comparison, whose names are its keys; the result includes the
+    forecasts of these designs.
     """
     tests = space.tests_of(exact)
     optimum = exact.optimum
@@ -635,8 +638,8 @@ def _judge_tests(space: Space, name: str, tests: tuple[CircularTest, ...]) -> Ju
     """Return the forecast and the efficiency of a design that is compared with the best one.
 
     ``name`` is the name of the design in the comparison. The efficiency is relative to the best
-    division of as many tests among the candidates. It is zero for tests that leave a parameter
-    undetermined.
+    division of the same number of tests among the candidates (tests that could be run). It is zero
+    for tests that leave a parameter undetermined.
     """
     forecast = space.forecast(space.plan_of(tests, seed=space.seed))
     efficiency = space.efficiency(tests) if forecast.determined else 0.0
@@ -661,7 +664,7 @@ def _certificate_of(space: Space, optimum: Optimum) -> Certificate:
 
 
 def _limits(space: Space, tests: Sequence[CircularTest], forecast: Forecast) -> Limits:
-    """Return the limits of what the tests of a design can show, and remedies.
+    """Return the limits of what the tests of a design can show, and remedies for them.
 
     More tests of the same kind would not remove these limits. ``forecast`` is the forecast of the
     tests' results.
@@ -689,10 +692,11 @@ def _limits(space: Space, tests: Sequence[CircularTest], forecast: Forecast) -> 
 
 
 def _levels_if_too_few(space: Space, tests: Sequence[CircularTest]) -> int | None:
-    """Return the number of different forces of tests if they are too few to check the degree.
+    """Return the number of different forces of tests if there are too few forces, else None.
 
-    Return None if the forces are enough to show that the degree of the model's compliances as
-    polynomials of force is wrong, or if the tests only add to tests already run.
+    The model describes compliances as polynomials of force. There are too few forces if the tests
+    cannot show that the degree of these polynomials is wrong. The result is also None if the tests
+    only add to tests already run.
     """
     levels = len(distinct_forces([float(test.force_N or 0.0) for test in tests]))
     if space.augment or levels > space.model.degree + 2:
@@ -701,7 +705,7 @@ def _levels_if_too_few(space: Space, tests: Sequence[CircularTest]) -> int | Non
 
 
 def _parameters_that_circles_cannot_improve(space: Space, forecast: Forecast) -> tuple[str, ...]:
-    """Return the parameters whose expected sd even very many more circles would hardly lower."""
+    """Return the names of the parameters whose expected sd more circles would hardly reduce."""
     names = []
     for name in space.chosen:
         entry = forecast.expected[name]
@@ -725,8 +729,8 @@ def _degeneracies_of(bound: BoundModel, names: Sequence[str]) -> tuple[Degenerac
 def _planes_run_one_way(bound: BoundModel) -> dict[str, str]:
     """Return the direction of travel of each plane whose circles all run in one direction.
 
-    The directions are "CW" and "CCW". Only planes in which the model includes both directions are
-    considered.
+    The directions are "CW" and "CCW". The keys of the result are the planes. Only planes in which
+    the model includes both directions are considered.
     """
     one_way = {}
     for plane in bound.setting.both_ways:

@@ -1,9 +1,9 @@
-"""Families of campaigns, which have the same clockings, radii and certificates.
+"""Families of campaigns: those of one family have the same clockings, radii and certificates.
 
 A clocking is a pair of angles by which the two balls are turned in their sockets. Campaigns of one
 family differ in the number of circles, and in the force, direction of travel, clocking and radius
 of each circle. Every further circle costs the same. The information that each possible circle gives
-is computed once for a family.
+is computed only once for a family.
 """
 
 from __future__ import annotations
@@ -31,13 +31,17 @@ from ldbb_bayes.results import Array
 
 __all__ = ["CampaignFamily", "families_of"]
 
-# Number of possible states of the machine over which the quick forecast averages.
+# Number of possible states of the machine (sets of its parameters and hyper-parameters) over which
+# the quick forecast averages.
 _QUICK_STATES = 6
 
 
 @dataclass(frozen=True, eq=False)
 class CampaignFamily:
-    """Campaigns of the same clockings, radii and certificates."""
+    """Family of campaigns that have the same clockings, radii and certificates.
+
+    A clocking is a pair of angles by which the two balls are turned.
+    """
 
     space: Space  #: candidate tests, with all forces, directions, clockings and radii of the family
     offers: tuple[CertificateOffer, ...]  #: certificates that are bought
@@ -66,7 +70,7 @@ class CampaignFamily:
 
     @cached_property
     def quick(self) -> QuickForecast:
-        """Quick forecast of the campaigns of the family."""
+        """Quick forecast for campaigns of the family, which neglects some uncertainties."""
         bound = self.bound
         number = len(self.states.phi)
         chosen = np.unique(np.linspace(0, number - 1, _QUICK_STATES).round().astype(int))
@@ -104,22 +108,23 @@ class CampaignFamily:
 
     @property
     def _least_levels(self) -> int:
-        """Least number of different forces of a campaign.
+        """Least number of different forces that a campaign of the family must have.
 
-        The number is two if compliances may depend on force, except if the campaign adds to tests
-        that are run already. In all other cases it is one.
+        One force is enough if the model's compliances do not depend on force, or if the campaign
+        adds to tests that are run already. Otherwise, two are needed.
         """
         if self.space.augment or self.space.model.degree == 0:
             return 1
         return 2
 
     def best_counts(self, circles: int, start: Array | None = None) -> Array:
-        """Return the number of circles of each candidate in the best campaign.
+        """Return how many circles of each candidate test the best campaign has.
 
         If the best circles are all at one force although compliances may depend on force, one
         circle is replaced by the best candidate at another force. ``circles`` is the number of all
-        circles of the campaign. ``start`` is a campaign of fewer circles from which the search
-        begins, by default without circles. ``start`` and the result have the shape (candidates,).
+        circles of the campaign. The search adds circles to those in ``start``, the number of
+        circles of each candidate test; by default all are zero. ``start`` and the result have the
+        shape (candidates,).
         """
         if start is None:
             start = np.zeros(self.quick.candidates, dtype=int)
@@ -146,7 +151,7 @@ class CampaignFamily:
     def tests_of(self, counts: Array) -> tuple[CircularTest, ...]:
         """Return the tests of a campaign, each repeated as often as it is run.
 
-        ``counts`` is the number of circles of each candidate, shape (candidates,).
+        ``counts`` is the number of circles of each candidate test, shape (candidates,).
         """
         positions = np.repeat(np.arange(len(self.space.tests)), counts)
         return tuple(self.space.tests[k] for k in positions)
@@ -168,7 +173,7 @@ class CampaignFamily:
         return price_of(costs, minutes_of(costs, tests), self.certificates_price)
 
     def plan_of(self, tests: Sequence[CircularTest]) -> Campaign:
-        """Return the tests in running order, as a plan whose instrument has the certificates."""
+        """Return the tests as a plan in running order, whose instrument has the certificates."""
         plan = self.space.plan_of(tests, seed=self.space.seed)
         if not self.offers:
             return plan
@@ -183,8 +188,9 @@ def families_of(
 ) -> Iterator[CampaignFamily]:
     """Yield one family for every combination of clockings, radii and certificates.
 
-    Every subset of the clockings of ``space`` that contains the first clocking is combined with
-    every non-empty subset of its radii and with every set of certificates.
+    A clocking is a pair of angles by which the two balls are turned. ``space`` holds the clockings
+    and radii to choose from. Every subset of clockings that contains the first clocking is combined
+    with every non-empty subset of the radii and with every set of certificates.
     """
     first = space.clockings_deg[0]
     others = space.clockings_deg[1:]

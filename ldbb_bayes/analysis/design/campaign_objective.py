@@ -25,8 +25,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["objective_of", "prediction_weight"]
 
-# Elements of a test's matrix G, whose product GᵀG is the information matrix of the test, count as
-# rounding errors if they are below this share of the largest element in their column.
+# Elements of a test's matrix G are treated as rounding errors if they are below this share of the
+# largest element in their column. GᵀG is the information matrix of the test.
 _ROUNDING_ERROR = 1e-12
 # Number of forces over which criterion I averages the variance of predicted compliances. They span
 # the range of force of the pilot (the campaign that a design starts from).
@@ -73,7 +73,8 @@ def objective_of(
     run
         Number of tests already run.
     phi
-        K values of the pilot's hyper-parameters φ, shape (K, h); lengths in mm.
+        K sets of the h hyper-parameters φ (the scales of the noise and of other effects) of the
+        campaign that the design starts from, shape (K, h); lengths in mm.
     chosen
         Names of the parameters of interest.
     criterion
@@ -82,10 +83,10 @@ def objective_of(
     Returns
     -------
     Objective
-        Objective with the information of every candidate test for each of the K values of φ. Its
-        ``rows`` have the shape (K, candidates, m, p) and its ``prior`` the shape (K, p, p), for m
-        reduced readings of a test and p coefficients. The chosen parameters are the last of the p
-        coefficients, in the given order.
+        Objective with the information of every candidate test for each of the K sets of φ. For p
+        coefficients, and tests whose readings are reduced to m values, ``rows`` has the shape (K,
+        candidates, m, p) and ``prior`` the shape (K, p, p). The chosen parameters are the last of
+        the p coefficients, in the given order.
     """
     rows = []
     prior = []
@@ -102,9 +103,10 @@ def objective_of(
 
 
 class _Layout(NamedTuple):
-    """Columns and rows that an objective needs of the matrices G of tests.
+    """Columns and rows of the tests' matrices G that an objective needs.
 
-    GᵀG is the information of a test, which it adds to the precision of the coefficients.
+    Every test has a matrix G. The test adds its information GᵀG to the precision (inverse
+    covariance) of the coefficients.
     """
 
     columns: NDArray[np.int_]  # indices of the coefficients needed, those of interest last

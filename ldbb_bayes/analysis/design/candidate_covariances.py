@@ -2,8 +2,8 @@
 
 Let Σ be the covariance of all coefficients given the circles run, and G the derivatives of a
 possible circle's reduced readings with respect to the coefficients, in standard deviations of the
-noise. Let Σ_s be the rows of Σ for the parameters of interest, and Σ_ss the part of Σ_s in their
-columns. After the circle, the covariance of the parameters of interest is
+noise. Let Σ_s be the rows of Σ for the parameters of interest, and Σ_ss the part of Σ_s in the
+columns of these parameters. After the circle, the covariance of the parameters of interest is
 
     Σ_ss − Σ_s Gᵀ (1 + G Σ Gᵀ)⁻¹ G Σ_sᵀ.
 """
@@ -24,9 +24,10 @@ class CandidateCovariances:
     Parameters
     ----------
     objective
-        Information of the circles run (its ``prior``) and of every possible circle (its ``rows``),
-        at K values of the hyper-parameters. The s parameters of interest are the last of the p
-        coefficients; all are in units of their prior standard deviations.
+        Objective at K values of the hyper-parameters: its ``prior`` holds the information of the
+        circles run, and its ``rows`` hold that of every possible circle. The s parameters of
+        interest are the last of the p coefficients; all are in units of their prior standard
+        deviations.
     """
 
     def __init__(self, objective: Objective) -> None:
@@ -36,14 +37,18 @@ class CandidateCovariances:
 
     @property
     def before(self) -> Array:
-        """Covariances of the s parameters of interest before the next circle, shape (K, s, s)."""
+        """Covariances of the s parameters of interest before the next circle, shape (K, s, s).
+
+        They are computed for K values of the hyper-parameters.
+        """
         s = self._interest
         return np.asarray(self._covariance[:, -s:, -s:])
 
     def after(self) -> Array:
         """Return the covariances of the s parameters of interest after each possible circle.
 
-        The result has the shape (K, candidates, s, s).
+        The result has the shape (K, candidates, s, s), for K values of the hyper-parameters, all
+        possible circles (candidates), and s parameters of interest.
         """
         s = self._interest
         results = []
@@ -56,7 +61,7 @@ class CandidateCovariances:
         return np.array(results)
 
     def run(self, candidate: int) -> None:
-        """Count one possible circle, whose index is ``candidate``, as run."""
+        """Treat the possible circle with the index ``candidate`` as already run."""
         rows = self._rows[:, candidate]
         spread = rows @ self._covariance
         readings = spread @ np.swapaxes(rows, -1, -2) + np.eye(rows.shape[1])

@@ -2,8 +2,9 @@
 
 The pilot is the campaign or plan that a design starts from. The model keeps the pilot's reference
 force F0, range of force, and estimate Ĉ of the compliances about which it is linearised. A clocking
-is the pair of angles by which the two balls are turned. If any clockings differ, the model has
-separate terms for the form errors of the two balls. If none differ, one common term is equivalent.
+is the pair of angles by which the two balls are turned. If the tests have different clockings, the
+model has separate terms for the form errors of the two balls. If not, one common term is
+equivalent.
 """
 
 from __future__ import annotations
@@ -63,7 +64,7 @@ def _number_of_angles(test: CircularTest) -> int:
 
 
 class _TestKind(NamedTuple):
-    """Properties of a test that decide which parameters the model has."""
+    """Kind of a test: the properties that decide which parameters the model has."""
 
     plane: str | None
     setup: int | None
@@ -79,9 +80,9 @@ def add_foreseen_tests(
 ) -> Campaign:
     """Return the pilot with one foreseen test of every new kind that a design may contain.
 
-    The kind of a test is its plane, set-up, centre, radius and direction. The model of a campaign
-    has the parameters that its tests, run or foreseen, can show. Because of the foreseen tests, the
-    same model applies to every design.
+    The kind of a test is its plane, set-up, centre, radius and direction. A foreseen test is one
+    that may be run later. The model of a campaign has the parameters that its tests, run or
+    foreseen, can show. Because of the foreseen tests, the same model applies to every design.
 
     Parameters
     ----------
@@ -100,7 +101,7 @@ def add_foreseen_tests(
         The pilot with the foreseen tests added; the pilot itself if it has all kinds already.
     """
     uses_radius = _model_depends_on_radius(pilot, (*candidates, *compared_tests))
-    # The directions of tests that the pilot has run do not count, because the analysis of a design
+    # Ignore the directions of the tests that the pilot has run, because the analysis of a design
     # need not include these tests.
     known_kinds = {_kind_of(test, None, uses_radius) for test in pilot.scope}
     known_kinds |= {_kind_of(test, test.direction, uses_radius) for test in pilot.foreseen}
@@ -117,7 +118,8 @@ def _model_depends_on_radius(pilot: Campaign, tests: Sequence[CircularTest]) -> 
     """Return whether the parameters of the model depend on the radii of the circles.
 
     The parameters depend on the radii only if a frame or the centre of a circle lies off the
-    machine's origin. ``tests`` are the tests of designs; those of the pilot are considered too.
+    machine's origin. ``tests`` are the tests of designs. The tests of ``pilot``, the campaign that
+    the designs start from, are considered too.
     """
     if any(any(frame) for frame in pilot.frames_mm.values()):
         return True
@@ -127,7 +129,8 @@ def _model_depends_on_radius(pilot: Campaign, tests: Sequence[CircularTest]) -> 
 def _kind_of(test: CircularTest, direction: Direction | None, uses_radius: bool) -> _TestKind:
     """Return the kind of a test, with ``direction`` as its direction of travel.
 
-    ``uses_radius`` states whether tests of different radii are of different kinds.
+    The kind of a test consists of its plane, set-up, centre, radius and direction of travel. The
+    radius is left out if ``uses_radius`` is false.
     """
     radius_mm = test.radius_mm if uses_radius else None
     return _TestKind(test.plane, test.setup, tuple(test.circle.centre_mm), radius_mm, direction)
@@ -138,10 +141,11 @@ def _tests_by_kind(
 ) -> dict[_TestKind, CircularTest]:
     """Return a dict with the first test of every kind; its keys are the kinds.
 
-    The tests are the candidates, followed by the compared tests.
+    The kind of a test consists of its plane, set-up, centre, radius and direction of travel.
 
-    A kind has a direction only if the candidates in its plane run in both directions.
-    ``uses_radius`` states whether tests of different radii are of different kinds.
+    The tests are ``candidates``, those to choose from, followed by ``compared_tests``, those of
+    other designs. The direction is left out, except for candidates in planes whose candidates run
+    in both directions. The radius is left out if ``uses_radius`` is false.
     """
     both_ways = _planes_run_both_ways(candidates)
     possible = []
@@ -172,8 +176,8 @@ def grid_of_tests(
     """Return every combination of template, radius, clocking and force as a planned test.
 
     A template is a test without readings; a clocking is the pair of angles by which the balls are
-    turned. All forces of the first template, radius and clocking come first. The clocking changes
-    next, then the radius, and the template last.
+    turned. The force changes from one test to the next. The clocking changes after all forces, the
+    radius after all clockings, and the template after all radii.
     """
     tests = []
     for template, radius_mm, clocking, force_N in product(
@@ -194,12 +198,12 @@ def grid_of_tests(
 def bind_tests(
     model: HybridModel, pilot: Campaign, tests: Sequence[CircularTest], *, keep_pilot_tests: bool
 ) -> BoundModel:
-    """Return the model bound to a plan of these tests.
+    """Return the model bound to a plan that consists of the given tests.
 
     The reference force, range of force and estimate Ĉ of the compliances are those of the pilot.
     The model also has the parameters that only the pilot's tests can show, even if the plan leaves
-    these tests out. An exception is hysteresis, because the pilot's directions of travel do not
-    count.
+    these tests out. The exception is hysteresis, because the pilot's directions of travel are
+    ignored.
 
     Parameters
     ----------
@@ -219,7 +223,7 @@ def bind_tests(
     """
     plan = replace(pilot, tests=tuple(tests), foreseen=(), pilot=None, adds_to_pilot=False)
     if not keep_pilot_tests:
-        # A design does not state when its tests are to be run.
+        # The order of the tests is not known yet: a random order is assumed.
         plan = replace(plan, order="random")
     return _bind_to_pilot(model, plan, pilot, keep_pilot_tests=keep_pilot_tests)
 
@@ -227,9 +231,10 @@ def bind_tests(
 def bind_plan(model: HybridModel, plan: Campaign) -> BoundModel:
     """Return the model bound to a plan.
 
-    If the plan has a pilot, the reference force, range of force and estimate Ĉ of the compliances
-    are those of the pilot, as in `bind_tests`. The instrument and the order of the tests are the
-    plan's own. If the plan adds to its pilot, the pilot's tests come first.
+    The pilot is the campaign that the plan starts from. If the plan has a pilot, the reference
+    force, range of force and estimate Ĉ of the compliances are those of the pilot, as in
+    `bind_tests`. The instrument and the order of the tests are the plan's own. If the plan adds to
+    its pilot, the pilot's tests come first.
     """
     pilot = plan.pilot
     if pilot is None:
@@ -239,10 +244,11 @@ def bind_plan(model: HybridModel, plan: Campaign) -> BoundModel:
 
 
 def _with_times(plan: Campaign, pilot: Campaign) -> Campaign:
-    """Return a plan with times for its tests; their mean is the mean time of the pilot's tests.
+    """Return a plan with times for its tests; the mean of the times is that of the pilot's tests.
 
-    The times decide how a drift acts on the tests. A plan whose tests are not run in the order in
-    which it lists them, or that adds to its pilot, is returned unchanged.
+    The pilot is the campaign that the plan starts from. The times decide how a drift acts on the
+    tests. A plan whose tests are not run in the order in which it lists them, or that adds to its
+    pilot, is returned unchanged.
     """
     if plan.order is not None or plan.adds_to_pilot:
         return plan
@@ -262,14 +268,15 @@ def _with_times(plan: Campaign, pilot: Campaign) -> Campaign:
 def _bind_to_pilot(
     model: HybridModel, plan: Campaign, pilot: Campaign, *, keep_pilot_tests: bool
 ) -> BoundModel:
-    """Return the model bound to the tests of a plan, with the settings that its pilot fixes.
+    """Return the model bound to a plan, with the settings that the pilot of the plan fixes.
 
-    ``keep_pilot_tests`` says whether the pilot's own tests come first.
+    The pilot is the campaign that the plan starts from. If ``keep_pilot_tests`` is true, its tests
+    are included, before those of the plan.
     """
     tests = plan.tests
     pilot_tests = pilot.plan().tests
-    # Remove the names of the tests: the plan then gives new names, which differ even if a test is
-    # planned repeatedly.
+    # Remove the names of the tests: the plan then gives every test a name of its own, even if a
+    # test is planned repeatedly.
     planned = tuple(replace(test, name="") if test.name else test for test in tests)
     if keep_pilot_tests:
         planned = (*pilot_tests, *planned)
@@ -305,9 +312,10 @@ def running_order(
 def _random_blocks(
     tests: Sequence[CircularTest], key: Callable[[CircularTest], Any], rng: np.random.Generator
 ) -> list[list[CircularTest]]:
-    """Return the tests in blocks of equal key, with the blocks in random order.
+    """Return the tests in blocks, in random order of the blocks.
 
-    ``key`` is a function that returns the key of a test, for example its set-up.
+    ``key`` is a function that returns a property of a test, for example its set-up. Tests with the
+    same property are in one block.
     """
     blocks: dict[Any, list[CircularTest]] = {}
     for test in tests:

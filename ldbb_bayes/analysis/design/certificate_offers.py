@@ -18,8 +18,9 @@ from ldbb_bayes.results import Result
 
 __all__ = ["CertificateOffer", "certified_with", "offers_in", "sets_of_offers"]
 
-# Words with which a user names certificates that can be bought, and the key of each certificate in
-# ``CERTIFICATES``. Certificates of balls are named with the grade instead, as in "balls G10".
+# Dictionary from the word with which a user names a certificate, such as ``mount``, to the key of
+# this certificate in ``CERTIFICATES``. Certificates of balls are not included, because their names
+# contain the grade, as in "balls G10".
 _STATED_BY_WORD = {
     "bar": "bar ± 1 µm",
     "mount": "mount ± 2 %",
@@ -33,7 +34,7 @@ _FIELDS_BY_BALLS = {
 }
 # Words for balls with their grade, such as "balls G10".
 _BALLS = re.compile(r"(balls|work ball|tool ball)\s+(G\d+)", re.IGNORECASE)
-# Largest number of certificates that may be on offer; it is limited because every set of these
+# Largest number of certificates that may be on offer. The number is limited because every set of
 # certificates is tried.
 _MOST_OFFERS = 5
 
@@ -44,7 +45,8 @@ class CertificateOffer(Result):
 
     name: str  #: what is certified, such as "balls of grade G10"
     price: float  #: price, in a unit of money
-    #: values of the fields of the instrument that the certificate states, by the name of the field
+    #: values that the certificate states for fields of the instrument; the keys are the names of
+    #: the fields
     statements: Annotated[Mapping[str, Any], Field(exclude=True)] = field(default_factory=dict)
 
 
@@ -54,14 +56,14 @@ def offers_in(stated: Mapping[str, float]) -> tuple[CertificateOffer, ...]:
     Parameters
     ----------
     stated
-        Prices of the certificates. The keys are "balls G10", "work ball G5" or "tool ball G5"
-        (other grades are possible), "bar" (length to 1 µm), "mount" (2 %), "force" (0.5 %,
-        linearity 0.2 %, random 1 N) or "angle" (0.05°).
+        Prices of the certificates; the keys are the names of the certificates. The names are "balls
+        G10", "work ball G5" or "tool ball G5" (other grades are possible), "bar" (length to 1 µm),
+        "mount" (2 %), "force" (0.5 %, linearity 0.2 %, random 1 N) or "angle" (0.05°).
 
     Returns
     -------
     tuple of CertificateOffer
-        The certificates, in the order in which they were stated.
+        The certificates, in the order of ``stated``.
 
     Raises
     ------
@@ -128,7 +130,7 @@ def sets_of_offers(
 
 
 def certified_with(instrument: Instrument, offers: Sequence[CertificateOffer]) -> Instrument:
-    """Return the instrument with the fields that further certificates state."""
+    """Return the instrument with the values that further certificates state for its fields."""
     statements: dict[str, Any] = {}
     for offer in offers:
         statements.update(offer.statements)

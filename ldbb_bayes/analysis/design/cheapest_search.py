@@ -1,12 +1,11 @@
 """Search for the cheapest campaigns that reach their goals.
 
 Campaigns of one family have the same clockings, radii and certificates. The search goes through
-families and numbers of circles in the order of the price. For each family and number of circles it
-takes the campaign that the quick forecast (`quick_forecast`) finds nearest to the goals. If this
-campaign seems near enough, the full forecast (`forecast`) decides whether the goals are reached.
-Uncertainties by the quick forecast are too small by a factor that hardly differs between campaigns
-of one family. This factor is estimated from the full forecasts made so far. u/u* is a standard
-uncertainty divided by the largest standard uncertainty that its goal permits.
+families and numbers of circles, the cheapest first. For each family and number of circles, the
+search takes the campaign that the quick forecast (`quick_forecast`) finds nearest to the goals. If
+this campaign seems near enough, the full forecast (`forecast`) decides whether the goals are
+reached. The uncertainties of the quick forecast are too small by a factor that hardly differs
+between campaigns of one family. This factor is estimated from the full forecasts made so far.
 """
 
 from __future__ import annotations
@@ -34,18 +33,21 @@ __all__ = [
 
 # Largest number of circles of a campaign.
 _MOST_CIRCLES = 40
-# To estimate how many circles a family needs, the search takes the family's best campaign of this
-# many circles, and multiplies all its numbers of circles by the factor that reaches the goals.
+# To estimate how many circles are needed in a family of campaigns, the search takes the family's
+# best campaign of this many circles. The number of runs of each circle is multiplied by the factor
+# with which the goals are reached.
 _CIRCLES_OF_SHARES = 8
-# The search in a family begins at this share of the estimated number of circles.
+# The search in a family of campaigns begins at this share of the estimated number of circles that
+# are needed.
 _BEGIN_SHARE = 0.85
-# Number of halvings of the interval in which the factor for that estimate is sought.
+# Number of halvings of the interval in which the search seeks the factor by which to multiply the
+# numbers of circles of a campaign.
 _HALVINGS = 10
-# A full forecast of a campaign is made only if ln(u/u*) by the quick forecast is at most this,
-# where u/u* is a standard uncertainty divided by the largest that its goal permits. Before the
-# comparison, the uncertainty u is multiplied by the ratio of full to quick forecast.
+# A full forecast of a campaign is made only if ln(u/u*) is at most this. Here u is a standard
+# uncertainty: that of the quick forecast times the expected ratio of full to quick forecast. u* is
+# the largest standard uncertainty that the goal permits.
 _NEAR = 0.03
-# Largest number of full forecasts in one family.
+# Largest number of full forecasts in one family of campaigns.
 _MOST_FORECASTS = 8
 # When a campaign with one circle less is tried, a forecast with only this many possible machines
 # first shows whether a full forecast is worth while.
@@ -58,7 +60,7 @@ _MOST_EFFORT = 700
 
 @dataclass(frozen=True, eq=False)
 class FoundCampaign:
-    """A campaign that was found, and its full forecast."""
+    """A campaign that the search found, and the forecast of its uncertainties."""
 
     family: CampaignFamily
     tests: tuple[CircularTest, ...]
@@ -72,7 +74,7 @@ class FoundCampaign:
 
 @dataclass(frozen=True, eq=False)
 class CheapestCampaigns:
-    """Result of the search: campaigns that reach all goals, or the campaign nearest to them."""
+    """Result of the search: campaigns that reach all goals, or the one nearest to the goals."""
 
     campaigns: tuple[FoundCampaign, ...]  #: the campaigns that reach all goals, the cheapest first
     #: if no campaign of the largest number of circles reaches all goals, the campaign that reaches
@@ -84,10 +86,11 @@ class CheapestCampaigns:
 def judge_plan(
     family: CampaignFamily, tests: Sequence[CircularTest], machines: int | None = None
 ) -> FoundCampaign:
-    """Return tests of a family as a campaign, with the forecast of its uncertainties.
+    """Return a campaign of the given tests, with the forecast of its uncertainties.
 
-    ``machines`` is the number of possible machines in the forecast. The default, None, gives a full
-    forecast with 64 machines.
+    ``family`` is the family of campaigns to which the tests belong. ``machines`` is the number of
+    possible machines over which the forecast averages. The default, None, gives a full forecast
+    with 64 machines.
     """
     plan = family.plan_of(tests)
     stated = stated_by_machines(family.space.model, plan, machines=machines)
@@ -120,17 +123,17 @@ def shares_of_machines(stated: StatedByMachines, goals: Mapping[str, Goal]) -> d
 
 @dataclass
 class _Progress:
-    """State of the search in one family of campaigns."""
+    """State of the search in one family of campaigns: numbers of circles, and forecasts made."""
 
     family: CampaignFamily
     circles: int  #: number of circles that is tried next
-    #: number of circles of every candidate in the campaign tried last, shape (candidates,)
+    #: number of circles of every candidate test in the campaign tried last, shape (candidates,)
     counts: Array
-    #: natural logarithm of the ratio of the uncertainty by the full forecast to that by the quick
-    #: forecast, for the largest number of circles
+    #: natural logarithm of the ratio of the uncertainty in the full forecast to that in the quick
+    #: forecast, for the campaign with the largest number of circles
     lasting_inflation: float = 0.0
-    #: coefficient a: for n circles, the same logarithm is ``lasting_inflation`` + a/n; None before
-    #: the first full forecast
+    #: coefficient a: for n circles, the natural logarithm of the ratio of full to quick forecast is
+    #: ``lasting_inflation`` + a/n; None before the first full forecast
     inflation: float | None = None
     forecasts: int = 0  #: number of full forecasts made
     last_failed: int = 0  #: largest number of circles that a full forecast found too small
@@ -139,7 +142,10 @@ class _Progress:
 
 @dataclass(order=True)
 class _QueuedFamily:
-    """A family in the queue, which is sorted by the price of the next campaign of each family."""
+    """A family of campaigns in the queue of families that the search goes through.
+
+    The queue is sorted by the price of the campaign that the search tries next in each family.
+    """
 
     price: float
     position: int
@@ -155,13 +161,14 @@ def find_cheapest(
 ) -> CheapestCampaigns:
     """Return the cheapest campaigns that reach all goals, one of each family.
 
-    If fewer than ``number`` families reach the goals, campaigns of the cheapest family with more
-    circles are added.
+    If fewer than ``number`` families reach the goals, campaigns with more circles are added, in the
+    family of the cheapest campaign.
 
     Parameters
     ----------
     families
-        Families of campaigns.
+        Families of campaigns; those of one family have the same ball angles, radii and
+        certificates.
     goals
         Goals; the keys are the names of the parameters.
     costs
@@ -210,7 +217,7 @@ def find_cheapest(
 
 
 def _with_more_circles(campaign: FoundCampaign, number: int, costs: Costs) -> list[FoundCampaign]:
-    """Return campaigns of the same family with 1, 2, …, ``number`` circles more.
+    """Return campaigns with 1, 2, …, ``number`` circles more than a campaign of the same family.
 
     Such campaigns meet the goals on more of the possible machines. Campaigns that exceed the
     longest machine time are left out.
@@ -225,7 +232,10 @@ def _with_more_circles(campaign: FoundCampaign, number: int, costs: Costs) -> li
 
 
 class _Search:
-    """Search in all families; the search in a family uses the forecasts of families before it."""
+    """Search in all families of campaigns.
+
+    The search in a family uses the forecasts made in the families that were searched before.
+    """
 
     def __init__(self, goals: Mapping[str, Goal], costs: Costs, probability: float) -> None:
         self._goals = goals
@@ -233,17 +243,18 @@ class _Search:
         self._probability = probability
         #: smallest coefficient `_Progress.inflation` of all families so far
         self._inflation = np.inf
-        self.is_reachable = False  #: whether the largest campaign of a family reaches all goals
-        #: of the families' largest campaigns that do not reach all goals, the campaign that reaches
-        #: them on most machines
+        #: whether the largest campaign of at least one family reaches all goals
+        self.is_reachable = False
+        #: the campaign that reaches all goals on most possible machines, among those largest
+        #: campaigns of families that miss the goals
         self.nearest: FoundCampaign | None = None
         self.effort = 0  #: sum of the squared numbers of circles of all full forecasts
 
     def start(self, progress: _Progress) -> bool:
         """Set the number of circles at which the search in a family begins.
 
-        Return whether the largest number of circles reaches the goals. If not, the search in this
-        family is over.
+        Return whether the campaign with the largest number of circles reaches the goals. If not,
+        the search in this family ends.
         """
         family = progress.family
         progress.started = True
@@ -263,19 +274,24 @@ class _Search:
         return True
 
     def _inflation_of(self, campaign: FoundCampaign, counts: Array) -> float:
-        """Return ln(u/u*) of a campaign by the full forecast, minus ln(u/u*) by the quick forecast.
+        """Return the difference of ln(u/u*) between full and quick forecast of a campaign.
 
-        u/u* is a standard uncertainty divided by the largest that its goal permits. By the full
-        forecast, ln(u/u*) of a possible machine is the largest value of all goals. The quantile of
-        these values over the machines, at the required probability, is taken. ``counts`` is the
-        campaign's number of circles of every candidate.
+        u is the standard uncertainty of a goal's parameter, and u* the largest standard uncertainty
+        that the goal permits. The full forecast gives ln(u/u*) for each possible machine, where the
+        largest value of all goals is taken. Of these values, one for each machine, the quantile at
+        the required probability is taken. The quick forecast gives a single value, which is
+        subtracted. ``counts`` is the campaign's number of circles of every candidate test.
         """
         excess = _excess(campaign.stated, self._goals).max(axis=1)
         distance = campaign.family.quick.distance(counts)
         return float(np.quantile(excess, self._probability)) - distance
 
     def _keep_nearest(self, campaign: FoundCampaign) -> None:
-        """Keep a campaign that misses the goals if it meets them on the most machines so far."""
+        """Store a campaign that misses the goals as ``nearest`` if it is the best of these so far.
+
+        The best campaign is the one that reaches all goals on the largest share of the possible
+        machines.
+        """
         if self.nearest is None or self._share_met(campaign) > self._share_met(self.nearest):
             self.nearest = campaign
 
@@ -287,11 +303,12 @@ class _Search:
         return self._share_met(campaign) >= self._probability
 
     def attempt(self, progress: _Progress) -> FoundCampaign | None:
-        """Return a campaign of a family that meets the goals, or None.
+        """Return a campaign of a family that meets the goals; None if the campaign tried does not.
 
-        The number of circles is ``circles`` of ``progress``, or a smaller number if that suffices.
-        The result is None if the best campaign of ``circles`` circles does not meet the goals,
-        needs too much machine time, or lacks a clocking or radius of the family.
+        ``progress`` states the family and its number of circles, ``circles``. The campaign returned
+        has this number of circles, or fewer if fewer suffice. The result is None if the best
+        campaign of ``circles`` circles does not meet the goals, needs too much machine time, or
+        lacks a clocking (pair of ball angles) or radius of the family.
         """
         family = progress.family
         circles = progress.circles
@@ -315,7 +332,11 @@ class _Search:
         return self._with_fewer_circles(progress, campaign)
 
     def _judge(self, progress: _Progress, counts: Array) -> FoundCampaign:
-        """Return a campaign with its full forecast; update the ratio of full to quick forecast."""
+        """Return a campaign of a family with its full forecast.
+
+        ``counts`` is the campaign's number of circles of every candidate test. The expected ratio
+        of the uncertainties of the full forecast to those of the quick forecast is updated.
+        """
         progress.forecasts += 1
         campaign = judge_plan(progress.family, progress.family.tests_of(counts))
         self.effort += len(campaign.tests) ** 2
@@ -343,19 +364,22 @@ class _Search:
         return best
 
     def _learn(self, progress: _Progress, campaign: FoundCampaign, counts: Array) -> None:
-        """Update the ratio of full to quick forecast from the full forecast of a campaign."""
+        """Update the expected ratio of the uncertainties of the full and the quick forecast.
+
+        The ratio is computed from the full forecast of a campaign.
+        """
         added = self._inflation_of(campaign, counts) - progress.lasting_inflation
         progress.inflation = max(added, 0.0) * len(campaign.tests)
         self._inflation = min(self._inflation, progress.inflation)
 
     def _expected_inflation(self, progress: _Progress) -> float:
-        """Return the natural logarithm of the expected ratio of full to quick forecast.
+        """Return the logarithm of the expected ratio of full to quick forecast.
 
-        The ratio is that of the uncertainties of a campaign of the family.
+        The ratio is that of the uncertainties of the next campaign of the family.
 
         The quick forecast takes the scales of noise and effects as known. The more circles there
-        are, the better the analysis knows these scales. The logarithm is therefore a constant plus
-        a part that is inversely proportional to the number of circles.
+        are, the better the analysis knows these scales. The natural logarithm of the ratio is
+        therefore a constant plus a part that is inversely proportional to the number of circles.
         """
         inflation = progress.inflation
         if inflation is None:
@@ -364,11 +388,11 @@ class _Search:
 
 
 def _least_multiple(family: CampaignFamily, counts: Array, distance: float) -> float:
-    """Return the factor by which to multiply all numbers of circles to reach a given distance.
+    """Return by which factor to multiply numbers of circles to reach a distance from the goals.
 
-    ``counts`` are the numbers of circles of all candidates; the multiplied numbers need not be
-    whole. ``distance`` is the distance from the goals by the quick forecast, as `quick_forecast`
-    defines it.
+    ``counts`` are the numbers of circles of all candidate tests; the multiplied numbers need not be
+    whole. ``distance`` is the distance from the goals that the quick forecast is to give, as
+    `quick_forecast` defines it.
     """
     low = -np.log(_CIRCLES_OF_SHARES)
     high = np.log(_MOST_CIRCLES / _CIRCLES_OF_SHARES)

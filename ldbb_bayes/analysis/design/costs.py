@@ -26,7 +26,7 @@ _CLOCKING_DIGITS = 6
 
 @dataclass(frozen=True)
 class Costs(Result):
-    """What circles, set-ups, turns of the balls and machine time cost.
+    """Times of circles, set-ups and turns of the balls, and the price of machine time.
 
     Examples
     --------
@@ -71,7 +71,7 @@ class Costs(Result):
         )
 
     def fits(self, minutes: float) -> bool:
-        """Return whether a machine time [min] is within the limit, if there is one."""
+        """Return whether a machine time [min] is within the limit; True if there is no limit."""
         return self.hours is None or minutes <= _MINUTES_PER_HOUR * self.hours
 
 

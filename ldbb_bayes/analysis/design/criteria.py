@@ -22,8 +22,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["Criterion", "Determinant", "LogBayesFactor", "Variance"]
 
-# Eigenvalues of the weights W, shape (s, s), of criterion A, c or I for s parameters count as zero
-# if they are below this share of the largest.
+# Eigenvalues of the matrix of weights W of criterion A, c or I are treated as zero if they are
+# below this share of the largest eigenvalue.
 _NEGLIGIBLE_EIGENVALUE = 1e-14
 
 
@@ -130,13 +130,16 @@ class LogBayesFactor:
     """
 
     concave: ClassVar[bool] = False
-    size: float = 1.0  #: root mean square of the parameters, in prior standard deviations
+    #: root mean square of the parameters in the model that has them, in prior standard deviations
+    size: float = 1.0
 
     def value(self, root: Array) -> Array:
-        """Return the expected log Bayes factor in favour of the true model, shape (...).
+        """Return the expected log Bayes factor in favour of the true of two models, shape (...).
 
-        ``root`` is the Cholesky factor of the precision of the s parameters of interest, shape
-        (..., s, s). The leading dimensions (...) are those of several designs or hyper-parameters.
+        In one model the s parameters of interest are free; in the other they are zero.
+
+        ``root`` is the Cholesky factor of the precision of these parameters, shape (..., s, s). The
+        leading dimensions (...) are those of several designs or hyper-parameters.
         """
         gain = np.maximum(np.linalg.eigvalsh(_square(root)) - 1.0, 0.0)
         return np.asarray(0.25 * self.size**2 * (gain**2 / (1.0 + gain)).sum(axis=-1))

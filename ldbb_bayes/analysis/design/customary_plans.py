@@ -22,7 +22,7 @@ def equal_steps(
     highest_N: float,
     number: int,
 ) -> tuple[CircularTest, ...]:
-    """Return circles in equal steps of force, alternately in the directions of travel.
+    """Return circles in equal steps of force, which alternate in the direction of travel.
 
     ``lowest_N`` and ``highest_N`` are the first and the last force [N], and ``number`` is the
     number of circles. ``ways`` are the directions of travel; None stands for a direction that is
@@ -39,10 +39,10 @@ def published_forces(
     lowest_N: float,
     highest_N: float,
 ) -> tuple[CircularTest, ...]:
-    """Return circles at the forces of the published experiment, alternately in the directions.
+    """Return circles at the published forces, which alternate in the direction of travel.
 
-    The published forces are scaled linearly to the range from ``lowest_N`` to ``highest_N`` [N].
-    The other arguments are those of `equal_steps`.
+    The published forces, those of the published experiment, are scaled linearly to the range from
+    ``lowest_N`` to ``highest_N`` [N]. The other arguments are those of `equal_steps`.
     """
     published = np.array(_PUBLISHED_FORCES_N)
     shares = (published - published[0]) / (published[-1] - published[0])
@@ -53,9 +53,10 @@ def published_forces(
 def _circles(
     template: CircularTest, ways: Sequence[Direction | None], forces_N: Sequence[float]
 ) -> tuple[CircularTest, ...]:
-    """Return one circle at every force, alternately in the directions of travel ``ways``.
+    """Return one circle at every force; the circles alternate in the direction of travel.
 
-    All other settings are those of ``template``, but the balls are not turned.
+    ``ways`` are the directions of travel. All other settings are those of ``template``, a test of
+    the machine, but the balls are not turned.
     """
     circles = []
     for k, force_N in enumerate(forces_N):

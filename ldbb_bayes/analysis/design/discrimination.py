@@ -110,8 +110,8 @@ def discrimination_of(
         slope_variance = size**2
     root = np.linalg.cholesky(covariance)
     remaining, axes = np.linalg.eigh(np.swapaxes(root, 1, 2) @ start.precision @ root)
-    # The eigenvalues e are the shares of variance that remain, after the tests, along combinations
-    # of the slopes.
+    # Each eigenvalue e belongs to a combination of the slopes: it is the share of the combination's
+    # variance that remains after the tests.
     remaining = np.clip(remaining, _LEAST_VARIANCE, 1.0)
     learnt = 1.0 - remaining
     to_components = np.linalg.solve(root @ axes, np.broadcast_to(np.eye(s), covariance.shape))
@@ -159,8 +159,9 @@ class _LogBayesFactorDistribution:
     def expected(self, mean: Array, variance: Array) -> float:
         """Return the mean of the log Bayes factor [nat].
 
-        ``mean``, shape (K, 1, s), and ``variance``, shape (K, s), are those of the s normal
-        components of the slopes' posterior mean, for K values of the hyper-parameters.
+        The posterior mean of the slopes has s independent normal components. ``mean``, shape (K, 1,
+        s), and ``variance``, shape (K, s), are the means and variances of these components, for K
+        values of the hyper-parameters.
         """
         squares = (mean[:, 0] ** 2 + variance).sum(axis=1)
         return float(0.5 * (self.log_volume + squares).mean())
@@ -168,9 +169,10 @@ class _LogBayesFactorDistribution:
     def probability_above(self, level: float, mean: Array, variance: Array) -> float:
         """Return the probability that the log Bayes factor exceeds a level [nat].
 
-        ``mean``, shape (K, 1 or 2, s), and ``variance``, shape (K, s), are those of the s normal
-        components of the slopes' posterior mean, for K values of the hyper-parameters. If there are
-        two means, half of the quasi-random points take the first and half the second.
+        The posterior mean of the slopes has s independent normal components. ``mean``, shape (K, 1
+        or 2, s), and ``variance``, shape (K, s), are the means and variances of these components,
+        for K values of the hyper-parameters. If there are two means of a component, the first is
+        used for half of the quasi-random points, and the second for the other half.
         """
         order = np.argsort(-variance, axis=1)[:, None]
         sorted_variance = np.take_along_axis(variance[:, None], order, axis=2)
@@ -178,8 +180,9 @@ class _LogBayesFactorDistribution:
         mean_of_point = np.arange(self.points.shape[1]) % mean.shape[1]
         centre = np.take_along_axis(mean, order, axis=2)[:, mean_of_point]
         squares = ((centre[..., 1:] + sd[..., 1:] * self.points) ** 2).sum(axis=2)
-        # Of the components of the slopes' posterior mean, the one with the largest variance (the
-        # first after sorting) is integrated analytically; the others are averaged over points.
+        # The posterior mean of the slopes has several components. The component with the largest
+        # variance (the first after sorting) is integrated analytically. The probability is averaged
+        # over points of all other components.
         needed_square = 2.0 * level - self.log_volume[:, None] - squares
         edge = np.sqrt(np.maximum(needed_square, 0.0)) / sd[..., 0]
         middle = centre[..., 0] / sd[..., 0]

@@ -2,8 +2,9 @@
 
 `design` uses this forecast for the tests that it recommends, `identify` for a plan, and the browser
 page for the tests that its sliders describe. A forecast depends on the model, on the tests, and on
-what is known of the scales of noise and effects before the tests. This is their posterior given the
-readings of a pilot (the campaign that a design starts from), or their prior.
+what is known of the scales of noise and effects before the tests. What is known is the posterior of
+the scales given the readings of a pilot (the campaign that a design starts from), or else their
+prior.
 
 β are the parameters (compliances, their slopes and geometric errors), φ the hyper-parameters (the
 scales of the noise and of other effects). A state is one possible machine: values of φ and β. In
@@ -48,14 +49,14 @@ __all__ = [
 # Number of possible states of the machine (values of parameters and hyper-parameters) that a
 # forecast averages over.
 _STATES = 64
-# Number of values of the scales over which the stated variance of a possible machine is averaged.
-# The analysis of the machine's tests believes in these values.
+# Number of sets of scales (of the noise and of other effects) that the analysis of a possible
+# machine's tests finds likely. The variance that the analysis states is an average over these sets.
 _BELIEFS = 4
 # Number of posterior means that a forecast draws at random for each possible state of the machine
 # if the analysis knows the scales. An analysis of the new tests may find any of these means.
 _MEANS_PER_STATE = 4
-# Share of the possible machines for which the analysis states at most the likely standard
-# uncertainty.
+# The likely standard uncertainty of a parameter is the one that the analysis does not exceed on
+# this share of the possible machines.
 _LIKELY = 0.9
 # Standard error of the median of normally distributed values, divided by the standard error of
 # their mean.
@@ -63,8 +64,8 @@ _ERROR_OF_MEDIAN = 1.2533
 # The floor of a parameter's uncertainty is its expected standard deviation if every test were run
 # this many times.
 _REPETITIONS_OF_FLOOR = 1e6
-# Singular values of the design matrix of the readings below this count as zero, when it is tested
-# whether the tests determine every parameter.
+# To find whether the tests determine every parameter, singular values of the design matrix that are
+# below this number are treated as zero.
 _RANK_TOLERANCE = 1e-6
 # Seed of the random numbers. It is the same for all forecasts, so that two forecasts of one plan
 # agree to the last digit.
@@ -77,14 +78,14 @@ class Expected(Result):
 
     ``prior_sd`` is infinite for a flat prior. On every possible machine, the analysis of the tests
     will state a standard uncertainty: ``sd`` is the median of these uncertainties over all possible
-    machines, and nine in ten of them are at most ``likely_sd``. Both account for the truncation
-    (compliances must not be negative); ``untruncated_sd`` is the median without truncation. All but
-    ``prior_sd`` are infinite if, with flat priors, the tests leave a parameter undetermined.
-    ``sd_error`` is the standard error of ``sd`` from the scatter over possible states of the
-    machine. It is somewhat too large, because the states are spread more evenly than independent
-    states would be. ``floor_sd`` is the standard deviation if every test were run a million times.
-    It is due to nuisance effects that all tests share, and is reduced for the truncation in the
-    same ratio as ``sd``.
+    machines, and nine in ten of them are at most ``likely_sd``. ``sd`` and ``likely_sd`` account
+    for the truncation (compliances must not be negative); ``untruncated_sd`` is the median without
+    truncation. If priors are flat and the tests leave a parameter undetermined, all values except
+    ``prior_sd`` are infinite. ``sd_error`` is the standard error of ``sd`` from the scatter over
+    possible states of the machine. ``sd_error`` is somewhat too large, because the states are
+    spread more evenly than independent states would be. ``floor_sd`` is the standard deviation if
+    every test were run a million times. ``floor_sd`` is due to nuisance effects that all tests
+    share. The truncation reduces it in the same ratio as ``sd``.
     """
 
     unit: str
@@ -100,12 +101,14 @@ class Expected(Result):
 class Forecast(Result):
     """Forecast of planned tests: expected uncertainties, information gain, evidence on slopes."""
 
-    #: prior and expected standard deviation of each parameter; the keys are the names
+    #: prior and expected standard deviation of each parameter; the keys are the names of the
+    #: parameters
     expected: dict[str, Expected]
     #: expected Kullback-Leibler divergence of the posterior from the prior [nat]; infinite for a
     #: flat prior
     information_gain: Finite
-    #: expected evidence for or against slopes; None for a model without slopes or with flat priors
+    #: expected evidence for or against slopes (changes of compliance with force); None if the model
+    #: has no slopes or flat priors
     discrimination: Discrimination | None
 
     @property
@@ -140,13 +143,14 @@ def forecast_plan(
     model : HybridModel
         Model for the analysis of the plan's tests.
     plan : Campaign
-        Plan. Before the plan is run, the machine is known only from the readings of the plan's
-        pilot or, if there are none, from the prior.
+        Plan. Before it is run, the machine is known only from the readings of the plan's pilot (the
+        campaign that the plan starts from) or, if there are none, from the prior.
     slopes : Slopes, optional
         Slopes (changes of compliance with force) for which the evidence is forecast. Default: all
         slopes of the model, with the size of their prior standard deviations.
     machines : int, optional
-        Number of possible machines: fewer are quicker and less exact. Default: 64.
+        Number of possible machines that the forecast averages over. A smaller number is faster and
+        less exact. Default: 64.
 
     Returns
     -------
@@ -171,27 +175,28 @@ class StatedByMachines:
     """Standard uncertainties that the analyses of planned tests state on n possible machines."""
 
     names: tuple[str, ...]  #: names of the p parameters
-    beta: Array  #: true parameters of the machines, shape (n, p), in internal units
-    u: Array  #: standard uncertainties that the analyses state, shape (n, p), in internal units
+    beta: Array  #: true parameters of the machines, shape (n, p), in mm, N and rad
+    u: Array  #: standard uncertainties that the analyses state, shape (n, p), in mm, N and rad
 
 
 @one_blas_thread
 def stated_by_machines(
     model: HybridModel, plan: Campaign, *, machines: int | None = None
 ) -> StatedByMachines:
-    """Return the uncertainties that the analyses of a plan state, for all possible machines.
+    """Return the standard uncertainties that an analysis would state on n possible machines.
 
-    `forecast_plan` gives the medians of these uncertainties. The model must have proper priors.
+    The analysis is that of the readings of a plan. `forecast_plan` gives the medians of these
+    uncertainties. The model must have proper priors.
 
     Parameters
     ----------
     model
         Model for the analysis of the plan's tests.
     plan
-        Plan. Before the plan is run, the machine is known only from the readings of the plan's
-        pilot or, if there are none, from the prior.
+        Plan. Before it is run, the machine is known only from the readings of the plan's pilot (the
+        campaign that the plan starts from) or, if there are none, from the prior.
     machines
-        Number of possible machines. Default: 64.
+        Number n of possible machines, which are drawn from the posterior or prior. Default: 64.
     """
     run = 0
     if plan.pilot is not None and plan.adds_to_pilot:
@@ -206,7 +211,7 @@ def stated_by_machines(
 
 
 def states_of(model: HybridModel, plan: Campaign, machines: int | None = None) -> States:
-    """Return the possible states of the machine before a plan is run, for its forecast.
+    """Return the possible states of the machine before a plan is run, for the plan's forecast.
 
     ``machines`` is the number of states, by default 64.
     """
@@ -237,8 +242,8 @@ def forecast_tests(
         Slopes (changes of compliance with force) for which the evidence is forecast. Default: all
         slopes of the model, with the size of their prior standard deviations.
     known_scales
-        Whether the analysis knows the scales of noise and effects, and all circles scatter alike.
-        Default: the analysis learns the scales from its own readings.
+        Whether to assume that the analysis knows the scales of noise and effects, and that all
+        circles scatter alike. Default: the analysis learns the scales from its readings.
 
     Returns
     -------
@@ -262,11 +267,12 @@ def forecast_tests(
 
 
 def _believed_covariance(bound: BoundModel, states: States, run: int) -> Array:
-    """Return covariances of the parameters at scales that the analysis of the tests believes in.
+    """Return covariances of the parameters for scales that the analysis may find likely.
 
-    The result has the shape (K, values, p, p), for K possible machines and a few values of the
-    scales for each machine. It is in units of the prior standard deviations. The condition that
-    compliances are not negative is not used.
+    Scales are those of the noise and of other effects. The result has the shape (K, values, p, p),
+    for K possible machines, a few sets of scales for each machine, and p parameters. It is in units
+    of the prior standard deviations of the parameters. The condition that compliances are not
+    negative is not used.
     """
     phi = extend_hyper_parameters(bound, states.phi, run, scattering=True)
     scales = believed_scales(bound, phi, _BELIEFS, _SEED)
@@ -326,11 +332,13 @@ def expected_uncertainties(
     states
         K possible states of the machine before the tests: hyper-parameters and parameters.
     covariance
-        Posterior covariances of the p parameters in each state, shape (K, p, p), in units of the
-        prior standard deviations, if compliances may be negative and all circles scatter alike.
+        Posterior covariances that the p parameters would have in each state if compliances could be
+        negative and all circles scattered alike, shape (K, p, p), in units of the prior standard
+        deviations.
     believed
-        Posterior covariances in each state at several values of the scales that the analysis may
-        believe in, shape (K, values, p, p), in the same units; compliances may be negative.
+        Posterior covariances that the p parameters would have in each state if compliances could be
+        negative, for several sets of scales that the analysis may find likely, shape (K, values, p,
+        p), in units of the prior standard deviations.
     floor
         Standard deviations that remain after very many tests, shape (p,), in units of the prior
         standard deviations.
@@ -368,13 +376,13 @@ def expected_uncertainties(
 def stated_variances(
     bound: BoundModel, states: States, covariance: Array, *, truncated: bool = True
 ) -> Array:
-    """Return the variances that analyses of planned tests state, for all possible machines.
+    """Return the variances that analyses of planned tests would state on possible machines.
 
     A state is one possible machine. States in which a compliance would be negative at a force of
-    the new tests are left out, unless no state would be left. For every state that is left,
-    posterior means that the analysis may find are drawn at random. The stated variance is the mean
-    of the posterior variances over the values of the scales that the analysis believes in, plus the
-    variance of the posterior means over these values.
+    the new tests are left out, unless no state would be left. For every other state, posterior
+    means that an analysis may find are drawn at random. The analysis finds several sets of scales
+    (of the noise and of other effects) likely. The variance that it states is the mean of the
+    posterior variances over these sets, plus the variance of the posterior means over these sets.
 
     Parameters
     ----------
@@ -383,8 +391,8 @@ def stated_variances(
     states
         K states of the machine before the tests.
     covariance
-        Posterior covariances of the p parameters in each state if compliances may be negative, for
-        n values of the scales, shape (K, n, p, p), in internal units (mm, N, rad).
+        Posterior covariances that the p parameters would have in each state if compliances could be
+        negative, for n sets of scales, shape (K, n, p, p), in internal units (mm, N, rad).
     truncated
         Whether the analyses use the condition that no compliance is negative; this has no effect if
         the model does not have this condition.
@@ -413,8 +421,8 @@ def stated_variances(
 def _is_possible(bound: BoundModel, states: States) -> Array:
     """Return for each state whether it is possible, which means that no compliance is negative.
 
-    The result has the shape (states,). If every state has a negative compliance, all states count
-    as possible.
+    The result has the shape (states,). If every state has a negative compliance, all states are
+    treated as possible.
     """
     if not bound.truncation.active:
         return np.ones(len(states.beta), bool)
@@ -435,8 +443,8 @@ def _moments_inside(bound: BoundModel, means: Array, covariance: Array) -> tuple
         Posterior means without the condition T in internal units (mm, N, rad), shape (repetitions,
         states, n, p).
     covariance
-        Posterior covariances without the condition T, for n values of the scales in each state,
-        shape (states, n, p, p), in internal units.
+        Posterior covariances without the condition T, for n sets of scales in each state, shape
+        (states, n, p, p), in internal units.
 
     Returns
     -------
@@ -467,19 +475,19 @@ def _draw_posterior_means(
 
     Let m₁ be the mean and P₁ the precision of the p parameters β before the tests, C their
     covariance after the tests, and W = 1 − C P₁. Given β of a state, the posterior mean is normally
-    distributed with the mean m₁ + W (β − m₁) and the covariance W C. The n values of the scales
-    that one analysis believes in belong to the same readings, and therefore share the same random
-    numbers. ``is_possible``, shape (K,), is true for the states that are used. ``covariance``,
-    shape (possible states, n, p, p), holds C for each of these states. ``scale``, shape (p,), are
-    the prior standard deviations. The result has the shape (repetitions, possible states, n, p).
-    All quantities are in internal units (mm, N, rad).
+    distributed with the mean m₁ + W (β − m₁) and the covariance W C. The n sets of scales that one
+    analysis finds likely belong to the same readings. Their posterior means are therefore drawn
+    with the same random numbers. ``is_possible``, shape (K,), is true for the states that are used.
+    ``covariance``, shape (possible states, n, p, p), holds C for each of these states. ``scale``,
+    shape (p,), are the prior standard deviations. The result has the shape (repetitions, possible
+    states, n, p). All quantities are in internal units (mm, N, rad).
     """
     covariance = covariance / np.outer(scale, scale)
     prior_mean = states.before.mean[is_possible]
     prior_precision = states.before.precision[is_possible] * np.outer(scale, scale)
     weight = np.eye(len(scale)) - covariance @ prior_precision[:, None]
-    # A symmetric root changes little with the scales, so that equal random numbers mean equal
-    # readings; the columns of other roots may change their signs.
+    # A symmetric root changes little with the scales, and equal random numbers then stand for equal
+    # readings. In other kinds of roots, columns may change their signs.
     root = _symmetric_root(weight @ covariance)
     deviation = (states.beta[is_possible] - prior_mean) / scale
     mean = (prior_mean / scale)[:, None] + np.einsum("knij,kj->kni", weight, deviation)
@@ -499,7 +507,7 @@ def _symmetric_root(covariance: Array) -> Array:
 def posteriors(bound: BoundModel, phi: Array, run: int) -> tuple[Gaussian | None, Array]:
     """Return the posterior p(β | y, φ), and the standard deviations after very many tests.
 
-    β are the p parameters and φ the hyper-parameters, of which K values are given. Both results are
+    β are the p parameters and φ the h hyper-parameters, of which K sets are given. Both results are
     in units of the prior standard deviations. The readings y are not known yet. The mean of the
     posterior is therefore set to zero, and only its covariance has a meaning.
 
@@ -511,7 +519,7 @@ def posteriors(bound: BoundModel, phi: Array, run: int) -> tuple[Gaussian | None
         Hyper-parameters of the campaign that the design starts from, shape (K, h); lengths in
         mm.
     run
-        Number of circles of ``bound`` that were run already, which come first.
+        Number of circles of ``bound`` that were run already; these come first in ``bound``.
 
     Returns
     -------

@@ -3,7 +3,8 @@
 A goal is the largest expanded uncertainty U (k = 2) that a parameter may have. The pilot is the
 campaign or plan that a design starts from. Possible machines are those that are likely given the
 pilot's readings or, if there are none, under the prior. A campaign reaches its goals if the
-analysis of its readings meets all goals on a stated share of the possible machines.
+analysis of its readings meets all goals on the share of the possible machines that the user asks
+for.
 """
 
 from __future__ import annotations
@@ -55,7 +56,8 @@ __all__ = [
 # and 180°.
 _CLOCKINGS: tuple[Clocking, ...] = ((0.0, 0.0), (45.0, 45.0))
 _DIRECTIONS: tuple[Direction, ...] = ("CW", "CCW")
-# Default number of forces to choose from, in equal steps over the pilot's range.
+# Default number of forces to choose from, in equal steps over the range of force of the campaign
+# that the design starts from.
 _FORCE_LEVELS = 5
 # Largest number of campaigns in the result: the cheapest, and the next best two.
 _SHOWN = 3
@@ -63,18 +65,22 @@ _SHOWN = 3
 
 @dataclass(frozen=True)
 class StatedGoal(Result):
-    """A goal as it was stated, and what the pilot's readings say about its parameter."""
+    """A goal as the user stated it, and the estimate of its parameter before the campaign.
+
+    The pilot is the campaign or plan that the design starts from.
+    """
 
     goal: Goal
-    #: largest U (k = 2) that the goal allows at the pilot's estimate, in the parameter's unit
+    #: largest U (k = 2) that the goal allows if the parameter equals ``value``, in the parameter's
+    #: unit
     limit_U: float
-    #: the pilot's estimate of the parameter; the median of its absolute value under the prior if
-    #: the pilot is a plan
+    #: estimate of the parameter from the pilot's readings; if the pilot is a plan, the median of
+    #: the parameter's absolute value under the prior
     value: float
     #: expanded uncertainty (k = 2) of the parameter given the pilot's readings, or under the prior
     #: if the pilot is a plan
     U: float
-    #: whether the pilot's readings meet the goal, so that no further circles are needed for it
+    #: whether the pilot's readings meet the goal already
     met_by_pilot: bool
 
 
@@ -83,10 +89,11 @@ class GoalForecast(Result):
     """Expanded uncertainties to expect from a campaign for the parameter of one goal."""
 
     unit: str
-    #: expanded uncertainty (k = 2) that the analysis states at most for half of all possible
+    #: expanded uncertainty (k = 2) that the analysis does not exceed on half of the possible
     #: machines
     U: float
-    #: expanded uncertainty that the analysis states at most for nine in ten possible machines
+    #: expanded uncertainty (k = 2) that the analysis does not exceed on nine in ten possible
+    #: machines
     likely_U: float
     probability: float  #: share of the possible machines on which the goal is met
 
@@ -103,11 +110,11 @@ class GoalPlan(Result):
     minutes: float  #: machine time [min]
     price: float  #: price of machine time and certificates, in the unit of money of `Costs`
     probability: float  #: share of the possible machines on which all goals are met
-    goals: dict[str, GoalForecast]  #: forecast of every goal that is not met by the pilot
+    goals: dict[str, GoalForecast]  #: forecast for every goal that the readings so far do not meet
     expected: dict[str, Expected]  #: expected uncertainty of every parameter
-    #: the plan in the order in which to run it; None where the design was read from a file
+    #: the plan in the order in which to run it; None if the design was read from a file
     planned: Annotated[Any, Field(exclude=True)] = None
-    #: model for the analysis of the plan; None where the design was read from a file
+    #: model for the analysis of the plan; None if the design was read from a file
     model: Annotated[Any, Field(exclude=True)] = None
 
     def plan(self) -> Campaign:
@@ -161,23 +168,25 @@ class GoalDesign(Result):
     #: those in ``unreachable``; empty if all goals are met already, or if no campaign reaches the
     #: goals, for example because machine time is too short
     plans: tuple[GoalPlan, ...]
-    #: for every goal that no number of circles reaches, the reason; the keys are the names of the
-    #: parameters
+    #: reasons for goals that no number of circles reaches with the certificates that the instrument
+    #: has; the keys are the names of the parameters
     obstacles: dict[str, Obstacle]
-    #: for every goal that very many circles would reach, but no campaign that can be run, the
-    #: reason; the keys are the names of the parameters. If every single goal is reached, but not
-    #: all goals together, all goals are included.
+    #: reasons for goals that very many circles would reach, but that no campaign of up to 40
+    #: circles reaches; the keys are the names of the parameters. If every single goal is reached,
+    #: but not all goals together, all goals are included.
     near_misses: dict[str, NearMiss]
-    #: goals that neither circles nor the certificates on offer reach; the plans leave them out
+    #: names of the parameters whose goals cannot be reached, even with the certificates on offer;
+    #: the plans leave these goals out
     unreachable: tuple[str, ...]
     #: campaigns as people run them today, for comparison; empty if ``plans`` is empty
     customary: tuple[CustomaryPlan, ...]
-    measured: bool  #: whether the pilot has readings
-    pilot: str  #: name of the pilot
+    #: whether the campaign that the design starts from has readings; if not, it is a plan
+    measured: bool
+    pilot: str  #: name of the campaign or plan that the design starts from
 
     @property
     def all_met(self) -> bool:
-        """Whether the pilot's readings meet all goals already."""
+        """Whether the readings of the campaign that the design starts from meet all goals."""
         return all(stated.met_by_pilot for stated in self.goals.values())
 
     @property
@@ -233,7 +242,7 @@ def design_for_goals(
     augment: bool = False,
     seed: int = 1,
 ) -> GoalDesign:
-    """Return the cheapest campaigns that reach goals; `ldbb_bayes.design` states the arguments."""
+    """Return the cheapest campaigns that reach goals, with the arguments of `ldbb_bayes.design`."""
     costs = costs or Costs()
     check_probability(probability, "probability")
     require(
@@ -263,9 +272,10 @@ def design_for_goals(
 
 
 def _directions_of(pilot: Campaign) -> tuple[Direction, ...]:
-    """Return both directions of travel; none if the directions of the pilot's tests are not stated.
+    """Return both directions of travel, or no direction if a test of the pilot states none.
 
-    The model can include hysteresis only if the directions of all tests are known.
+    The pilot is the campaign or plan that the design starts from. The model can include hysteresis
+    only if the directions of all tests are known.
     """
     if any(test.direction is None for test in pilot.tests):
         return ()
@@ -273,7 +283,11 @@ def _directions_of(pilot: Campaign) -> tuple[Direction, ...]:
 
 
 def _what_is_known(space: Space, goals: Mapping[str, Goal]) -> dict[str, StatedGoal]:
-    """Return each goal with the pilot's estimate and uncertainty, by name of the parameter."""
+    """Return each goal with the estimate of its parameter and the uncertainty of the estimate.
+
+    Both are computed from the readings of the pilot, the campaign that the design starts from, or
+    from the prior if the pilot is a plan. The keys of the result are the names of the parameters.
+    """
     pilot = space.pilot
     states = states_of(space.model, pilot)
     bound = space.bound
@@ -305,10 +319,11 @@ def _describe(
     offers: Sequence[CertificateOffer],
     probability: float,
 ) -> GoalDesign:
-    """Return the design for the goals that the pilot's readings do not meet.
+    """Return the design for the goals that the readings so far do not meet.
 
-    ``needed`` are these goals. ``known`` are all goals, with the pilot's estimates and
-    uncertainties. The keys of both are the names of the parameters.
+    ``needed`` are these goals. ``known`` are all goals, with the present estimates and
+    uncertainties of their parameters. The keys of both dictionaries are the names of the
+    parameters.
     """
     plans: tuple[GoalPlan, ...] = ()
     customary: tuple[CustomaryPlan, ...] = ()
@@ -367,13 +382,10 @@ def _reachable(
 def _near_misses(
     nearest: FoundCampaign, goals: Mapping[str, Goal], costs: Costs, probability: float
 ) -> dict[str, NearMiss]:
-    """Return the goals that a campaign meets on too few machines, and the causes.
+    """Return the goals that the campaign ``nearest`` meets on too few machines, and the causes.
 
-    ``nearest`` is this campaign. Of the largest campaigns of all families, it comes nearest to the
-    goals.
-
-    If the campaign meets every single goal on enough machines, but not all goals together, all
-    goals are returned.
+    Of the largest campaigns of all families, this campaign comes nearest to the goals. If it meets
+    every single goal on enough machines, but not all goals together, all goals are returned.
     """
     forecasts = _plan_of(nearest, goals, costs).goals
     missed = [name for name in goals if forecasts[name].probability < probability]
@@ -390,7 +402,7 @@ def _near_misses(
 
 
 def _plan_of(campaign: FoundCampaign, goals: Mapping[str, Goal], costs: Costs) -> GoalPlan:
-    """Return the description of a campaign for the result, with its costs and its forecast."""
+    """Return a campaign with its costs and its forecast, as a result for the user."""
     family = campaign.family
     shares = shares_of_machines(campaign.stated, goals)
     expected = forecast_plan(family.space.model, campaign.plan).expected
@@ -421,10 +433,10 @@ def _plan_of(campaign: FoundCampaign, goals: Mapping[str, Goal], costs: Costs) -
 def _customary_plans(
     best: FoundCampaign, goals: Mapping[str, Goal], costs: Costs
 ) -> tuple[CustomaryPlan, ...]:
-    """Return campaigns as people run them today, each with the best campaign of its length.
+    """Return campaigns as people run them today, each with the best campaign of as many circles.
 
-    Customary campaigns have only the certificates that the instrument has already, and the first
-    radius of the best campaign's family.
+    The campaigns that people run today have only the certificates that the instrument has already,
+    and the first radius of those of the campaign ``best``.
     """
     family = best.family
     uncertified = CampaignFamily(family.space, (), goals, family.states)

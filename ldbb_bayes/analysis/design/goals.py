@@ -21,9 +21,10 @@ from ldbb_bayes.units import inside_name, to_inside
 
 __all__ = ["COVERAGE_FACTOR", "Goal", "goals_in"]
 
-# Coverage factor k of the expanded uncertainty U = k u that a goal is about (GUM, 6.3.3).
+# Coverage factor k of the expanded uncertainty U = k u that a goal limits (GUM, 6.3.3).
 COVERAGE_FACTOR = 2.0
-# Pattern of a goal that is relative to the value itself: a number and a percent sign, as in 5 %.
+# Pattern of a goal that is relative to the parameter's value: a number and a percent sign, as in 5
+# %.
 _PERCENTAGE = re.compile(r"\s*([+−-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)\s*%\s*", re.IGNORECASE)
 # Signs that may stand before a goal. They are ignored, because a goal always is an upper limit of
 # U, which extends equally to both sides.
@@ -44,7 +45,7 @@ class Goal(Result):
     """
 
     name: str  #: name of the parameter, such as C_XXX
-    unit: str  #: internal unit of the parameter (of mm, N and rad)
+    unit: str  #: internal unit of the parameter (made of mm, N and rad)
     absolute: float | None = None  #: the limit of U in ``unit``; None for a relative goal
     #: the limit of U as a fraction of the parameter's absolute value; None for an absolute goal
     share: float | None = None
@@ -92,7 +93,7 @@ class Goal(Result):
         Returns
         -------
         Array
-            Truth values of the same shape.
+            Boolean values of the same shape.
         """
         return np.asarray(np.asarray(u) <= self.limit_u(value))
 
@@ -103,7 +104,7 @@ def goals_in(bound: BoundModel, stated: Mapping[str, str | float | Goal]) -> dic
     Parameters
     ----------
     bound
-        Model bound to a campaign or a plan; it states the parameters and their units.
+        Model bound to a campaign or a plan, which states the parameters and their units.
     stated
         Goals; the keys are the names of the parameters. A goal is a text with a unit, such as "10
         µrad" or "5 %", a number in internal units (mm, N, rad), or a `Goal`.
@@ -116,8 +117,8 @@ def goals_in(bound: BoundModel, stated: Mapping[str, str | float | Goal]) -> dic
     Raises
     ------
     InputError
-        For an unknown parameter, a unit of another kind, an uncertainty that is not above zero, or
-        a percentage of a parameter that may well be zero.
+        For an unknown parameter, a unit that does not suit the parameter, an uncertainty that is
+        not above zero, or a percentage of a parameter that may well be zero.
     """
     require(
         isinstance(stated, Mapping) and len(stated) > 0,
@@ -165,7 +166,8 @@ def _read_goal(name: str, unit: str, group: str, entry: object) -> Goal:
 def _goal_from_text(subject: str, name: str, unit: str, text: str) -> Goal:
     """Return the goal that a text states.
 
-    ``name`` and ``unit`` are those of the parameter; ``subject`` names the goal in error messages.
+    ``name`` and ``unit`` are the name and the unit of the parameter. ``subject`` names the goal in
+    error messages.
     """
     number = _SIGN.sub("", text)
     percentage = _PERCENTAGE.fullmatch(number)
@@ -176,9 +178,9 @@ def _goal_from_text(subject: str, name: str, unit: str, text: str) -> Goal:
 
 
 def _check_size(subject: str, group: str, goal: Goal, entry: object) -> None:
-    """Raise an `InputError` if a goal is not above zero, or is a percentage without a meaning.
+    """Raise an `InputError` if a goal is not above zero, or is a percentage without meaning.
 
-    A percentage must be below 100 %, and its parameter must be a compliance, because all other
+    A percentage must be below 100 %, and the parameter must be a compliance, because all other
     parameters may be zero.
     """
     size = goal.share if goal.absolute is None else goal.absolute

@@ -1,10 +1,10 @@
-"""The next circle of a campaign that is under way, and whether to stop.
+"""Choice of the next circle of a campaign under way, and decision whether to stop.
 
 A campaign need not be planned as a whole: after each circle, the next one can be chosen. There are
 three kinds of aims: a small enough expanded uncertainty U (k = 2) of a parameter, a decision
 whether compliance is constant or linear in force, and a decision whether a tolerance is kept. The
-campaign may stop as soon as every aim is reached with the confidence asked for. Evidence and
-posterior do not depend on the reason why a campaign was stopped.
+campaign may stop as soon as every aim is reached with the probability that the user asks for.
+Evidence and posterior do not depend on the reason why a campaign was stopped.
 
 The best next circle is the circle with the smallest sum of expected distances from all aims
 (`aims`). No fit is needed for the choice: the distances follow from the information that every
@@ -64,10 +64,10 @@ _TOLERANCE = 0.2
 # may be added, each of them repeatedly.
 _CONTINUED = 12
 _MOST_CIRCLES = 20
-# Uncertainties that no number of circles reduces are computed as if each of the best possible
+# An uncertainty that no number of circles can reduce is computed as if each of the best possible
 # circles were run this many times.
 _VERY_MANY = 1e6
-# Number of best possible circles that the result lists.
+# Number of circles that the result lists as the best next circles.
 _LISTED = 5
 # Default number of force levels to choose from, in equal steps over the range of the campaign.
 _LEVELS = 9
@@ -77,22 +77,23 @@ _LEVELS = 9
 class ModelSoFar(Result):
     """Decision between constant and linear compliance now, and after the best next circle."""
 
-    #: log Bayes factor of linear over constant compliance, averaged over rival explanations [nat]
+    #: log Bayes factor of linear over constant compliance [nat], averaged over rival explanations
+    #: of why compliance seems to change with force
     log_bayes_factor: float
     log_bayes_factor_error: float  #: numerical error of ``log_bayes_factor`` [nat]
     probability_linear: float  #: posterior probability of linear compliance
-    #: whether constant or linear compliance has at least the probability asked for
+    #: whether constant or linear compliance is probable enough for a decision
     decided: bool
     decided_next: float  #: probability of a decision after the best next circle
 
     @property
     def probability(self) -> float:
-        """Posterior probability of the more probable of constant and linear compliance."""
+        """Posterior probability of constant or linear compliance, whichever is more probable."""
         return max(self.probability_linear, 1.0 - self.probability_linear)
 
 
 class _Chosen(NamedTuple):
-    """The best next circle, and the space of possible circles that it was chosen from."""
+    """The best next circle, and the possible circles that it was chosen from."""
 
     space: Space
     test: CircularTest
@@ -112,14 +113,16 @@ class NextCircle(Result):
     """
 
     circles: int  #: number of circles run
-    confidence: float  #: probability with which an aim counts as reached
-    goals: dict[str, GoalSoFar]  #: states of the goals for uncertainties, by parameter
+    confidence: float  #: least probability at which an aim is treated as reached
+    #: states of the goals for expanded uncertainties; the keys are the names of the parameters
+    goals: dict[str, GoalSoFar]
     goals_probability: float  #: probability that all goals are met already; 1 if there are none
     #: decision between constant and linear compliance; None for a model without slopes
     model: ModelSoFar | None
     model_is_aim: bool  #: whether the decision between constant and linear compliance is an aim
-    tolerances: dict[str, ToleranceSoFar]  #: decisions on tolerances, by quantity
-    finished: bool  #: whether every aim is reached, so that the campaign may stop
+    #: decisions on tolerances; the keys are the names of the quantities
+    tolerances: dict[str, ToleranceSoFar]
+    finished: bool  #: whether every aim is reached; the campaign may then stop
     #: number of further circles after which every aim is expected to be reached; None if 20 circles
     #: are not enough
     more_circles: int | None
@@ -127,8 +130,8 @@ class NextCircle(Result):
     #: settings in which circles differ, and share, the fraction by which the circle reduces the
     #: total distance from all aims
     table: Annotated[Records, Field(alias="next")]
-    #: the best next circle, and the space it was chosen from; None if the result was read from a
-    #: file
+    #: the best next circle, and the possible circles it was chosen from; None if the result was
+    #: read from a file
     chosen: Annotated[Any, Field(exclude=True)] = None
 
     def plan(self) -> Campaign:
@@ -161,7 +164,8 @@ def next_circle(
     campaign : Campaign
         Campaign with the readings of the circles run so far.
     goals : mapping of str to str
-        Goals for expanded uncertainties U (k = 2), by parameter, such as ``{"C_XXX": "5%"}``.
+        Goals for expanded uncertainties U (k = 2); the keys are the names of the parameters, as in
+        ``{"C_XXX": "5%"}``.
     tolerances : mapping of str to str or Tolerance, optional
         Tolerances to decide on, in the form that `assess_conformity` takes. Default: the tolerances
         that the campaign states.
@@ -177,7 +181,7 @@ def next_circle(
     directions : sequence of {"CW", "CCW"}
         Directions of travel to choose from. Default: those of the campaign.
     confidence : float
-        Probability with which an aim counts as reached, between 0.5 and 1.
+        Least probability at which an aim is treated as reached, between 0.5 and 1.
     seed : int
         Seed of the random numbers.
 
@@ -190,7 +194,8 @@ def next_circle(
     Raises
     ------
     InputError
-        For a plan without readings, flat priors, unknown names, or numbers out of range.
+        If the campaign is a plan without readings, priors are flat, names are unknown, or numbers
+        are out of range.
 
     Examples
     --------
@@ -214,8 +219,8 @@ def next_circle(
         augment=True,
         seed=seed,
     )
-    # Evidences take a long time to compute. Read the goals first, so that a bad goal is refused at
-    # once.
+    # Model evidences take a long time to compute. Read the goals before that, to refuse a bad goal
+    # at once.
     read_goals = _read_goals(goals, space)
     evidences = Evidences(space.pilot, tolerance=_TOLERANCE)
     known = known_from(evidences.of(model)[0], seed)
@@ -260,9 +265,10 @@ def _aims_of(
     tolerances: Mapping[str, ToleranceState],
     odds: _ModelOdds | None,
 ) -> list[Aim]:
-    """Return all aims of a campaign.
+    """Return the aims of a campaign that follow from goals, tolerances and a decision on the model.
 
-    ``odds`` is None if the decision between constant and linear compliance is not an aim.
+    ``odds`` are the odds of linear over constant compliance; None if the decision between the two
+    is not an aim.
     """
     aims: list[Aim] = [state.aim for state in goals.values()]
     aims += [state.aim for state in tolerances.values()]
@@ -272,7 +278,7 @@ def _aims_of(
 
 
 def _read_goals(goals: Mapping[str, str | Goal], space: Space) -> dict[str, Goal]:
-    """Return the checked goals by name of the parameter; an empty dict if there are no goals."""
+    """Check goals, and return them with the names of the parameters as keys."""
     if not goals:
         return {}
     return goals_in(space.bound, goals)
@@ -285,10 +291,10 @@ def _states_of_tolerances(
     before: Array,
     confidence: float,
 ) -> dict[str, ToleranceState]:
-    """Return the present decisions on tolerances, by name of the quantity.
+    """Return the present decision on every tolerance, with the names of the quantities as keys.
 
     ``before`` are the covariances of the parameters before the next circle. The decisions need
-    posterior draws. As draws take time, none are made if there are no tolerances.
+    posterior draws. They take time, and are not made if there are no tolerances.
     """
     if not tolerances:
         return {}
@@ -299,10 +305,11 @@ def _states_of_tolerances(
 def _goals_so_far(
     goals: Mapping[str, GoalState], after: Array, floor: Array
 ) -> dict[str, GoalSoFar]:
-    """Return the state of every goal, by name of the parameter.
+    """Return the state of every goal, with the names of the parameters as keys.
 
-    ``after`` are the covariances of the p parameters after the best next circle, and ``floor``
-    those after very many circles, each at K values of the hyper-parameters, shape (K, p, p).
+    ``after``, shape (K, p, p), are the covariances of the p parameters after the best next circle,
+    at K values of the hyper-parameters. ``floor``, of the same shape, are the covariances after
+    very many circles.
     """
     return {name: state.so_far(after, floor) for name, state in goals.items()}
 
@@ -310,15 +317,16 @@ def _goals_so_far(
 def _tolerances_so_far(
     tolerances: Mapping[str, ToleranceState], after: Array
 ) -> dict[str, ToleranceSoFar]:
-    """Return the decisions on tolerances now and after the best next circle, by quantity.
+    """Return the decisions on tolerances: now, and after the best next circle.
 
-    ``after`` are the covariances of the parameters after that circle.
+    ``after`` are the covariances of the parameters after the best next circle. The keys of the
+    result are the names of the quantities with tolerances.
     """
     return {name: state.so_far(after) for name, state in tolerances.items()}
 
 
 def _check_arguments(model: HybridModel, campaign: Campaign, confidence: float) -> None:
-    """Raise an `InputError` for a plan, flat priors, or a confidence that is out of range."""
+    """Raise an `InputError` for a plan, flat priors, or a confidence out of range."""
     require(
         not campaign.is_plan,
         "campaign must have readings, got a plan. Run its first circles, or use design.",
@@ -342,13 +350,13 @@ def _default_forces(campaign: Campaign) -> list[float]:
 
 
 def _clockings_of(campaign: Campaign) -> list[Clocking]:
-    """Return the different pairs of ball angles of a campaign's circles [°]."""
+    """Return the pairs of ball angles of a campaign's circles [°], without repeated pairs."""
     pairs = [(test.work_ball_deg, test.tool_ball_deg) for test in campaign.tests]
     return list(dict.fromkeys(pairs))
 
 
 def _objective(space: Space, known: Known) -> Objective:
-    """Return the information of the circles run and of every possible circle.
+    """Return the objective with the information of the circles run and of every possible circle.
 
     All parameters are of interest. The criterion of the objective is not used.
     """
@@ -367,7 +375,9 @@ def _joint_probability(states: Mapping[str, GoalState], known: Known) -> float:
 
 
 def _covariances_after_very_many(objective: Objective) -> Array:
-    """Return the covariances of the parameters after very many of each possible circle.
+    """Return the covariances of the parameters if each circle were run very many times.
+
+    The circles are the candidates of ``objective``.
 
     The result has the shape (K, p, p), for p parameters at K values of the hyper-parameters.
     """
@@ -395,21 +405,22 @@ def _circles_to_go(aims: Sequence[Aim], objective: Objective) -> int | None:
 def _best_circles(
     space: Space, order: Array, distance_now: float, distances: Array
 ) -> pd.DataFrame:
-    """Return a table of the best next circles, with the share by which each reduces the distance.
+    """Return a table of the best next circles, with the share by which each shortens the distance.
 
-    ``order`` are the indices of these circles among the possible circles, the best first.
-    ``distance_now`` is the present total distance from all aims, and ``distances`` are the total
-    distances expected after each possible circle.
+    The distance is the sum of the distances from all aims. ``order`` are the indices of the best
+    circles among the possible circles, the best first. ``distance_now`` is the present total
+    distance from all aims, and ``distances`` are the total distances expected after each possible
+    circle.
     """
     table = space.frame([space.tests[k] for k in order])
     return table.assign(share=_shares_of_the_way(distance_now, distances[order]))
 
 
 def _shares_of_the_way(distance_now: float, distances: Array) -> Array:
-    """Return the share, 0 … 1, by which each circle reduces the total distance from all aims.
+    """Return the share, 0 … 1, by which each circle shortens the total distance from all aims.
 
-    ``distance_now`` is the present distance, and ``distances`` are those expected after each
-    circle.
+    ``distance_now`` is the present total distance, and ``distances`` are the total distances
+    expected after each circle.
     """
     if distance_now <= 0.0:
         return np.ones(len(distances))
@@ -424,7 +435,8 @@ class _ModelOdds:
     """Odds of linear over constant compliance, and the aim to decide between them."""
 
     known: Known
-    columns: list[int]  # indices of the slopes among the parameters
+    # indices of the slopes (changes of compliance with force) in the list of parameters
+    columns: list[int]
     log_bayes_factor: float  # log Bayes factor of linear over constant compliance [nat]
     error: float  # numerical error of the log Bayes factor [nat]
     threshold: float  # absolute log Bayes factor that is enough for a decision [nat]
@@ -454,7 +466,7 @@ class _ModelOdds:
 
     @property
     def is_decided(self) -> bool:
-        """Whether the log Bayes factor is large enough for a decision, for or against slopes."""
+        """Whether the log Bayes factor decides between constant and linear compliance."""
         return abs(self.log_bayes_factor) >= self.threshold
 
     @property
@@ -463,10 +475,10 @@ class _ModelOdds:
         return SlopesAim(self.columns, self.threshold, self.is_decided)
 
     def so_far(self, after: Array) -> ModelSoFar:
-        """Return the present decision, and the probability of one after the best next circle.
+        """Return the present decision, and the probability of a decision after the next circle.
 
-        ``after``, shape (K, p, p), are the covariances of the p parameters after that circle, at K
-        values of the hyper-parameters.
+        ``after``, shape (K, p, p), are the covariances of the p parameters after the best next
+        circle, at K values of the hyper-parameters.
         """
         scale = self.known.bound.scale[self.columns]
         given = self.known.bound.given(self.known.phi)[1]

@@ -23,8 +23,8 @@ __all__ = ["Objective"]
 # Let L be the Cholesky factor of the precision matrix M (inverse covariance) of a design. Parameter
 # i counts as undetermined by the design if L_ii is below this share of √M_ii.
 _SINGULAR_SHARE = 1e-6
-# Largest number of elements of the precision matrices that `Objective.after_adding` computes at a
-# time, to limit memory.
+# Largest number of matrix elements that `Objective.after_adding` computes at a time, to limit
+# memory.
 _CHUNK_SIZE = 1 << 22
 
 
@@ -45,8 +45,8 @@ class Objective(Shown):
     #: values of the hyper-parameters, shape (K, p, p), from the prior and from tests already run;
     #: zeros where the prior is flat
     prior: Array
-    #: number s of parameters of interest, which are the last s of the p parameters; the others are
-    #: nuisances
+    #: number s of parameters of interest, which are the last s of the p parameters; all other
+    #: parameters are nuisances
     interest: int
     criterion: Criterion  #: figure of merit: a `Determinant`, `Variance` or `LogBayesFactor`
 
@@ -74,7 +74,8 @@ class Objective(Shown):
     def value(self, counts: Array) -> float:
         """Return the criterion Φ of a design; −inf if the design leaves a parameter undetermined.
 
-        ``counts`` is the number of tests of each candidate, shape (candidates,).
+        ``counts`` is the number of tests of each candidate (test that could be run), shape
+        (candidates,).
         """
         return float(self._values(self._precision(counts)).mean())
 
@@ -124,7 +125,7 @@ class Objective(Shown):
         """Return the precision matrices of all p parameters after the tests of a design.
 
         The matrices have the shape (K, p, p), for K values of the hyper-parameters. ``counts`` is
-        the number of tests of each candidate, shape (candidates,).
+        the number of tests of each candidate (test that could be run), shape (candidates,).
         """
         support = np.flatnonzero(counts)
         scaled = self.rows[:, support] * np.sqrt(counts[support])[:, None, None]

@@ -1,7 +1,7 @@
 """Goals that no number of circles reaches: the cause, and the certificate that would help most.
 
-If an uncertainty remains above its goal even after very many of all circles that could be run, its
-cause is an effect that is the same in all circles and that the circles cannot measure.
+If an uncertainty remained above its goal even if every possible circle were run very many times,
+the cause is an effect that is the same in all circles and that the circles cannot measure.
 """
 
 from __future__ import annotations
@@ -23,24 +23,24 @@ from ldbb_bayes.results import Array, Result
 
 __all__ = ["NearMiss", "Obstacle", "near_miss_of", "obstacles_of"]
 
-# A certificate is named only if it reduces the uncertainty after very many circles to less than
-# this share of the uncertainty without the certificate.
+# A certificate is named only if, after very many circles, the uncertainty with the certificate is
+# less than this share of the uncertainty without the certificate.
 _WORTH_SHARE = 0.9
-# Number of circles of every kind that counts as very many.
+# Number of runs of every possible circle that stands for very many runs.
 _VERY_MANY = 1e6
 _ALL_CERTIFICATES = "all certificates together"
 
 
 @dataclass(frozen=True)
 class Obstacle(Result):
-    """Reason why a goal is not reached by circles alone, however many there are."""
+    """Reason why no number of circles reaches a goal, and the certificate that would help most."""
 
     #: expanded uncertainty (k = 2) that very many circles would leave, in the parameter's unit
     U_floor: float
     #: model term or parameter with the largest share of the variance after very many circles, such
     #: as ``Mount``
     held_by: str
-    share: float  #: share of ``held_by`` in the variance after very many circles
+    share: float  #: share of the variance after very many circles that is due to ``held_by``
     #: certificate that would help most, such as "mount ± 2 %"; an empty string if none would help
     certificate: str
     #: expanded uncertainty (k = 2) that very many circles would leave with this certificate
@@ -50,22 +50,23 @@ class Obstacle(Result):
 
 @dataclass(frozen=True)
 class NearMiss(Result):
-    """A goal that very many circles would reach, but no campaign that can be run.
+    """A goal that very many circles would reach, but that no campaign of up to 40 circles reaches.
 
     With few circles the analysis knows the scales of noise and effects less well than with very
-    many circles. Therefore a goal just above the uncertainty after very many circles may not be
-    reached by any campaign that can be run.
+    many circles. Therefore a goal just above the uncertainty after very many circles may be out of
+    reach.
     """
 
     circles: int  #: number of circles of the largest campaign
-    #: expanded uncertainty (k = 2) that the analysis of the largest campaign states at most on nine
-    #: in ten possible machines, in the parameter's unit
+    #: expanded uncertainty (k = 2) that the analysis of the largest campaign does not exceed on
+    #: nine in ten possible machines, in the parameter's unit
     likely_U: float
     #: share of the possible machines on which the largest campaign meets the goal
     probability: float
-    #: model term or parameter with the largest share of the variance after very many circles
+    #: model term or parameter with the largest share of the variance after very many circles, such
+    #: as ``Mount``
     held_by: str
-    share: float  #: share of ``held_by`` in the variance after very many circles
+    share: float  #: share of the variance after very many circles that is due to ``held_by``
     #: certificate that would help most, such as "mount ± 2 %"; an empty string if none would help
     certificate: str
 
@@ -73,18 +74,18 @@ class NearMiss(Result):
 def near_miss_of(
     family: CampaignFamily, name: str, *, circles: int, likely_U: float, probability: float
 ) -> NearMiss:
-    """Return why the largest campaign of a family does not reach a goal.
+    """Return the reason why the largest campaign of a family does not reach a goal.
 
     Parameters
     ----------
     family
-        Family of the campaign.
+        Family of campaigns, which have the same ball angles, radii and certificates.
     name
         Name of the goal's parameter.
     circles, likely_U, probability
-        Number of circles of the campaign; U that the analysis states at most on nine in ten
-        possible machines, in the parameter's unit; and share of the possible machines on which the
-        goal is met.
+        Number of circles of the campaign; expanded uncertainty U that the analysis does not exceed
+        on nine in ten possible machines, in the parameter's unit; and share of the possible
+        machines on which the goal is met.
     """
     floor = dict(zip(family.goals, family.quick.floor().tolist(), strict=True))[name]
     certificate = ""
@@ -103,7 +104,7 @@ def obstacles_of(family: CampaignFamily) -> dict[str, Obstacle]:
 
     The keys are the names of the goals' parameters.
 
-    ``family`` has all clockings and radii that may be used, and only the certificates that the
+    ``family`` has all ball angles and radii that may be used, and only the certificates that the
     instrument has already. Goals that circles can reach are left out.
     """
     floor = dict(zip(family.goals, family.quick.floor().tolist(), strict=True))
@@ -137,7 +138,7 @@ def obstacles_of(family: CampaignFamily) -> dict[str, Obstacle]:
 def _floors_with(
     family: CampaignFamily, name: str, statements: Mapping[str, object]
 ) -> dict[str, float]:
-    """Return ln(u/u*) of every goal after very many circles, with one more certificate.
+    """Return ln(u/u*) of every goal after very many circles, given one more certificate.
 
     u is the standard uncertainty of the goal's parameter, and u* the largest standard uncertainty
     that the goal permits. ``name`` is the name of the certificate, and ``statements`` are the
@@ -153,15 +154,16 @@ def _floors_with(
 def _most_helpful(
     name: str, floor: float, floors_with: Mapping[str, Mapping[str, float]]
 ) -> tuple[str, float]:
-    """Return the certificate that helps a goal most, and ln(u/u*) after very many circles with it.
+    """Return the name of the certificate that helps a goal most, and ln(u/u*) given it.
 
     u is the standard uncertainty of the goal's parameter ``name``, and u* the largest standard
-    uncertainty that the goal permits. The first certificate with which the goal is reached is
-    returned. If no single certificate is enough, but all certificates together are enough, all are
-    returned. If all together are not enough either, the single certificate that reduces u most is
-    returned; if it reduces u by less than a tenth, an empty string is returned. ``floor`` is
-    ln(u/u*) without further certificates. ``floors_with`` holds ln(u/u*) with each certificate, by
-    certificate and then by goal.
+    uncertainty that the goal permits. All values are those after very many circles. The first
+    certificate with which the goal is reached is returned. If no single certificate is enough, but
+    all certificates together are enough, the name "all certificates together" is returned. If even
+    these are not enough, the single certificate that reduces u most is returned, or an empty string
+    if u falls by less than a tenth. ``floor`` is ln(u/u*) without further certificates.
+    ``floors_with`` holds, for each certificate, a dictionary of ln(u/u*) given this certificate,
+    whose keys are the names of the goals' parameters.
     """
     singles = [key for key in floors_with if key != _ALL_CERTIFICATES]
     for key in floors_with:
@@ -179,8 +181,8 @@ def _most_helpful(
 def _typical_limits(family: CampaignFamily) -> dict[str, float]:
     """Return the expanded uncertainty that every goal permits, averaged over possible machines.
 
-    The average is needed because the limit of a relative goal differs between machines; it is the
-    geometric mean. The keys are the names of the goals' parameters.
+    The average is the geometric mean. It is needed because a goal in percent of a parameter permits
+    different uncertainties on different machines. The keys are the names of the goals' parameters.
     """
     limits = {}
     for name, goal in family.goals.items():
@@ -198,9 +200,10 @@ class _Holder:
 
 
 def _held_by(family: CampaignFamily) -> dict[str, _Holder]:
-    """Return the largest source of the variance of every goal's parameter after very many circles.
+    """Return the largest source of variance of every goal's parameter after very many circles.
 
-    The keys are the names of the parameters. There are very many circles of every kind.
+    Every possible circle is assumed to be run very many times. The keys of the result are the names
+    of the parameters.
     """
     bound = family.bound
     run = len(family.space.pilot.tests) if family.space.augment else 0
@@ -214,12 +217,12 @@ def _held_by(family: CampaignFamily) -> dict[str, _Holder]:
 
 
 def _repeated(information: Information) -> Information:
-    """Return the information of very many circles of every kind.
+    """Return the information as if every circle were run very many times.
 
-    The scatter of single circles then averages out; effects that all circles share remain.
+    The scatter between circles then averages out; effects that all circles share remain.
     """
-    # Tests with the same noise share one dictionary of noise sources; they share one dictionary in
-    # the result too.
+    # Tests with the same noise share one dictionary of noise sources. In the result, these tests
+    # share one dictionary too.
     averaged: dict[int, dict[str, Array]] = {}
     for noises in information.noise:
         averaged[id(noises)] = {name: cov / _VERY_MANY for name, cov in noises.items()}

@@ -2,10 +2,10 @@
 
 β are the parameters and φ the hyper-parameters (the scales of the noise and of other effects).
 Every candidate test adds its information GᵀG to the precision matrix of all coefficients, at K
-values of φ that are likely given the pilot. As G is computed only once, a search can compare
-thousands of campaigns, each within milliseconds. The forecast assumes that φ is known and that all
-circles scatter alike, and it allows negative compliances. `forecast_plan`, which does not make
-these simplifications, is used for the best campaigns.
+values of φ that are likely given the readings so far. As G is computed only once, a search can
+compare thousands of campaigns, each within milliseconds. The forecast assumes that φ is known and
+that all circles scatter alike, and it allows negative compliances. `forecast_plan`, which does not
+make these simplifications, is used for the best campaigns.
 
 Let r_g = u_g/u*_g be the expected standard uncertainty of the parameter of goal g, divided by the
 largest standard uncertainty that the goal permits. The distance of a campaign from its goals is the
@@ -28,17 +28,17 @@ from ldbb_bayes.results import Array
 
 __all__ = ["QuickForecast", "limits_of_goals"]
 
-# Sharpness s of the smooth maximum (Σ r^s)^(1/s) over goals. With s = 16, the smooth maximum of two
-# equal values is 4 % above these values.
+# Sharpness s of the smooth maximum (Σ r^s)^(1/s), where r is the ratio u/u* of a goal. With s = 16,
+# the smooth maximum of two equal values is 4 % above these values.
 _SHARPNESS = 16.0
 # Largest number of passes of the search. In each pass, an exchange of every circle of a campaign is
 # tried.
 _MOST_PASSES = 4
-# An exchange of circles must reduce the distance from the goals by at least this, which is more
-# than rounding errors change the distance.
+# An exchange of circles must reduce the distance from the goals by at least this. Rounding errors
+# change the distance by less.
 _LEAST_GAIN = 1e-9
-# After this many circles of every candidate, uncertainties count as those that no number of circles
-# reduces further.
+# Uncertainties that no number of circles reduces are computed as if every candidate test were run
+# this many times.
 _VERY_MANY = 1e6
 
 
@@ -46,8 +46,8 @@ def limits_of_goals(goals: Mapping[str, Goal], states: States, names: Sequence[s
     """Return the largest standard uncertainty that every goal permits, shape (K, goals).
 
     The limit of a relative goal depends on the parameters of the machine, of which ``states`` has K
-    possible values. ``names`` are the names of the parameters in ``states``. The limits are in
-    internal units (mm, N, rad).
+    possible values. ``names`` are the names of the parameters of a state, in order. The limits are
+    in internal units (mm, N, rad).
     """
     columns = []
     for name, goal in goals.items():
@@ -58,11 +58,13 @@ def limits_of_goals(goals: Mapping[str, Goal], states: States, names: Sequence[s
 class QuickForecast:
     """Distances from the goals, for campaigns that consist of candidate tests.
 
+    φ are the hyper-parameters: the scales of the noise and of other effects.
+
     Parameters
     ----------
     objective
-        Information of the candidate tests about all coefficients, in units of their prior standard
-        deviations. The parameters of the goals are the last columns.
+        Information of the candidate tests about all coefficients, which are in units of their prior
+        standard deviations. The last coefficients are the parameters of the goals.
     relative_limits
         Largest standard uncertainty of every goal, in prior standard deviations of its parameter,
         at the K values of φ of the objective, shape (K, goals).
@@ -77,17 +79,20 @@ class QuickForecast:
     def distance(self, counts: Array) -> float:
         """Return the distance of a campaign from the goals.
 
-        ``counts`` is the campaign's number of circles of every candidate, shape (candidates,).
+        The distance is the mean over the hyper-parameters of the largest ln(u/u*) of all goals.
+        Here u is the standard uncertainty of a goal's parameter, and u* the largest standard
+        uncertainty that the goal permits. ``counts`` is the campaign's number of circles of every
+        candidate test, shape (candidates,).
         """
         covariance = self._covariance(counts)
         return float(self._distance(self._of_goals(covariance)))
 
     def distances(self, counts: Array) -> Array:
-        """Return ln(u/u*) of every goal, averaged over φ, shape (goals,).
+        """Return ln(u/u*) of every goal, averaged over the hyper-parameters, shape (goals,).
 
         u is the standard uncertainty of the goal's parameter after a campaign, and u* the largest
         standard uncertainty that the goal permits. ``counts`` is the campaign's number of circles
-        of every candidate, shape (candidates,).
+        of every candidate test, shape (candidates,).
         """
         covariance = self._of_goals(self._covariance(counts))
         return np.asarray(self._log_ratio(covariance).mean(axis=0))
@@ -95,29 +100,30 @@ class QuickForecast:
     def floor(self) -> Array:
         """Return ln(u/u*) of every goal after very many circles, shape (goals,).
 
-        u and u* are as in `distances`. There are very many circles of every candidate.
+        u is the standard uncertainty of the goal's parameter if every candidate test were run very
+        many times. u* is the largest standard uncertainty that the goal permits.
         """
         return self.distances(np.full(self.candidates, _VERY_MANY))
 
     def best_counts(self, circles: int, start: Array) -> Array:
         """Return the campaign of ``circles`` circles that a search finds nearest to the goals.
 
-        Circles are added one by one, each time the circle that leaves the smallest distance. Then
-        every circle in turn is exchanged for the best circle in its place. The exchanges are
-        repeated until nothing changes, at most four times.
+        Circles are added one by one, each time the circle that leaves the smallest distance from
+        the goals. Then every circle in turn is exchanged for the best circle in its place. The
+        exchanges are repeated until nothing changes, at most four times.
 
         Parameters
         ----------
         circles
             Number of circles.
         start
-            Number of circles of every candidate in the campaign to which circles are added, shape
-            (candidates,); the sum is at most ``circles``.
+            Number of circles of every candidate test in the campaign to which circles are added,
+            shape (candidates,). The sum is at most ``circles``.
 
         Returns
         -------
         Array
-            Number of circles of every candidate, whole numbers, shape (candidates,).
+            Number of circles of every candidate test, whole numbers, shape (candidates,).
         """
         counts = start.copy()
         covariance = self._covariance(counts)
@@ -143,7 +149,11 @@ class QuickForecast:
         return counts
 
     def _covariance(self, counts: Array) -> Array:
-        """Return the covariances of all coefficients after a campaign, shape (K, p, p)."""
+        """Return the covariances of all p coefficients after a campaign, shape (K, p, p).
+
+        They are computed for K values of the hyper-parameters. ``counts`` is the campaign's number
+        of circles of every candidate test.
+        """
         support = np.flatnonzero(counts)
         rows = self._rows[:, support] * np.sqrt(counts[support])[:, None, None]
         stacked = rows.reshape(len(rows), -1, rows.shape[-1])
@@ -151,16 +161,21 @@ class QuickForecast:
         return np.asarray(np.linalg.inv(precision))
 
     def _of_goals(self, covariance: Array) -> Array:
-        """Return the variances of the parameters of the goals, shape (K, goals)."""
+        """Return the variances of the goals' parameters, shape (K, goals).
+
+        ``covariance``, shape (K, p, p), are the covariances of all p coefficients, at K values of
+        the hyper-parameters.
+        """
         number = self._limits.shape[1]
         return np.asarray(np.einsum("kii->ki", covariance)[:, -number:])
 
     def _distances_after(self, covariance: Array) -> Array:
-        """Return the distances after one more circle of every candidate, shape (candidates,).
+        """Return the distances from the goals after each possible circle, shape (candidates,).
 
-        Let Σ be the covariance of all coefficients before this circle, ``covariance``, shape (K, p,
-        p). A circle adds GᵀG to the precision matrix, so that the covariance after the circle is Σ
-        − ΣGᵀ(1 + GΣGᵀ)⁻¹GΣ, of which only the variances of the goals' parameters are computed.
+        Let Σ be the covariance of all p coefficients before the circle: ``covariance``, shape (K,
+        p, p), at K values of the hyper-parameters. A circle adds GᵀG to the precision matrix, so
+        that the covariance after the circle is Σ − ΣGᵀ(1 + GΣGᵀ)⁻¹GΣ, of which only the variances
+        of the goals' parameters are computed.
         """
         number = self._limits.shape[1]
         variances = []
@@ -176,15 +191,16 @@ class QuickForecast:
     def _log_ratio(self, variances: Array) -> Array:
         """Return ln(u/u*) for variances u² of the goals' parameters, shape (..., K, goals).
 
-        u* are the largest standard uncertainties that the goals permit, at K values of φ.
+        u* are the largest standard uncertainties that the goals permit, at K values of the
+        hyper-parameters φ.
         """
         return np.asarray(0.5 * np.log(variances) - np.log(self._limits))
 
     def _distance(self, variances: Array) -> Array:
         """Return the distances from the goals, shape (...).
 
-        ``variances`` are the variances of the goals' parameters at K values of φ, shape (..., K,
-        goals).
+        ``variances`` are the variances of the goals' parameters at K values of the hyper-parameters
+        φ, shape (..., K, goals). The dimensions (...) are those of several campaigns.
         """
         soft = logsumexp(_SHARPNESS * self._log_ratio(variances), axis=-1) / _SHARPNESS
         return np.asarray(soft.mean(axis=-1))

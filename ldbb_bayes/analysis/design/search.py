@@ -51,10 +51,10 @@ _HYPER_STEP = 4
 # candidates with equal probability. In the other random designs, the best fractions of tests are
 # the probabilities.
 _STARTS = 6
-# Shares (fractions of the tests that are run at each candidate test) count as the best if the
-# largest sensitivity exceeds the bound by at most this, relative to the bound. A sensitivity is the
-# rate at which the criterion grows with the share of a candidate; the bound is the mean of the
-# sensitivities, weighted by the shares.
+# The shares of candidate tests (their numbers of runs divided by the number of all runs) are
+# treated as the best if the largest sensitivity exceeds the bound by at most this, relative to the
+# bound. A sensitivity is the rate at which the criterion grows with the share of a candidate; the
+# bound is the mean of the sensitivities, weighted by the shares.
 _SHARES_TOLERANCE = 1e-5
 # The search restarts from perturbed designs ``_MAX_RESTARTS`` times, or less often if the cost of
 # so many restarts would exceed ``_RESTART_COST``. The cost is the number of elements of the
@@ -132,8 +132,8 @@ def exchange(
         Function that takes the counts of a design and returns whether the design is allowed.
         Default: all designs are.
     thorough
-        Whether, at the end, more candidates are tried as a replacement of each test. If not, only a
-        few are tried throughout.
+        Whether more candidates are tried as a replacement of each test at the end than before. If
+        not, only a few are tried throughout.
 
     Returns
     -------
@@ -209,7 +209,8 @@ class ExactDesign:
     #: whole number of tests of each candidate, shape (candidates,)
     counts: Array
     value: float  #: value Φ of the design criterion (figure of merit) for this design
-    #: best division of as many tests among the candidates, not necessarily in whole numbers
+    #: best division of the same number of tests among the candidate tests, not necessarily in whole
+    #: numbers
     optimum: Optimum
     #: efficiency of the design by its criterion, relative to the division in ``optimum``
     efficiency: float
@@ -220,19 +221,21 @@ class Search:
     """Search for the best design among candidate tests.
 
     A candidate is a test that could be run; a design has a number of tests for each candidate. The
-    objective states how good a design is; ``seed`` is the seed of the random numbers.
+    objective is a function that measures how good a design is. ``seed`` is the seed of the random
+    numbers.
     """
 
     objective: Objective
     forces_N: Array  #: force of each candidate [N], shape (candidates,)
-    levels: int  #: least number of different forces in a design
+    levels: int  #: least number of different forces that a design must have
     seed: int
     _shares: dict[float, Optimum] = field(default_factory=dict, init=False)
 
     def shares(self, tests: float) -> Optimum:
         """Return the best shares for this number of tests; they are computed only once.
 
-        The share of a candidate is the fraction of the tests that are run at it.
+        The share of a candidate (test that could be run) is its number of runs divided by the
+        number of all runs.
         """
         if tests not in self._shares:
             self._shares[tests] = optimal_shares(self.objective, tests, tolerance=_SHARES_TOLERANCE)
@@ -336,7 +339,7 @@ class Search:
     def _completing_candidates(self, counts: Array) -> list[int]:
         """Return the indices of candidates that can give a design enough different forces.
 
-        One more test of any of these candidates is enough.
+        After one more test of any of these candidates, the design has enough different forces.
 
         ``counts`` holds the number of tests of each candidate.
         """
@@ -346,8 +349,8 @@ class Search:
     def _number_of_restarts(self, tests: int) -> int:
         """Return how often the search restarts from perturbed designs.
 
-        ``tests`` is the number of tests of a design. The number of restarts is limited by the
-        computing effort, and zero if there are few possible designs.
+        ``tests`` is the number of tests of a design. The number is limited, because restarts take
+        time. It is zero if there are few possible designs.
         """
         n = self.objective.candidates
         possible_designs = comb(n + tests - 1, tests)

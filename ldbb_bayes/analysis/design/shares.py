@@ -1,10 +1,10 @@
 """Best shares of tests (an approximate design), with a certificate that they are the best.
 
-A candidate is a test that could be run, once or several times. Shares are the fractions of N tests
-that are run at each candidate. The number of tests of candidate i, n_i, is its share times N, and
-need not be a whole number. The criterion Φ is the figure of merit to be made large. The sensitivity
-of candidate i is N ∂Φ/∂n_i, the derivative of Φ with respect to n_i, times N. The bound is the mean
-of the sensitivities, weighted by the shares; for the best shares, no sensitivity exceeds the bound.
+A candidate is a test that could be run, once or several times. N is the number of all runs. The
+share of candidate i is n_i/N, where n_i is its number of runs and need not be whole. The criterion
+Φ is the figure of merit to be made large. The sensitivity of candidate i is N ∂Φ/∂n_i, the
+derivative of Φ with respect to n_i, times N. The bound is the mean of the sensitivities, weighted
+by the shares; for the best shares, no sensitivity exceeds the bound.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from ldbb_bayes.results import Array, Shown
 
 __all__ = ["Optimum", "certificate", "is_better", "largest_positions", "optimal_shares"]
 
-# Two values of the design criterion, or of its derivatives for two candidates, count as equal if
-# their difference is below this share of the largest value. Of candidates with equal values, the
+# Two values of the design criterion, or of its derivatives for two candidates, are treated as equal
+# if their difference is below this share of the largest value. Of candidates with equal values, the
 # first is taken.
 _EQUALITY_TOLERANCE = 1e-9
 # Largest number of rounds in which shares are optimized. In each round, a few candidates are added
@@ -83,11 +83,12 @@ class Optimum(Shown):
     the shares.
     """
 
-    #: fraction of the tests that are run at each candidate, shape (candidates,); the sum is 1
+    #: share of each candidate test: its number of runs divided by the number of all runs, shape
+    #: (candidates,); the sum is 1
     share: Array
     value: float  #: value Φ of the design criterion (figure of merit) for these shares
-    #: derivative of the design criterion with respect to the number of tests of each candidate,
-    #: times the number of all tests, shape (candidates,)
+    #: derivative of the design criterion with respect to the number of tests of each candidate
+    #: test, times the number of all tests, shape (candidates,)
     sensitivity: Array
     #: mean of ``sensitivity`` weighted by ``share``; if the shares are the best, no sensitivity
     #: exceeds this mean
@@ -97,17 +98,17 @@ class Optimum(Shown):
     def excess(self) -> float:
         """Largest sensitivity divided by ``bound``, minus one; zero for the best shares of tests.
 
-        If the criterion is concave, its value for any design of as many tests exceeds the value for
-        these shares by at most ``bound`` times this excess.
+        If the criterion is concave, no design of the same number of tests exceeds the criterion of
+        these shares by more than ``bound`` times this excess.
         """
         return float(self.sensitivity.max() / self.bound - 1.0)
 
 
 def certificate(objective: Objective, share: Array, tests: float) -> Optimum:
-    """Return the criterion of given shares of N tests, and data that show if they are the best.
+    """Return the criterion of given shares of N tests, and whether other shares are better.
 
-    A candidate is a test that could be run, once or several times. Its share is the fraction of the
-    N tests that are run at it.
+    A candidate is a test that could be run, once or several times. Its share is its number of runs
+    divided by N, the number of all runs.
 
     Parameters
     ----------
@@ -199,9 +200,10 @@ def optimal_shares(objective: Objective, tests: float, *, tolerance: float = 1e-
 def _candidates_above_bound(optimum: Optimum) -> NDArray[np.intp]:
     """Return the indices of the candidates with the largest sensitivities above the bound.
 
-    Sensitivities and bound are those of ``optimum``. At most ``_JOINING_CANDIDATES`` indices are
-    returned. If no sensitivity is above the bound, return the index of the candidate with the
-    largest sensitivity.
+    The sensitivity of a candidate test is the rate at which the criterion grows with its share. The
+    bound is the mean of the sensitivities, weighted by the shares. Both are fields of ``optimum``.
+    At most ``_JOINING_CANDIDATES`` indices are returned. If no sensitivity is above the bound,
+    return the index of the candidate with the largest sensitivity.
     """
     highest = largest_positions(optimum.sensitivity, _JOINING_CANDIDATES)
     above = highest[optimum.sensitivity[highest] > optimum.bound]

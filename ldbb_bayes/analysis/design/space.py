@@ -1,7 +1,8 @@
 """Space of designs: candidate tests, criterion and parameters of interest.
 
 The pilot is the campaign or plan that a design starts from. Candidates are tests that could be run,
-once or several times. Shares are the fractions of the tests that are run at each candidate.
+once or several times. The share of a candidate is its number of runs divided by the number of all
+runs.
 """
 
 from __future__ import annotations
@@ -38,8 +39,8 @@ from ldbb_bayes.units import inside_name
 __all__ = ["CriterionName", "Space"]
 
 CriterionName = Literal["eig", "d", "a", "c", "i", "discriminate"]
-# Columns, beside the force, of the tables of tests in a design. ``_FIXED_COLUMNS`` are in every
-# table. A column of ``_OPTIONAL_COLUMNS`` is in a table only if tests differ in it.
+# Columns of tables of tests, in addition to the force. ``_FIXED_COLUMNS`` are in every table. A
+# column of ``_OPTIONAL_COLUMNS`` is in a table only if tests differ in this property.
 _FIXED_COLUMNS = ("work_ball_deg", "tool_ball_deg", "radius_mm")
 _OPTIONAL_COLUMNS = ("plane", "direction", "setup")
 # Number of values of the hyper-parameters (scales of the noise and of other effects) that the
@@ -56,9 +57,9 @@ _GROUPS_BY_CRITERION = {"discriminate": {"slope"}, "i": {"compliance", "slope"}}
 class Space:
     """Candidate tests, criterion and parameters of interest of a design.
 
-    The fields are the arguments of `ldbb_bayes.design` without the number of tests. Repeated values
+    The fields are the arguments of `ldbb_bayes.design` except the number of tests. Repeated values
     are dropped. The pilot is the campaign or plan that the design starts from. Kinds of tests that
-    the pilot has not run are added to its foreseen tests.
+    the pilot has not run are added to the tests that the pilot foresees.
     """
 
     model: HybridModel
@@ -77,7 +78,9 @@ class Space:
     seed: int = 1
 
     def __post_init__(self) -> None:
-        """Drop repeated values of the fields, and complete the pilot's foreseen tests.
+        """Drop repeated values of the fields, and complete the tests that the pilot foresees.
+
+        The pilot is the campaign or plan that the design starts from.
 
         Radii default to those of the pilot's tests. An `InputError` is raised if the candidate
         tests, the criterion or the parameters of interest are not valid.
@@ -88,11 +91,11 @@ class Space:
         self._store("directions", tuple(dict.fromkeys(self.directions)))
         self._store("clockings_deg", _distinct_clockings(self.clockings_deg))
         self._check_candidates()
-        # Make the candidates before the pilot is replaced: they depend on the pilot as the caller
-        # gave it.
+        # Make the candidate tests before the pilot is replaced, because they depend on the pilot as
+        # the caller gave it.
         candidates = self.tests
         self._store("pilot", add_foreseen_tests(self.pilot, candidates, self.compared_tests))
-        # Check last, because this binds the model to the pilot stored above.
+        # Call this check last, because it binds the model to the pilot stored above.
         self._check_interest()
 
     def _store(self, name: str, value: object) -> None:
@@ -181,8 +184,8 @@ class Space:
     def frame(self, tests: Sequence[CircularTest]) -> pd.DataFrame:
         """Return a table of tests with force, angles of the balls and radius, one row per test.
 
-        The table also has columns for plane, direction and set-up. Each of these columns is there
-        only if the candidates (tests that could be run) and the compared tests differ in it.
+        The table also has columns for plane, direction and set-up. Each of the three columns is
+        included only if the tests to choose from, or those to compare with, differ in it.
         """
         all_tests = (*self.tests, *self.compared_tests)
         columns = ["force_N", *_FIXED_COLUMNS]
@@ -219,9 +222,10 @@ class Space:
 
     @property
     def _tests_run(self) -> int:
-        """Number of the pilot's tests that count as run: all if ``augment`` is True, else none.
+        """Number of the pilot's tests that are analysed together with the new tests.
 
-        The pilot is the campaign or plan that the design starts from.
+        The pilot is the campaign or plan that the design starts from. All its tests are analysed if
+        ``augment`` is true, otherwise none.
         """
         return len(self.pilot.tests) if self.augment else 0
 
@@ -236,7 +240,7 @@ class Space:
         return objective_of(bound, self._tests_run, phi, self.chosen, criterion)
 
     def _criterion(self, bound: BoundModel) -> Criterion:
-        """Return the criterion that compares sets of tests.
+        """Return the criterion by which designs are compared.
 
         The criterion is a function of the precision (inverse covariance) of the parameters of
         interest.
@@ -260,16 +264,17 @@ class Space:
         return Search(self.objective(self.tests), forces_N, levels, self.seed)
 
     def efficiency(self, tests: Sequence[CircularTest]) -> float:
-        """Return the efficiency of tests relative to the best shares of as many tests.
+        """Return the efficiency of tests relative to the best shares of the same number of tests.
 
-        The share of a candidate is the fraction of the tests that are run at it.
+        The share of a candidate (test that could be run) is its number of runs divided by the
+        number of all runs.
         """
         value = self.objective(tests).value(np.ones(len(tests)))
         best = self.search.shares(float(len(tests))).value
         return self.search.objective.efficiency(value, best)
 
     def plan_of(self, tests: Sequence[CircularTest], *, seed: int = 1) -> Campaign:
-        """Return the tests as a plan for the pilot's machine, in the order in which to run them.
+        """Return the tests as a plan for the same machine, in the order in which to run them.
 
         ``seed`` is the seed of the random order.
         """
@@ -287,7 +292,8 @@ class Space:
     def forecast(self, plan: Campaign, *, machines: int | None = None) -> Forecast:
         """Return the forecast of the results of a plan that `plan_of` returned.
 
-        ``machines`` is the number of possible machines in the forecast, by default 64.
+        ``machines`` is the number of possible machines over which the forecast averages, by default
+        64.
         """
         slopes = None
         if self.criterion == "discriminate":

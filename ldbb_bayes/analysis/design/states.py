@@ -3,7 +3,7 @@
 A state is a value of the hyper-parameters φ (the scales of the noise and of other effects) and of
 the parameters β (compliances, their slopes and geometric errors). The pilot is the campaign or plan
 that a design starts from. States are drawn at random from the posterior given the pilot, or from
-the prior where the pilot is a plan.
+the prior if the pilot is a plan.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from ldbb_bayes.results import Array
 __all__ = ["States", "extend_hyper_parameters", "hyper_nodes", "states_before"]
 
 # Posteriors of the hyper-parameters given the readings of a pilot (the campaign that a design
-# starts from). Each pilot has a list of posteriors, one for each model. They are kept because it
-# takes a long time to compute them.
+# starts from). Each pilot has a list of posteriors, one for each model. The posteriors are kept
+# because their computation takes a long time.
 _POSTERIORS: WeakKeyDictionary[Campaign, list[HyperPosterior]] = WeakKeyDictionary()
 
 
@@ -36,11 +36,12 @@ class States:
     #: hyper-parameters φ, shape (K, h), with lengths in mm; the relative scatter λ of a circle, and
     #: the decay of the balls' form errors with their order, are pure numbers
     phi: Array
-    #: parameters β, whose compliances are not negative, shape (K, p); if their prior is flat, none
-    #: are drawn, and p = 0
+    #: parameters β, shape (K, p), whose compliances are not negative; if the prior is flat, no
+    #: parameters are drawn, and p = 0
     beta: Array
     #: Gaussian density of the parameters given the hyper-parameters, before the new tests: the
-    #: prior, or the posterior given tests that count as run; compliances may be negative
+    #: prior, or the posterior given readings that are analysed together with the new tests;
+    #: compliances may be negative
     before: Gaussian
 
 
@@ -50,10 +51,10 @@ def hyper_nodes(model: HybridModel, pilot: Campaign, size: int, seed: int) -> Ar
     φ are the scales of the noise and of other effects. Lengths are in mm; the relative scatter λ of
     a circle, and the decay of the balls' form errors with their order, are pure numbers. The values
     are a random sample of the posterior given the readings of the pilot (the campaign that a design
-    starts from). If the pilot is a plan, they are spread evenly over the prior, and their number is
-    rounded up to a power of two. If the priors of the parameters are flat, only the root mean
-    square of the values is returned, shape (1, h), because all variances are then proportional to
-    that of the noise.
+    starts from). If the pilot is a plan, the values are spread evenly over the prior, and their
+    number is rounded up to a power of two. If the priors of the parameters are flat, only the root
+    mean square of the values is returned, shape (1, h), because all variances are then proportional
+    to that of the noise.
     """
     if pilot.is_plan:
         prior = model.bind(pilot).hyper_prior
@@ -76,9 +77,10 @@ def extend_hyper_parameters(
 
     The hyper-parameters φ of the pilot, the campaign that a design starts from, are extended by
     those of the new circles. The relative scatter λ of each new circle is set to 1, because the
-    prior mean of 1/λ² is 1. With ``scattering``, λ gets values spread evenly over its prior. So do
-    all other hyper-parameters that the pilot does not have. Lengths are in mm; λ, and the decay of
-    the balls' form errors with their order, are pure numbers.
+    prior mean of 1/λ² is 1. If ``scattering`` is true, λ gets values spread evenly over its prior
+    instead. All other hyper-parameters that the pilot does not have get values spread evenly over
+    their priors in any case. Lengths are in mm; λ, and the decay of the balls' form errors with
+    their order, are pure numbers.
 
     Parameters
     ----------
@@ -131,7 +133,7 @@ def states_before(
     Parameters
     ----------
     model
-        Model that the tests are to determine.
+        Model whose parameters the tests are to determine.
     pilot
         Campaign already run, or plan, that the design starts from.
     size
@@ -139,7 +141,8 @@ def states_before(
     seed
         Seed of the random numbers.
     augment
-        Whether the pilot's tests count as run.
+        Whether the new tests are analysed together with the pilot's readings. The density p(β | φ)
+        is then the posterior given these readings, not the prior.
 
     Returns
     -------
