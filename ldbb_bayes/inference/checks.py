@@ -129,7 +129,7 @@ class TestChecks(Result):
     autocorrelation_p: float | None  #: p-value of ``autocorrelation`` under white noise
 
     def of(self, test: str) -> list[Check]:
-        """Return a list with one `Check` for each p-value; ``test`` is the name of the test."""
+        """Return a list with one `Check` for each p-value of the test with the name ``test``."""
         checks = [Check(CheckKind.ORDER, test, p, order) for order, p in self.orders_p.items()]
         if self.noise_p is not None:
             checks.append(Check(CheckKind.NOISE, test, self.noise_p))
@@ -430,9 +430,9 @@ def autocorrelation(test: CircularTest) -> tuple[float, float]:
     to 12. The p-value is two-sided, under the hypothesis of white noise. For n readings of white
     noise the autocorrelation has the mean tr(M S) / tr(M) and a variance of about 1/n. The matrix
     M, shape (n, n), removes the Fourier orders 0 to 12 from the readings; S, shape (n, n), shifts
-    them by one reading. If a test has more than 100 000 readings, only the first 100 000 in order
-    of angle are used. If the residuals are rounding errors only, the autocorrelation is 0 and its
-    p-value is 1.
+    the readings by one reading. If a test has more than 100 000 readings, only the first 100 000 in
+    order of angle are used. If the residuals are rounding errors only, the autocorrelation is 0 and
+    its p-value is 1.
     """
     order = np.argsort(test.angle_deg, kind="stable")[:_LONGEST_STRETCH]
     angle = test.angles_rad()[order]

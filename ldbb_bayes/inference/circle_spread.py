@@ -39,8 +39,8 @@ _FIRST_PROBABILITY = 0.5
 def draw_new_noise_factors(noise_factors: Array, rng: np.random.Generator) -> Array:
     """Return random noise factors λ of a new circle, one for each of n posterior draws, shape (n,).
 
-    λ multiplies set-up shift and discrepancy of a circle. ``noise_factors``, shape (n, R), are the
-    drawn factors of the R measured circles.
+    λ multiplies the set-up shift (of zero and centre) and the discrepancy (unexplained deviations)
+    of a circle. ``noise_factors``, shape (n, R), are the drawn factors of the R measured circles.
     """
     cumulative = shape_probabilities(noise_factors).cumsum(axis=1)
     levels = rng.random((len(noise_factors), 1))

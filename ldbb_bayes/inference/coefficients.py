@@ -85,10 +85,11 @@ class PrivateTerm(NamedTuple):
 class ElasticDraws(NamedTuple):
     """Posterior draws of compliances C(F) and of deflections along the bar, at n bar forces F."""
 
-    #: draws of the compliances C(F), shape (draws, n, compliances) [mm/N, rad/N, rad/(N mm)]
+    #: draws of the compliances C(F) at n bar forces F, shape (draws, n, compliances) [mm/N, rad/N,
+    #: rad/(N mm)]
     compliances: Array
-    #: draws of the elastic deflection along the bar divided by the bar force, as 25 Fourier
-    #: coefficients of each circle, shape (draws, circles, n, 25) [mm/N]
+    #: draws of the elastic deflection along the bar, divided by the bar force: 25 Fourier
+    #: coefficients of each circle at each of n bar forces, shape (draws, circles, n, 25) [mm/N]
     per_force: Array
 
 
@@ -267,10 +268,10 @@ def shared_coefficients(bound: BoundModel, phi: Array, beta: Array) -> Array:
     """Return what posterior draws predict for each measured circle, without random scatter [mm].
 
     The prediction includes the machine, ball form, bar length, mount and force error. Nuisances,
-    that is, effects that are modelled but not of interest, are at their means given the readings,
-    the parameters ``beta``, shape (draws, p), and the hyper-parameters ``phi``, shape (draws, h).
-    The result holds Fourier coefficients of the orders 0 to 12, shape (draws, tests, 25). ``bound``
-    is the model, applied to its campaign.
+    that is, effects that are modelled but not of interest, are set to their means given the
+    readings, the parameters ``beta``, shape (draws, p), and the hyper-parameters ``phi``, shape
+    (draws, h). The result holds Fourier coefficients of the orders 0 to 12, shape (draws, tests,
+    25). ``bound`` is the model, applied to its campaign.
     """
     shifted = beta - bound.centre
     mean = bound.given_interest.conditional(phi, shifted)[1].mean

@@ -43,7 +43,8 @@ class IndependentPoints(NamedTuple):
     """Points in nearly independent coordinates."""
 
     points: Array  #: coordinates z of n points, shape (n, h)
-    log_width: Array  #: sum of the logarithms of all widths at each point, shape (n,)
+    #: sum of the logarithms of the widths of all coordinates at each point, shape (n,)
+    log_width: Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,10 +1,10 @@
 """Densities of the readings of tests that are left out, in the form that ArviZ needs.
 
 y_r are the readings of test r, y_−r those of all other tests. φ are the h hyper-parameters, the
-scales of the noise and of other effects; λ_r, one of them, is the factor by which set-up shift and
-discrepancy of circle r are multiplied. β are the p parameters: compliances, their slopes and
-geometric errors. Truncation restricts β to compliances that are not negative. k̂ is the Pareto
-shape of the tail of importance weights.
+scales of the noise and of other effects; λ_r, one of the hyper-parameters, is the factor by which
+set-up shift and discrepancy of circle r are multiplied. β are the p parameters: compliances, their
+slopes and geometric errors. Truncation restricts β to compliances that are not negative. k̂ is the
+Pareto shape of the tail of importance weights.
 """
 
 from __future__ import annotations
@@ -201,7 +201,7 @@ def _sampled_group(
 
 
 def log_likelihood_of_tests(bound: BoundModel, phi: Array) -> Array:
-    """Return the log density of each test's readings given the other tests, shape (w, tests).
+    """Return the log density of each test's readings given all other readings, shape (w, tests).
 
     The density is p(y_r | y_−r, φ), with the readings y_r of test r and y_−r of all other tests. φ
     are the hyper-parameters (scales of the noise and of other effects); ``phi``, shape (w, h),

@@ -32,7 +32,7 @@ __all__ = ["JointDensity", "LinearRedraw", "LogDensity", "log_density", "startin
 # The hyper-parameters of a sampler's starting points are drawn from a density like their posterior,
 # but with standard deviations multiplied by the square root of this temperature.
 _START_TEMPERATURE = 1.5
-# Number of random points drawn for each starting point that a sampler needs. More than one is
+# Number of random points drawn for each starting point that a sampler needs. More than one point is
 # drawn, because points with a negative compliance are dropped.
 _DRAWS_PER_START = 2
 # Cumulative prior probabilities are kept at least this far from 0 and from 1, where the quantiles
@@ -384,8 +384,8 @@ class LinearRedraw:
 
         ``points``, shape (n, p + h), are in the coordinates of `JointDensity`. The weight of a
         point is, up to a constant factor, the ratio of its posterior density to the density from
-        which `draw` draws points. If the model does not allow negative compliances, no compliance
-        may be negative at any of the points.
+        which `draw` draws points. If the model does not allow negative compliances, the points must
+        be free of negative compliances.
         """
         bound = self.density.bound
         beta, free = self.density.split(points)

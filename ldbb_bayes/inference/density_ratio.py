@@ -107,7 +107,7 @@ class _Sample:
     #: weight of each of the m nodes in the integral, divided by the probability with which the node
     #: is drawn, shape (m,)
     weight: Array
-    integral: Integral  #: integral of f with all n nodes
+    integral: Integral  #: integral of the density f, with all its n nodes
     degree: int  #: degree of the polynomial that is fitted, 1 or 2
 
     @cached_property
@@ -221,7 +221,10 @@ class RatioSampler:
 
     @cached_property
     def _samples(self) -> list[_Sample]:
-        """Samples of the nodes, the smallest first; each sample contains all smaller samples."""
+        """Samples of the nodes, the smallest sample first.
+
+        Each sample contains all smaller samples.
+        """
         weight = self._integral.weight
         probability = _probabilities(weight)
         drawn = _systematic_sample(probability, np.random.default_rng(self._seed))

@@ -125,7 +125,7 @@ def _scaling_weights(log_density: Array, power: float, parameters: int) -> Array
 
 
 class SmoothedWeights(NamedTuple):
-    """Importance weights of n draws, with the largest ones smoothed by a Pareto distribution.
+    """Importance weights of n draws; the largest weights are smoothed by a Pareto distribution.
 
     The shape k̂ of this distribution states whether averages with the weights can be trusted.
     """
@@ -141,9 +141,9 @@ def pareto_smooth(log_ratio: Array) -> SmoothedWeights:
     """Return Pareto-smoothed importance weights (Vehtari et al. 2024).
 
     ``log_ratio``, shape (n,), is the logarithm of the target density divided by the density drawn
-    from, at n independent draws, up to a constant. The shape k̂ of the Pareto distribution fitted to
-    the largest weights is infinite if very few draws carry all the weight, or if the tail of the
-    weights cannot be judged. It is −inf if all weights are equal.
+    from, at n independent draws, up to a constant. The shape k̂ of the Pareto distribution fitted
+    to the largest weights is infinite if very few draws carry all the weight, or if the tail of the
+    weights cannot be judged. k̂ is −inf if all weights are equal.
     """
     good_k = min(_LARGEST_GOOD_K, 1.0 - 1.0 / float(np.log10(len(log_ratio))))
     if np.ptp(log_ratio) < _EQUAL_LOG_RATIOS:
@@ -170,7 +170,7 @@ def pareto_k(log_weight: Array) -> float:
     """Return the shape k̂ of the Pareto distribution fitted to the largest of n importance weights.
 
     ``log_weight``, shape (n,), holds the logarithms of the weights. k̂ is −inf if the largest
-    weights are equal. It is infinite if there are too few weights to judge or the fit fails.
+    weights are equal. k̂ is infinite if there are too few weights to judge, or if the fit fails.
     """
     try:
         shape = _smooth_tail(log_weight)[1]
@@ -184,7 +184,7 @@ def pareto_k(log_weight: Array) -> float:
 
 
 def _smooth_tail(log_weight: Array) -> tuple[Array, float]:
-    """Return log importance weights with the largest ones smoothed, and the Pareto shape k̂.
+    """Return log importance weights after smoothing the largest weights, and the Pareto shape k̂.
 
     A Pareto distribution with the shape k̂ is fitted to the largest weights. ``log_weight`` and the
     smoothed log weights have the shape (n,). If the fit fails, NaN is returned. ArviZ raises a

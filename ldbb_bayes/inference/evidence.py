@@ -135,8 +135,8 @@ def require_models(models: Mapping[str, HybridModel]) -> None:
 def check_comparable(model: HybridModel, campaign: Campaign) -> None:
     """Raise an `InputError` if a model and a campaign give no evidence.
 
-    There is no evidence if the prior of the model is flat, if the campaign is a plan, that is, has
-    no readings, or if all its readings are zero.
+    There is no evidence if the prior of the model is flat, if the campaign is a plan (a campaign
+    without readings), or if all readings are zero.
     """
     require_model(model)
     require(
@@ -203,10 +203,10 @@ def log_prob_truncation(truncated: HyperPosterior, tolerance: float = 0.02) -> t
     The probability P is that under the posterior which allows negative compliances. P is first
     computed as a mean, over at least 256 values of the hyper-parameters (scales of the noise and of
     other effects), of the probability given these values. The mean suffices if its error is at most
-    ``tolerance`` and ln P is above −2. Otherwise a few values may decide the result, and P is
-    computed as a ratio of two integrals over the hyper-parameters: the integral of the posterior
-    density with the condition that no compliance is negative, divided by the integral without this
-    condition.
+    ``tolerance`` and ln P is above −2. Otherwise a few values of the hyper-parameters may dominate
+    the mean, and P is computed as a ratio of two integrals over the hyper-parameters: the integral
+    of the posterior density with the condition that no compliance is negative, divided by the
+    integral without this condition.
 
     Parameters
     ----------

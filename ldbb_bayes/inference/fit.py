@@ -43,7 +43,7 @@ _SENSITIVE = 0.05
 # some parameter by more than this multiple of the parameter's standard uncertainty.
 _LARGEST_SHIFT = 0.5
 # A failing posterior predictive check of noise matters if the noise found in the readings widens
-# the interval of some parameter by more than this share of its width.
+# the interval of some parameter by more than this share of the interval's width.
 _LARGEST_WIDENING = 0.1
 # Number of posterior draws from which root-mean-square residual and fitness are computed.
 _QUALITY_DRAWS = 1000

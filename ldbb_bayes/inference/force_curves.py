@@ -21,8 +21,8 @@ __all__ = ["CurveDraws", "ForceCurves", "force_curves", "prior_changes"]
 # C(F) is a deflection divided by the force F. If the reference force is zero, C(F) is computed at
 # this small force [N] instead, to avoid a division by zero.
 _SMALLEST_FORCE_N = 1e-9
-# Name of the term `JointLoad` among the rival explanations of a model, that is, the effects that
-# look like a change of compliance with force.
+# Name of the term `JointLoad` (joints that yield to their own load) among the rival explanations of
+# a model, which are effects that look like a change of compliance with force.
 _JOINT_LOAD = "joint load"
 
 
@@ -83,8 +83,8 @@ def prior_changes(posterior: xr.DataTree) -> dict[str, Array]:
 
     The change is that from the smallest to the largest force tested. The keys are the names of the
     compliances, as in `force_curves`. For an average over models, the prior draws come from all
-    models, also from those without slopes. What the term `JointLoad` (joints that yield to their
-    own load) adds is drawn for a share of the draws that is equal to the share of models with this
+    models, also from those without slopes. The share of the draws that include the effect of the
+    term `JointLoad` (joints that yield to their own load) is equal to the share of models with this
     term. The result is empty if the prior is flat or if all tests have the same force.
     """
     bound = bound_of(posterior)
@@ -121,9 +121,9 @@ def _share_with_joint_load(posterior: xr.DataTree) -> float:
 def _joint_load_sd_of_change(bound: BoundModel, ends_N: Array) -> dict[str, float]:
     """Return the prior standard deviation of what `JointLoad` adds to the change of compliances.
 
-    The change is that of the direct compliance along a machine axis from the smallest to the
-    largest force tested; ``ends_N`` are these two forces [N]. The keys of the result are the
-    letters of the axes.
+    `JointLoad` is the term of a model for joints that yield to their own load. The change is that
+    of the direct compliance along a machine axis from the smallest to the largest force tested;
+    ``ends_N`` are these two forces [N]. The keys of the result are the letters of the axes.
     """
     columns_by_axis = joint_load_columns(bound.setting, bound.columns_of.get(JointLoad, ()))
     sd_by_axis: dict[str, float] = {}
@@ -136,7 +136,10 @@ def _joint_load_sd_of_change(bound: BoundModel, ends_N: Array) -> dict[str, floa
 
 
 def _changing_compliances(bound: BoundModel) -> set[str]:
-    """Return the names of the compliances that have a slope or to which `JointLoad` adds."""
+    """Return the names of the compliances that have a slope or to which `JointLoad` adds.
+
+    `JointLoad` is the term of a model for joints that yield to their own load.
+    """
     changing = {parameter.compliance for parameter in bound.parameters if parameter.degree > 0}
     of_joints = joint_load_columns(bound.setting, bound.columns_of.get(JointLoad, ()))
     for compliance in bound.compliances:

@@ -26,16 +26,16 @@ __all__ = ["importance_sample"]
 # The density to integrate is evaluated at these distances from a mode, on both sides along every
 # direction. The distances are in standard deviations of the Gaussian fitted at the mode.
 _ALONG_AXIS = np.array([0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.5, 8.0, 10.0])
-# Number of independent randomisations (scrambles) of the Sobol sequence; the scatter between them
-# gives the error of an integral.
+# Number of independent randomisations (scrambles) of the Sobol sequence; the scatter between the
+# randomised sequences gives the error of an integral.
 _SCRAMBLES = 8
 # In the first round of sampling, each randomised Sobol sequence (of quasi-random points) gives at
 # least ``_FEWEST_POINTS`` points, and at least ``_POINTS_PER_DIMENSION`` times as many points as
 # there are dimensions. The number of points is rounded up to a power of two.
 _FEWEST_POINTS = 32.0
 _POINTS_PER_DIMENSION = 1.5
-# Each round of importance sampling starts with this many times the points with which the round
-# before started, unless that exceeds the largest number allowed.
+# Each round of importance sampling starts with this multiple of the number of points with which the
+# round before started, unless this would be more points than allowed.
 _GROWTH = 4
 # A proposal, the density from which points are drawn, is a mixture. Beside every component it has a
 # component that is wider by the factor ``_WIDE``. All wider components together have the share
@@ -59,8 +59,9 @@ _REACHABLE = 2.0
 # raising them to a power below one. In h dimensions, the effective sample size of the weights must
 # then reach this number times h + 1, or a third of the number of points, whichever is smaller.
 _FITTED_PER_DIMENSION = 40.0
-# The power to which weights are raised starts at one. It is multiplied by ``_EVENING`` until the
-# effective sample size of the weights suffices or the power is no longer above ``_LEAST_POWER``.
+# Weights are evened out by raising them to a power. The power starts at one, and is multiplied by
+# ``_EVENING`` until the effective sample size of the weights suffices or the power is no longer
+# above ``_LEAST_POWER``.
 _EVENING = 0.8
 _LEAST_POWER = 0.02
 

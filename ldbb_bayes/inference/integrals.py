@@ -92,8 +92,8 @@ class Integral:
     #: a randomised sequence of a sample. The nodes of each group alone give an estimate of the
     #: integral.
     estimate: Index
-    #: whether each of the n nodes is one of the outermost of a lattice, beyond which the density
-    #: was not evaluated, shape (n,)
+    #: whether each of the n nodes is one of the outermost nodes of a lattice, beyond which the
+    #: density was not evaluated, shape (n,)
     edge: NDArray[np.bool_]
     #: density from which the nodes of a sample were drawn at random; None for the nodes of a
     #: lattice

@@ -62,8 +62,8 @@ def grow_lattice(
     The nodes of the lattice are the points of two regular grids. A step is the distance from a
     point of a grid to the next one; the grids are moved against each other by half a step. Points
     are added around the modes until f is negligible at the outermost points, and the step is
-    shortened as needed. Both stop at ``max_nodes`` nodes; the error of the result may then exceed
-    the tolerance.
+    shortened as needed. Adding points and shortening the step stop at ``max_nodes`` nodes; the
+    error of the result may then exceed the tolerance.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def grow_lattice(
         to f at the highest mode. Default: computed from the tolerance.
     max_nodes : int
         Number of nodes of a grid above which no points are added to it. The step is not shortened
-        either if that would give a lattice of more nodes than this.
+        either if the lattice would then have more nodes than this number.
     """
     centre = modes[0][0]
     root = modes[0][1]
@@ -111,8 +111,8 @@ def _first_step(h: int, tolerance: float) -> float:
 
     The step is in units of the standard deviation of the Gaussian fitted to the density at its
     highest mode. The step is 2 if ``tolerance``, the error allowed in the log integral [nat], is
-    0.01 or more. Otherwise it is a little shorter than a Gaussian density would need to reach the
-    tolerance.
+    0.01 or more. Otherwise the step is a little shorter than the step with which the integral of a
+    Gaussian density would reach the tolerance.
     """
     if tolerance >= _LOOSE_TOLERANCE:
         return _LOOSE_STEP
@@ -170,8 +170,8 @@ class _Grid(NamedTuple):
     #: multiples of the grid's steps, shape (n, h)
     places: Array
     log_density: Array  #: logarithm of the density to integrate at the n nodes, shape (n,)
-    #: whether each of the n nodes is among the outermost ones of the grid, beyond which the density
-    #: was not evaluated, shape (n,)
+    #: whether each of the n nodes is one of the outermost nodes of the grid, beyond which the
+    #: density was not evaluated, shape (n,)
     edge: NDArray[np.bool_]
 
 
@@ -186,12 +186,12 @@ def _grow_grid(
 ) -> _Grid:
     """Return one grid of a lattice, grown from the modes until all nodes added last are negligible.
 
-    A node is negligible if the log density there is below its highest value by ``depth`` [nat] or
-    more. Growing also stops at ``max_nodes`` nodes. The grid's steps are the columns of ``cell``,
-    shape (h, h). ``starts`` are the modes of the density relative to ``centre``, in multiples of
-    the steps. ``offset`` is the part of a step, 0 or 0.5, by which the grid is moved in every
-    direction. The edge of the grid is its negligible nodes, and the nodes added last if growth
-    stopped at ``max_nodes``.
+    A node is negligible if the log density there is lower than the highest log density by ``depth``
+    [nat] or more. Growing also stops at ``max_nodes`` nodes. The grid's steps are the columns of
+    ``cell``, shape (h, h). ``starts`` are the modes of the density relative to ``centre``, in
+    multiples of the steps. ``offset`` is the part of a step, 0 or 0.5, by which the grid is moved
+    in every direction. The edge of the grid is its negligible nodes, and the nodes added last if
+    growth stopped at ``max_nodes``.
     """
     h = len(starts[0])
     neighbours = np.vstack([np.eye(h), -np.eye(h)])

@@ -23,7 +23,7 @@ from ldbb_bayes.results import Array, ByRow, Numbers, Result, readable
 __all__ = ["LeastSquares", "fit_least_squares"]
 
 # The matrix of derivatives of the readings with respect to the parameters counts as singular if its
-# smallest singular value is below this share of the largest one.
+# smallest singular value is below this share of the largest singular value.
 _SINGULAR = 1e-10
 
 

@@ -47,7 +47,7 @@ class MarginalMixtures(NamedTuple):
     standard deviation zero stands for the drawn value itself.
     """
 
-    beta: Array  #: drawn parameters, shape (n, p)
+    beta: Array  #: n draws of the p parameters, shape (n, p)
     mean: Array  #: means of the Gaussians before truncation, shape (n, p)
     sd: Array  #: standard deviations of the Gaussians before truncation, shape (n, p)
     low: Array  #: lower bounds of the parameters, shape (n, p)

@@ -46,8 +46,8 @@ _DOUBLINGS_STORED = 2
 # the points of two other walkers. In this share of such moves, the factor is one, so that walkers
 # can jump between modes.
 _JUMP_SHARE = 0.1
-# Share of the moves of walkers that propose independent points, drawn from a density near the
-# posterior, if there is a source of such points.
+# Share of the walkers' moves that propose independent points, if there is a source of such points.
+# The points are drawn from a density near the posterior.
 _REDRAW_SHARE = 0.9
 # Largest number of draws kept of each ensemble of walkers, unless the required effective sample
 # size needs more.
@@ -434,8 +434,8 @@ class RedrawMove:
     def _next_independent_points(self, size: int, random: np.random.RandomState) -> WeightedPoints:
         """Remove ``size`` weighted points from the stock of independent points, and return them.
 
-        If the stock has too few, more points are drawn first. ``random`` generates the random
-        numbers.
+        If the stock has too few points, more points are drawn first. ``random`` generates the
+        random numbers.
         """
         stock = self._stock
         while stock is None or len(stock.points) < size:

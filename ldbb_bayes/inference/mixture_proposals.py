@@ -35,8 +35,8 @@ _FEW_DIMENSIONS = 5
 _HEAVY_TAILS = 2
 # Degrees of freedom from which the fit of a Student-t distribution starts.
 _FIRST_FREEDOM = 9.0
-# Values of the coordinate z (see `SplitT`) at which the two sides of a split Student-t distribution
-# may meet.
+# Values of the coordinate z (see `SplitT`) that are tried as the point at which the two sides of a
+# split Student-t distribution meet.
 _OFFSETS = np.linspace(-0.4, 0.4, 9)
 # A split Student-t distribution is fitted by alternately fitting its scales and its degrees of
 # freedom. ``_ALTERNATIONS`` is the number of alternations; in each, the scales are fitted by
@@ -167,7 +167,7 @@ class Mixture:
         """Return n random points of the mixture, shape (n, h), from uniform random numbers.
 
         ``uniform``, shape (n, h + 1), holds independent random numbers between 0 and 1. The first
-        one of each point picks its component.
+        number of each point picks the component of the point.
         """
         limits = np.cumsum(self.share)[:-1]
         picked = np.searchsorted(limits, uniform[:, 0], side="right")

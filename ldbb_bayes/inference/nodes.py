@@ -483,11 +483,11 @@ class HyperPosterior:
 
     @cached_property
     def _corners(self) -> list[tuple[Array, Array]]:
-        """Maxima of the density with one scale at a time held near zero, in the form of `modes`.
+        """Maxima of the density with one scale held near zero, for one scale after the other.
 
         The density may extend far towards the value zero of a scale. The other hyper-parameters
         then have other values than at the mode. A proposal that is also fitted at these maxima
-        covers that region. Negligible maxima are left out.
+        covers that region. Negligible maxima are left out. The result has the form of `modes`.
         """
         mode, root = self.modes[0]
         prior = self.bound.hyper_prior
@@ -560,7 +560,7 @@ def _log_probability(orthant: Orthant, tolerance: float, seed: int) -> NoisyLogP
 
 
 def _is_separate(point: Array, points: list[Array]) -> bool:
-    """Return whether a point is far enough from all of ``points`` to count as a separate point.
+    """Return whether a point is farther than ``_SEPARATION`` from each of ``points``.
 
     Points are normal scores of the hyper-parameters, shape (h,).
     """

@@ -459,7 +459,7 @@ def model_of(posterior: xr.DataTree) -> HybridModel:
 
 
 def bound_of(posterior: xr.DataTree) -> BoundModel:
-    """Return the model of a posterior, applied to its campaign as when it was sampled."""
+    """Return the model of a posterior, applied to the campaign as for sampling the posterior."""
     return model_of(posterior).bind(campaign_of(posterior))
 
 

@@ -41,8 +41,9 @@ __all__ = ["band_um", "new_circles", "predict", "readings_drawn", "replicate_lef
 
 # Largest number of posterior draws from which the readings of new circles are predicted.
 _DRAWS = 4000
-# To predict the circle of a test from the other tests, the parameters and the shared nuisances are
-# drawn this many times for each value of the hyper-parameters.
+# To predict the circle of a test from the other tests, the parameters and the nuisances that tests
+# share (effects that are modelled but not of interest) are drawn this many times for each value of
+# the hyper-parameters.
 _DRAWS_PER_NODE = 8
 
 

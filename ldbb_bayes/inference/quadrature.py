@@ -16,7 +16,7 @@ __all__ = ["integrate"]
 
 # Largest number of dimensions in which an integral is always computed from a lattice of nodes. With
 # a tolerance of 0.01 nat, lattices of 2, 3, 4 and 5 dimensions took 0.01, 0.03, 0.03 and 0.5 s of
-# processor time, samples 0.02, 0.03, 0.03 and 0.08 s.
+# processor time, and samples took 0.02, 0.03, 0.03 and 0.08 s.
 LARGEST_LATTICE_DIMENSION = 4
 # In this number of dimensions an integral is computed from a lattice if its tolerance is below
 # ``_FINE_TOLERANCE`` [nat], and from a sample otherwise: with 0.001 nat, lattices took 1.7 to 3.7 s

@@ -122,8 +122,8 @@ def _draw_free(posterior: HyperPosterior, seed: int) -> Array:
 
     Hyper-parameters are the scales of the noise and of other effects; the coordinates are mostly
     ln(value − lower bound). If independent draws are not possible, because weights cannot be
-    trusted or hardly any draw is accepted, warn and resample the weighted points of an importance
-    sample instead.
+    trusted or hardly any draw is accepted, give a warning, and resample the weighted points of an
+    importance sample instead.
     """
     rng = np.random.default_rng(seed)
     try:

@@ -54,7 +54,7 @@ _SURPLUS = 1.3
 # Number of further independent draws of each chain, so that the computed effective sample size of
 # every parameter reaches the required value.
 _SURPLUS_DRAWS = 50
-# Draws that are as good as independent may be picked from a run of emcee. The effective sample size
+# Draws that are as good as independent can be picked from a run of emcee. The effective sample size
 # of the run must then be this multiple of the number of draws picked.
 _THINNING = 4.0
 # If draws that are as good as independent are picked from a run of emcee, R-hat of the run must be
@@ -241,8 +241,8 @@ def fit_model(
     ----------
     inside : HyperPosterior
         Posterior density of the hyper-parameters (scales of the noise and of other effects) under
-        the condition that no compliance is negative. If the model does not require this, the
-        density without the condition is sampled.
+        the condition that no compliance is negative. If the model does not require this condition,
+        the density without the condition is sampled.
     sampler : {"joint", "independent"}
         Name of the sampler.
     seed : int

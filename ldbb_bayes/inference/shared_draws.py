@@ -25,7 +25,8 @@ __all__ = ["SharedDraws", "draw_with_shared"]
 # by a draw from the density without truncation. If a compliance is still negative, the parameters
 # are drawn from a density that is shifted towards compliances that are not negative.
 _PLAIN_TRIES = 4
-# Largest number of times that a draw from the shifted density is repeated if it was not accepted.
+# A draw of the parameters from a density shifted towards compliances that are not negative is
+# repeated at most this many times if it was not accepted.
 _REPEATS = 20
 
 
@@ -35,7 +36,9 @@ class SharedDraws(NamedTuple):
     #: hyper-parameters (scales of the noise and of other effects), shape (n, h); lengths in mm
     phi: Array
     beta: Array  #: parameters in mm, N and rad, shape (n, p)
-    shared: Array  #: coefficients of the nuisances that tests share, shape (n, q)
+    #: coefficients of the nuisances (effects that are modelled but not of interest) that tests
+    #: share, shape (n, q)
+    shared: Array
 
 
 def draw_with_shared(
@@ -43,10 +46,11 @@ def draw_with_shared(
 ) -> SharedDraws:
     """Return ``repeats`` random draws of nuisances and parameters for each of w values of φ.
 
-    φ are the hyper-parameters; ``free``, shape (w, h), holds their values in unbounded coordinates.
-    ``bound`` is the model, applied to its campaign. There are w × ``repeats`` draws, and those for
-    one value of φ follow each other. Raise an `InputError` if the model allows no negative
-    compliances and no draw without negative compliances is found.
+    Nuisances are effects that are modelled but not of interest. φ are the hyper-parameters;
+    ``free``, shape (w, h), holds their values in unbounded coordinates. ``bound`` is the model,
+    applied to its campaign. There are w × ``repeats`` draws; the draws for one value of φ follow
+    each other. Raise an `InputError` if the model allows no negative compliances and no draw
+    without negative compliances is found.
     """
     p = len(bound.names)
     phi = bound.hyper_prior.phi(free)

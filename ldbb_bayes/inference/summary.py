@@ -169,8 +169,8 @@ def result_json(posterior: xr.DataTree, *, prob: float = 0.95) -> dict[str, Any]
 def _entry(draws: Array, unit: str, prior_sd: float | None, prob: float) -> dict[str, Any]:
     """Return the entry of one parameter or hyper-parameter in the JSON result of a fit.
 
-    ``draws`` are its posterior draws in ``unit``, ``prior_sd`` its prior standard deviation, None
-    for a flat prior. ``prob`` is the probability of the credible interval.
+    ``draws`` are its posterior draws in ``unit``, and ``prior_sd`` is its prior standard deviation,
+    or None for a flat prior. ``prob`` is the probability of the credible interval.
     """
     numbers = interval_numbers(draws, prob)
     interval = [numbers.pop("ci_low"), numbers.pop("ci_high")]
@@ -253,9 +253,10 @@ def summarize_nuisances(posterior: xr.DataTree) -> pd.DataFrame:
 def _prior_of_nuisances(bound: BoundModel, phi: Array) -> pd.DataFrame:
     """Return a table with term, unit and prior standard deviation of shared nuisance coefficients.
 
-    The prior standard deviation depends on the hyper-parameters; ``phi``, shape (h,), holds the
-    values of the hyper-parameters at which the standard deviation is computed. ``bound`` is the
-    model, applied to its campaign.
+    Shared nuisances are effects that are modelled but not of interest and that several tests have
+    in common. The prior standard deviation depends on the hyper-parameters; ``phi``, shape (h,),
+    holds the values of the hyper-parameters at which the standard deviation is computed. ``bound``
+    is the model, applied to its campaign.
     """
     value = dict(zip(bound.hyper_prior.names, phi, strict=True))
     rows = {}
@@ -270,9 +271,10 @@ def _prior_of_nuisances(bound: BoundModel, phi: Array) -> pd.DataFrame:
 def _moments(draws: ModelDraws, names: list[Any]) -> tuple[Array, Array]:
     """Return means and variances of nuisance coefficients for each posterior draw of a model.
 
-    Means and variances are conditional on the readings and on the parameters and hyper-parameters
-    of the draw. Both arrays have the shape (draws, coefficients), and are zero for a coefficient
-    that the model lacks. ``names`` are the names of the coefficients.
+    Nuisances are effects that are modelled but not of interest. Means and variances are conditional
+    on the readings and on the parameters and hyper-parameters of the draw. Both arrays have the
+    shape (draws, coefficients), and are zero for a coefficient that the model lacks. ``names`` are
+    the names of the coefficients.
     """
     bound = draws.bound
     shifted = draws.beta - bound.centre
