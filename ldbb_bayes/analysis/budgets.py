@@ -462,8 +462,8 @@ def _heaviest_term(contributions: Sequence[Contribution]) -> str:
     """Return the model term with the largest share of a parameter's variance.
 
     If sources that are not measured here (stated or assumed) have more than half of the variance,
-    only the shares of these sources are compared, because more circles would not reduce them.
-    ``contributions`` are the lines of the parameter's budget.
+    only the shares of these sources are compared, because more circles would not reduce the
+    uncertainty that they cause. ``contributions`` are the lines of the parameter's budget.
     """
     shares: dict[str, float] = {}
     not_measured: dict[str, float] = {}

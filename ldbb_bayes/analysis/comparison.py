@@ -278,7 +278,7 @@ class Comparison(Result):
     def pair(self) -> tuple[str, str]:
         """Return the names of the first two models.
 
-        These two are also compared under other priors and assumptions.
+        These two models are also compared under other priors and assumptions.
         """
         first, second, *_ = self.models
         return first, second
@@ -815,9 +815,9 @@ def interpolate_crossings(scale: Array, log_bayes_factor: Array) -> tuple[float,
 def _elpd_differences(log_densities: Mapping[str, Array]) -> dict[str, Difference]:
     """Return the expected log predictive density of every model minus that of the first model.
 
-    ``log_densities`` holds, by model, the log density of every test given the other tests [nat].
-    In a key such as "linear/constant", the first model is named last. The result is empty if no
-    test is left out.
+    ``log_densities`` holds, for each model, the log density of every test given the other tests
+    [nat]. In a key such as "linear/constant", the first model is named last. The result is empty if
+    no test is left out.
     """
     first, *other_names = log_densities
     differences = {}
@@ -852,8 +852,8 @@ def _compare_models(
 ) -> dict[str, ComparedModel]:
     """Return evidence, fit and parameter estimates of every model, by name.
 
-    ``log_densities`` holds, by model, the log density of every test given the other tests [nat].
-    ``prob`` is the probability of the credible intervals of compliance at every force.
+    ``log_densities`` holds, for each model, the log density of every test given the other tests
+    [nat]. ``prob`` is the probability of the credible intervals of compliance at every force.
     """
     log_evidence = [nodes.evidence.log_value for nodes in nodes_by_model.values()]
     shares = probabilities(np.array(log_evidence))

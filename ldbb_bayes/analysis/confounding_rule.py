@@ -27,7 +27,7 @@ NEAR_TIE = 1e-6
 def confounding_sources(
     sources: Sequence[VarianceSource], likeness: Mapping[tuple[str, str], float] | None
 ) -> tuple[VarianceSource, ...]:
-    """Return the assumed sources with which a parameter is confounded, or an empty tuple.
+    """Return the assumed sources with which a parameter is confounded; empty if it is not.
 
     A parameter is confounded with assumed sources that together cause more than half of its
     variance, and act on the same combination of parameters. ``sources`` are all sources of the

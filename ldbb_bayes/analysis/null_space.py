@@ -118,7 +118,8 @@ class NullSpace:
         value one, and the imitators have values that cancel its effect on the readings. Targets
         whose effect the imitators cannot cancel are left out.
         """
-        # The imitators are the same for all targets, so that their matrix is factored once.
+        # The imitators (coefficients that may cancel the effect of a target) are the same for all
+        # targets. The matrix of their effects is therefore factored only once.
         solutions = np.linalg.lstsq(
             self._triangle[:, imitators], self._triangle[:, targets], rcond=_RANK_TOLERANCE
         )[0]

@@ -100,7 +100,7 @@ def is_size_stated(bound: BoundModel, coefficient: str, term: Term | None) -> bo
 
 
 def _is_size_edited(bound: BoundModel, coefficient: str, term: Term) -> bool:
-    """Return whether the prior sd of a coefficient is not the one that the package gives it."""
+    """Return whether the prior sd of a coefficient differs from that which the package gives it."""
     if type(term).on_demand:
         return True
     usual = _with_usual_sizes(bound, term)
@@ -203,7 +203,7 @@ def _origin_of_noise(bound: BoundModel, name: str) -> Origin:
 
 
 def _noises_of(bound: BoundModel) -> Mapping[str, tuple[Columns | BasisNoise, ...]]:
-    """Return the columns that act as noise of single tests; keys are class names of terms."""
+    """Return the design-matrix columns that act as noise of single tests; keys name the terms."""
     noises = {}
     for kind, columns in bound.columns_of.items():
         noises[kind.__name__] = tuple(

@@ -1,7 +1,7 @@
 """Tests that do not agree with the other tests of their campaign.
 
 Each test r is compared with replicates: circles simulated from p(y_r | y_−r), the distribution of
-its readings y_r given the readings y_−r of the other tests. If there are several models, each
+its readings y_r given the readings y_−r of the other tests. If there are several models, each model
 simulates a share of the replicates equal to its posterior probability given the other tests. For
 each Fourier order, the p-value of a test is the share of replicates that deviate at least as much
 as the test. A test has 13 p-values, one for each Fourier order from 0 to 12. The smallest of 13

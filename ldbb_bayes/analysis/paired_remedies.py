@@ -23,12 +23,15 @@ _EQUAL_RATIOS = 0.02
 
 @dataclass(frozen=True)
 class PairedRemedy(Result):
-    """Two cures together for a parameter that stays confounded after the first cure alone."""
+    """Two cures together for a parameter that stays confounded after the first cure alone.
+
+    A cure is a change of the plan, such as more circles, or a certificate of the instrument.
+    """
 
     first: CureStep  #: cheapest cure, if only one cure is used
     #: cure that, added to the first, reduces the parameter's standard uncertainty most
     second: CureStep
-    circles: int  #: number of circles that both add to those of the campaign
+    circles: int  #: number of circles that both cures together add to those of the campaign
     sd: float  #: standard uncertainty of the parameter after both cures, in internal units
     ratio: float  #: ``sd`` divided by the standard uncertainty without any cure
     is_confounded: bool  #: whether the parameter stays confounded after both cures

@@ -29,7 +29,9 @@ class _Alternative(NamedTuple):
 
     label: str
     kind: type[Term]  #: class of the model term that is replaced or left out
-    term: Term | None  #: model term to use instead; None to leave out the term of the class
+    #: model term that replaces the term of the class ``kind``; None if the term of this class is
+    #: left out
+    term: Term | None
 
 
 _ALTERNATIVES = (

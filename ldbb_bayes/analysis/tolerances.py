@@ -38,9 +38,9 @@ PATH_QUANTITIES = {"G": _UPPER, "F_max": _UPPER, "F_min": _LOWER}
 STIFFNESS_QUANTITIES = {"k_min": _LOWER, "k_max": _LOWER, "k_ratio": _UPPER}
 # Internal unit of each stiffness by direction; a ratio has none.
 _STIFFNESS_UNITS = {"k_min": "N/mm", "k_max": "N/mm", "k_ratio": ""}
-# Regular expressions for names of quantities that cannot be negative. The first matches direct
-# compliances (deflection along a force, or tilt about a moment); the second also matches
-# stiffnesses, their ratio and the circular deviation G.
+# Regular expressions for names of quantities that cannot be negative. The first expression matches
+# direct compliances (deflection along a force, or tilt about a moment); the second expression also
+# matches stiffnesses, their ratio and the circular deviation G.
 _DIRECT_COMPLIANCE = re.compile(r"C_(.)\1.")
 _NEVER_NEGATIVE = re.compile(
     _DIRECT_COMPLIANCE.pattern + r"|stiffness_.|(G|k_min|k_max|k_ratio)(_..)?"
@@ -165,8 +165,8 @@ def tolerances_in(
 ) -> dict[str, Tolerance]:
     """Return tolerances by name, after reading texts with a unit and checking names and limits.
 
-    ``given`` are the tolerances as stated by the user; ``known`` are all quantities that may have
-    one.
+    ``given`` are the tolerances as stated by the user; ``known`` are all quantities that may have a
+    tolerance.
 
     A single number such as ``60 nm/N`` is the upper limit of a direct compliance, of G, of F_max or
     of a ratio, the lower limit of a stiffness or of F_min, and both limits (±) of any other

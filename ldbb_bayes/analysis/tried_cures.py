@@ -33,7 +33,8 @@ from ldbb_bayes.units import ranked
 __all__ = ["CureStep", "RemedyKind", "TriedCures", "longer_plans", "sd_by_name"]
 
 # Angle by which both balls are turned in the further circles [°]. One angle is enough, because it
-# turns the phase of the form error of the orders 2, 3 and 4 by 90, 135 and 180°.
+# turns the phase of a ball's form error by 90° at order 2, by 135° at order 3 and by 180° at order
+# 4.
 _TURN_DEG = 45.0
 # Number of random orders of the circles that are tried. The order that is least correlated with
 # force is taken.

@@ -22,8 +22,9 @@ __all__ = [
     "worth_of_certificates",
 ]
 
-# Certificates that the instrument could have, and the fields of the instrument that each states.
-# The certificate of a single ball is for instruments whose other ball already has a certificate.
+# Certificates that the instrument could have, and the fields of the instrument that each
+# certificate states. The certificate of a single ball is for instruments whose other ball already
+# has a certificate.
 CERTIFICATES: Mapping[str, Mapping[str, Any]] = {
     "balls of grade G10": {"work": Ball(grade="G10"), "tool": Ball(grade="G10")},
     "work ball of grade G10": {"work": Ball(grade="G10")},

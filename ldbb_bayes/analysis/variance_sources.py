@@ -62,8 +62,8 @@ class SourcesOfVariance(NamedTuple):
 
     ``sources`` are all sources, the largest share first. Together with an error of this parameter,
     an assumed source causes errors of the other parameters. The errors of all parameters form a
-    vector. ``likeness`` holds, by the names of two assumed sources, the squared cosine of the angle
-    between their vectors. It is 1 if both sources act on the same combination of parameters.
+    vector. ``likeness`` holds, for the names of two assumed sources, the squared cosine of the
+    angle between their vectors. It is 1 if both sources act on the same combination of parameters.
     """
 
     sources: tuple[VarianceSource, ...]

@@ -238,8 +238,8 @@ class Identifiability(Result):
     #: remedies for each of ``degeneracies``: further tests that would resolve the degeneracy, or a
     #: calibration
     cures: tuple[tuple[Cure, ...], ...]
-    #: class names of the terms of the model's preset that the user switched off. The intervals do
-    #: not cover the effects of these terms.
+    #: class names of the terms of the model's preset that the user switched off. The credible
+    #: intervals of the parameters do not cover the effects of these terms.
     not_modelled: tuple[str, ...]
     #: number of parameters that the readings determine: the sum over the parameters of the
     #: contraction, one minus the ratio of posterior and prior variance; for a flat prior, the
@@ -516,8 +516,8 @@ def judge_quantities(posterior: xr.DataTree) -> JudgedQuantities:
     """
     bound = bound_of(posterior)
     models = averaged_models(posterior)
-    # The model with all parameters has every change, and states on which slopes each change
-    # depends.
+    # The model with all parameters contains every change with force, and shows on which slopes each
+    # change depends.
     phi = np.concatenate([model.phi for model in models]).mean(axis=0)
     all_changes = curve_changes(bound, information_of(bound, phi))
     variances = [_variance_of_model(model, all_changes) for model in models]
@@ -537,8 +537,8 @@ def judge_quantities(posterior: xr.DataTree) -> JudgedQuantities:
 def _variance_of_model(model: AveragedModel, changes: Mapping[str, CurveChange]) -> ModelVariance:
     """Return the variance of all parameters, then of changes with force, under one model.
 
-    ``changes`` are those of all models together, by name of the compliance. The variance of a
-    change that the model lacks is zero.
+    ``changes`` holds the changes of all models together; the keys are names of compliances. The
+    variance of a change that the model lacks is zero.
     """
     bound = model.bound
     information = information_of(bound, model.phi.mean(axis=0))
