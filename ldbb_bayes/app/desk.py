@@ -23,8 +23,7 @@ _LONGEST_MESSAGE = 300
 class Desk:
     """One process that answers the requests of all browser pages, one request at a time.
 
-    If the process dies, or takes longer than two minutes for an answer, it is replaced by a new
-    process.
+    If the process dies, or takes longer than two minutes for an answer, a new process replaces it.
     """
 
     def __init__(self) -> None:

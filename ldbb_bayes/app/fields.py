@@ -1,4 +1,4 @@
-"""Entry fields of the browser page, and conversion of their texts to options of a report."""
+"""Entry fields of the browser page, and conversion of typed texts to options of a report."""
 
 from __future__ import annotations
 
@@ -44,10 +44,10 @@ _DCC_SUFFIX = ".xml"
 
 
 class Field(NamedTuple):
-    """One entry field of the browser page: an option of ``ldbb-bayes report``."""
+    """One entry field of the browser page, which sets one option of ``ldbb-bayes report``."""
 
     name: str  #: Name of the option, such as ``radius_mm``.
-    #: Group of the option: name, table, certificates, labels, layout or report.
+    #: Group to which the option belongs: name, table, certificates, labels, layout or report.
     group: str
     #: Flag of the option at a terminal, such as ``--radius-mm``.
     flag: str
@@ -136,8 +136,8 @@ def _value(field_option: Option, name: str, text: str, folder: Path) -> Any:
     """Return the value of an option from the text typed on the page.
 
     The result is the value that Typer, the library that reads the command line, would return.
-    ``name`` is the name of the option, and ``folder`` the folder of the session with the added
-    files.
+    ``name`` is the name of the option. ``folder`` is the folder of the session (one browser tab),
+    which contains the files that the user added.
     """
     typed = _type_read(field_option)
     flag = field_option.flag(name)
@@ -150,7 +150,8 @@ def _value(field_option: Option, name: str, text: str, folder: Path) -> Any:
     if typed in (int, float):
         return _number(field_option, flag, text)
     if field_option.kind is NUMBERS and ";" in text:
-        # The text has decimal commas, and semicolons between numbers: convert both.
+        # The text has decimal commas, and semicolons between numbers. Convert it to decimal points,
+        # and commas between numbers.
         return text.replace(",", ".").replace(";", ",")
     return text
 
@@ -176,8 +177,8 @@ def _number(field_option: Option, flag: str, text: str) -> float:
     """Return the number that the user typed into a field.
 
     A decimal comma is accepted. Raise an `InputError` if the text is no number or has marks between
-    thousands, or if the number is outside the limits of the field's option. ``flag`` is that
-    option's name.
+    thousands, or if the number is outside the limits of the option that the field sets. ``flag`` is
+    the flag of this option at a terminal, such as ``--radius-mm``.
     """
     typed = _type_read(field_option)
     has_thousands = re.fullmatch(r"[-−]?[1-9]\d{0,2}([.,]\d{3})+", text) or "_" in text
@@ -214,13 +215,13 @@ def _argument(
     Parameters
     ----------
     group_name
-        Name of the group, such as table.
+        Name of the group of options, such as table.
     make
         Function that makes the argument from the values of the options.
     choices
         Texts typed on the page; the keys are the names of the entry fields.
     folder
-        Folder of the session with the added files.
+        Folder of the session (one browser tab), which contains the files that the user added.
     """
     options = _GROUPS[group_name]
     typed = {}
@@ -288,7 +289,7 @@ def source_from(folder: Path, choices: Mapping[str, str]) -> ReportSource:
     if any(path.name == TOML for path in paths):
         files = [folder / FILES]
     elif len(paths) > 1:
-        # Name the files by wildcards: files without readings are then skipped, not refused.
+        # Name the files by wildcards. Files without readings are then skipped instead of refused.
         suffixes = sorted({path.suffix for path in paths} - {""})
         files = [folder / FILES / f"*{suffix}" for suffix in suffixes]
         files += [path for path in paths if not path.suffix]
@@ -324,7 +325,7 @@ def read_files(folder: Path, choices: Mapping[str, str]) -> SourceCampaign:
     Raises
     ------
     InputError
-        If files or entries cannot be used.
+        If a file or an entry cannot be used.
     """
     campaign, imported = source_from(folder, choices).read(ask=False)
     settings = report_settings(folder, choices)

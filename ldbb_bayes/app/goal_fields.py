@@ -50,23 +50,24 @@ def with_goals(
     Parameters
     ----------
     rows
-        Rows of the table, one for each parameter. ``key`` is the name of the parameter. ``sd`` and
-        ``likely_sd`` are the largest standard uncertainties to expect on half, and on nine in ten,
-        of the machines that are possible given the readings so far.
+        Rows of the table, each a dict for one parameter. ``key`` is the name of the parameter.
+        Possible machines are those that are likely given the readings so far. The standard
+        uncertainty to expect is at most ``sd`` on half of the possible machines, and at most
+        ``likely_sd`` on nine in ten.
     texts
         Texts typed as goals; the keys are the names of the parameters.
     bound
-        Model bound to the campaign, which states the units of the parameters.
+        Model bound to the campaign. The model states the units of the parameters.
     estimates
-        Estimates of the parameters, to which goals in percent are relative.
+        Estimates of the parameters; goals in percent refer to these estimates.
 
     Returns
     -------
     list
         The rows, each with three further texts. ``wanted`` is the largest U (k = 2) that the goal
         permits. ``reached`` states on how many of the possible machines U is small enough: "nine"
-        in ten, "half" or "no". ``refused`` is the error message if the text of the goal cannot be
-        read. Texts that do not apply are empty.
+        means nine in ten, "half" means half, and "no" means fewer than half. ``refused`` is the
+        error message if the text of the goal cannot be read. Texts that do not apply are empty.
     """
     extended = []
     for row in rows:
@@ -81,7 +82,11 @@ def with_goals(
 def _goal_row(
     row: Mapping[str, Any], text: str, bound: BoundModel, estimates: Mapping[str, float]
 ) -> dict[str, Any]:
-    """Return the texts ``wanted`` and ``reached`` of a row with a goal, or ``refused``."""
+    """Return the goal of a table row as texts: the largest U permitted, and whether it is met.
+
+    The texts are those that `with_goals` describes: ``wanted`` and ``reached``, or only ``refused``
+    if the goal cannot be read.
+    """
     name = row["key"]
     try:
         goal = goals_in(bound, {name: text})[name]

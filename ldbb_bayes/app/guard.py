@@ -39,7 +39,7 @@ class Guard:
     """ASGI application that refuses requests that the server's own page did not send.
 
     ASGI is Python's interface between web servers and applications. A request must be sent to the
-    server's own address and contain the token.
+    server's own address, and its URL must contain the token.
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ __all__ = ["House"]
 
 MOST_SESSIONS = 32  # largest number of sessions (browser tabs) at the same time
 LOOK_S = 1.0  # time between checks whether sessions (browser tabs) have ended [s]
-# A fit is stopped if its page has sent no request for this time [s]. The fit is stopped only if
+# A fit is stopped if its page has sent no request for this time [s]. A second condition is that
 # another fit is waiting, whose page has sent a request within this time.
 ABANDONED_S = 150.0
 _FIT = "from ldbb_bayes.app.worker import main; main()"
@@ -32,12 +32,13 @@ _FIT = "from ldbb_bayes.app.worker import main; main()"
 
 @dataclass(eq=False)
 class House:
-    """All sessions (browser tabs), the ``Desk`` that answers their requests, and their folder."""
+    """All sessions (browser tabs), and the ``Desk`` that answers the requests of their pages."""
 
     folder: Path  #: Folder that holds one folder for each session.
     desk: Desk  #: Process that answers the requests of all sessions.
     templates: Templates = field(default_factory=Templates)  #: Templates of the browser page.
-    sessions: dict[str, Session] = field(default_factory=dict)  #: Sessions, by `Session.key`.
+    #: Sessions; the keys are `Session.key`.
+    sessions: dict[str, Session] = field(default_factory=dict)
     #: Lock that lets only one fit run at a time, because a fit uses all cores.
     turn: asyncio.Semaphore = field(default_factory=lambda: asyncio.Semaphore(1))
 
@@ -63,7 +64,7 @@ class House:
     async def look_after(self) -> None:
         """End sessions that are over, delete their files, and stop abandoned fits.
 
-        This is repeated every second until the task is cancelled.
+        These steps are repeated every second until the task is cancelled.
         """
         while True:
             await asyncio.sleep(LOOK_S)
@@ -77,9 +78,10 @@ class House:
                     shutil.rmtree(folder, ignore_errors=True)
 
     def _stop_abandoned_fits(self) -> None:
-        """Stop fits whose page no longer sends requests, but only if another fit is waiting.
+        """Stop fits whose page sends no more requests, if the fit of another page is waiting.
 
-        The page of the waiting fit must have sent a request within the last 150 seconds.
+        Fits are stopped only if the page of the waiting fit has sent a request within the last 150
+        seconds.
         """
         abandoned = []
         is_awaited = False

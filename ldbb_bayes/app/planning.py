@@ -1,4 +1,4 @@
-"""Plan of the next circular tests, made from sliders of the browser page, and expected results."""
+"""Plan of the next circular tests from sliders of the browser page, and expected results."""
 
 from __future__ import annotations
 
@@ -33,16 +33,17 @@ _DIRECTIONS: Mapping[str, tuple[Direction, ...]] = {
     "CCW": ("CCW",),
 }
 _MOST_CIRCLES = 60  # largest number of tests in a plan
-# Largest number of candidate tests from which the best tests are chosen. It is exceeded only if
-# there are so many combinations of ball angles, radii and directions that even the fewest levels of
-# force for each of them give more candidates.
+# Largest number of candidate tests from which the best tests are chosen. The number is exceeded
+# only if there are so many combinations of ball angles, radii and directions that even three forces
+# for each combination give more candidate tests.
 _MOST_CANDIDATES = 180
 # Largest number of circles for which the search for the best tests starts from several designs.
 _MOST_SEARCHED_CIRCLES = 12
-# Fewest levels of force from which the best tests are chosen: lowest, middle and highest force.
+# Least number of forces from which the best tests are chosen: the lowest, the middle and the
+# highest force.
 _FEWEST_LEVELS = 3
 # Number of possible states of the machine and noise over which a forecast is averaged while the
-# user moves a slider. It is smaller than for the final forecast, so that the forecast is fast.
+# user moves a slider. The number is smaller than for the final forecast, to make the forecast fast.
 _QUICK_STATES = 16
 
 
@@ -105,7 +106,7 @@ def _test_sliders(settings: Mapping[str, Any], pilot: lb.Campaign) -> dict[str, 
 
 
 class _Report(NamedTuple):
-    """Identity of a session's report, which is the key under which its computations are cached."""
+    """Identity of a session's report; results computed from the report are cached under it."""
 
     folder: Path  #: Folder of the session (one browser tab).
     #: Time at which the report was written [ns].
@@ -117,7 +118,8 @@ class _Pilot(NamedTuple):
     campaign: lb.Campaign  #: Campaign of the session's report.
     #: Standard uncertainty of every parameter from the fit with compliance linear in force.
     sd: Mapping[str, float]
-    mean: Mapping[str, float]  #: Estimate of every parameter from that fit.
+    #: Estimate of every parameter from the fit with compliance linear in force.
+    mean: Mapping[str, float]
 
 
 @lru_cache(maxsize=12)
@@ -136,10 +138,10 @@ def _report_of(folder: Path) -> _Report:
 
 
 def _test_settings(settings: Mapping[str, Any]) -> str:
-    """Return those values of the page's sliders that describe the tests, as JSON text.
+    """Return the values of those sliders of the page that describe the tests, as JSON text.
 
-    The text is the key of cached computations. The sliders for time and cost, and the fields for
-    goals, are left out.
+    Results of computations are cached under this text. The sliders for time and cost, and the
+    fields for goals, are left out.
     """
     not_of_tests = ("fine", *_COSTS)
     stated = {}
@@ -187,7 +189,7 @@ class _PlannedTests(NamedTuple):
     space: Space  #: Space of possible tests from which the tests are taken.
     #: Plan of the tests, in the order in which to run them.
     plan: lb.Campaign
-    sliders: Mapping[str, float]  #: Values of the sliders by name.
+    sliders: Mapping[str, float]  #: Values of the sliders; the keys are the names of the sliders.
 
 
 @lru_cache(maxsize=32)
@@ -202,7 +204,8 @@ def _planned_tests(report: _Report, settings_json: str) -> _PlannedTests:
     report
         Report of the fit on which the plan is based.
     settings_json
-        Values of the sliders by name, as JSON, so that they can be the key of a cache.
+        Values of the sliders as JSON text; the keys are the names of the sliders. As text, the
+        values can be the key of a cache.
     """
     settings = json.loads(settings_json)
     sliders = _test_sliders(settings, _pilot_of(report).campaign)
@@ -219,8 +222,8 @@ def _equally_spaced_tests(
 ) -> tuple[lb.CircularTest, ...]:
     """Return tests at equally spaced forces, with ball angles, radii and directions in turn.
 
-    ``sliders`` are the values of the page's sliders by name: number of circles, number of forces
-    (levels), lowest and highest force.
+    ``sliders`` are the values of the page's sliders: number of circles, number of forces (levels),
+    lowest and highest force.
     """
     number = int(sliders["circles"])
     kinds = _kinds_of_test(space, sliders["low"])
@@ -237,7 +240,8 @@ def _space_of_sliders(
     """Return the space of possible tests that the page's sliders and settings describe.
 
     The space has all combinations of the work ball's and the tool ball's angles. The radii are
-    those of the tests already run, and that of the slider if the slider's value is above zero.
+    those of the tests already run, and the value of the slider for the radius if this value is
+    above zero.
     """
     work_deg = [sliders["turn"] * k for k in range(int(sliders["work"]))]
     tool_deg = [sliders["turn"] * k for k in range(int(sliders["tool"]))]
@@ -288,8 +292,8 @@ def _best_tests(space: Space, sliders: Mapping[str, float]) -> tuple[lb.Circular
     number = int(sliders["circles"])
     equally_spaced = _equally_spaced_tests(space, sliders)
     if min(number, len(levels)) < candidates.search.levels:
-        # Tests at two forces, as linear compliance needs them, are not possible: there is nothing
-        # to choose.
+        # Linear compliance needs tests at two forces. As such tests are not possible here, there is
+        # nothing to choose.
         return equally_spaced
     counts, value = _best_counts(candidates, number)
     if candidates.objective(equally_spaced).value(np.ones(len(equally_spaced))) > value:
@@ -299,11 +303,12 @@ def _best_tests(space: Space, sliders: Mapping[str, float]) -> tuple[lb.Circular
 
 
 def _best_counts(candidates: Space, number: int) -> tuple[Array, float]:
-    """Return how often to run each candidate test, and the value of the criterion.
+    """Return how often to run each candidate test, and the value of the design criterion.
 
     The search is that of ``design``, which starts from several designs. If there are more than 12
-    circles or more than 180 candidates, the search starts only once, from the rounded best shares
-    (fractions of the tests that are run at each candidate).
+    circles or more than 180 candidate tests, the search starts only once. It then starts from the
+    best shares (numbers of runs divided by the number of all runs), rounded to whole numbers of
+    runs.
     """
     search = candidates.search
     if number <= _MOST_SEARCHED_CIRCLES and len(candidates.tests) <= _MOST_CANDIDATES:
@@ -423,10 +428,10 @@ def _expected_uncertainties(report: _Report, settings_json: str, *, fine: bool) 
     report
         Report of the fit on which the plan is based.
     settings_json
-        Values of the page's sliders by name, as JSON.
+        Values of the page's sliders as JSON text; the keys are the names of the sliders.
     fine
-        Whether to average over as many possible states of the machine as a final forecast does. If
-        False, fewer states are used, which is faster.
+        Whether to average over the 64 possible states of the machine of a final forecast. If False,
+        the forecast averages over fewer states and is faster.
     """
     space, plan_of_tests, _ = _planned_tests(report, settings_json)
     sd_today = _pilot_of(report).sd

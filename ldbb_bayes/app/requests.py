@@ -34,8 +34,8 @@ LARGEST_SESSION = 4 * 2**26  # largest total size of the files of one browser ta
 LARGEST_FORM = 2**17  # largest total size of the entries of a form on the page [bytes]
 _LONGEST_ENTRY = 20_000  # largest length of one entry that a user types on the page [characters]
 _LONGEST_NAME = 120  # largest length of the name of a stored file [bytes]
-# Content security policy (an HTTP header) for the page of a report: the page may use only its own
-# style, and no script.
+# Content security policy (an HTTP header) for the page of a report. The page may use the style that
+# it contains, but no script.
 _REPORT_POLICY = (
     "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action"
     " 'none'; frame-ancestors 'self'"
@@ -48,8 +48,9 @@ _SAVED_FILES = {
     "posterior.nc": "posterior.nc",
     "parameters.csv": "tables/averaged.csv",
 }
-# Table that is downloaded as parameters.csv if constant and linear compliance could not be
-# averaged. The table then has the results of the fit itself, and so has the report.
+# Table that is downloaded as parameters.csv if the results for constant and linear compliance could
+# not be averaged. The table has the results of the fit with linear compliance alone, which the
+# report then also shows.
 _FIT_TABLE = "tables/results.csv"
 _ZIPPED_FOLDERS = {"tables.zip": "tables", "campaign.zip": "campaign", "report.zip": ""}
 
@@ -155,7 +156,7 @@ def file_name(sent: str) -> str:
     name = PureWindowsPath(PurePosixPath(sent).name).name
     name = re.sub(r"[^\w+\-.,()\[\] ]", "_", name).strip(" .")
     name = name.encode()[-_LONGEST_NAME:].decode(errors="ignore").lstrip(" .")
-    # On Windows these names mean devices: put an underscore before them.
+    # On Windows, names such as ``con`` stand for devices: put an underscore before the name.
     return re.sub(r"(?i)^(?=(con|prn|aux|nul|com\d|lpt\d)(\.|$))", "_", name)
 
 

@@ -42,7 +42,8 @@ class Session:
     wrong: list[str] = field(default_factory=list)
     #: Number of changes that the user made to files and entries so far.
     edition: int = 0
-    #: Value of ``edition`` when the session's report was made; -1 if there is no report.
+    #: Value of ``edition``, the number of changes, when the session's report was made; -1 if there
+    #: is no report.
     fitted: int = -1
     #: Values of the page's sliders, which describe the plan of the next tests.
     asked: dict[str, Any] = field(default_factory=dict)
@@ -105,8 +106,7 @@ class Session:
         """Remove typed entries that no longer apply, and count one more change of the files.
 
         The names of deleted certificates no longer apply. If the files include a ``campaign.toml``,
-        entries about the campaign and its tables no longer apply either, because this file states
-        the same.
+        this file describes the campaign and its tables, and entries about these no longer apply.
         """
         file_sizes = self.held
         has_campaign_file = TOML in file_sizes
@@ -123,8 +123,9 @@ class Session:
     def state(self) -> dict[str, Any]:
         """Return the state of the session as a dictionary, which the page requests repeatedly.
 
-        The dictionary has the number of files, the numbers ``edition`` and ``fitted``, whether a
-        fit is running, its progress and its outcome.
+        The dictionary has the number of files; the numbers ``edition`` (of changes made so far) and
+        ``fitted`` (of changes made before the report); whether a fit is running; and the progress
+        and the outcome of the fit.
         """
         return {
             "files": len(self.held),
@@ -148,14 +149,14 @@ class Session:
     def word(self, key: str, **values: object) -> str:
         """Return the text of a refusal in the language of the session.
 
-        ``key`` is the name of the text, and ``values`` are inserted into the text.
+        ``key`` is the name under which the text is stored. ``values`` are inserted into the text.
         """
         return str(words_of_page(self.language)["errors"][key]).format(**values)
 
     def said(self) -> dict[str, str]:
-        """Return the typed texts and the report's language.
+        """Return the texts that the user typed, and the language of the report.
 
-        The keys are the names of the entry fields.
+        The keys of the result are the names of the entry fields.
         """
         return {**self.choices, "language": self.language}
 

@@ -53,9 +53,8 @@ def _with_decimal_mark(context: jinja2.runtime.Context, value: object) -> str:
 def _translate_phrases(context: jinja2.runtime.Context, text: str) -> str:
     """Return a message about imported files, with known phrases translated.
 
-    The phrases are translated into the language of the page.
-
-    ``context`` holds the values with which the template is filled.
+    The phrases are translated into the language of the page. ``context`` holds the values with
+    which the template is filled.
     """
     for pattern, translation in context["w"]["phrases"].items():
         text = re.sub(pattern, translation, text)

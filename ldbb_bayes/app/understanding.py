@@ -54,7 +54,7 @@ def refusal(error: Exception, folder: Path) -> str:
     Raises
     ------
     Exception
-        The same exception, if neither input nor files nor numbers caused it.
+        The same exception, if the cause is neither the input, nor a file, nor a computation.
     """
     reason = plain_reason(error)
     if reason is None:
@@ -142,9 +142,10 @@ def _wrong_entries(folder: Path, choices: Mapping[str, str], error: InputError) 
 
 
 def _test_rows(preview: Any, traces: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Return the rows of the page's table of tests, each a dict of texts by column.
+    """Return the rows of the page's table of tests, each a dict of texts.
 
-    A row also has the hue of the test's trace, and the list of remarks on the test.
+    The keys of a row are the columns. A row also has the hue of the test's trace, and the list of
+    remarks on the test.
     """
     hues = {}
     for trace in traces:
@@ -177,7 +178,7 @@ def _in_one_row(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """Return the rows of assumptions, with successive rows on the same quantity joined into one.
 
     A quantity such as the force may be assumed for several files. The joined row lists the values
-    and the places of all of them, and keeps the reason of the first row.
+    and the places of all joined rows, and keeps the reason of the first.
     """
     merged: list[dict[str, Any]] = []
     for row in rows:
@@ -217,12 +218,13 @@ def _uncertainties_by_part(campaign: lb.Campaign) -> dict[str, list[dict[str, An
     """Return the uncertainties that a fit assumes for each part of the instrument.
 
     The result has a list of entries for each part, such as bar or balls. An entry names the field
-    of the page in which the user can state the uncertainty. It is marked as stated if a calibration
-    certificate states the uncertainty.
+    of the page in which the user can state the uncertainty. The entry is marked as stated if a
+    calibration certificate states the uncertainty.
     """
     entries_by_part: dict[str, list[dict[str, Any]]] = {}
     for assumed in lb.terms.uncertainties(campaign).assumed:
-        # The part is the first word of the instrument's field, such as bar in bar_U_um.
+        # The name of the part is the first word of the name of the instrument's field: bar_U_um is
+        # a field of the bar.
         certificate_field = assumed.certificate
         part = certificate_field.partition("_")[0] or assumed.name.partition("_")[0]
         if part in ("work", "tool"):
@@ -255,7 +257,7 @@ _FACTORS = {"1": 100.0, "rad": 180.0 / math.pi, "N": 1.0}
 
 
 def _instrument_entry(campaign: lb.Campaign, assumed: Any, part: str) -> dict[str, Any]:
-    """Return what the page shows of one uncertainty of the instrument: its description and ± U.
+    """Return what the page shows of one uncertainty of the instrument: description and ± U.
 
     U is twice the prior standard deviation. ``part`` is the part of the instrument. The entry also
     states whether a calibration certificate states the uncertainty.
@@ -322,8 +324,8 @@ def _ring_readings(low: float, high: float, spread: float) -> list[float]:
     """Return the readings [µm] at which a polar plot has rings: about four multiples of a step.
 
     The rings lie between the lowest and the highest reading, ``low`` and ``high``. The step is 1, 2
-    or 5 times a power of ten. ``spread`` is the range of readings, or the smallest range that is
-    shown.
+    or 5 times a power of ten. ``spread`` is the range of the readings, or the smallest range that
+    is shown if the range is smaller.
     """
     power = 10.0 ** np.floor(np.log10(spread / _RINGS))
     wanted = (high - low) / _RINGS

@@ -33,7 +33,7 @@ _LOOK_AT_PARENT_S = 1.0  # time between checks whether the process of the server
 
 
 def warm() -> None:
-    """Do nothing; the call makes a new process import this module before the first request."""
+    """Do nothing; calling this function makes a new process import this module in advance."""
 
 
 def answer(work: Callable[..., dict[str, Any]], folder: str, *arguments: Any) -> dict[str, Any]:
@@ -51,7 +51,7 @@ def answer(work: Callable[..., dict[str, Any]], folder: str, *arguments: Any) ->
     Returns
     -------
     dict
-        Result of the function; ``{"refused": message}`` if the input cannot be used.
+        Result of the function, or ``{"refused": message}`` if the input cannot be used.
     """
     try:
         return work(Path(folder), *arguments)

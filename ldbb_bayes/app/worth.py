@@ -19,8 +19,8 @@ __all__ = ["effects_of_certificates", "uncertainty_change"]
 
 _MOST_EFFECTS = 4  # largest number of reduced uncertainties U that are shown for a certificate
 _SMALLEST_EFFECT = 0.05  # smallest relative reduction of an uncertainty U that is shown
-# Part of the instrument that a certificate covers. The keys are the fields of the instrument that
-# the certificate states.
+# Parts of the instrument that certificates cover. The keys are the fields of the instrument that a
+# certificate states.
 _PARTS = {
     "work": "balls",
     "tool": "balls",
@@ -51,12 +51,12 @@ def effects_of_certificates(folder: Path, choices: Mapping[str, str]) -> dict[st
         now. ``effects``: a dict with one entry for each new certificate. Its key is the part of the
         instrument that the certificate would cover, or ``all`` for all certificates together. The
         entry has the name of the certificate, and rows for the largest reductions of U: at most
-        four, each of more than 5 %. All rows are those of `uncertainty_change`.
+        four, each of more than 5 %. Every row is a dict that `uncertainty_change` returns.
 
     Raises
     ------
     InputError
-        If files or entries cannot be used.
+        If a file or an entry cannot be used.
     """
     bound = linear_model().bind(read_files(folder, choices).campaign)
     sd_by_certificate = worth_of_certificates(bound, *hyper_parameter_nodes(bound))

@@ -53,9 +53,9 @@ class Aim(Protocol):
 class UncertaintyAim:
     """Aim that the standard uncertainty of a combination w·β of the parameters becomes small.
 
-    β are the p parameters. Uncertainties are first computed for known hyper-parameters (scales of
-    the noise and of other effects), and then multiplied by ``inflation``, because unknown
-    hyper-parameters make them larger.
+    β are the p parameters and w their weights. Uncertainties are first computed for known
+    hyper-parameters (scales of the noise and of other effects), and then multiplied by
+    ``inflation``, because unknown hyper-parameters make them larger.
     """
 
     #: weights w of the p parameters in the combination, shape (p,); the parameters are in units of

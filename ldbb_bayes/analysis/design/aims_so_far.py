@@ -47,8 +47,8 @@ _DRAWS = 1024
 # the limit, no campaign would be long enough for a decision.
 _LEAST_DISTANCE = 0.2
 # Least standard uncertainty that an aim asks for, as a fraction of the present standard
-# uncertainty. Without this limit, a goal relative to a parameter that may be zero would ask for an
-# uncertainty of zero.
+# uncertainty. Without this limit, a goal in percent of a parameter that may be zero would ask for
+# an uncertainty of zero.
 _LEAST_TARGET = 1e-3
 
 
@@ -62,8 +62,8 @@ class GoalSoFar(Result):
     unit: str
     value: float  #: posterior mean of the parameter
     U: float  #: expanded uncertainty of the parameter now
-    #: largest U that the goal permits; if the goal is relative to the parameter, the limit at the
-    #: parameter's posterior mean
+    #: largest U that the goal permits; if the goal is a percentage of the parameter, the limit at
+    #: the parameter's posterior mean
     limit: float
     #: probability that the goal is met already; 0 or 1, unless the goal is a percentage of the
     #: parameter, whose true value is not known

@@ -32,7 +32,8 @@ __all__ = ["believed_scales", "fisher_information"]
 # probability. Scores are limited to this absolute value; the prior probability of each tail beyond
 # it is below 1e-9.
 _LARGEST_SCORE = 6.0
-# Step of the central differences of variances with respect to the normal scores of scales.
+# Step of the normal scores in the central differences that give the derivatives of variances with
+# respect to the normal scores.
 _STEP = 0.1
 # If there are more circles than this, the analysis is assumed to know the true scales. An average
 # over the scales that the analysis finds likely would then differ little from the value at the true

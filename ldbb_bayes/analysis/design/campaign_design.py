@@ -451,7 +451,8 @@ def design(
     require_model(model)
     require_campaign(pilot)
     if pilot.is_plan and pilot.pilot is not None:
-        # A plan adds no readings to those of its own pilot: start from that pilot.
+        # A plan adds no readings to the campaign that it starts from: start from this campaign
+        # instead.
         pilot = pilot.pilot
     check_seed(seed)
     if goals is not None:
@@ -525,7 +526,10 @@ def _refuse_beside_goals(names: Sequence[str]) -> None:
 
 
 def _number_of_tests(tests: int | None, pilot: Campaign) -> int:
-    """Return the number of circles to run: ``tests`` or, if None, as many as the pilot has."""
+    """Return the number of circles to run: ``tests`` or, if None, as many as the pilot has.
+
+    The pilot is the campaign or plan that the design starts from.
+    """
     number = len(pilot.tests) if tests is None else tests
     require_whole("tests", number)
     require(
@@ -537,7 +541,7 @@ def _number_of_tests(tests: int | None, pilot: Campaign) -> int:
 
 def _default_criterion(model: HybridModel) -> CriterionName:
     """Return the name of the default criterion: ``eig``, or ``d`` if the priors are flat."""
-    # With flat priors, the information gain ``eig`` is infinite.
+    # With flat priors, the information gain ``eig`` is infinite and cannot be optimized.
     return "d" if model.prior.flat else "eig"
 
 
@@ -705,7 +709,7 @@ def _levels_if_too_few(space: Space, tests: Sequence[CircularTest]) -> int | Non
 
 
 def _parameters_that_circles_cannot_improve(space: Space, forecast: Forecast) -> tuple[str, ...]:
-    """Return the names of the parameters whose expected sd more circles would hardly reduce."""
+    """Return the names of the parameters whose expected sd hardly falls with further circles."""
     names = []
     for name in space.chosen:
         entry = forecast.expected[name]

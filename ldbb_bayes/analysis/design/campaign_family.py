@@ -50,12 +50,12 @@ class CampaignFamily:
 
     @property
     def certificates_price(self) -> float:
-        """Price of the certificates of the family."""
+        """Price of the certificates that all campaigns of the family have."""
         return sum(offer.price for offer in self.offers)
 
     @cached_property
     def bound(self) -> BoundModel:
-        """The model bound to all candidate tests, with the family's certificates."""
+        """The model bound to all candidate tests, with the certificates of the family."""
         bound = bind_tests(
             self.space.model,
             self.space.pilot,
@@ -70,7 +70,7 @@ class CampaignFamily:
 
     @cached_property
     def quick(self) -> QuickForecast:
-        """Quick forecast for campaigns of the family, which neglects some uncertainties."""
+        """Quick forecast of how far campaigns of the family are from their goals."""
         bound = self.bound
         number = len(self.states.phi)
         chosen = np.unique(np.linspace(0, number - 1, _QUICK_STATES).round().astype(int))
@@ -85,9 +85,9 @@ class CampaignFamily:
     def lowest_price(self, costs: Costs, circles: int) -> float:
         """Return the lowest price of a campaign of ``circles`` circles.
 
-        The campaign has every clocking and radius of the family. The price includes the
+        The campaign has all ball angles and radii of the family. The price includes the
         certificates, and the machine time with as few set-ups and turns of the balls as possible.
-        It is in the unit of money of `Costs`.
+        The price is in the unit of money of `Costs`.
         """
         space = self.space
         kinds = len({str(test.plane) for test in space.templates}) * len(space.radii_mm)
@@ -101,7 +101,7 @@ class CampaignFamily:
 
     @property
     def fewest_circles(self) -> int:
-        """Least number of circles of a campaign with every clocking and radius of the family."""
+        """Least number of circles of a campaign with all ball angles and radii of the family."""
         space = self.space
         kinds = len({str(test.plane) for test in space.templates}) * len(space.radii_mm)
         return max(self._least_levels, kinds * len(space.clockings_deg))
@@ -157,7 +157,7 @@ class CampaignFamily:
         return tuple(self.space.tests[k] for k in positions)
 
     def uses_all(self, tests: Sequence[CircularTest]) -> bool:
-        """Return whether the tests use every clocking and every radius of the family."""
+        """Return whether the tests use all pairs of ball angles and all radii of the family."""
         clockings = {(test.work_ball_deg, test.tool_ball_deg) for test in tests}
         radii = {test.radius_mm for test in tests}
         return len(clockings) >= len(self.space.clockings_deg) and len(radii) >= len(

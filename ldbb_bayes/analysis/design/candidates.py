@@ -270,8 +270,8 @@ def _bind_to_pilot(
 ) -> BoundModel:
     """Return the model bound to a plan, with the settings that the pilot of the plan fixes.
 
-    The pilot is the campaign that the plan starts from. If ``keep_pilot_tests`` is true, its tests
-    are included, before those of the plan.
+    The pilot is the campaign that the plan starts from. If ``keep_pilot_tests`` is true, the tests
+    of the pilot are included, before those of the plan.
     """
     tests = plan.tests
     pilot_tests = pilot.plan().tests

@@ -53,8 +53,8 @@ _MOST_FORECASTS = 8
 # first shows whether a full forecast is worth while.
 _FEW_MACHINES = 16
 # The effort of a full forecast grows with the square of the number of circles. After the first
-# campaign is found, further campaigns are sought only while the sum of these squares is at most
-# this.
+# campaign is found, further campaigns are sought only while the sum of the squares for all full
+# forecasts is at most this.
 _MOST_EFFORT = 700
 
 
@@ -100,7 +100,8 @@ def judge_plan(
 def _excess(stated: StatedByMachines, goals: Mapping[str, Goal]) -> Array:
     """Return ln(u/u*) of every goal on every possible machine, shape (machines, goals).
 
-    u is the standard uncertainty of the goal's parameter, and u* the largest that the goal permits.
+    u is the standard uncertainty of the goal's parameter, and u* the largest standard uncertainty
+    that the goal permits.
     """
     columns = []
     for name, goal in goals.items():
@@ -251,7 +252,7 @@ class _Search:
         self.effort = 0  #: sum of the squared numbers of circles of all full forecasts
 
     def start(self, progress: _Progress) -> bool:
-        """Set the number of circles at which the search in a family begins.
+        """Set the number of circles at which the search in a family of campaigns begins.
 
         Return whether the campaign with the largest number of circles reaches the goals. If not,
         the search in this family ends.

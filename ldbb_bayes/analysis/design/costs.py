@@ -20,7 +20,7 @@ from ldbb_bayes.results import Result
 __all__ = ["Costs", "minutes_of", "price_of"]
 
 _MINUTES_PER_HOUR = 60.0
-# Angles of the balls [°] that agree to this number of decimals count as one clocking.
+# Pairs of ball angles [°] that agree to this number of decimals are treated as one clocking.
 _CLOCKING_DIGITS = 6
 
 

@@ -458,8 +458,9 @@ def _moments_inside(bound: BoundModel, means: Array, covariance: Array) -> tuple
     shift, covariance_inside, axes = bound.truncation.orthants(
         means.reshape(-1, p), spread
     ).moments()
-    # In standard coordinates, the covariance of the parameters without T is the identity. Under T,
-    # the covariance along the directions ``axes`` that T restricts is ``covariance_inside``.
+    # T is the condition that no compliance is negative. In standard coordinates, the covariance of
+    # the parameters without T is the identity. Under T, the covariance along the directions
+    # ``axes`` that T restricts is ``covariance_inside``.
     along_axes = spread @ np.swapaxes(axes, 1, 2)
     change_along_axes = along_axes @ (covariance_inside - np.eye(shift.shape[1]))
     change = np.einsum("kpd,kpd->kp", change_along_axes, along_axes).reshape(means.shape)

@@ -65,7 +65,7 @@ _SHOWN = 3
 
 @dataclass(frozen=True)
 class StatedGoal(Result):
-    """A goal as the user stated it, and the estimate of its parameter before the campaign.
+    """A goal as the user stated it, and what is known of its parameter before the campaign.
 
     The pilot is the campaign or plan that the design starts from.
     """
@@ -74,13 +74,13 @@ class StatedGoal(Result):
     #: largest U (k = 2) that the goal allows if the parameter equals ``value``, in the parameter's
     #: unit
     limit_U: float
-    #: estimate of the parameter from the pilot's readings; if the pilot is a plan, the median of
-    #: the parameter's absolute value under the prior
+    #: estimate of the parameter from the readings so far; if there are none, the median of the
+    #: parameter's absolute value under the prior
     value: float
-    #: expanded uncertainty (k = 2) of the parameter given the pilot's readings, or under the prior
-    #: if the pilot is a plan
+    #: expanded uncertainty (k = 2) of the parameter given the readings so far, or under the prior
+    #: if there are none
     U: float
-    #: whether the pilot's readings meet the goal already
+    #: whether the readings so far meet the goal already
     met_by_pilot: bool
 
 
@@ -89,11 +89,11 @@ class GoalForecast(Result):
     """Expanded uncertainties to expect from a campaign for the parameter of one goal."""
 
     unit: str
-    #: expanded uncertainty (k = 2) that the analysis does not exceed on half of the possible
-    #: machines
+    #: expanded uncertainty (k = 2) that the analysis of the campaign does not exceed on half of the
+    #: possible machines
     U: float
-    #: expanded uncertainty (k = 2) that the analysis does not exceed on nine in ten possible
-    #: machines
+    #: expanded uncertainty (k = 2) that the analysis of the campaign does not exceed on nine in ten
+    #: possible machines
     likely_U: float
     probability: float  #: share of the possible machines on which the goal is met
 
@@ -436,7 +436,7 @@ def _customary_plans(
     """Return campaigns as people run them today, each with the best campaign of as many circles.
 
     The campaigns that people run today have only the certificates that the instrument has already,
-    and the first radius of those of the campaign ``best``.
+    and the first of the radii that the campaign ``best`` uses.
     """
     family = best.family
     uncertified = CampaignFamily(family.space, (), goals, family.states)

@@ -76,7 +76,8 @@ class Goal(Result):
     def limit_u(self, value: ArrayLike) -> Array:
         """Return the largest standard uncertainty u = U/2 that the goal permits.
 
-        ``value`` and the shape of the result are as in `limit_U`.
+        ``value`` are values of the parameter in its internal unit. The result has the same unit and
+        shape.
         """
         return np.asarray(self.limit_U(value) / COVERAGE_FACTOR)
 

@@ -294,7 +294,7 @@ def _states_of_tolerances(
     """Return the present decision on every tolerance, with the names of the quantities as keys.
 
     ``before`` are the covariances of the parameters before the next circle. The decisions need
-    posterior draws. They take time, and are not made if there are no tolerances.
+    posterior draws. As draws take time, none are made if there are no tolerances.
     """
     if not tolerances:
         return {}

@@ -65,7 +65,7 @@ class Objective(Shown):
     def efficiency(self, value: float, best: float) -> float:
         """Return the efficiency, 0 … 1, of a design whose criterion has the given value.
 
-        ``best`` is the value of the best design.
+        ``best`` is the value of the criterion for the best design.
         """
         if not np.isfinite(value):
             return 0.0

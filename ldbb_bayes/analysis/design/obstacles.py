@@ -1,7 +1,7 @@
 """Goals that no number of circles reaches: the cause, and the certificate that would help most.
 
-If an uncertainty remained above its goal even if every possible circle were run very many times,
-the cause is an effect that is the same in all circles and that the circles cannot measure.
+An uncertainty may remain above its goal even if every possible circle is run very many times. The
+cause is then an effect that is the same in all circles and that the circles cannot measure.
 """
 
 from __future__ import annotations

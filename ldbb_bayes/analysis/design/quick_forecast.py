@@ -45,9 +45,9 @@ _VERY_MANY = 1e6
 def limits_of_goals(goals: Mapping[str, Goal], states: States, names: Sequence[str]) -> Array:
     """Return the largest standard uncertainty that every goal permits, shape (K, goals).
 
-    The limit of a relative goal depends on the parameters of the machine, of which ``states`` has K
-    possible values. ``names`` are the names of the parameters of a state, in order. The limits are
-    in internal units (mm, N, rad).
+    The limit of a goal in percent of a parameter depends on the machine. ``states`` are the
+    parameters of K possible machines. ``names`` are the names of the parameters in their order. The
+    limits are in internal units (mm, N, rad).
     """
     columns = []
     for name, goal in goals.items():

@@ -37,11 +37,12 @@ _MAX_SWEEPS = 50
 # each of its tests.
 _FEW_CANDIDATES = 64
 # If there are more candidate tests than ``_FEW_CANDIDATES``, this many with the largest sensitivity
-# and this many random ones are tried as a replacement of each test of a design. The sensitivity is
-# the rate at which the criterion (figure of merit) grows with the number of tests at the candidate.
+# and this many random candidates are tried as a replacement of each test of a design. The
+# sensitivity is the rate at which the criterion (figure of merit) grows with the number of runs of
+# the candidate.
 _TRIED_CANDIDATES = 12
 # At the end of a thorough search, this many candidates with the largest sensitivity and this many
-# random ones are tried as a replacement of each test of a design.
+# random candidates are tried as a replacement of each test of a design.
 _TRIED_AT_THE_END = 128
 # To save time, the sensitivities by which candidates are selected are averaged over only one in
 # this many values of the hyper-parameters.
@@ -76,7 +77,8 @@ def efficient_rounding(share: Array, tests: int) -> Array:
     Parameters
     ----------
     share
-        Fraction of the tests at each candidate (test that could be run), shape (candidates,).
+        Share of each candidate (test that could be run) in the number of tests, shape
+        (candidates,).
     tests
         Number of tests.
 
@@ -184,9 +186,9 @@ def _likely_candidates(
     """Return the indices of candidates that are likely to improve a design if a test is added.
 
     The indices are those of the ``size`` candidates with the largest sensitivity (rate at which the
-    criterion grows with the number of their tests), and of ``size`` random ones. If there are at
-    most ``size`` candidates, all are returned. ``base`` holds the number of tests of each candidate
-    in the design, shape (candidates,).
+    criterion grows with the number of their tests), and of ``size`` random candidates. If there are
+    at most ``size`` candidates, all are returned. ``base`` holds the number of tests of each
+    candidate in the design, shape (candidates,).
     """
     n = objective.candidates
     if size >= n:

@@ -47,8 +47,9 @@ _OPTIONAL_COLUMNS = ("plane", "direction", "setup")
 # search for a design averages over. More values do not change the design found.
 _SEARCH_NODES = 12
 _MAX_CANDIDATES = 5000
-# ``_ALL_GROUPS`` holds all groups of parameters. ``_GROUPS_BY_CRITERION`` holds the groups that a
-# criterion of design is about; a criterion without an entry is about all groups.
+# ``_ALL_GROUPS`` holds all groups of parameters: compliances, slopes (changes of compliance with
+# force) and geometric errors. ``_GROUPS_BY_CRITERION`` holds the groups that a criterion of design
+# is about; a criterion without an entry is about all groups.
 _ALL_GROUPS = {"compliance", "slope", "geometric"}
 _GROUPS_BY_CRITERION = {"discriminate": {"slope"}, "i": {"compliance", "slope"}}
 
