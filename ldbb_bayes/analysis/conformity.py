@@ -49,8 +49,9 @@ __all__ = [
 
 # The probability that a quantity lies beyond a tolerance limit is the share of posterior draws
 # beyond it, if at least this many draws lie on each side of the limit. If there are fewer draws on
-# one side, the probability of this side is the tail of a normal distribution. It is however at
-# least the share of draws on this side, and at most this number divided by the number of all draws.
+# one side, the probability of this side is the tail of a normal distribution. This probability is
+# however at least the share of draws on this side, and at most this number divided by the number of
+# all draws.
 _FEWEST_DRAWS = 10
 # Number of posterior draws for which the machine's circular path is computed.
 _PATH_DRAWS = 2000

@@ -84,8 +84,8 @@ def _joint_load_weights(bound: BoundModel, information: Information, axis: str) 
     """Return the change of a compliance due to the term `JointLoad`, per unit of each coefficient.
 
     The compliance is the direct compliance of ``axis``. Its change is taken from the smallest
-    tested force to the largest. The result has the shape (m,) for m coefficients. It is zero if the
-    model does not have the term, and for an axis that no circle drives.
+    tested force to the largest. The result has the shape (m,) for m coefficients. All elements are
+    zero if the model does not have the term, or if no circle drives the axis.
     """
     weights = np.zeros(len(information.names))
     columns = joint_load_columns(bound.setting, bound.columns_of.get(JointLoad, ())).get(axis)

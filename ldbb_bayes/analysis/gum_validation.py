@@ -45,8 +45,8 @@ _MOST_DIGITS = 2
 # JCGM 101, 8.2, requires the ends of the distribution's interval to be computed with a numerical
 # error of at most this share of the tolerance.
 _SHARE_OF_TOLERANCE = 0.2
-# The numerical error of an end of the distribution's interval is this multiple of its standard
-# error, as in JCGM 101, 7.9.4.
+# The numerical error of an end of the distribution's interval is this number times the standard
+# error of the end, as in JCGM 101, 7.9.4.
 _STANDARD_ERRORS = 2.0
 
 

@@ -32,12 +32,14 @@ _RADII_MM = np.array([1.0, 2.0, 3.0, 4.0])
 # Angles at which the parameters' effects on the readings are sampled [rad].
 _ANGLES_RAD = np.arange(24) * (2 * np.pi / 24)
 # Degree in cos θ and sin θ of the part of a compliance's effect on the reading that does not depend
-# on the radius. It is 2 because both force and measured deflection are along the bar.
+# on the radius. The degree is 2 because both force and measured deflection are along the bar.
 _COMPLIANCE_DEGREE = 2
 # Degree in cos θ and sin θ of the part of a geometric error's effect on the reading that does not
-# depend on the radius. It is 1 because the error is measured along the bar, and needs no force.
+# depend on the radius. The degree is 1 because the error is measured along the bar, and needs no
+# force.
 _GEOMETRIC_DEGREE = 1
-# Superscripts of the powers 0 … 4 of a symbol in a formula; those of 0 and 1 are empty.
+# Superscripts of the powers 0 … 4 of a symbol in a formula; the superscripts of the powers 0 and 1
+# are empty.
 _EXPONENTS = ("", "", "²", "³", "⁴")
 # A factor in the formula of a parameter's pattern is a rounding error if it is below this number
 # times max(v, 1), where v is the largest value of the pattern.

@@ -7,8 +7,8 @@ length and mount. The errors of the estimates are therefore correlated, and the 
 less than their uncertainties suggest.
 
 Geometric errors are fitted anew in every pair, so that only the change of the readings between the
-two forces determines the compliance. A pair therefore estimates d(F C)/dF = C + F dC/dF. It equals
-the compliance C(F) only where the compliance does not change with the force F.
+two forces determines the compliance. A pair therefore estimates d(F C)/dF = C + F dC/dF. This
+derivative equals the compliance C(F) only where the compliance does not change with the force F.
 """
 
 from __future__ import annotations

@@ -61,8 +61,8 @@ _CIRCLES_PER_DRAW_AGAIN = 2
 class JudgedTest:
     """One test compared with its prediction from the other tests that are not flagged.
 
-    If a campaign has only two tests and they disagree, both have small p-values. Neither is
-    flagged, because nothing shows which of them is wrong.
+    If a campaign has only two tests and they disagree, both have small p-values. Neither test is
+    flagged, because nothing shows which test is wrong.
     """
 
     #: probability that another circle of the same machine deviates at least as much from the

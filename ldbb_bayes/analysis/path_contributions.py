@@ -52,10 +52,10 @@ _VALUE_COLUMNS = ["maximum", "minimum", "peak_to_peak", "sd", "ci_low", "ci_high
 def decompose_deviation(
     posterior: xr.DataTree, force_N: float | None = None, *, prob: float = 0.95
 ) -> pd.DataFrame:
-    """Return the contributions of the machine's effects to the readings of one circle [µm].
+    """Return the contributions of the machine's effects to the readings of circles [µm].
 
-    In each plane, the circle is that of the first test run in this plane. For each effect (source),
-    the table states the largest and the smallest contribution along the circle, and the
+    There is one circle for each plane: that of the first test run in the plane. For each effect
+    (source), the table states the largest and the smallest contribution along the circle, and the
     peak-to-peak value.
 
     Parameters

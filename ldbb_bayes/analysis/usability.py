@@ -96,7 +96,7 @@ def undetermined_parameters(verdicts: Mapping[str, ParameterIdentifiability]) ->
 def _limit_in_widest_gap(ratios: Sequence[float]) -> float:
     """Return the middle of the widest gap between ratios, on a logarithmic scale.
 
-    Only ratios between 0.25 and 0.4 count; these two numbers count as ratios too.
+    Only ratios between 0.25 and 0.4 are considered; these two numbers are added to the ratios.
     """
     inside = sorted(ratio for ratio in ratios if _LEAST_RATIO < ratio < _LARGEST_RATIO)
     logarithms = np.log([_LEAST_RATIO, *inside, _LARGEST_RATIO])
@@ -115,7 +115,7 @@ def state_of(
 
     The values cannot be used if the sampler missed its target, the readings do not fit the model,
     or the readings speak against non-negative compliances. If none of these holds, the values can
-    be used with reservation if one of the following does: the readings hardly determine a stated
+    be used with reservation if one of the following holds: the readings hardly determine a stated
     parameter; a result depends on the prior; the noise, or the scale of another effect, is larger
     than its prior expects; the tests have too few different forces for the degree of the model; the
     evidences of the compared models are not precise enough; or the result of the comparison depends

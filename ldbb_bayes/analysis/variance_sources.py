@@ -258,8 +258,9 @@ class AveragedVariance:
         """Return the sources of the variance of one quantity, the largest share first.
 
         ``i`` is the index of the quantity. ``own`` are the names of the parameters whose priors
-        count as the prior of the quantity itself. If the quantity is a parameter, this is its own
-        name. If it is a change with force, these are the names of the slopes that it depends on.
+        count as the prior of the quantity itself. If the quantity is a parameter, ``own`` is the
+        name of the parameter. If the quantity is a change with force, ``own`` are the names of the
+        slopes that determine the change.
         """
         sd = np.sqrt(self._divisor)
         shares: dict[tuple[str, Origin], float] = {}

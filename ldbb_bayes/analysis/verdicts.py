@@ -98,9 +98,9 @@ class Verdict(StrEnum):
     """Verdict on how well one parameter is known.
 
     Every source of uncertainty has a share in the variance of the parameter, and an origin: it is
-    measured here, stated or assumed. The sources are the terms of the model, each divided by
-    origin, and the priors of the parameters. sd is the standard deviation. The rules apply in this
-    order:
+    measured here, stated or assumed. The sources are the terms of the model, with one source for
+    each origin in a term, and the priors of the parameters. In the rules, sd is the standard
+    deviation. The rules apply in this order:
 
     1. *confounded*, if one assumed effect has more than half of the parameter's variance, or if
        several assumed effects that act on the same combination of parameters have more than half
@@ -241,9 +241,9 @@ class Identifiability(Result):
     #: class names of the terms of the model's preset that the user switched off. The credible
     #: intervals of the parameters do not cover the effects of these terms.
     not_modelled: tuple[str, ...]
-    #: number of parameters that the readings determine: the sum over the parameters of the
-    #: contraction, one minus the ratio of posterior and prior variance; for a flat prior, the
-    #: number of all parameters
+    #: number of parameters that the readings determine: the sum of the contractions of all
+    #: parameters, where a contraction is one minus the ratio of posterior and prior variance; for a
+    #: flat prior, the number of all parameters
     effective_parameters: float
     #: table of changes of least-squares estimates, in internal units (mm, N, rad). Rows are
     #: parameters and columns are nuisance coefficients. Each change is that of the parameter's
