@@ -38,7 +38,7 @@ _QUICK_STATES = 6
 
 @dataclass(frozen=True, eq=False)
 class CampaignFamily:
-    """Family of campaigns that have the same clockings, radii and certificates.
+    """Family of campaigns that have the same clockings, radii and calibration certificates.
 
     A clocking is a pair of angles by which the two balls are turned.
     """

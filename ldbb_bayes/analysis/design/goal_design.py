@@ -139,7 +139,7 @@ class GoalPlan(Result):
 
 @dataclass(frozen=True, eq=False)
 class CustomaryPlan(Result):
-    """A campaign as people run it today, and the best campaign of the same number of circles."""
+    """A campaign as people run it today, and the best campaign with the same number of circles."""
 
     name: str  #: kind of the customary campaign, such as "equal steps"
     customary: GoalPlan  #: campaign as people run it today
@@ -384,8 +384,9 @@ def _near_misses(
 ) -> dict[str, NearMiss]:
     """Return the goals that the campaign ``nearest`` meets on too few machines, and the causes.
 
-    Of the largest campaigns of all families, this campaign comes nearest to the goals. If it meets
-    every single goal on enough machines, but not all goals together, all goals are returned.
+    Campaigns of one family have the same ball angles, radii and certificates. Of the largest
+    campaigns of all families, ``nearest`` comes nearest to the goals. If it meets every single goal
+    on enough machines, but not all goals together, all goals are returned.
     """
     forecasts = _plan_of(nearest, goals, costs).goals
     missed = [name for name in goals if forecasts[name].probability < probability]

@@ -104,8 +104,9 @@ def obstacles_of(family: CampaignFamily) -> dict[str, Obstacle]:
 
     The keys are the names of the goals' parameters.
 
-    ``family`` has all ball angles and radii that may be used, and only the certificates that the
-    instrument has already. Goals that circles can reach are left out.
+    ``family`` is a family of campaigns with all ball angles and radii that may be used, and with
+    only the certificates that the instrument has already. Goals that circles can reach are left
+    out.
     """
     floor = dict(zip(family.goals, family.quick.floor().tolist(), strict=True))
     stuck = [name for name, distance in floor.items() if distance > 0.0]

@@ -155,7 +155,7 @@ def optimal_shares(objective: Objective, tests: float, *, tolerance: float = 1e-
     Returns
     -------
     Optimum
-        The shares with their certificate.
+        The shares, with the sensitivities and the bound that show how far they are from the best.
 
     Raises
     ------
