@@ -347,7 +347,7 @@ def rank_replicates(
 
 
 def check_numbers_of_replicates(replicates: int, draws: int) -> None:
-    """Raise an `InputError` unless both are whole numbers and not below their lower limits.
+    """Raise an `InputError` unless ``replicates`` and ``draws`` are whole and large enough.
 
     ``replicates`` is the number of simulated campaigns, and ``draws`` the number of posterior draws
     of each.

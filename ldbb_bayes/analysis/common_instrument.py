@@ -1,10 +1,10 @@
 """The difference of two campaigns that were run with the same instrument.
 
 Bar, balls, mount and force device are the same in both campaigns, so that errors of these parts
-largely cancel in the difference. Their nuisance coefficients (effects that are modelled but not of
-interest) are common to both campaigns, and the prior of these coefficients counts only once. β are
-the p parameters of interest; φ are the h hyper-parameters (the scales of the noise and of other
-effects).
+largely cancel in the difference. The nuisance coefficients of these parts (effects that are
+modelled but not of interest) are common to both campaigns, and the prior of these coefficients
+counts only once. β are the p parameters of interest; φ are the h hyper-parameters (the scales of
+the noise and of other effects).
 """
 
 from __future__ import annotations

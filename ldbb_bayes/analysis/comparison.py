@@ -270,8 +270,9 @@ class Comparison(Result):
     #: JSON file.
     by_emcee: int = 0
     #: probabilities of slopes (changes of compliance with force) and of rival explanations of the
-    #: same change of the readings, such as a nonlinear mount. It is None unless two conditions
-    #: hold: the second model is the first with slopes added, and it has rival explanations.
+    #: same change of the readings, such as a nonlinear mount. The field is None unless two
+    #: conditions hold: the second model is the first with slopes added, and it has rival
+    #: explanations.
     explanations: Explanations | None = None
 
     @property

@@ -45,7 +45,7 @@ class ChangeWithForce(Result):
     """Change of one compliance C(F) over the tested forces F, in internal units (mm, N, rad).
 
     C(F) of a direct compliance is the deflection along an axis, divided by a bar force F along the
-    same axis. It is computed from the compliance at the reference force F0, from its slopes, and
+    same axis. C(F) is computed from the compliance at the reference force F0, from its slopes, and
     from the term `JointLoad` (joints that yield to their own load).
 
     Examples
@@ -70,8 +70,8 @@ class ChangeWithForce(Result):
     #: credible interval of C(F0) contains zero
     relative: DrawnValue | None
     probability_of_increase: float  #: probability that the change is positive
-    #: probability that the change is negative. In an average over models, some of which have no
-    #: change, the probabilities of increase and decrease sum to less than one.
+    #: probability that the change is negative. In an average over models, some with a constant
+    #: compliance, the probabilities of increase and decrease sum to less than one.
     probability_of_decrease: float
 
     @property

@@ -57,8 +57,9 @@ _STEP_DEG = 5
 # If the credible interval of a compliance begins below this share of its median, only a lower limit
 # of the stiffness is stated.
 _HARDLY_POSITIVE = 0.2
-# Draws of a compliance below this share of its median are raised to it before they are inverted.
-# Without this, the few draws near zero would dominate the standard deviation of the stiffness.
+# Draws of a compliance below this share of its median are replaced by this share of the median
+# before they are inverted. Without this replacement, the few draws near zero would dominate the
+# standard deviation of the stiffness.
 _SMALLEST_SHARE = 0.1
 # A direction is not determined if its credible interval is at least this wide [°], because a wider
 # interval may contain both axes of the plane.

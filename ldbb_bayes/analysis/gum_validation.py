@@ -9,8 +9,8 @@ posterior.
 The law of propagation and the distribution agree within n significant digits of u if the lower ends
 of their intervals differ by at most the numerical tolerance δ = 10^l / 2, and the upper ends too.
 The exponent l follows from u: rounded to n digits, u is a whole number times 10^l (JCGM 101, 7.9.2
-and 8.1). Where the two do not agree, JCGM 101 requires the interval of the distribution to be
-stated.
+and 8.1). Where the law and the distribution do not agree, JCGM 101 requires the interval of the
+distribution to be stated.
 """
 
 from __future__ import annotations

@@ -105,7 +105,8 @@ def _measure_pair(pair: _Pair) -> dict[str, Any]:
     The bidirectional deviation G_b is the width of the zone between concentric circles that holds
     the traces of both tests. ``G_b`` is the width of the zone about the least-squares centre;
     ``G_b_minimum_zone`` is the width of the narrowest zone about any centre. The mean deviation D
-    is the mean radial deviation of the two tests from the nominal radius. All three are in µm.
+    is the mean radial deviation of the two tests from the nominal radius. All three quantities are
+    in µm.
     """
     clockwise_angle, clockwise_reading = _trace(pair.clockwise)
     counter_angle, counter_reading = _trace(pair.counterclockwise)

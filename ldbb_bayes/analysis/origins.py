@@ -57,8 +57,9 @@ def origins(bound: BoundModel, information: Information) -> dict[tuple[str, str]
     """Return the origin of every source of uncertainty of a model's parameters.
 
     The keys are those of `Information.shares`: the name of the coefficient or noise, and the name
-    of the model term to which it belongs. The parameters' own priors (key ``(OWN, OWN)``) count as
-    assumed here; `is_prior_stated` returns for one parameter whether the user gave its prior.
+    of the model term to which it belongs. In this function, the parameters' own priors (key ``(OWN,
+    OWN)``) count as assumed; `is_prior_stated` returns for one parameter whether the user gave its
+    prior.
 
     Parameters
     ----------

@@ -52,8 +52,8 @@ _CIRCLES_PER_DRAW = 5
 _SMALL_P_VALUE = 0.05
 # Factor by which the number of replicates grows when a test is judged again.
 _MORE_REPLICATES = 2
-# Number of replicates from each posterior draw when a test is judged again. It is small because
-# circles from one draw deviate together, so that small p-values need many draws.
+# Number of replicates from each posterior draw when a test is judged again. This number is small
+# because circles from one draw deviate together, so that small p-values need many draws.
 _CIRCLES_PER_DRAW_AGAIN = 2
 
 

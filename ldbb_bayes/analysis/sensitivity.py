@@ -70,8 +70,8 @@ def discrepancy_assumptions(models: Collection[HybridModel]) -> dict[str, Change
     """Return assumptions about how circles may differ from one another; the keys are labels.
 
     Each assumption is a function that changes a model. The first assumption leaves the models
-    unchanged, each of the following ones changes one term, and the last assumption leaves only
-    white noise. A change of a term is omitted if it alters none of ``models``.
+    unchanged, each following assumption changes one term, and the last assumption leaves only white
+    noise. A change of a term is omitted if it alters none of ``models``.
     """
     changes: dict[str, Change] = {_UNCHANGED: _leave_unchanged}
     for alternative in _ALTERNATIVES:

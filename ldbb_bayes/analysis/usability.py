@@ -17,9 +17,9 @@ __all__ = ["Judgement", "Reason", "ReasonKind", "Use", "state_of", "undetermined
 
 
 # If the ratio of a parameter's posterior and prior standard deviation is above a limit, the
-# readings hardly determine the parameter. The limit lies between these two values. It is placed in
-# the widest gap, on a logarithmic scale, between the ratios of the campaign's parameters, so that
-# parameters that are known equally well are judged alike.
+# readings hardly determine the parameter. The limit lies between the two values given here. It is
+# placed in the widest gap, on a logarithmic scale, between the ratios of the campaign's parameters,
+# so that parameters that are known equally well are judged alike.
 _LEAST_RATIO = 0.25
 _LARGEST_RATIO = 0.4
 

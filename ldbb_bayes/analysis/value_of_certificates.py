@@ -49,8 +49,8 @@ def uncertainty_with(bound: BoundModel, instrument: Instrument, weight: Array, p
     The variance of each parameter is the sum of two parts: its variance given φ, averaged over
     values of φ, and the variance of its mean given φ over these values. The hyper-parameters φ are
     the scales of the noise and of other effects. The given values of φ are those for the instrument
-    of ``bound``. The hyper-parameters of the model with ``instrument`` have the values of those
-    with the same names (`HyperPrior.carried`).
+    of ``bound``. In the model with ``instrument``, each hyper-parameter has the value of the
+    hyper-parameter of the same name (`HyperPrior.carried`).
 
     Parameters
     ----------
@@ -175,8 +175,8 @@ def missing_certificates(instrument: Instrument) -> dict[str, Mapping[str, Any]]
     """Return the certificates in `CERTIFICATES` that the instrument does not have yet.
 
     The keys are names of certificates. The values are the fields of the instrument that the
-    certificate states. No field is in two of the certificates: that of a single ball is included
-    only if the other ball already has a certificate.
+    certificate states. No field is in two of the certificates: the certificate of a single ball is
+    included only if the other ball already has a certificate.
     """
     uncertified = Instrument()
     missing = {}

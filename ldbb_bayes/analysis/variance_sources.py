@@ -63,7 +63,8 @@ class SourcesOfVariance(NamedTuple):
     ``sources`` are all sources, the largest share first. Together with an error of this parameter,
     an assumed source causes errors of the other parameters. The errors of all parameters form a
     vector. ``likeness`` holds, for the names of two assumed sources, the squared cosine of the
-    angle between their vectors. It is 1 if both sources act on the same combination of parameters.
+    angle between their vectors. The squared cosine is 1 if both sources act on the same combination
+    of parameters.
     """
 
     sources: tuple[VarianceSource, ...]
@@ -134,11 +135,11 @@ class ModelVariance:
     def variance_without_assumed(self, partners: Sequence[str]) -> Array:
         """Return the variances that quantities would have if some assumed coefficients were known.
 
-        The assumed coefficients of the effects ``partners`` become known. Coefficients of these
-        effects that are measured or stated stay uncertain. For example, if a certificate states the
-        mount's deflection, only the curvature of this deflection, which is assumed, becomes known.
-        ``partners`` are names of model terms, or names of parameters for the effects of their
-        priors. The result has the shape (q,).
+        The assumed coefficients of the effects ``partners`` are taken to be known. Coefficients of
+        these effects that are measured or stated stay uncertain. For example, if a certificate
+        states the mount's deflection, only the curvature of this deflection, which is assumed,
+        becomes known. ``partners`` are names of model terms, or names of parameters for the effects
+        of their priors. The result has the shape (q,).
         """
         information = self.information
         known = [name for name in partners if name in information.names]
@@ -245,9 +246,9 @@ class AveragedVariance:
     def sd_without_assumed(self, partners: Sequence[str]) -> Array:
         """Return the standard uncertainties that quantities would have without assumed effects.
 
-        In this case the assumed coefficients of the effects ``partners`` would be known.
-        ``partners`` are names of model terms or parameters; see
-        `ModelVariance.variance_without_assumed`. The result has the shape (q,).
+        The assumed coefficients of the effects ``partners`` are taken to be known. ``partners`` are
+        names of model terms or parameters; see `ModelVariance.variance_without_assumed`. The result
+        has the shape (q,).
         """
         variance = np.diag(self.spread).copy()
         for model in self.models:

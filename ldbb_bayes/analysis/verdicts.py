@@ -10,11 +10,12 @@ effects that are modelled but not of interest.
 Shares, origins and degeneracies are computed for the linear Gaussian model, in which compliances
 may be negative, at one value of the hyper-parameters φ (the scales of the noise and of other
 effects). For a campaign with readings, this value is the posterior mean of φ. For a plan, it is the
-posterior mean given the readings of the plan's pilot or, without a pilot, the prior median; a plan
-can thus be judged before it is run. Standard uncertainties, also those with further certificates,
-are averaged over p(φ | y) instead: the variance is the mean of the variances given φ plus the
-variance of the means given φ. If a posterior is judged, standard uncertainties are those of its
-draws; if a plan is judged, they are those of its forecast.
+posterior mean given the readings of the plan's pilot (the campaign from which it was designed) or,
+without a pilot, the prior median; a plan can thus be judged before it is run. Standard
+uncertainties, also those with further certificates, are averaged over p(φ | y) instead: the
+variance is the mean of the variances given φ plus the variance of the means given φ. If a posterior
+is judged, standard uncertainties are those of its draws; if a plan is judged, they are those of its
+forecast.
 
 In an average over models, shares and uncertainties are averaged over the models, weighted with the
 models' probabilities (`variance_sources`). The rules for the verdicts are those for a single model.
@@ -151,8 +152,8 @@ class ParameterIdentifiability(Result):
     #: standard uncertainty that the parameter would have if the effects in ``partners`` were known
     #: exactly; None if ``partners`` is empty
     sd_if_known: float | None
-    #: cheapest cure, with the parameter's standard uncertainty after it; None if no cure reduces
-    #: the standard uncertainty by more than 10 %, or if no cures were looked for
+    #: cheapest cure, with the parameter's standard uncertainty after this cure; None if no cure
+    #: reduces the standard uncertainty by more than 10 %, or if no cures were looked for
     remedy: Remedy | None
     #: two cures together, if the parameter stays confounded after ``remedy`` alone; None if the
     #: parameter does not stay confounded, or if no second cure reduces the standard uncertainty by
@@ -314,7 +315,8 @@ class SampledSd(NamedTuple):
     """Prior and posterior standard deviations of all p parameters, shape (p,) each.
 
     The standard deviations are those of random draws. If there are no draws, they are those of the
-    linear Gaussian model, either averaged over the hyper-parameters or at one value of them.
+    linear Gaussian model, either averaged over the hyper-parameters or at one value of the
+    hyper-parameters.
     """
 
     prior: Array
@@ -509,10 +511,10 @@ class JudgedQuantities(NamedTuple):
 def judge_quantities(posterior: xr.DataTree) -> JudgedQuantities:
     """Return the verdicts on the parameters of a posterior, and on the changes with force.
 
-    The verdicts on the parameters are those of `judge_posterior`. Those on the changes C(F_max) −
-    C(F_min) follow by the same rules from posterior draws of the curves C(F). In an average over
-    models, the prior variance of a change is the mean of its prior variances under all models that
-    have draws.
+    The verdicts on the parameters are those of `judge_posterior`. The verdicts on the changes
+    C(F_max) − C(F_min) follow by the same rules from posterior draws of the curves C(F). In an
+    average over models, the prior variance of a change is the mean of its prior variances under all
+    models that have draws.
     """
     bound = bound_of(posterior)
     models = averaged_models(posterior)
