@@ -1,11 +1,12 @@
 """Translation of the annex, sentence by sentence, from a catalogue whose keys are English texts.
 
-The annex consists of the sections of the report that follow the sheets. Its texts are first made in
-English, in the same words that the terminal shows. When the HTML page is made, each English text is
-looked up in the catalogue and replaced by its translation, as the program gettext does. A key of
-the catalogue may have placeholders in braces, such as ``{a}``. A placeholder stands for any text,
-which is translated, too; a placeholder whose name begins with ``n`` stands only for numbers. The
-program never reads results from sentences, so a translation changes only the text that is shown.
+The annex consists of the sections of the report that follow the two sheets of the certificate. The
+texts of the annex are first made in English, in the same words that the terminal shows. When the
+HTML page is made, each English text is looked up in the catalogue and replaced by its translation,
+as the program gettext does. A key of the catalogue may have placeholders in braces, such as
+``{a}``. A placeholder stands for any text, which is translated, too; a placeholder whose name
+begins with ``n`` stands only for numbers. The program never reads results from sentences, so a
+translation changes only the text that is shown.
 """
 
 from __future__ import annotations
@@ -31,10 +32,12 @@ __all__ = ["AnnexTranslation", "annex_translation", "has_english"]
 _TEMPLATES = files("ldbb_bayes.report") / "templates"
 _PLACE = re.compile(r"\\\{(\w+)\\\}")
 _NUMBER = r"[-+−±]?[\d.,eE−+<>≥≤ /\[\]…%°-]*\d[\d.,]*"
-# A number with decimals. Parts of a version number or of a date, such as 0.3.0, do not match.
+# Regular expression for a number with decimals, such as 1.5. It does not match a part of a date or
+# of a version number, such as ``0.3`` in ``0.3.0``.
 _DECIMALS = re.compile(r"(?<![\d.])(\d+)\.(\d+)(?![\d.])")
 _SENTENCE_ENDS = re.compile(r"(?<=[.?!]) (?=[A-Z('{]|u[: ]|ln |\d+ %)")
-# Texts that separate the items of a list; those that separate the longest items come first.
+# Separators of the items of a list, in the order in which they are tried. The longest items come
+# from the first separator.
 _JOINTS = ("; ", ": ", ", ", " and ", " or ")
 _WORD = re.compile(r"(?<![\w./\\-])(?:[A-Za-z][a-z]{2,}|of|by|to|or|at|is|it|as)(?![\w/\\(=])")
 # Words that are the same in every language: symbols, units, names of programs and quantities.
@@ -89,12 +92,12 @@ class _Phrase(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class AnnexTranslation:
-    """Translation of the texts of the annex into one language.
+    """Translation of the texts of a report's annex into one language.
 
     Parameters
     ----------
     words
-        Texts of the sheets in the same language.
+        Texts of the certificate's sheets in the same language.
     catalogue
         The translations; the keys are English texts.
     kept
@@ -118,7 +121,7 @@ class AnnexTranslation:
         return self._numbers(self._translated(text))
 
     def section(self, section: Section) -> Section:
-        """Return a section of the annex with all its texts translated."""
+        """Return a section of the annex with all texts translated."""
         content = tuple(self._part(part) for part in section.content)
         return Section(section.key, self.text(section.title), content)
 
@@ -208,7 +211,8 @@ class AnnexTranslation:
     def _joints(self, text: str) -> Iterator[_Joint]:
         """Yield every way to split a text into pieces that can be translated separately.
 
-        The first way splits the text into sentences, the others split it into items of a list.
+        The first way splits the text into sentences. The other ways split the text into the items
+        of a list.
         """
         sentences = _SENTENCE_ENDS.split(text)
         if len(sentences) > 1:
@@ -253,9 +257,10 @@ def _phrases(language: str) -> tuple[_Phrase, ...]:
 
 
 def _group(match: re.Match[str]) -> str:
-    """Return the group of a regular expression that matches what a placeholder stands for.
+    """Return a group of a regular expression, for a placeholder in a key of the catalogue.
 
-    ``match`` is a placeholder in a key of the catalogue, such as {a}, or {n1} for numbers.
+    The group matches every text for which the placeholder can stand. ``match`` is the placeholder,
+    such as {a}, which stands for any text, or {n1}, which stands for numbers.
     """
     inside = ".+?"
     if match[1].startswith("n"):
@@ -269,7 +274,7 @@ def has_english(text: str) -> bool:
 
 
 def annex_translation(words: Words, kept: frozenset[str]) -> AnnexTranslation | None:
-    """Return the translation of the annex into the language of the sheets.
+    """Return the translation of a report's annex into the language of the certificate's sheets.
 
     Parameters
     ----------
@@ -281,8 +286,8 @@ def annex_translation(words: Words, kept: frozenset[str]) -> AnnexTranslation | 
     Returns
     -------
     AnnexTranslation or None
-        None if the language has no catalogue for the annex. English has none, because the texts of
-        the annex are made in English.
+        None if the language has no catalogue for the annex. English has no catalogue, because the
+        texts of the annex are made in English.
     """
     if not (_TEMPLATES / f"annex_{words.language}.toml").is_file():
         return None

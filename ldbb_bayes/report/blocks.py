@@ -36,7 +36,7 @@ class Fields:
 
 @dataclass(frozen=True)
 class Banner:
-    """Banner of a certificate, which states in one sentence whether its numbers can be used.
+    """Banner of a certificate: one sentence on whether the certificate's numbers can be used.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class Banner:
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """A figure of a certificate's sheet, with a list beside or below it.
+    """A figure of a certificate's sheet, with a list beside or below the figure.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ class Pair:
 
     @property
     def wide(self) -> bool:
-        """Whether the figure needs the full width of the sheet; the list is then placed below."""
+        """Whether the figure needs the full width of the sheet. If so, the list is placed below."""
         width, height = self.picture.figure.get_size_inches()
         return bool(width > _WIDE * height)
 
@@ -105,7 +105,7 @@ class PictureRow:
 
     @property
     def shares(self) -> tuple[float, ...]:
-        """Share of the row's width that each figure gets, so that all figures have one height."""
+        """Share of the row's width for each figure, chosen so that all figures are equally high."""
         ratios = []
         for picture in self.pictures:
             width, height = picture.figure.get_size_inches()

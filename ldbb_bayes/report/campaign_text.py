@@ -1,6 +1,7 @@
 """Tables and sentences on campaigns: what was measured, and what is assumed of the instrument.
 
-Campaigns are also displayed before a fit. To load fast, this module imports no analysis modules.
+Campaigns are also displayed before any fit. This module imports no analysis modules, because their
+import would delay the display.
 """
 
 from __future__ import annotations
@@ -68,11 +69,11 @@ def _passages_of_campaign(campaign: Campaign) -> tuple[Passage, ...]:
 
 @parts_of.register
 def _passages_of_campaign_preview(preview: CampaignPreview) -> tuple[Passage, ...]:
-    """Return a table of a campaign's tests, sentences on them, and a list of assumptions of a fit.
+    """Return a table of a campaign's tests, remarks, and a list of what a fit will assume.
 
     A preview states what the readings show before any fit. The table has columns for the plane, the
-    set-up, the radius and the centre only if the tests differ in them. The column "balls" holds the
-    clocking angles of the work ball and of the tool ball.
+    set-up, the radius and the centre only if the tests differ in these settings. The column "balls"
+    holds the clocking angles of the work ball and of the tool ball.
     """
     varied = []
     for field in _SETTINGS:
@@ -134,8 +135,8 @@ def _passages_of_uncertainties(result: Uncertainties) -> tuple[Passage, ...]:
     """Return a table of what a fit assumes of the instrument, and the names of certificates.
 
     Each row of the table states a quantity, its nominal value, its standard uncertainty u, the
-    source of u, and the place in campaign.toml where the user can state the quantity. If the lobes
-    of a ball are assumed, a note on lobes follows.
+    source of u, and the place in campaign.toml where the user can state the quantity. If no
+    certificate states the form of a ball, a note on the lobes of balls follows.
     """
     rows = []
     for assumed in result.assumed:
@@ -155,5 +156,5 @@ def _passages_of_uncertainties(result: Uncertainties) -> tuple[Passage, ...]:
 
 
 def _is_assumed_lobe(assumed: Uncertainty) -> bool:
-    """Return whether an uncertainty is that of a ball's lobe whose size no certificate states."""
+    """Return whether an uncertainty is that of a ball's form, which no certificate states."""
     return Term.owner(assumed.name) is BallForm and not assumed.stated

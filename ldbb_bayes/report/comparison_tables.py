@@ -18,11 +18,11 @@ __all__ = ["assumptions_table", "left_out_tests_table", "models_table"]
 def models_table(comparison: Comparison, *, rmse: bool = True, least_squares: bool = True) -> Table:
     """Return a table of the compared models, one row for each model.
 
-    The columns are the evidence, the probability, the predictive density and, if wanted, the RMSE.
-    The evidence is stated as ln B, the log Bayes factor of the model over the first model. The
-    predictive density is stated as the difference in elpd, the expected log predictive density,
-    between the model and the first model. elpd is a sum over the tests; each test is predicted from
-    the other tests.
+    The columns are the evidence, the probability, the predictive density and, unless it is switched
+    off, the RMSE. The evidence is stated as ln B, the log Bayes factor of the model over the first
+    model. The predictive density is stated as the difference in elpd, the expected log predictive
+    density, between the model and the first model. elpd is a sum over the tests; each test is
+    predicted from the other tests.
 
     Parameters
     ----------
@@ -65,9 +65,10 @@ def _least_squares_cell(model: ComparedModel) -> str:
 
 
 def _evidence_cells(comparison: Comparison, name: str) -> tuple[str, str]:
-    """Return two cells: the log Bayes factor of a model over the first model, and its error.
+    """Return two cells with the log Bayes factor of a model over the first model.
 
-    Both are in nat. ``name`` is the name of the model.
+    The first cell is the log Bayes factor, the second its numerical error; both are in nat.
+    ``name`` is the name of the model.
     """
     first = comparison.pair[0]
     if name == first:
@@ -98,8 +99,8 @@ def assumptions_table(comparison: Comparison, *, slope_scales: bool = True) -> T
 
     ln B is that of the second model over the first. Some assumptions are about the prior of the
     slopes (changes of compliance with force), others about how circles differ from one another. For
-    an assumption about circles, the last column states how much the readings favour it over the
-    assumption that the models make [nat].
+    an assumption about circles, the last column states how much the readings favour this assumption
+    over the assumption that the models make [nat].
 
     Parameters
     ----------
@@ -132,7 +133,7 @@ def left_out_tests_table(comparison: Comparison) -> Table:
     """Return a table that compares every test with its prediction from the other tests.
 
     The table has one row for each test. The columns are the force, the p-value of the test's
-    readings, the p-value adjusted for the number of tests, and a flag if the test does not agree
+    readings, this p-value adjusted for the number of tests, and a flag if the test does not agree
     with the other tests. The last column is the log predictive density of the test under the second
     model minus the log predictive density under the first model [nat].
 

@@ -220,7 +220,8 @@ def _change_entries(posterior: xr.DataTree) -> list[dict[str, Any]]:
     """Return one dictionary for the change of each compliance with force, for the certificate file.
 
     The change of a compliance C(F) is C at the largest force tested minus C at the smallest force
-    tested. The dictionaries have the same keys as those of parameters, without the interval.
+    tested. The dictionaries have the same keys as the dictionaries of parameters, except the keys
+    of the credible interval.
     """
     curves = force_curves(posterior)
     difference = f"C({curves.largest_force_N:.4g} N) − C({curves.smallest_force_N:.4g} N)"
@@ -248,8 +249,8 @@ def _stiffness_entries(posterior: xr.DataTree, prob: float) -> list[dict[str, An
 
     The stiffness is that at the model's reference force. Stiffnesses of which only a lower limit is
     known are left out, because no value ± U describes them. Directions that the readings do not
-    determine are left out for the same reason. The dictionaries have the same keys as those of
-    parameters, without the interval.
+    determine are left out for the same reason. The dictionaries have the same keys as the
+    dictionaries of parameters, except the keys of the credible interval.
     """
     reference_N = bound_of(posterior).setting.reference_force_N
     if not reference_N > 0.0:
@@ -269,9 +270,10 @@ def _stiffness_entries(posterior: xr.DataTree, prob: float) -> list[dict[str, An
 
 
 def _entries_of_plane(plane: PlaneStiffness) -> list[dict[str, Any]]:
-    """Return the dictionaries for the stiffness in one plane; their names do not state the plane.
+    """Return the dictionaries for the stiffness in one plane, for the certificate file.
 
-    Quantities that no value ± U describes are left out.
+    The names in the dictionaries do not state the plane. Quantities that no value ± U describes are
+    left out.
     """
     axis = plane.plane[0]
     difference_name = plane.difference_name.replace(" ", "")

@@ -58,11 +58,13 @@ class Findings:
         Function that returns a design of the next tests. If there is no design, the function
         returns a text that states the reason.
     averaged
-        Posterior averaged over models, whose numbers the sheets state; None if it was not computed.
+        Posterior averaged over models, whose numbers the certificate's sheets state. None if no
+        average was computed.
     tolerances
         Tolerances; the keys are names of quantities. Default: the tolerances of the campaign.
     sheets_only
-        Whether the report has no annex. If true, nothing is computed that only the annex shows.
+        Whether the report has no annex, that is, no sections after the certificate's sheets. If
+        true, nothing is computed that only the annex shows.
     """
 
     posterior: xr.DataTree
@@ -98,7 +100,8 @@ class Findings:
     def varying(self) -> float:
         """Posterior probability that compliance changes with force.
 
-        If no average over models was computed, the value is 1, so that the report states slopes.
+        If no average over models was computed, the value is 1. The report then states slopes
+        (coefficients of the change with force).
         """
         return 1.0 - self.probabilities.get(DEGREE_NAMES[0], 0.0)
 
@@ -141,14 +144,17 @@ class Findings:
 
     @property
     def change_verdicts(self) -> Mapping[str, ChangeIdentifiability]:
-        """Verdicts on the changes of compliances with force; the keys are names of compliances."""
+        """Verdicts on how far the readings determine each compliance's change with force.
+
+        The keys are the names of the compliances.
+        """
         return self.judged.changes
 
     @cached_property
     def verdicts_of_fit(self) -> Mapping[str, ParameterIdentifiability]:
-        """Verdicts on the parameters of the fit, without an average over models.
+        """Verdicts on how far the readings determine each parameter of the fitted model.
 
-        The keys are the names of the parameters.
+        These verdicts are not averages over models. The keys are the names of the parameters.
         """
         if self.averaged is None:
             return self.verdicts
@@ -156,7 +162,7 @@ class Findings:
 
     @cached_property
     def budgets(self) -> Mapping[str, Budget]:
-        """Uncertainty budgets of the certificate's parameters; the keys are their names."""
+        """Uncertainty budgets of the certificate's parameters; the keys are names of parameters."""
         return budget_uncertainty(self.numbers)
 
     @cached_property

@@ -108,7 +108,10 @@ class FitWords(Shown, dict[str, Any]):
 
 @kept
 def describe_fit(posterior: xr.DataTree) -> FitWords:
-    """Return the state of a fit, its verdict, misfits and warnings in words.
+    """Return the state of a fit in words, with the verdict, the misfits and the warnings.
+
+    The verdict states whether the numbers of the fit can be used. A misfit is a feature of the
+    readings that the model does not expect.
 
     Parameters
     ----------
@@ -118,8 +121,9 @@ def describe_fit(posterior: xr.DataTree) -> FitWords:
     Returns
     -------
     FitWords
-        A dictionary with the keys ``state``, ``kinds``, ``verdict``, ``misfits`` and ``warnings``.
-        The function ``print`` shows the dictionary as sentences.
+        A dictionary with the keys ``state``, ``kinds`` (the kinds of all warnings and misfits),
+        ``verdict``, ``misfits`` and ``warnings``. The function ``print`` shows the dictionary as
+        sentences.
 
     Examples
     --------
@@ -143,12 +147,15 @@ def words_of_fit(
     bound: BoundModel,
     confounded: Mapping[str, Sequence[str]],
 ) -> FitWords:
-    """Return the state of a fit, its verdict, misfits and warnings in words.
+    """Return the state of a fit in words, with the verdict, the misfits and the warnings.
+
+    The verdict states whether the numbers of the fit can be used. A misfit is a feature of the
+    readings that the model does not expect.
 
     Parameters
     ----------
     fit
-        Object that states how well the model fits, with warnings.
+        Quality of the fit: how well the model predicts the readings, with concerns about the fit.
     sampler
         Entry ``sampler`` of a posterior's record, which states how the sampler ran.
     bound
@@ -181,7 +188,7 @@ def words_of_fit(
 
 
 def further_remarks(campaign_preview: CampaignPreview) -> list[str]:
-    """Return the remarks on a campaign that the sentences on its fit do not already make.
+    """Return the remarks on a campaign, without those that the sentences on its fit repeat.
 
     ``campaign_preview`` holds all remarks; it states what the readings show without a fit.
     """
@@ -372,11 +379,12 @@ def _share_cell(relative: Mapping[str, float] | None) -> str:
 
 
 def _parameters_by_kind(result: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return two dictionaries from the results of a fit: the compliances, and other parameters.
+    """Return two dictionaries from a fit's results: the compliances, and the other parameters.
 
     The keys are names of parameters, the values are the entries of the parameters in the results.
-    Slopes are left out if the results state changes of compliances with force. If not, slopes are
-    among the other parameters.
+    Slopes (coefficients of the change with force) are left out if the results also state the
+    changes themselves. If the results do not state the changes, slopes are among the other
+    parameters.
     """
     compliances = {}
     others = {}
@@ -395,10 +403,11 @@ def parameter_table(result: Mapping[str, Any], *, coefficients: bool = False) ->
     """Return a table of the posterior and the prior of each parameter.
 
     The columns are the posterior mean, sd and credible interval, and the prior mean and sd. The
-    column of prior means is left out if all are zero. The change of each compliance over the tested
-    forces has a row in place of slopes. λ of a circle is the factor by which the circle's random
-    shift and unexplained deviations are larger than those of the other circles. The table shows λ
-    of a circle only if the posterior median of λ is at least 2.5.
+    column of prior means is left out if all prior means are zero. The change of each compliance
+    over the tested forces has a row in place of slopes, which are the coefficients of this change.
+    λ of a circle is the factor by which the circle's random shift and unexplained deviations are
+    larger than those of the other circles. The table shows λ of a circle only if the posterior
+    median of λ is at least 2.5.
 
     Parameters
     ----------
@@ -454,7 +463,7 @@ def _parameter_row(name: str, entry: Mapping[str, Any], has_prior_means: bool) -
 
 
 def _change_row(name: str, change: Mapping[str, Any], has_prior_means: bool) -> tuple[str, ...]:
-    """Return the row of a compliance's change over the tested forces; it states no prior."""
+    """Return the row of a compliance's change over the tested forces; no prior is stated."""
     statement = _change_statement(change)
     cells = [
         wording.changes_by_words(name, change),
@@ -483,7 +492,8 @@ def results_table(
     """Return a table of the results of a fit, one row for each parameter.
 
     The columns are the value, u, U (k = 2), the credible interval, the stiffness and the verdict.
-    The change of each compliance over the tested forces has a row in place of slopes.
+    The change of each compliance over the tested forces has a row in place of slopes, which are the
+    coefficients of this change.
 
     Parameters
     ----------
@@ -493,9 +503,9 @@ def results_table(
         Verdicts on how far the readings determine each parameter of the fit. The keys are names of
         parameters.
     shares
-        Whether the verdict on a confounded parameter states the share of each effect, with which
-        the parameter is confounded, in the parameter's variance. False is useful if an uncertainty
-        budget is shown, too.
+        Whether each verdict states percentages: the share of the parameter's variance that is due
+        to each effect that the verdict names. False is useful if an uncertainty budget is shown,
+        too.
 
     Returns
     -------
@@ -520,8 +530,8 @@ def coefficient_table(
 ) -> Table:
     """Return a table of the slopes: coefficients of the change of compliances with force.
 
-    A slope does not describe the whole change of a compliance with force, because it lacks the part
-    that the model term `JointLoad` describes. The table has no rows if compliance is constant.
+    A slope does not describe the whole change of a compliance with force, because a slope lacks the
+    part that the model term `JointLoad` describes. The table has no rows if compliance is constant.
 
     Parameters
     ----------
@@ -553,7 +563,7 @@ def _result_row(name: str, entry: Mapping[str, Any], verdict: str) -> tuple[str,
 
 
 def _stated(statement: units.Statement) -> tuple[str, ...]:
-    """Return five cells of a row: the value, u, U, the credible interval, and the unit."""
+    """Return five cells of a row: the value, u, U (k = 2), the credible interval, and the unit."""
     return (
         statement.value,
         statement.u,

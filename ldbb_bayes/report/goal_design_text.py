@@ -17,10 +17,11 @@ _COUNT = "count"
 
 @parts_of.register
 def _passages_of_goal_design(result: GoalDesign) -> tuple[Passage, ...]:
-    """Return the tables and sentences on a design for goals.
+    """Return the tables and sentences on the cheapest campaign that reaches all goals.
 
-    The tables are about the goals, the cheapest campaigns, and campaigns as they are customary
-    today. The sentences state why goals cannot be reached.
+    The goals are upper limits for the uncertainties of parameters. The tables are about the goals,
+    the cheapest campaigns, and the campaigns that are customary today. If a goal cannot be reached,
+    a sentence states the reason.
     """
     passages: list[Passage] = [_goals_table(result)]
     if result.plans:
@@ -32,15 +33,16 @@ def _passages_of_goal_design(result: GoalDesign) -> tuple[Passage, ...]:
 
 @wording.with_words.register
 def _record_of_goal_design(result: GoalDesign) -> dict[str, Any]:
-    """Return the JSON record of a design for goals, with the sentences that explain it."""
+    """Return the JSON record of the cheapest campaign for all goals, with sentences on it."""
     return {**result.as_dict(), "sentences": list(wording.goal_design_sentences(result))}
 
 
 def _goals_table(result: GoalDesign) -> Table:
     """Return a table of the goals for the expanded uncertainty U (k = 2) of parameters.
 
-    For each goal the table states the U that is wanted, the present U, and a U that nine in ten
-    possible machines do not exceed after the cheapest campaign.
+    For each goal the table states the U that is wanted, the present U, and the U after the cheapest
+    campaign. The last of these numbers is an upper limit that U does not exceed for nine in ten
+    possible machines.
     """
     rows = []
     for name, stated in result.goals.items():
@@ -62,7 +64,7 @@ def _goals_table(result: GoalDesign) -> Table:
 
 
 def _tests_table(plan: GoalPlan) -> Table:
-    """Return a table of the circles of a plan, with the number of times that each is run."""
+    """Return a table of the circles of a plan. The last column states how often each is run."""
     columns = [str(column) for column in plan.tests.columns if column != _COUNT]
     heads = [wording.PAGE["tests"].get(name, name) for name in columns]
     rows = []
@@ -105,9 +107,9 @@ def _plans_table(result: GoalDesign) -> Table:
 
 
 def _customary_table(result: GoalDesign) -> Table:
-    """Return a table that compares customary campaigns with planned ones of the same size.
+    """Return a table that compares customary campaigns with planned campaigns of the same size.
 
-    For each parameter with a goal, the table states U (k = 2) after a campaign as people run it
+    For each parameter with a goal, the table states U (k = 2) after a campaign that is customary
     today, and U after the best campaign with the same number of circles.
     """
     rows = []

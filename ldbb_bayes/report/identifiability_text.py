@@ -26,8 +26,9 @@ def judged_quantities(
 ) -> dict[str, ParameterIdentifiability | ChangeIdentifiability]:
     """Return the verdicts on parameters and on changes of compliances with force.
 
-    The keys are the names as they are displayed, such as C_XXX and ΔC_XXX. ΔC_XXX is the change of
-    C_XXX over the tested forces. Slopes are left out, because these changes take their place.
+    A verdict states how far the readings determine a parameter or a change. The keys are the names
+    that tables show, such as C_XXX and ΔC_XXX. ΔC_XXX is the change of C_XXX over the tested
+    forces. Slopes, which are the coefficients of this change, are left out.
     """
     compliances: dict[str, ParameterIdentifiability | ChangeIdentifiability] = {}
     others: dict[str, ParameterIdentifiability | ChangeIdentifiability] = {}
@@ -41,11 +42,12 @@ def judged_quantities(
 
 
 def verdicts_table(result: Identifiability) -> Table:
-    """Return the table of verdicts, one row for each parameter.
+    """Return a table of the verdicts on how far the readings determine each parameter.
 
-    The columns are the expanded uncertainty U (k = 2) now, the verdict with the effect that has the
-    largest share of the variance, the cheapest cure, and U after this cure. The change of each
-    compliance over the tested forces has a row in place of slopes.
+    The columns are the present expanded uncertainty U (k = 2), the verdict with the effect that has
+    the largest share of the variance, the cheapest measure that reduces U markedly, and U after
+    this measure. The change of each compliance over the tested forces has a row in place of slopes,
+    which are the coefficients of this change.
     """
     rows = []
     for label, entry in judged_quantities(result).items():
@@ -80,11 +82,11 @@ def certificates_table(result: Identifiability, *, is_short: bool = False) -> Ta
 
 @parts_of.register
 def _passages_of_identifiability(result: Identifiability) -> tuple[Passage, ...]:
-    """Return all tables and sentences on identifiability.
+    """Return all tables and sentences on identifiability: how far readings determine parameters.
 
-    The tables are about the verdicts, the certificates of the instrument, and the priors of the
-    parameters. A list of the combinations of parameters that no reading can resolve follows, with
-    the cures for each combination.
+    The tables are about the verdicts on the parameters, the certificates of the instrument, and the
+    priors of the parameters. Two lists follow: the combinations of parameters that no reading can
+    resolve, and the measures that would resolve these combinations.
     """
     passages: list[Passage] = [verdicts_table(result)]
     pairs = wording.paired_cure_items(result)
@@ -107,8 +109,9 @@ def _origins_table(result: Identifiability) -> Table:
     """Return a table of the prior, the contraction and the origins of variance of each parameter.
 
     The contraction is the share of the parameter's prior variance that the readings remove. The
-    origins are three shares of the posterior variance: from effects that are measured in the
-    campaign, from effects whose size is stated, and from effects whose size is assumed.
+    origins are three shares of the posterior variance: from effects whose size is measured in the
+    campaign, from effects whose size the user states, and from effects whose size the model
+    assumes.
     """
     rows = []
     for name, entry in result.parameters.items():
@@ -142,7 +145,8 @@ def _record_of_identifiability(result: Identifiability) -> dict[str, Any]:
     """Return the JSON record of identifiability, with notes and sentences on every degeneracy.
 
     A degeneracy is a combination of parameters that no reading can resolve. For each degeneracy,
-    one sentence describes the combination, and another names the measures that would remove it.
+    one sentence describes the combination, and another sentence names the measures that would
+    remove the degeneracy.
     """
     record = result.as_dict()
     record.pop("cures")

@@ -27,9 +27,10 @@ def _machine_table(
 ) -> Table:
     """Return a table of parameters, one row for each parameter.
 
-    The columns are the name, the unit, the pattern in each plane and the meaning. If ``with_sums``
-    is true, the last column is the sum of parameters that the parameter represents. ``title`` is
-    the heading of the first column.
+    The columns are the name, the unit, the pattern and the meaning. The pattern is the parameter's
+    effect on the readings in each plane. If ``with_sums`` is true, a last column states the sum for
+    each parameter that represents a sum of several parameters. ``title`` is the heading of the
+    first column.
     """
     heads = [title, "unit", "pattern", "what it is"]
     if len(machine.planes) > 1:

@@ -12,9 +12,11 @@ __all__ = ["aims_passages", "parts_of"]
 
 @parts_of.register
 def _passages_of_next_circle(step: NextCircle) -> tuple[Passage, ...]:
-    """Return sentences on the best next circle, the state of all aims, and a table of circles.
+    """Return sentences and tables on the best next circle and on the aims of the campaign.
 
-    The table lists the best next circles. It is left out if the campaign may stop.
+    The first sentences name the best next circle. Tables then state how far each aim, such as a
+    goal for an uncertainty, is reached. The last table lists the best next circles; it is left out
+    if the campaign may stop.
     """
     passages: list[Passage] = [*wording.next_circle_head(step), *aims_passages(step)]
     if not step.finished:
@@ -63,7 +65,11 @@ def _goals_table(step: NextCircle) -> Table:
 
 
 def _tolerances_table(step: NextCircle) -> Table:
-    """Return a table with one row for each tolerance: the value, U (k = 2), and the decision."""
+    """Return a table with one row for each quantity that has a tolerance.
+
+    The columns include the value of the quantity, U (k = 2), the tolerance, and the decision on
+    conformity.
+    """
     rows = []
     for name, state in step.tolerances.items():
         now = state.now

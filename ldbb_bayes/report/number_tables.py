@@ -48,8 +48,8 @@ def tables(
     """Return tables with all numbers of a report, except the decisions on conformity.
 
     The key of each table is the name of its CSV file without the ending ``.csv``. If the report has
-    no annex, tables whose numbers only the annex shows (circular-test quantities, contributions)
-    are left out.
+    no annex (no sections after the certificate's sheets), tables whose numbers only the annex shows
+    are left out: circular-test quantities, and contributions to the tool path.
 
     Parameters
     ----------
@@ -205,8 +205,9 @@ def _gum_validation(findings: Findings) -> pd.DataFrame:
 def _averaged(findings: Findings) -> pd.DataFrame:
     """Return a table of the parameters averaged over models, as the certificate states them.
 
-    The table has no slopes. Some of the models have slopes of exactly zero, so that the mean and U
-    do not describe the distribution of a slope.
+    The table has no slopes (coefficients of the change of compliance with force). Some of the
+    models have slopes of exactly zero, so that the mean and U do not describe the distribution of a
+    slope.
     """
     averaged = findings.numbers
     summary = summarize(averaged, prob=findings.prob)
@@ -235,7 +236,7 @@ def _with_reading_units(summary: pd.DataFrame) -> pd.DataFrame:
 
 
 def _with_unit_suffixes(frame: pd.DataFrame) -> pd.DataFrame:
-    """Return a table in which the name of each column with a unit ends in this unit.
+    """Return a table in which the name of each column with a unit ends in the unit.
 
     For example, the column ``G``, which is in µm, gets the name ``G_um``.
     """

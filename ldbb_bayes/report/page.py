@@ -169,7 +169,7 @@ def compose(
 
 
 def _in_language(document: Document, names: frozenset[str]) -> Document:
-    """Return a document with the texts of its annex translated into the language of the sheets.
+    """Return a report with the texts of its annex in the language of the certificate's sheets.
 
     ``names`` are the names of campaigns and tests, which are not translated.
     """
@@ -229,7 +229,7 @@ def html_page(document: Document) -> str:
     """Return the report as an HTML page.
 
     The page contains no scripts and loads no other files; its content security policy tells the
-    browser to refuse both. Figures are inline SVG. All text is escaped.
+    browser to refuse scripts and other files. Figures are inline SVG. All text is escaped.
 
     Parameters
     ----------
@@ -427,8 +427,8 @@ def _record(
     """Return the content of report.json, except the entries ``state`` and ``conformity``.
 
     The content is a dictionary with the campaign, the model, the alerts, the provenance, all
-    tables, the comparison of models and the design. ``frames`` are the tables; the keys are their
-    names. If there is no comparison or no design, the dictionary states the reason.
+    tables, the comparison of models and the design. ``frames`` are the tables; the keys are the
+    names of the tables. If there is no comparison or no design, the dictionary states the reason.
     """
     records = {
         name: frame.reset_index().to_dict(orient="records") for name, frame in frames.items()

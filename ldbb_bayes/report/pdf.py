@@ -28,7 +28,8 @@ _WIDTH = 182.0  # width of the printed area of an A4 page [mm]
 _LEFT = 14.0  # left margin of an A4 page [mm]
 _TOP = 14.0  # top margin of an A4 page [mm]
 # Lowest position at which the content of a sheet may end [mm from the top of the page]. The space
-# below it is a reserve, because lines of text are slightly higher if a browser prints the sheet.
+# below this position is a reserve, because lines of text are slightly higher if a browser prints
+# the sheet.
 _BOTTOM = 272.0
 # Highest position at which the fields for signatures may begin [mm from the top of the page].
 _SIGNATURES = 256.0
@@ -50,8 +51,8 @@ _RULE = 150  # grey level of the lines of tables and fields, from 0 (black) to 2
 _GROUND_AND_INK = {"usable": (255, 0), "reserved": (232, 0), "unusable": (0, 255)}
 _SMALLEST_TITLE_SCALE = 0.8
 _MOST_ATTEMPTS = 8  # largest number of times that letters are reduced to make a sheet fit its page
-# The height of a text is proportional to this power of the size of its letters. Larger letters make
-# lines higher, and they also make the text longer by more lines.
+# The height of a text is proportional to this power of the size of its letters. With larger
+# letters, each line is higher, and the text has more lines.
 _POWER_OF_TEXT = 2.0
 # The height of a figure is proportional to this power of the size of the letters.
 _POWER_OF_FIGURES = 1.0
@@ -117,10 +118,10 @@ def fit_to_page(sheet: ReportSheet) -> ReportSheet:
 def _power_of_height(height_ratio: float, size_ratio: float) -> float:
     """Return the power p for which the height of a sheet was proportional to (size of letters)^p.
 
-    ``height_ratio`` is the ratio of the heights after and before a reduction of the letters, and
-    ``size_ratio`` the ratio of the sizes of the letters. The height of figures is proportional to
-    the first power, the height of texts to the second power. A result below 1 is therefore replaced
-    by 1, and a result above 2 by 2.
+    The letters were reduced. ``height_ratio`` is the new height of the sheet divided by the former
+    height, and ``size_ratio`` the new size of the letters divided by the former size. The height of
+    figures is proportional to the first power, the height of texts to the second power. A result
+    below 1 is therefore replaced by 1, and a result above 2 by 2.
     """
     power = math.log(height_ratio) / math.log(size_ratio)
     return min(max(power, _POWER_OF_FIGURES), _POWER_OF_TEXT)

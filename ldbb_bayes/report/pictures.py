@@ -70,7 +70,10 @@ def _draw_svg(figure: Figure) -> str:
 
 
 def _round_coordinates(match: re.Match[str]) -> str:
-    """Return the matched coordinates of an SVG figure, rounded to two decimals."""
+    """Return coordinates from the text of an SVG figure, with all numbers rounded to two decimals.
+
+    ``match`` is the match of a regular expression for coordinates.
+    """
     return _LONG_NUMBER.sub(_round_number, match[0])
 
 

@@ -1,4 +1,4 @@
-"""First sentences of sheet 1, which state the results of a fit in plain words.
+"""First sentences of the certificate's sheet 1, which state the results of a fit plainly.
 
 The sentences describe the machine under load, at most three findings, and the step that would help
 most. A finding is something to look at or to repair, and is stated with its probability. There are
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 __all__ = ["Finding", "FindingKind", "best_step", "findings_of", "plain_words"]
 
 _MOST_FINDINGS = 3  # largest number of findings that sheet 1 names
-# A finding is named if its probability is at least this.
+# Sheet 1 of the certificate names a finding if the probability of the finding is at least this.
 _LIKELY = 0.9
 _N_PER_UM_OF_N_PER_MM = 1e-3  # factor from N/mm to N/µm
 _LOAD_N = 100.0  # force for which the sentences state the deflection [N]
@@ -56,7 +56,7 @@ class Finding:
 
 
 def plain_words(numbers: SheetNumbers) -> Items:
-    """Return the first sentences of sheet 1, which state the results in plain words.
+    """Return the first sentences of the certificate's sheet 1, which state the results plainly.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def plain_words(numbers: SheetNumbers) -> Items:
 
 
 def _under_load(numbers: SheetNumbers) -> Iterator[str]:
-    """Yield two sentences for each plane: on the stiffness, and on the circular deviation."""
+    """Yield two sentences for each plane: one on the stiffness, one on the circular deviation."""
     words = numbers.words
     force = words.number(f"{numbers.force_N:.4g}")
     has_several_planes = len(numbers.planes) > 1
@@ -151,7 +151,7 @@ def _with_U(quantity: StatedQuantity, words: Words) -> str:
 
 
 def findings_of(numbers: SheetNumbers) -> tuple[Finding, ...]:
-    """Return at most three findings to look at or to repair, the most probable first.
+    """Return at most three findings: things to look at or to repair, the most probable first.
 
     Parameters
     ----------
@@ -208,7 +208,7 @@ def _soft_axes(numbers: SheetNumbers) -> Iterator[Finding]:
 
 
 def _changes(numbers: SheetNumbers) -> Iterator[Finding]:
-    """Yield one finding on the compliance for which the sign of the change with force is surest.
+    """Yield one finding: the compliance whose change with force has the most certain sign.
 
     Nothing is yielded if no compliance has a change with force.
     """
@@ -235,9 +235,9 @@ def _changes(numbers: SheetNumbers) -> Iterator[Finding]:
 def _reversals(numbers: SheetNumbers) -> Iterator[Finding]:
     """Yield one finding for each plane in which circles were run in both directions.
 
-    The finding states how much the circles of the two directions differ: the amplitude of sin 2θ in
-    their difference [µm]. Servo mismatch, or unequal backlash of the two axes, causes this
-    difference.
+    The finding states how much the readings of the two directions differ: the amplitude of sin 2θ
+    in the difference of the readings [µm]. Servo mismatch, or unequal backlash of the two axes,
+    causes this difference.
     """
     words = numbers.words
     for plane, coefficient in numbers.reversals.items():
@@ -284,10 +284,11 @@ def _findings_in_words(numbers: SheetNumbers) -> Iterator[str]:
 
 
 def best_step(numbers: SheetNumbers) -> str:
-    """Return the name of the effect that contributes most to the variance of some parameters.
+    """Return the name of the effect that contributes most to what the readings leave undetermined.
 
-    These are the parameters that the readings hardly determine. For each effect, its shares in the
-    variances of these parameters are added up. The effect with the largest sum contributes most.
+    Some parameters are hardly determined by the readings. For each effect, its shares in the
+    variances of these parameters are added up. The name of the effect with the largest sum is
+    returned.
 
     Parameters
     ----------
@@ -316,7 +317,8 @@ def best_step(numbers: SheetNumbers) -> str:
 def _not_determined(numbers: SheetNumbers) -> str:
     """Return a text that names the undetermined parameters and the step that would help most.
 
-    If the readings determine all parameters, the text says so.
+    A step is a measure against one effect that makes parameters uncertain. If the readings
+    determine all parameters, the text says so.
     """
     words = numbers.words
     step = best_step(numbers)
@@ -347,9 +349,9 @@ def _not_determined(numbers: SheetNumbers) -> str:
 def _other_steps(helped_by_step: Mapping[str, Sequence[str]], words: Words) -> Iterator[str]:
     """Yield sentences on the steps for parameters that the best step does not help.
 
-    The keys of ``helped_by_step`` are names of effects; each value holds the symbols of the
-    parameters for which a step against this effect would help. An effect is named by the class name
-    of its model term.
+    A step is a measure against one effect that makes parameters uncertain. The keys of
+    ``helped_by_step`` are the effects, as class names of model terms. Each value holds the symbols
+    of the parameters for which a step against this effect would help.
     """
     for name, symbols in helped_by_step.items():
         yield words(
@@ -358,7 +360,7 @@ def _other_steps(helped_by_step: Mapping[str, Sequence[str]], words: Words) -> I
 
 
 def _step_in_words(name: str, words: Words) -> str:
-    """Return in words the step that makes an effect smaller.
+    """Return a text on the measure that would make one effect smaller.
 
     ``name`` is the class name of the effect's model term.
     """

@@ -33,12 +33,13 @@ _MOST_DESIGNS = 2
 
 @screen_of.register
 def _(result: Identifiability) -> tuple[Passage, ...]:
-    """Return a short version of the verdicts on all parameters.
+    """Return a short version of the verdicts on how far the readings determine each parameter.
 
     The first table states the expanded uncertainty U (k = 2) of each parameter, the verdict with
-    the largest source of variance, the cheapest cure, and U after this cure. The second table
-    states the parameters that each certificate of the instrument would make less uncertain. The
-    attribute ``details`` of the result has the combinations that no reading can resolve.
+    the largest source of variance, the cheapest measure that reduces U markedly, and U after this
+    measure. The second table states the parameters that each certificate of the instrument would
+    make less uncertain. The attribute ``details`` of the result has the combinations that no
+    reading can resolve.
     """
     first, *others = wording.identifiability_screen(result)
     passages: list[Passage] = [first, verdicts_table(result)]
@@ -85,9 +86,9 @@ def _(design: Design) -> tuple[Passage, ...]:
 def _expected_table(design: Design) -> Table:
     """Return a table of the standard uncertainties that are expected after the tests of a design.
 
-    The table has one row for each parameter at which the design aims; slopes are left out. The
-    columns are the recommended design, at most two designs that it is compared with, and the prior
-    standard deviation.
+    The table has one row for each parameter at which the design aims, except slopes (coefficients
+    of the change of compliance with force). The columns are the uncertainties after the recommended
+    design and after at most two other designs, and the prior standard deviation.
     """
     others = design.compared[:_MOST_DESIGNS]
     rows = []

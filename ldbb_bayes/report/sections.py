@@ -127,15 +127,17 @@ def degree(findings: Findings) -> Iterator[Part]:
     """Yield the section on whether compliance changes with force.
 
     The section states the evidence for each model, and how the evidence depends on assumptions. If
-    the comparison of models has further results, they follow: the probability of each slope (change
-    of a compliance with force), and predictions of each test from the other tests.
+    the comparison of models has further results, the section also states the probability of each
+    slope (change of a compliance with force), and compares each test with its prediction from the
+    other tests.
     """
     comparison = findings.comparison
     if not isinstance(comparison, Comparison):
         yield f"The models were not compared: {comparison}"
         return
     # Leave out the RMSE (root-mean-square residual) of the models. The section on the quality of
-    # the fit states an RMSE from other random draws, so that the two numbers would differ slightly.
+    # the fit also states an RMSE, but from other random draws, so that the two numbers would differ
+    # slightly.
     yield from text.comparison_parts(comparison, rmse=False)
     yield picture("evidence", comparison)
     if not comparison.local_fits.empty:
@@ -143,7 +145,9 @@ def degree(findings: Findings) -> Iterator[Part]:
 
 
 def uncertainty(findings: Findings) -> Iterator[Part]:
-    """Yield the section on uncertainty budgets, with what would reduce each uncertainty most.
+    """Yield the section on uncertainty budgets.
+
+    The section also states the measure that would reduce each uncertainty most.
 
     The page shows the budgets of slopes (changes of compliances with force) only on demand.
     """
@@ -229,7 +233,7 @@ def _interval_cell(row: pd.Series[Any]) -> str:
 
 
 def plan(findings: Findings) -> Iterator[Part]:
-    """Yield the section on the circular tests to run next, with the uncertainties expected then."""
+    """Yield the section on the tests to run next and on the uncertainties expected afterwards."""
     design = findings.design
     if not isinstance(design, Design):
         yield f"No tests are recommended: {design}"

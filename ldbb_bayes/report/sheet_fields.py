@@ -27,16 +27,16 @@ _CAMPAIGN_ENTRIES = ("machine_type", "serial_number", "date", "operator", "place
 _DEVICE_ENTRIES = ("ball_bar", "ball_bar_calibrated", "force_device")
 # Entries of the campaign that identify the machine and the date; both sheets show them.
 _IDENTITY_ENTRIES = ("machine_type", "serial_number", "date")
-# Keys of the texts that state how the order is known in which the tests were run. The keys of this
-# dict are the sources of the order.
+# Keys of the texts that state how the program knows the order in which the tests were run. The keys
+# of this dictionary are the sources of the order, such as the start times of the tests.
 _ORDER_ENTRIES = {
     TimeSource.TIMES: "entries.by_times",
     TimeSource.LISTED: "entries.as_listed",
     TimeSource.RANDOM: "entries.random_order",
     TimeSource.NO_DRIFT: "entries.no_drift",
 }
-# Model term that describes the errors of each part of the instrument. The sheet states these parts
-# one by one, so that the terms are not stated again among the other assumptions.
+# For each part of the instrument, the model term that describes the errors of the part. The sheet
+# states each part separately, and leaves these model terms out of the other assumptions.
 _TERM_OF_PIECE = {
     "bar": BarLength.__name__,
     "work": BallForm.__name__,

@@ -75,8 +75,8 @@ class SheetNumbers:
     def parameters(self) -> dict[str, StatedQuantity]:
         """Compliances at the force ``force_N``, and geometric errors; the keys are their names.
 
-        Offsets of the tool ball are left out. Slopes are left out, too, because `changes` takes
-        their place.
+        Offsets of the tool ball are left out. Slopes (coefficients of the change with force) are
+        left out, too; `changes` holds the changes themselves.
         """
         return {name: stated for name, stated in self._stated.items() if not is_slope(name)}
 
@@ -84,7 +84,8 @@ class SheetNumbers:
     def slopes(self) -> dict[str, StatedQuantity]:
         """Slopes, that is, coefficients of the change of compliances with force.
 
-        The keys are the names of the slopes. The sheets state slopes only if they have tolerances.
+        The keys are the names of the slopes. The sheets state only those slopes that have
+        tolerances.
         """
         return {name: stated for name, stated in self._stated.items() if is_slope(name)}
 
@@ -163,9 +164,9 @@ class SheetNumbers:
 
     @cached_property
     def _stated(self) -> dict[str, StatedQuantity]:
-        """Compliances, slopes and geometric errors; the keys are their names.
+        """Compliances, slopes (coefficients of the change with force) and geometric errors.
 
-        Offsets of the tool ball are left out.
+        Offsets of the tool ball are left out. The keys are the names of the parameters.
         """
         bound = bound_of(self.findings.numbers)
         names = _names_by_label(bound)
@@ -207,8 +208,8 @@ class SheetNumbers:
         """Return the name of a parameter in words, in the language of the sheets.
 
         ``name`` is an object whose attributes are the parts of the name of a compliance or
-        geometric error, such as the axis. ``degree`` is 0 for the parameter itself. For the change
-        of a compliance with force, it is 1 for the slope and 2 for the curvature.
+        geometric error, such as the axis. ``degree`` is 0 for the parameter itself, 1 for the slope
+        of its change with force, and 2 for the curvature of this change.
         """
         key = str(name.kind)
         if degree == 1:
@@ -256,8 +257,8 @@ class SheetNumbers:
         limit = ""
         sd = np.nan
         if low > smallest > 0.0:
-            # Replace the few draws of the compliance C that are near zero by a larger value. They
-            # would dominate the standard deviation of 1 / C.
+            # Replace the few draws of the compliance C that are near zero by a larger value.
+            # Without this step, these draws would dominate the standard deviation of 1 / C.
             draws = np.maximum(self._draws[compliance.label], 0.5 * smallest)
             sd = float(np.std(1.0 / draws))
         elif high > 0.0:
@@ -277,7 +278,7 @@ class SheetNumbers:
 
     @cached_property
     def further(self) -> dict[str, StatedQuantity]:
-        """Squareness errors, which sheet 1 states in addition to stiffnesses and the tool path.
+        """Squareness errors, which the certificate's sheet 1 states.
 
         The keys are the labels of the errors.
         """
@@ -302,8 +303,8 @@ class SheetNumbers:
         """Circular deviations G, F_max and F_min of the tool path in every plane.
 
         The keys are the symbols, such as ``G``. The deviations are those from the least-squares
-        circle at the force ``force_N`` [N]. They are confounded with the same effects as the
-        geometric errors.
+        circle at the force ``force_N`` [N]. The deviations are confounded with the same effects as
+        the geometric errors.
         """
         return self._path_quantities(self.force_N, ("G", "F_max", "F_min"))
 
@@ -441,9 +442,9 @@ def remark(quantity: StatedQuantity, words: Words) -> str:
 def _change_remark(quantity: StatedQuantity, words: Words) -> str:
     """Return a remark on the change of a compliance with force.
 
-    The remark states whether the compliance increases or decreases, and the verdict on the change.
-    If the readings do not show the sign of the change, the remark has no verdict, because the
-    verdict "identified" would seem to contradict this.
+    The remark states whether the compliance increases or decreases, and the verdict on how far the
+    readings determine the change. If the sign of the change is uncertain, the remark has no
+    verdict, because the verdict "identified" would seem to contradict the uncertain sign.
     """
     direction = words(f"remarks.{quantity.direction}")
     if quantity.direction == "no_change":

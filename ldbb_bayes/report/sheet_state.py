@@ -17,7 +17,8 @@ from ldbb_bayes.report.translation import Words
 __all__ = ["banner", "undetermined_texts"]
 
 _MOST_REASONS = 2  # largest number of reasons that the banner states
-# A reason in the banner names at most this many quantities in words; it names more by symbols.
+# A reason in the banner that names at most this many quantities names the quantities in words. A
+# reason that names more quantities uses symbols.
 _MOST_IN_WORDS = 2
 _MOST_UNDETERMINED = 12  # largest number of undetermined quantities that sheet 1 lists
 
@@ -73,8 +74,9 @@ def banner(numbers: SheetNumbers) -> Banner:
 def _labels(names: Sequence[str], quantities: Mapping[str, StatedQuantity]) -> list[str]:
     """Return labels for the quantities that a reason in the banner names.
 
-    If there are at most two names, the labels are words, otherwise symbols. Names that are not in
-    ``quantities``, such as those of tests and hyper-parameters, are returned unchanged.
+    If there are at most two names, the labels are words. If there are more, the labels are symbols.
+    Names that are not in ``quantities``, such as those of tests and hyper-parameters, are returned
+    unchanged.
     """
     labels = []
     for name in names:
@@ -104,7 +106,7 @@ def _missing_certificates(findings: Findings, words: Words) -> str:
 
 
 def undetermined_texts(numbers: SheetNumbers) -> list[str]:
-    """Return one text, with a reason, on each thing that the readings do not determine.
+    """Return texts on what the readings do not determine, each with a reason.
 
     If the readings determine everything, the only text says so.
     """

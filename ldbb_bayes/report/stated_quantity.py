@@ -56,7 +56,7 @@ class StatedQuantity:
         Probability that a compliance does not change with force at all. It is zero unless the
         numbers are averages over models.
     note
-        A remark in the language of the sheets. Further remarks are placed after it.
+        A remark in the language of the sheets. Further remarks are placed after this remark.
     is_undetermined
         Whether the readings leave the quantity undetermined, see `undetermined_parameters`.
     """

@@ -180,9 +180,10 @@ def _direction_words(direction: AxialDirection, axis: str, words: Words) -> str:
 
 
 def _turned(angle_deg: float) -> float:
-    """Return the angle of an axial direction between −45° and 135° instead of 0° and 180°.
+    """Return the angle of an axial direction, as an angle between −45° and 135°.
 
-    An axial direction is the same as the opposite direction. In the result, the angle of a
-    direction near one of the plane's two axes is near 0° or near 90°.
+    ``angle_deg`` lies between 0° and 180°. An axial direction is the same as the opposite
+    direction, so that 180° may be subtracted. In the result, the angle of a direction near one of
+    the plane's two axes is near 0° or near 90°.
     """
     return angle_deg - 180.0 if angle_deg > 135.0 else angle_deg

@@ -1,11 +1,11 @@
 """Presentation of results as tables and sentences: in the terminal, a notebook and the HTML page.
 
 The function `parts_of` returns the passages (tables and sentences) of a result. The function
-`with_words` returns the JSON record of a result with its sentences. Both have a separate
-implementation for each class of results. This module has the implementations for most classes, and
-imports the modules that have the rest. ln B is the log Bayes factor, which states how much the
-readings favour one model over another. elpd is the expected log predictive density, which states
-how well a model predicts readings that it has not seen.
+`with_words` returns the JSON record of a result, with sentences that describe the result. Both have
+a separate implementation for each class of results. This module has the implementations for most
+classes, and imports the modules that have the rest. ln B is the log Bayes factor, which states how
+much the readings favour one model over another. elpd is the expected log predictive density, which
+states how well a model predicts readings that it has not seen.
 """
 
 from __future__ import annotations
@@ -53,8 +53,8 @@ __all__ = ["comparison_parts", "parts_of"]
 # A contribution to an uncertainty budget has a row if its share of the variance is at least this.
 # One further row states the sum of all smaller contributions.
 _SMALL_SHARE = 0.005
-# The row with the sum of the small contributions is shown only if their share of the variance is at
-# least this.
+# The row with the sum of the small contributions is shown only if the sum has at least this share
+# of the variance.
 _NEGLIGIBLE_SHARE = 5e-4
 # A table of budgets names a source of uncertainty if its share of the parameter's variance is at
 # least this.
@@ -459,8 +459,8 @@ def _expected_table(design: Design) -> Table:
     """Return a table of the expected standard uncertainty u of every parameter.
 
     The first column of values states u after the recommended tests. Further columns state u after
-    the designs that the recommended tests were compared with, u after very many repetitions of the
-    recommended tests, and the prior standard deviation.
+    each of the other designs, u after very many repetitions of the recommended tests, and the prior
+    standard deviation.
     """
     rows = []
     for name, expected in design.expected.items():

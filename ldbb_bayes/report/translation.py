@@ -46,7 +46,7 @@ class Words:
         return str(words).format(**values)
 
     def number(self, text: str) -> str:
-        """Return a text whose numbers have the decimal mark of the language, as 1,5 in German."""
+        """Return a text whose numbers have the decimal mark of the language (1,5 in German)."""
         return re.sub(r"(?<=\d)\.(?=\d)", str(self.table["decimal"]), text)
 
     def joined(self, items: Sequence[str]) -> str:

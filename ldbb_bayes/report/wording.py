@@ -1,10 +1,10 @@
 """Sentences about results: functions that choose templates and fill in the values.
 
-The templates are in the files sentences.toml and sentences.j2. The program never draws conclusions
-from the text of a sentence, because all decisions are part of the results. The kind of a result,
-such as the kind of a concern, is the key of its template. A degeneracy is a combination of
-parameters and other effects that no reading can resolve. A nuisance coefficient describes an effect
-that is modelled but not of interest.
+The templates of the sentences are in the files sentences.toml and sentences.j2. The program never
+draws conclusions from the text of a sentence, because all decisions are part of the results. Most
+templates have a key, which is the kind of the result, such as the kind of a remark. A degeneracy is
+a combination of parameters and other effects that no reading can resolve. A nuisance coefficient
+describes an effect that is modelled but not of interest.
 """
 
 from __future__ import annotations
@@ -158,16 +158,18 @@ NONE_ALIKE = "The readings determine every combination of what the model contain
 
 # For each parameter, the uncertainty that is expected after the recommended design is divided by
 # the uncertainty expected after a design in equal steps of force. Two of these ratios count as
-# equal if they differ by less than this.
+# equal if the difference between them is less than this value.
 _EQUAL_RATIOS = 2e-3
 _MOST_CHECKS = 3  # largest number of checks or parameters that a sentence on a fit names
 # Sentences say that the readings contradict non-negative compliances if the natural logarithm of
 # the posterior probability that no compliance is negative is below this value, ln 1e-6.
 _CONTRADICTED = -13.815510557964274
-# Sentences state that a compliance increases (or decreases) with force only if the probability is
-# at least this. They name a slope as different from zero only if the probability is at least this.
+# Sentences state that a compliance increases (or decreases) with force only if the probability of
+# this change is at least this value. They name a slope (a coefficient of this change) as different
+# from zero only if the probability of a difference from zero is at least this value.
 _SURE = 0.95
-# A probability up to this counts as zero, because it may be a rounding error of a difference.
+# A difference of probabilities that is at most this value counts as zero, because it may be a
+# rounding error.
 _ROUNDING = 1e-9
 _MOST_NAMES = 5  # largest number of campaigns or tests that a sentence names
 _MOST_JOINED = 3  # a sentence names at most this many campaigns as outside control limits
@@ -194,7 +196,7 @@ _STRENGTHS = (
 
 @cache
 def _environment() -> jinja2.Environment:
-    """Return the Jinja environment for sentences, with the filters and names that they use."""
+    """Return the Jinja environment, with the filters and names that the templates use."""
     loader = jinja2.PackageLoader("ldbb_bayes.report")
     environment = jinja2.Environment(loader=loader, undefined=jinja2.StrictUndefined)
     for function in (
@@ -305,7 +307,7 @@ def _first_names(names: Sequence[str]) -> str:
 
 
 def _joined_parameters(names: Sequence[str]) -> str:
-    """Return a text with names of parameters as the paper writes them, as "C_XXX and C_YYY"."""
+    """Return a text with the names of parameters, such as "C_XXX and C_YYY"."""
     return joined([display_name(name) for name in names])
 
 
@@ -328,8 +330,8 @@ def unit_words(name: str) -> tuple[float, str]:
 def source_unit_words(source: str, term: str, unit: str) -> tuple[float, str]:
     """Return the unit in which an uncertainty budget shows the standard uncertainty of a source.
 
-    The first value is the factor from the internal unit to the unit shown. The second value is the
-    label of the unit shown. ``source`` is the name of a nuisance coefficient, and ``term`` the
+    The first returned value is the factor from the internal unit to the unit shown. The second is
+    the label of the unit shown. ``source`` is the name of a nuisance coefficient, and ``term`` the
     class name of its model term. For noise, both names are the same, and ``unit`` is the internal
     unit of the noise.
     """
@@ -353,7 +355,8 @@ def nuisance_words(name: str) -> str:
 def term_words(term: str) -> str:
     """Return the name of an effect in words, such as "ball form" for the model term ``BallForm``.
 
-    If ``term`` is the name of a parameter, the name is returned as the paper writes it.
+    ``term`` is the class name of a model term. It may also be the name of a parameter, which is
+    then returned as tables show it, such as C_XXX.
     """
     if term in Term.kinds:
         return Term.kinds[term].words
@@ -377,8 +380,8 @@ def source_words(term: str) -> str:
 def _amount_words(value: float, factor: float, label: str, name: str, plus: str = "+") -> str:
     """Return a text with the amount of a parameter or effect, such as "+6.67 µm/m of E_XX1".
 
-    ``value`` times ``factor`` is the amount in the unit that ``label`` names. ``plus`` is the text
-    before a positive amount.
+    ``value`` times ``factor`` is the amount in the unit that ``label`` names. ``name`` is the name
+    of the parameter or effect. ``plus`` is the text before a positive amount.
     """
     size = abs(value) * factor
     if size < 0.01 and label.startswith("µ"):
@@ -437,7 +440,7 @@ def cure_words(degeneracy: Degeneracy, cures: Sequence[Cure]) -> str:
 
     A degeneracy is a combination of parameters and other effects that no reading can resolve.
     ``cures`` are the kinds of measures, such as other forces or a calibration. If ``cures`` is
-    empty, the sentence advises a narrower prior.
+    empty, the sentence recommends a narrower prior.
     """
     calibration = "a calibration of it"
     if degeneracy.term in Term.kinds:
@@ -517,8 +520,8 @@ def sensitive_words(names: Sequence[str]) -> str:
     """Return a text that names the parameters that are sensitive to their prior.
 
     ``names`` are the names of these parameters, the most sensitive first. The text has at most
-    three names. It states only the number of slopes (coefficients of the change of compliances with
-    force).
+    three names. Slopes (coefficients of the change of compliances with force) are not named; the
+    text states only the number of sensitive slopes.
     """
     named = [display_name(name) for name in names if not is_slope(name)]
     count = len(names) - len(named)
@@ -753,18 +756,20 @@ def origin_words(origin: str) -> str:
 def origins_in_words(entry: ParameterIdentifiability) -> str:
     """Return a text with the shares of a parameter's variance by origin, such as "39 / 0 / 61".
 
-    The first share [%] is that of sources whose size was measured in the campaign, the second that
-    of sources whose size was stated, and the third that of sources whose size is assumed.
+    The origin states where the size of a source of variance comes from. The first share [%] is that
+    of sources whose size was measured in the campaign, the second that of sources whose size the
+    user stated, and the third that of sources whose size the model assumes.
     """
     return " / ".join(f"{100.0 * share:.0f}" for share in entry.origin_shares.values())
 
 
 def held_by_words(entry: ParameterIdentifiability) -> str:
-    """Return a text with the sources of variance that decide the verdict on a parameter.
+    """Return a text with the sources of variance that make a parameter uncertain.
 
-    An example is "mount 39 %, assumed". For a confounded parameter, the sources are the assumed
-    effects that it is confounded with. For any other parameter, the text names only the source with
-    the largest share of the variance.
+    An example is "mount 39 %, assumed": the share of the variance, and the origin of the size of
+    the effect. For a confounded parameter, the sources are the assumed effects that it is
+    confounded with. For any other parameter, the text names only the source with the largest share
+    of the variance.
     """
     origin = origin_words(entry.held_by.origin)
     if str(entry.verdict) == "confounded":
@@ -773,9 +778,11 @@ def held_by_words(entry: ParameterIdentifiability) -> str:
 
 
 def short_verdict_words(entry: ParameterIdentifiability | ChangeIdentifiability) -> str:
-    """Return a verdict with the largest source of variance, such as "confounded: mount 39 %, …".
+    """Return a short text with a verdict, such as "confounded: mount 39 %, …".
 
-    The ellipsis stands for further effects that the parameter is confounded with.
+    A verdict states how far the readings determine a parameter. The text names the largest source
+    of the parameter's variance, with its share. The ellipsis stands for further effects that the
+    parameter is confounded with.
     """
     sources = _sources_with_shares(entry)
     ending = ", …" if len(sources) > 1 else ""
@@ -804,9 +811,10 @@ def _source_in_table(name: str) -> str:
 
 
 def cure_in_words(remedy: Remedy | None) -> str:
-    """Return a short text on the cheapest cure of a parameter, such as "turn balls".
+    """Return a short text on the cheapest measure for a parameter, such as "turn balls".
 
-    If there is no cure, the text is a dash.
+    ``remedy`` is the measure, which reduces the uncertainty of the parameter markedly. If there is
+    no such measure, the text is a dash.
     """
     if remedy is None:
         return "–"
@@ -814,10 +822,11 @@ def cure_in_words(remedy: Remedy | None) -> str:
 
 
 def paired_cure_items(result: Identifiability) -> tuple[str, ...]:
-    """Return a text on every pair of cures, with the parameters for which both cures are needed.
+    """Return texts on pairs of measures, for parameters that need both measures of a pair.
 
-    An example is "G10 balls and bar ± 1 µm together: U of E_XX1 25 µm/m". Parameters that stay
-    confounded in spite of both cures are marked.
+    Each parameter stays confounded after the first measure alone. An example of a text is "G10
+    balls and bar ± 1 µm together: U of E_XX1 25 µm/m". Parameters that stay confounded in spite of
+    both measures are marked.
     """
     effects_by_pair: dict[str, list[str]] = {}
     for name, entry in result.parameters.items():
@@ -837,10 +846,10 @@ def paired_cure_items(result: Identifiability) -> tuple[str, ...]:
 
 
 def _step_words(kind: str, certificate: str) -> str:
-    """Return a short text on one cure: the name of a certificate, or a change of the plan.
+    """Return a short text on one measure: a certificate, or a change of the plan of tests.
 
-    ``certificate`` is an empty string if the cure is a change of the plan; ``kind`` is the kind of
-    the cure.
+    ``certificate`` is the name of the certificate, or an empty string if the measure is a change of
+    the plan. ``kind`` is the kind of the measure.
     """
     if certificate:
         return certificate_words(certificate)
@@ -901,8 +910,8 @@ def identifiability_screen(result: Identifiability) -> tuple[str, ...]:
     """Return the most important sentences on the result of an identifiability analysis.
 
     A verdict states how far the readings determine a parameter or the change of a compliance with
-    force. The first sentence counts the parameters and changes with each verdict. Slopes are not
-    counted.
+    force. The first sentence counts the parameters and changes with each verdict. Slopes
+    (coefficients of the change with force) are not counted.
     """
     parameters = [entry for name, entry in result.parameters.items() if not is_slope(name)]
     verdicts = Counter(str(entry.verdict) for entry in parameters)
@@ -911,13 +920,13 @@ def identifiability_screen(result: Identifiability) -> tuple[str, ...]:
 
 
 def certificate_rows(result: Identifiability, most: int | None = None) -> list[tuple[str, str]]:
-    """Return the rows of a table of certificates of the instrument.
+    """Return the rows of a table of calibration certificates of the instrument.
 
     Each row has two cells. The first is the name of the certificate. The second lists the
     parameters whose standard uncertainty the certificate would reduce by more than a tenth. For
-    example, "C_XXX 60 %" means a reduction to 60 %. The largest reduction comes first, and slopes
-    are left out. ``most`` is the largest number of parameters in a row; an ellipsis stands for the
-    rest.
+    example, "C_XXX 60 %" means a reduction to 60 %. The parameter with the largest reduction comes
+    first. Slopes (coefficients of the change of compliance with force) are left out. ``most`` is
+    the largest number of parameters that a row names; an ellipsis stands for the other parameters.
     """
     sd_by_certificate = dict(result.certificates)
     sd_without = sd_by_certificate.pop("none of these", {})
@@ -940,7 +949,7 @@ def cure_items(
 ) -> tuple[str, ...]:
     """Return texts on confounded effects, with the measures that would separate the effects.
 
-    Each text is about all effects for which the same measures help.
+    Each text is about all effects that the same measures would separate.
 
     Parameters
     ----------
@@ -1047,7 +1056,11 @@ def design_screen(design: Design) -> tuple[str, ...]:
 
 
 def design_notes(design: Design) -> tuple[str, ...]:
-    """Return notes on a design: what the tests cannot show, what would help, and assumptions."""
+    """Return notes on a design of tests.
+
+    The notes state what the tests cannot show, which measures would help, and which assumptions the
+    design makes.
+    """
     relative_errors = [0.0]
     for expected in design.expected.values():
         if expected.sd > 0.0:
@@ -1083,7 +1096,7 @@ def _tests_to_run(design: Design, most: int = _MOST_LISTED_TESTS) -> str:
 
 
 def _varied_settings(design: Design) -> list[str]:
-    """Return the names of the settings, such as the radius, in which the tests of a design differ.
+    """Return the names of the settings, such as the radius, that differ between a design's tests.
 
     The angles of both balls are included if a ball is turned from its original position in any
     test.
@@ -1141,7 +1154,7 @@ def goal_design_sentences(result: GoalDesign) -> tuple[str, ...]:
 def _holder_in_words(name: str) -> str:
     """Return the name of the source of variance that keeps a goal from being reached.
 
-    The name is the beginning of a sentence, so that its first letter is a capital.
+    The name begins a sentence, and therefore with a capital letter.
     """
     words = _source_in_table(name)
     return words[:1].upper() + words[1:]
@@ -1159,7 +1172,7 @@ def next_circle_head(step: NextCircle) -> tuple[str, ...]:
 def next_circle_model(step: NextCircle) -> tuple[str, ...]:
     """Return a sentence on the decision between constant and linear compliance.
 
-    The tuple is empty for a model without slopes.
+    The tuple is empty for a model in which compliance cannot change with force.
     """
     if step.model is None:
         return ()
@@ -1338,10 +1351,12 @@ def annex_words(degree: int, averaged: bool) -> str:
 
 
 def averaged_over(probabilities: Mapping[str, float]) -> str:
-    """Return a heading that names the models and explanations over which numbers are averaged.
+    """Return a heading that names the models and explanations that were averaged.
 
-    ``probabilities`` holds the probabilities of the averaged models and of the rival explanations.
-    The keys are the names of models and explanations.
+    A rival explanation is an effect other than compliance, such as a nonlinear mount, that may
+    explain why the readings change with force. ``probabilities`` holds the probabilities of the
+    averaged models and of the rival explanations. The keys are the names of models and
+    explanations.
     """
     degrees = [name for name in probabilities if name in DEGREE_NAMES]
     rivals = [name for name in probabilities if name not in DEGREE_NAMES]
@@ -1366,11 +1381,11 @@ def difference_doubts(
     """Return sentences on reasons not to use the differences between two campaigns, if any.
 
     ``first`` and ``other`` are the names of the campaigns. ``converged`` states whether the fit of
-    the second campaign has converged. If both campaigns used the same instrument, they may disagree
-    about its errors. ``conflict`` holds the name of the coefficient about which they disagree most,
-    and the p-value of the disagreement, multiplied by the number of compared coefficients
-    (Bonferroni). ``conflict`` is None if no coefficient can be compared. A sentence names the
-    coefficient only if this p-value is below 1 %.
+    the second campaign has converged. If both campaigns used the same instrument, their estimates
+    of the instrument's errors may disagree. ``conflict`` holds the name of the coefficient with the
+    largest disagreement, and the p-value of this disagreement, multiplied by the number of compared
+    coefficients (Bonferroni). ``conflict`` is None if no coefficient can be compared. A sentence
+    names the coefficient only if this p-value is below 1 %.
     """
     return _sentences("difference_doubts", first, other, converged, conflict)
 
@@ -1414,7 +1429,8 @@ def change_sentence(first: str, other: str, table: pd.DataFrame, prob: float) ->
 
     ``first`` and ``other`` are the names of the campaigns; ``table`` holds the differences of all
     parameters. A parameter is named if the credible interval of its difference excludes zero;
-    ``prob`` is the probability of this interval. Slopes are not named.
+    ``prob`` is the probability of this interval. Slopes (coefficients of the change of compliance
+    with force) are not named.
     """
     tail = 0.5 - 0.5 * prob
     probability = table["probability_of_increase"]

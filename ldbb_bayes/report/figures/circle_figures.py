@@ -264,7 +264,7 @@ def _draw_force_scale(figure: Figure, shown: _Traces) -> None:
     """Draw the colour scale of forces at the right of the figure.
 
     Forces increase upwards if the trace at the largest force lies outside the trace at the smallest
-    force. If it lies inside, forces increase downwards.
+    force. If this trace lies inside, forces increase downwards.
     """
     forces_N = shown.bound.setting.force_N
     levels = np.unique(forces_N)

@@ -226,12 +226,12 @@ def _gain_words(gain: float | None) -> str:
 def compliance_with_local_fits(comparison: Comparison) -> Figure:
     """Draw every compliance C against the force F, in all models and in local fits.
 
-    The figure shows the mean in every model, the average over models, and the local fits. It
-    corresponds to Fig. 15 of the paper. The average is over models with and without each slope
-    (change of compliance with force). If the comparison has no average, the first model is drawn
-    instead. A local fit uses only the tests at two neighbouring forces. Each local fit estimates
-    the geometric errors anew. It therefore estimates the tangent d(F C)/dF and not C. For this
-    reason, the figure also shows the tangent of the average.
+    The figure shows the mean in every model, the average over models, and the local fits. The
+    figure corresponds to Fig. 15 of the paper. The average is over models with and without each
+    slope (change of compliance with force). If the comparison has no average, the first model is
+    drawn instead. A local fit uses only the tests at two neighbouring forces. Each local fit
+    estimates the geometric errors anew. A local fit therefore estimates the tangent d(F C)/dF and
+    not C. For this reason, the figure also shows the tangent of the average.
 
     Parameters
     ----------
@@ -305,7 +305,7 @@ def geometry_with_local_fits(comparison: Comparison) -> Figure:
 
 
 def _draw_nothing(axes: Axes, name: str, factor: float) -> None:
-    """Draw nothing. The figure of geometric errors uses this function, as it has no bands."""
+    """Draw nothing. The figure of geometric errors, which has no bands, uses this function."""
 
 
 def _draw_against_force(
@@ -341,8 +341,8 @@ def _draw_against_force(
 def _mean_curve(model: Any, name: str) -> tuple[Array, Array]:
     """Return forces [N], and the posterior mean of a parameter at each of these forces.
 
-    The mean is that in one model, in the internal unit of the parameter (mm, N, rad). ``name`` is
-    the name of the parameter. Both arrays have the shape (forces,).
+    The mean is in the internal unit of the parameter (mm, N, rad). ``model`` is the model, and
+    ``name`` the name of the parameter. Both arrays have the shape (forces,).
     """
     curves = model.compliance_against_force
     if name in curves:

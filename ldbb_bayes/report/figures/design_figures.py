@@ -37,11 +37,12 @@ class _PlanBars(NamedTuple):
 
 @styled
 def expected_widths(design: Design, today: Mapping[str, float] = MappingProxyType({})) -> Figure:
-    """Draw bars that show each parameter's standard uncertainty, as expected after several plans.
+    """Draw bars that show the standard uncertainties that are expected after several plans.
 
-    The plans are the recommended tests, the plans that the design was compared with, and very many
-    repetitions of the recommended tests. Each parameter has its own scale of bars. Slopes are left
-    out unless the design aims only at slopes.
+    The plans are the recommended tests, other tests that were compared with the recommended tests,
+    and very many repetitions of the recommended tests. Each parameter has its own scale of bars.
+    Slopes (coefficients of the change of compliance with force) are left out unless the design aims
+    only at slopes.
 
     Parameters
     ----------
@@ -129,8 +130,8 @@ def _expected_sd(expected: Mapping[str, Any]) -> dict[str, float]:
 def _drawn(design: Design) -> dict[str, Any]:
     """Return the expected uncertainty of every parameter that the figure shows.
 
-    The keys are the names of the parameters. Slopes are left out unless the design aims only at
-    slopes.
+    The keys are the names of the parameters. Slopes (coefficients of the change of compliance with
+    force) are left out unless the design aims only at slopes.
     """
     aims = without_slopes(design.parameters)
     drawn = {}

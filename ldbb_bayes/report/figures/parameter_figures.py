@@ -62,9 +62,10 @@ class _FigureRow(NamedTuple):
 def forest(posterior: xr.DataTree) -> Figure:
     """Draw the 95 % and 50 % credible intervals of every parameter, in one panel for each unit.
 
-    Separate panels show the change of each compliance C(F) over the tested forces F; slopes are not
-    drawn. Faint lines show the 95 % intervals of the priors. The texts at the right state the value
-    ± U (k = 2), or the 95 % interval if the distribution is skewed.
+    Separate panels show the change of each compliance C(F) over the tested forces F; slopes, which
+    are the coefficients of this change, are not drawn. Faint lines show the 95 % intervals of the
+    priors. The texts at the right state the value ± U (k = 2), or the 95 % interval if the
+    distribution is skewed.
 
     Parameters
     ----------
@@ -151,8 +152,8 @@ def _draw_intervals(axes: Axes, rows: Sequence[_FigureRow]) -> None:
         axes.plot(mean, height, "o", color="white", markeredgecolor=ACCENT, markersize=3.6)
         texts.append(plus_minus(summary["mean"], summary["sd"], interval, row.unit))
     axes.axvline(0.0, color=GREY, linewidth=0.8)
-    # Fix the limits of the scale now, before the intervals of the priors are drawn. These may be
-    # much wider than the intervals of the posterior.
+    # Fix the limits of the scale now, before the intervals of the priors are drawn. The intervals
+    # of the priors may be much wider than the intervals of the posterior.
     axes.set_xlim(axes.get_xlim())
     for height, row in zip(heights, rows, strict=True):
         if row.prior_draws is not None:

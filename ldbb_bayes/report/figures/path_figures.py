@@ -1,6 +1,7 @@
 """Figures of the machine's tool path.
 
-They show circular-test quantities, and the contributions of compliances and geometric errors.
+The figures show circular-test quantities, and the contributions of compliances and geometric errors
+to the tool path.
 """
 
 from __future__ import annotations
@@ -125,11 +126,12 @@ def _draw_quantities(
 
 @styled
 def contributions(posterior: xr.DataTree) -> Figure:
-    """Draw the contributions of compliance and geometry to the tool path, at up to six forces.
+    """Draw the contributions of compliances and geometric errors to the tool path.
 
-    The sum of the two contributions is drawn, too. Each curve has a 95 % band, and the title of
-    each panel states the peak-to-peak value of the sum. Offsets of the tool ball are left out. The
-    figure corresponds to Fig. 8 of the paper.
+    At each of up to six forces, the figure shows the contribution of all compliances, the
+    contribution of all geometric errors, and the sum of both. Each curve has a 95 % band, and the
+    title of each panel states the peak-to-peak value of the sum. Offsets of the tool ball are left
+    out. The figure corresponds to Fig. 8 of the paper.
 
     Parameters
     ----------
@@ -173,9 +175,9 @@ def contributions(posterior: xr.DataTree) -> Figure:
 def parameter_contributions(posterior: xr.DataTree) -> Figure:
     """Draw the contribution of every parameter to the tool path at the highest force.
 
-    Each compliance (with its slope) and each geometric error has a panel. The curve in a panel has
-    a 95 % band, and the title states the peak-to-peak value. The figure corresponds to Figs. 9 and
-    10 of the paper.
+    Each compliance (including its change with force) and each geometric error has a panel. The
+    curve in a panel has a 95 % band, and the title states the peak-to-peak value. The figure
+    corresponds to Figs. 9 and 10 of the paper.
 
     Parameters
     ----------

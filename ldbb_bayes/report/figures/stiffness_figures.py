@@ -35,11 +35,12 @@ __all__ = ["stiffness_rose"]
 # farther is cut off, so that the wide band of a hardly determined compliance does not make the
 # curves too small.
 _FARTHEST = 1.6
-# Angle at which the labels of the rings are written [°]. Few lines cross there.
+# Angle at which the labels of the rings are written [°]. Few lines cross at this angle.
 _LABEL_ANGLE_DEG = 67.5
 # Background of a ring's label. It hides curves that would make the label hard to read.
 _LABEL_GROUND = {"facecolor": "white", "alpha": 0.85, "edgecolor": "none", "pad": 0.6}
-# Height of a figure with one rose, and heights of a row with two or three roses [inch].
+# First the height of a figure with one rose [inch]; then the height of each row of a figure with
+# two or three roses [inch].
 _HEIGHT = 3.0
 _ROW_HEIGHTS = {2: 3.2, 3: 2.5}
 # Width and height of a compact figure of one plane [inch]. A sheet of the certificate shows this
@@ -237,8 +238,9 @@ def _coloured(roses: Sequence[PlaneStiffness]) -> Iterator[tuple[PlaneStiffness,
 
 
 def _closed(values: Array, turn: float = 0.0) -> Array:
-    """Return values around a circle, to which the first value plus ``turn`` is added at the end.
+    """Return values around a circle, with the first value repeated at the end.
 
-    The curve through the returned values, shape (n + 1,), is closed.
+    The returned array has the shape (n + 1,) for n values; the curve through the values is closed.
+    ``turn`` is added to the repeated value, such as 360 for angles [°].
     """
     return np.append(values, values[0] + turn)

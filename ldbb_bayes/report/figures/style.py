@@ -204,8 +204,8 @@ def right_labels(axes: Axes, rows: Any, texts: Sequence[str]) -> None:
 def term_colours(terms: Iterable[str]) -> dict[str, str]:
     """Return a colour for every model term (source of uncertainty).
 
-    ``terms`` are the class names of the terms. They are the keys of the result, in the order in
-    which the bars of the terms are stacked.
+    ``terms`` are the class names of the terms. The terms are the keys of the result. Their order is
+    the order in which the bars of the terms are stacked.
     """
     distinct_terms = list(dict.fromkeys(terms))
     user_terms = [term for term in distinct_terms if term not in _TERM_COLOURS]

@@ -31,10 +31,10 @@ def workflow_checks(workflow: Workflow) -> Figure:
 
     The first panel shows the range of every circle, and the interval in which the prior expects the
     range. For the second panel, each circle was left out of a fit and then predicted. The panel
-    shows the sorted p-values of these predictions, with the 95 % interval of each p-value if all
-    are uniformly distributed. The third panel shows the parameters that depend on their prior. The
-    fourth panel shows the weights with which the models together predict left-out circles best. The
-    function `rank_ecdf` draws the ranks of the calibration.
+    shows the sorted p-values of these predictions, with the 95 % interval that each p-value has if
+    all p-values are uniformly distributed. The third panel shows the parameters that depend on
+    their prior. The fourth panel shows the weights with which the models together predict left-out
+    circles best. The function `rank_ecdf` draws the ranks of the calibration.
 
     Parameters
     ----------
@@ -138,7 +138,8 @@ def _draw_sensitivity(axes: Axes, workflow: Workflow) -> None:
 def _draw_weights(axes: Axes, workflow: Workflow) -> None:
     """Draw the stacking weights of the models, and state how well each predicts left-out circles.
 
-    The texts at the right state the log predictive density of each model minus that of the best.
+    The texts at the right state the log predictive density of each model minus that of the best
+    model.
     """
     rows = name_rows(axes, list(workflow.stacking_weights))
     axes.barh(rows, list(workflow.stacking_weights.values()), color=ACCENT, height=0.6)
