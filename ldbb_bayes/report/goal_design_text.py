@@ -64,7 +64,7 @@ def _goals_table(result: GoalDesign) -> Table:
 
 
 def _tests_table(plan: GoalPlan) -> Table:
-    """Return a table of the circles of a plan. The last column states how often each is run."""
+    """Return a table of a plan's circles. The last column states how often each circle is run."""
     columns = [str(column) for column in plan.tests.columns if column != _COUNT]
     heads = [wording.PAGE["tests"].get(name, name) for name in columns]
     rows = []

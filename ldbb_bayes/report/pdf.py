@@ -120,8 +120,8 @@ def _power_of_height(height_ratio: float, size_ratio: float) -> float:
 
     The letters were reduced. ``height_ratio`` is the new height of the sheet divided by the former
     height, and ``size_ratio`` the new size of the letters divided by the former size. The height of
-    figures is proportional to the first power, the height of texts to the second power. A result
-    below 1 is therefore replaced by 1, and a result above 2 by 2.
+    figures is proportional to the size of the letters, the height of texts to the square of this
+    size. A result below 1 is therefore replaced by 1, and a result above 2 by 2.
     """
     power = math.log(height_ratio) / math.log(size_ratio)
     return min(max(power, _POWER_OF_FIGURES), _POWER_OF_TEXT)

@@ -284,10 +284,10 @@ def _findings_in_words(numbers: SheetNumbers) -> Iterator[str]:
 
 
 def best_step(numbers: SheetNumbers) -> str:
-    """Return the name of the effect that contributes most to what the readings leave undetermined.
+    """Return the name of the effect that contributes most to undetermined parameters' variances.
 
-    Some parameters are hardly determined by the readings. For each effect, its shares in the
-    variances of these parameters are added up. The name of the effect with the largest sum is
+    A parameter is undetermined if the readings hardly determine it. For each effect, its shares in
+    the variances of these parameters are added up. The name of the effect with the largest sum is
     returned.
 
     Parameters

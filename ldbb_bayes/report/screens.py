@@ -38,8 +38,8 @@ def _(result: Identifiability) -> tuple[Passage, ...]:
     The first table states the expanded uncertainty U (k = 2) of each parameter, the verdict with
     the largest source of variance, the cheapest measure that reduces U markedly, and U after this
     measure. The second table states the parameters that each certificate of the instrument would
-    make less uncertain. The attribute ``details`` of the result has the combinations that no
-    reading can resolve.
+    make less uncertain. The method ``details`` of the result returns all tables and sentences, with
+    the combinations of parameters that no reading can resolve.
     """
     first, *others = wording.identifiability_screen(result)
     passages: list[Passage] = [first, verdicts_table(result)]

@@ -1,7 +1,7 @@
 """Functions that yield the sections of the annex from the results of a fit.
 
-The annex is the part of the report that follows the sheets. Each section consists of paragraphs,
-lists, tables and figures.
+The annex is the part of the report that follows the certificate's sheets. Each section consists of
+paragraphs, lists, tables and figures.
 """
 
 from __future__ import annotations
@@ -294,7 +294,7 @@ def _p_value_cell(value: float | None) -> str | None:
 
 
 def assumptions(findings: Findings) -> Iterator[Part]:
-    """Yield the section on assumptions.
+    """Yield the section on the assumptions of the fit.
 
     The section has a table with the prior and the posterior of every parameter, and the model as
     text in TOML format.
@@ -367,7 +367,7 @@ def beside(
 
     For every parameter the section states the difference, its credible interval, and the
     probability that the parameter is larger in the other campaign. The page shows the differences
-    of slopes only on demand.
+    of slopes (changes of compliances with force) only on demand.
 
     Parameters
     ----------

@@ -58,7 +58,7 @@ def shorten(text: str) -> str:
 
 
 def campaign_fields(findings: Findings, words: Words) -> Iterator[tuple[str, str]]:
-    """Yield the form fields of sheet 1, such as the operator and the place of the tests.
+    """Yield the form fields of the certificate's sheet 1, such as the operator's name.
 
     If the campaign does not state the content of a field, the text of the field is empty.
 

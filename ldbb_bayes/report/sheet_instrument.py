@@ -16,8 +16,8 @@ from ldbb_bayes.units import display_unit, two_digits
 __all__ = ["InstrumentPiece", "instrument_pieces"]
 
 _LONGEST_CERTIFICATE = 32  # largest number of characters of the name of a calibration certificate
-# Parts of the instrument, each with the name of the error whose uncertainty the sheets of the
-# certificate state for this part.
+# Errors of the instrument whose uncertainties the sheets of the certificate state. The keys are
+# parts of the instrument; the values are the names of the parts' errors.
 _UNCERTAINTY_OF_PIECE = {
     "bar": "bar_length",
     "work": "work_form_2",

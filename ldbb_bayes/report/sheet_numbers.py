@@ -367,7 +367,7 @@ class SheetNumbers:
     def _measured_words(self, plane: str, quantity: str, force_N: float) -> str:
         """Return a remark with the value of a quantity that is computed from readings alone.
 
-        The readings are those of one test in the plane: the one whose force is nearest to the force
+        The readings are those of one test in the plane: the test whose force is nearest to
         ``force_N`` [N]. The remark is an empty string at no load (0 N).
         """
         if force_N == 0.0:

@@ -51,8 +51,8 @@ def banner(numbers: SheetNumbers) -> Banner:
     forces_N = campaign_of(findings.numbers).forces_N
     if not forces_N.min() <= numbers.force_N <= forces_N.max():
         outside = words("state.outside", force=words.number(f"{numbers.force_N:.4g}"))
-        # A force outside the tested range is the first reason for caution, or the second one if the
-        # numbers cannot be used for another reason.
+        # A force outside the tested range is the first reason for caution. If the numbers cannot be
+        # used at all, the reason for that comes first, and the force second.
         reasons.insert(1 if is_unusable else 0, outside)
 
     kind = "usable"

@@ -205,7 +205,8 @@ def _second_sheet(numbers: SheetNumbers) -> Iterator[Block]:
 def _sums(findings: Findings, words: Words) -> Iterator[str]:
     """Yield a sentence on compliances that represent a sum of several compliances.
 
-    Nothing is yielded if there are no such compliances.
+    The readings cannot separate the compliances in the sum. Nothing is yielded if no compliance
+    represents a sum.
     """
     campaign = campaign_of(findings.posterior)
     machine = describe_machine(campaign.machine(), [test.circle for test in campaign.tests])
@@ -241,9 +242,10 @@ def _gum_sentence(numbers: SheetNumbers) -> str:
 def _meanings_of_partners(numbers: SheetNumbers) -> list[str]:
     """Return explanations of the effects that the verdicts on parameters name.
 
-    Each effect is a model term, such as the mount. A verdict names the effects that a parameter is
-    confounded with, or the effect that contributes most to the parameter's variance. Each
-    explanation is a text in the language of the sheets.
+    Each effect is a model term, such as the mount. A verdict states how far the readings determine
+    a parameter. It names the effects that the parameter is confounded with, or the effect that
+    contributes most to the parameter's variance. Each explanation is a text in the language of the
+    sheets.
     """
     words = numbers.words
     partners: dict[str, None] = {}

@@ -49,7 +49,7 @@ class StatedQuantity:
         are the effects that these parameters are confounded with.
     direction
         Key of the remark on how a compliance changes with force: increases, decreases or no_change.
-        An empty string for all quantities that are not such a change.
+        An empty string for all quantities that are not changes with force.
     change_entry
         Verdict on the change of a compliance with force. None for all other quantities.
     no_change

@@ -176,7 +176,8 @@ def _passages_of_validation(validation: Validation) -> tuple[Passage, ...]:
 
     For each quantity, the table also states whether the ranks of the true values are uniformly
     distributed. A rank is the number of posterior draws below the true value. Two sentences follow:
-    one states the standard uncertainty of the shares in the table, the other is a verdict.
+    the first states the standard uncertainty of the shares in the table, the second whether all
+    ranks are uniformly distributed.
     """
     coverage = validation.coverage()
     intervals = [name for name in coverage.columns if not name.startswith("u")]
@@ -231,7 +232,7 @@ def _record_of_workflow(result: Workflow) -> dict[str, Any]:
 
 @wording.with_words.register
 def _record_of_validation(result: Validation) -> dict[str, Any]:
-    """Return the JSON record of a simulation-based calibration, with a sentence as the verdict."""
+    """Return the JSON record of a simulation-based calibration, with a sentence on the result."""
     return {**result.as_dict(), "verdict": wording.validation_verdict(result)}
 
 

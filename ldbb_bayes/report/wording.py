@@ -172,7 +172,7 @@ _SURE = 0.95
 # rounding error.
 _ROUNDING = 1e-9
 _MOST_NAMES = 5  # largest number of campaigns or tests that a sentence names
-_MOST_JOINED = 3  # a sentence names at most this many campaigns as outside control limits
+_MOST_JOINED = 3  # largest number of campaigns outside control limits that a sentence names
 _MOST_LISTED_TESTS = 12  # largest number of tests to run that a sentence lists
 # Probabilities below this are stated as "< 0.001".
 _UNLIKELY = 5e-4
@@ -243,16 +243,16 @@ def _point_words(point: Sequence[float]) -> str:
 def _sentences(macro: str, *findings: Any) -> tuple[str, ...]:
     """Return the sentences that a macro in the file sentences.j2 makes from results.
 
-    ``macro`` is the name of the macro; ``findings`` are the arguments of the macro.
+    ``macro`` is the name of the macro; ``findings``, the arguments of the macro, are results.
     """
     module = _environment().get_template("sentences.j2").module
     return tuple(_lines(getattr(module, macro)(*findings)))
 
 
 def _sentence(macro: str, *findings: Any) -> str:
-    """Return the text of one line that a macro in the file sentences.j2 makes from results.
+    """Return one line with all sentences that a macro in the file sentences.j2 makes.
 
-    ``macro`` is the name of the macro; ``findings`` are the arguments of the macro.
+    ``macro`` is the name of the macro; ``findings``, the arguments of the macro, are results.
     """
     return " ".join(_sentences(macro, *findings))
 
@@ -535,7 +535,7 @@ def sensitive_words(names: Sequence[str]) -> str:
 
 
 def expectation(fit: Fit) -> str:
-    """Return a clause on whether the fitted model predicts readings like the measured ones."""
+    """Return a clause on whether the fitted model predicts readings like the measured readings."""
     return _sentence("expectation", fit)
 
 
@@ -994,7 +994,7 @@ def validation_verdict(validation: Validation) -> str:
 
 
 def workflow_sentences(workflow: Workflow) -> tuple[str, ...]:
-    """Return one sentence on each check of a Bayesian workflow, and a sentence as the verdict."""
+    """Return one sentence on each check of a Bayesian workflow, and one on the overall result."""
     return _sentences("workflow_sentences", workflow)
 
 
@@ -1154,7 +1154,7 @@ def goal_design_sentences(result: GoalDesign) -> tuple[str, ...]:
 def _holder_in_words(name: str) -> str:
     """Return the name of the source of variance that keeps a goal from being reached.
 
-    The name begins a sentence, and therefore with a capital letter.
+    The name has a capital first letter, because it begins a sentence.
     """
     words = _source_in_table(name)
     return words[:1].upper() + words[1:]

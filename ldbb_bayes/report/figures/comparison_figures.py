@@ -41,7 +41,8 @@ class _Assumption(NamedTuple):
     log_bayes_factor: float
     error: float
     #: log evidence for this assumption, minus the log evidence for the assumption that the models
-    #: make [nat]; None if the assumption is about the width of the slopes' prior
+    #: make [nat]; None if the assumption is about the prior of slopes (changes of compliance with
+    #: force)
     gain: float | None
     is_allowed: bool
 

@@ -39,7 +39,8 @@ WORDS: Mapping[str, str] = MappingProxyType(
 # pairs of parameters.
 _CORNER_PARAMETERS = (r"C_([XYZ])\1.", r"C_([ABC])\1.", r"E_([XYZ])\1\d", r"E_[ABC]0..")
 _MOST_IN_CORNER = 8
-# Largest number of parameters in a corner plot if no parameter matches ``_CORNER_PARAMETERS``.
+# Largest number of parameters in a corner plot if the posterior has none of the parameters that the
+# plot shows by default.
 _MOST_WITHOUT_PATTERN = 6
 _CURVE_DRAWS = 1500
 # Empty space between a band and the frame of its panel, as a share of the panel's height.
