@@ -10,8 +10,8 @@ from ldbb_bayes.results import Table
 
 __all__ = ["Banner", "Block", "Fields", "Items", "Pair", "PictureRow", "ReportSheet"]
 
-# A figure needs the full width of a certificate's sheet if its width is more than this times its
-# height.
+# A figure needs the full width of a certificate's sheet if its width is more than this value times
+# its height.
 _WIDE = 1.6
 
 
@@ -93,12 +93,13 @@ class Items:
 
 @dataclass(frozen=True, eq=False)
 class PictureRow:
-    """Figures of a certificate's sheet, which stand side by side if the first figure is not wide.
+    """Figures of a certificate's sheet, side by side or one below the other.
 
     Parameters
     ----------
     pictures
-        The figures from left to right.
+        The figures from left to right. If the first figure is much wider than high, the figures are
+        placed one below the other.
     """
 
     pictures: tuple[Picture, ...]

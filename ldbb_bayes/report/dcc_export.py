@@ -290,9 +290,10 @@ def _entries_of_plane(plane: PlaneStiffness) -> list[dict[str, Any]]:
 
 
 def _value_entry(name: str, shown: str, kind: str, value: StatedValue) -> dict[str, Any]:
-    """Return the dictionary for a stiffness, or for a ratio or difference of two quantities.
+    """Return what the certificate file states about a stiffness, a ratio or a difference.
 
-    The dictionary is empty if only a lower limit of the value is known.
+    A ratio is that of two stiffnesses, a difference that of two compliances. The dictionary is
+    empty if only a lower limit of the value is known.
     """
     if value.only_lower_limit:
         return {}
@@ -309,9 +310,10 @@ def _value_entry(name: str, shown: str, kind: str, value: StatedValue) -> dict[s
 
 
 def _direction_entry(name: str, shown: str, axis: str, direction: AxialDirection) -> dict[str, Any]:
-    """Return the dictionary for a direction in a plane, as an angle from the axis ``axis`` [°].
+    """Return what the certificate file states about a direction in a plane.
 
-    The dictionary is empty if the readings do not determine the direction.
+    The direction is stated as an angle from the axis ``axis`` [°]. The dictionary is empty if the
+    readings do not determine the direction.
     """
     if not direction.is_determined:
         return {}
@@ -328,10 +330,11 @@ def _direction_entry(name: str, shown: str, axis: str, direction: AxialDirection
 
 
 def _principal_entries(principal: PrincipalStiffness) -> list[dict[str, Any]]:
-    """Return the dictionaries for the principal stiffnesses in space.
+    """Return what the certificate file states about the principal stiffnesses in space.
 
-    The entry ``verdict`` of each dictionary describes the principal axis in words. Stiffnesses of
-    which only a lower limit is known are left out.
+    There is one dictionary for each principal stiffness. The entry ``verdict`` of each dictionary
+    describes the principal axis in words. Stiffnesses of which only a lower limit is known are left
+    out.
     """
     entries = []
     for k, axis in enumerate(principal.axes, start=1):

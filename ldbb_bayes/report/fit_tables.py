@@ -56,7 +56,7 @@ __all__ = [
 
 # λ of a circle is the factor by which the circle's random shift and unexplained deviations are
 # larger than those of the other circles. The table of a fit's parameters shows λ of a circle only
-# if the posterior median of λ is at least this.
+# if the posterior median of λ is at least this value.
 _ODD_CIRCLE = 2.5
 # Kinds of remarks on a campaign that are left out after a fit, because the sentences on the fit say
 # the same.
@@ -334,8 +334,9 @@ def change_table(changes: Mapping[str, Mapping[str, Any]]) -> Table:
 def change_parts(change: Mapping[str, Any]) -> tuple[Passage, ...]:
     """Return a table and a sentence on the change of one compliance with force.
 
-    The table has the compliance at three forces, and the change over the tested forces. The
-    sentence states whether the compliance increases or decreases.
+    The table has the compliance at the smallest force tested, at the reference force and at the
+    largest force tested, and the change over the tested forces. The sentence states whether the
+    compliance increases or decreases.
 
     Parameters
     ----------

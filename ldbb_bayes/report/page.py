@@ -186,7 +186,7 @@ def _in_language(document: Document, names: frozenset[str]) -> Document:
 
 
 def _ignore(done: int, total: int) -> None:
-    """Do nothing. The report calls this function if the user gives no function for progress.
+    """Do nothing. This function is used if the user gives no function that shows the progress.
 
     ``done`` is the number of finished steps, and ``total`` the number of all steps.
     """

@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 __all__ = ["Finding", "FindingKind", "best_step", "findings_of", "plain_words"]
 
 _MOST_FINDINGS = 3  # largest number of findings that sheet 1 names
-# Sheet 1 of the certificate names a finding if the probability of the finding is at least this.
+# Sheet 1 of the certificate names a finding if the probability of the finding is at least this
+# value.
 _LIKELY = 0.9
 _N_PER_UM_OF_N_PER_MM = 1e-3  # factor from N/mm to N/µm
 _LOAD_N = 100.0  # force for which the sentences state the deflection [N]

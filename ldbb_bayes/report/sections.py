@@ -86,7 +86,7 @@ def campaign(findings: Findings) -> Iterator[Part]:
 
 
 def results(findings: Findings) -> Iterator[Part]:
-    """Yield the section on the estimated parameters and on other effects in the model."""
+    """Yield the section on the estimated parameters and on other effects, such as ball form."""
     yield wording.model_words(findings.result["model"])
     yield wording.PAGE["results"].format(percent=wording.percent_of(findings.result))
     yield fit_tables.results_table(findings.result, findings.verdicts_of_fit, shares=False)

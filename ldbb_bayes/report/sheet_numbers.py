@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 __all__ = ["SheetNumbers", "remark"]
 
 # A remark states that a compliance increases with force if the probability of an increase is at
-# least this. The same limit applies to a decrease.
+# least this value. The same limit applies to a decrease.
 _SURE = 0.95
 # The sheets state only a lower limit of the stiffness 1 / C if the credible interval of the
 # compliance C begins below this share of the median of C.

@@ -1,4 +1,4 @@
-"""Texts on whether the certificate's numbers can be used, and on what the readings leave open."""
+"""Texts on whether the certificate's numbers can be used, and on what is not determined."""
 
 from __future__ import annotations
 

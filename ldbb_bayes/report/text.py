@@ -50,14 +50,14 @@ from ldbb_bayes.units import (
 
 __all__ = ["comparison_parts", "parts_of"]
 
-# A contribution to an uncertainty budget has a row if its share of the variance is at least this.
-# One further row states the sum of all smaller contributions.
+# A contribution to an uncertainty budget has a row if its share of the variance is at least this
+# value. One further row states the sum of all smaller contributions.
 _SMALL_SHARE = 0.005
 # The row with the sum of the small contributions is shown only if the sum has at least this share
 # of the variance.
 _NEGLIGIBLE_SHARE = 5e-4
 # A table of budgets names a source of uncertainty if its share of the parameter's variance is at
-# least this.
+# least this value.
 _LARGE_SHARE = 0.05
 # Largest number of sources of uncertainty that a table of budgets names for each parameter.
 _MOST_SOURCES = 3

@@ -177,7 +177,7 @@ _MOST_LISTED_TESTS = 12  # largest number of tests to run that a sentence lists
 # Probabilities below this are stated as "< 0.001".
 _UNLIKELY = 5e-4
 # A sentence states that two campaigns disagree about an error of their common instrument if the
-# p-value is below this.
+# p-value is below this value.
 _CONFLICT = 0.01
 # A table of certificates of the instrument names a parameter if the certificate would reduce the
 # parameter's standard uncertainty u to less than this share of the present u.

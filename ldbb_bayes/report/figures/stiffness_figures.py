@@ -31,22 +31,23 @@ from ldbb_bayes.units import display_unit
 
 __all__ = ["stiffness_rose"]
 
-# Largest ratio of the radius of a panel to the largest compliance on a curve. A band that reaches
-# farther is cut off, so that the wide band of a hardly determined compliance does not make the
-# curves too small.
+# Largest ratio of the radius of a polar panel to the largest compliance on a curve. A band that
+# reaches farther is cut off, so that the wide band of a hardly determined compliance does not make
+# the curves too small.
 _FARTHEST = 1.6
 # Angle at which the labels of the rings are written [°]. Few lines cross at this angle.
 _LABEL_ANGLE_DEG = 67.5
 # Background of a ring's label. It hides curves that would make the label hard to read.
 _LABEL_GROUND = {"facecolor": "white", "alpha": 0.85, "edgecolor": "none", "pad": 0.6}
-# First the height of a figure with one rose [inch]; then the height of each row of a figure with
-# two or three roses [inch].
+# First the height of a figure with one polar panel [inch]; then the height of each row of a figure
+# with two or three polar panels [inch].
 _HEIGHT = 3.0
 _ROW_HEIGHTS = {2: 3.2, 3: 2.5}
 # Width and height of a compact figure of one plane [inch]. A sheet of the certificate shows this
 # figure beside another figure.
 _COMPACT_SIZE = (3.4, 3.7)
-# Relative widths of the panel with the rose and of the panel with the curves at its right.
+# Relative widths of the polar panel and of the panel at its right, which shows the same curves
+# against the angle.
 _WIDTHS = (1.0, 1.7)
 _RINGS = 4  # largest number of rings
 _TICKS_DEG = np.arange(0, 361, 45)
@@ -125,7 +126,8 @@ def _rose_alone(roses: Sequence[PlaneStiffness], words: Mapping[str, str], title
 def _rose_with_curves(roses: Sequence[PlaneStiffness], words: Mapping[str, str]) -> Figure:
     """Return a figure of one plane with two panels.
 
-    The left panel is the rose; the right panel shows the same curves against the angle.
+    The left panel shows the compliance along the bar as polar curves; the right panel shows the
+    same curves against the angle.
     """
     figure = new_figure(WIDTH, _HEIGHT)
     grid = figure.add_gridspec(1, 2, width_ratios=_WIDTHS)
@@ -225,7 +227,7 @@ def _draw_curves(
 
 
 def _farthest_ring(roses: Sequence[PlaneStiffness]) -> float:
-    """Return the compliance at the rim of a rose's polar panel [mm/N]."""
+    """Return the compliance at the rim of the polar panel [mm/N]."""
     largest = max(rose.compliance.max() for rose in roses)
     reach = max(largest, roses[-1].compliance_high.max())
     limit = min(_FARTHEST * largest, 1.05 * reach)

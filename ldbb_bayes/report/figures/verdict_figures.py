@@ -25,10 +25,10 @@ from ldbb_bayes.units import display_name, display_unit, round_uncertainty
 __all__ = ["budget_bars", "prior_and_posterior"]
 
 # A source of uncertainty is not drawn if, for every parameter, its share of the variance is below
-# this [%].
+# this value [%].
 _SMALLEST_SHARE = 0.5
 # The name of a source of uncertainty is written on a bar if the length of the bar [% of the
-# variance], divided by the number of letters of the name, is more than this.
+# variance], divided by the number of letters of the name, is more than this value.
 _SHARE_PER_LETTER = 1.75
 # Weights of red, green and blue in the brightness of a colour.
 _LUMINANCE = (0.2126, 0.7152, 0.0722)
