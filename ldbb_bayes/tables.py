@@ -74,7 +74,7 @@ _ROUNDED_LIKE_U = frozenset(
 # Names of columns that hold a standard uncertainty.
 _STANDARD_UNCERTAINTIES = ("sd", "u")
 # Names of columns with an estimate and its uncertainty. If a table is too wide, cells of some
-# columns are moved to lines beneath their rows; these columns are moved last.
+# columns are moved to lines beneath their rows; cells of the columns named here are moved last.
 _ESTIMATE = frozenset(("mean", "sd", "ci_low", "ci_high", "difference"))
 # Names of columns whose texts can name the rows of a data frame. If the rows are only numbered, the
 # first column in this list that exists in the data frame is used, and its texts are displayed as
@@ -325,8 +325,8 @@ class _TextLayout:
     def _entries(self, row: Sequence[str], columns: Iterable[int]) -> str:
         """Return the cells of a row in the given columns as text, each with the head of its column.
 
-        An example is "noise 0.12 µm; verdict: identified". ``columns`` are indices of columns.
-        Empty cells are left out.
+        An example is "noise 0.12 µm; direction: CW". ``columns`` are indices of columns. Empty
+        cells are left out.
         """
         entries = []
         for column in columns:

@@ -58,7 +58,8 @@ __all__ = [
 # Type of the field for the order in which the tests of a campaign were run. The text "random"
 # states that this order was drawn at random.
 Order = Literal["random"]
-# Names of those fields of a campaign that hold names and dates. No result depends on their values.
+# Names of those fields of `Campaign` that hold names and dates. No result depends on the values of
+# these fields.
 LABELS = (
     "machine_id",
     "date",
@@ -98,8 +99,8 @@ _DIGESTED_UNLESS_USUAL = {
 def _as_tuple(tests: Any) -> Any:
     """Return an iterable of tests as a tuple.
 
-    Texts, mappings and objects that are not iterable are returned unchanged. The validation that
-    follows refuses them.
+    Texts, mappings and objects that are not iterable are returned unchanged; the later validation
+    refuses these arguments.
     """
     if isinstance(tests, str | bytes | Mapping):
         return tests
@@ -118,7 +119,7 @@ Tests = Annotated[Sequence[CircularTest], BeforeValidator(_as_tuple)]
 class CampaignFields(Shown):
     """Fields of a campaign that describe machine, instrument and conditions, but not the tests.
 
-    The user's script or the file ``campaign.toml`` states their values.
+    The user's script or the file ``campaign.toml`` states the values of these fields.
     """
 
     #: machine axes in order from workpiece to tool, such as wCAFYXZSt: w is the workpiece, F the
@@ -362,8 +363,8 @@ class Campaign(CampaignFields):
         The conditions are the fields of each test, and the fields topology, frames_mm, mount,
         resolution_um, order and drift of the campaign. The digest also depends on the names and the
         sequence of the tests, and on the foreseen tests. It does not depend on the format of the
-        files. Certificates and the pilot do not change the digest, because they are prior
-        knowledge.
+        files. It does not depend on certificates or on the pilot (the campaign from which a plan
+        was designed), because certificates and pilot are prior knowledge.
         """
         digest = hashlib.sha256()
         head: list[Any] = [

@@ -1,4 +1,4 @@
-"""Reading of campaign.toml, and of the CSV files and calibration certificates that it names."""
+"""Reading of campaign.toml, and of CSV files and calibration certificates named in this file."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class _TestFile(_PlannedTest):
     file: str | None = None
 
 
-# The classes _Balls, _Bar, _Mount, _Force and _Angle are the tables of campaign.toml that hold
+# The classes _Balls, _Bar, _Mount, _Force and _Angle describe the tables of campaign.toml that hold
 # certified values. The key U_um of the table [bar] becomes the field bar_U_um of `Instrument`; the
 # names of the other fields are formed in the same way.
 @dataclass(frozen=True, config=_STRICT)
@@ -97,9 +97,10 @@ class _CampaignFile(CampaignFields):
 
 
 class CampaignContent(NamedTuple):
-    """Content of campaign.toml: the tests, and the values of all other fields of the campaign.
+    """Content of campaign.toml: the tests, and the values of all other fields of `Campaign`.
 
-    Foreseen tests are among the other fields.
+    Foreseen tests, which are planned tests that may be run later, are the value of one of the other
+    fields.
     """
 
     tests: tuple[CircularTest, ...]
@@ -107,7 +108,7 @@ class CampaignContent(NamedTuple):
 
 
 def read_campaign_toml(path: Path) -> CampaignContent:
-    """Return the tests and the other fields of the campaign that a campaign.toml describes.
+    """Return the content of a campaign.toml: tests, and values of the other fields of `Campaign`.
 
     The CSV files and calibration certificates that campaign.toml names are also read. Raise an
     `InputError` for a mistake in a file; the message names the file.
@@ -165,7 +166,7 @@ def _pilot_of(path: Path, file: _CampaignFile) -> Campaign | None:
 
 
 def _fill_from_certificates(path: Path, content: dict[str, Any]) -> None:
-    """In each table, replace the key ``dcc`` with the values that a certificate states.
+    """In each table of campaign.toml, replace the key ``dcc`` with the values of a certificate.
 
     The value of the key is the name of the certificate's file, a digital calibration certificate
     (DCC). ``content`` is the content of the campaign.toml at ``path`` and is changed in place.
@@ -235,8 +236,9 @@ def _read_test(toml: Path, number: int, entry: _TestFile) -> CircularTest:
     """Return the test that one table [[test]] of campaign.toml describes.
 
     If the table names a file, the readings are read from this file. If not, the test is a planned
-    test. ``toml`` is the path of campaign.toml, ``number`` the number of the table, counted from 1,
-    for error messages, and ``entry`` the validated content of the table.
+    test. ``toml`` is the path of campaign.toml, and ``entry`` the validated content of the table.
+    ``number`` is 1 for the first table [[test]], 2 for the second, and so on; error messages state
+    this number.
     """
     if entry.file is None:
         return _planned_test(f"{toml}, test {number}", entry)

@@ -100,8 +100,8 @@ def _add_certificates(tables: dict[str, Any], instrument: Instrument) -> None:
 def _test_table(campaign: Campaign, test: CircularTest) -> dict[str, Any]:
     """Return the table [[test]] or [[foreseen]] of campaign.toml for one test of a campaign.
 
-    A field is left out if the reading of the file fills in its value, for example because the value
-    is the campaign's radius.
+    A field is left out if its value is filled in when the file is read again. An example is the
+    radius of a test that has the radius of the campaign.
     """
     usual = {
         "radius_mm": campaign.radius_mm,
@@ -125,7 +125,7 @@ def _test_table(campaign: Campaign, test: CircularTest) -> dict[str, Any]:
 
 
 def _planned_angles_table(test: CircularTest) -> dict[str, Any]:
-    """Return the number, the first angle and the arc of a planned test's angles.
+    """Return the number of a planned test's angles, the first angle and the arc.
 
     The result is a dictionary with the keys of campaign.toml. Raise an `InputError` if the
     angles are not evenly spaced within one turn.

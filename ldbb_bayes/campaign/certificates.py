@@ -203,10 +203,10 @@ class CalibrationCertificate(Shown):
 
         In order of preference, this is an error of indication, a deviation from the nominal length,
         or a length that is stated together with its nominal value. ``lengths`` holds lists of
-        quantities in units of length; the keys are their roles, such as ``deviation``. If there are
-        several such quantities, the quantity of a bar of the nominal length ``length_mm`` is
-        returned. Raise an `InputError` if there is no such quantity, or if several are left after
-        this choice.
+        quantities in units of length; the keys state what the quantities are, such as
+        ``deviation``. If several quantities state an error, the quantity of a bar of the nominal
+        length ``length_mm`` is returned. Raise an `InputError` if no quantity states an error, or
+        if several quantities are left after this choice.
         """
         candidates = lengths.get("indication") or lengths.get("deviation") or []
         if not candidates and "nominal" in lengths:
@@ -359,8 +359,9 @@ def _error_of_length(
 
     U is the expanded uncertainty of this amount. ``quantity`` is the certified quantity that states
     the error of the bar's length. ``lengths`` holds lists of all quantities in units of length; the
-    keys are their roles, such as ``nominal``. Raise an `InputError` if ``quantity`` has no
-    uncertainty, or if it is a length and several nominal lengths could belong to it.
+    keys state what the quantities are, such as ``nominal``. Raise an `InputError` if ``quantity``
+    has no uncertainty. Also raise an `InputError` if ``quantity`` is an actual length, and the
+    nominal length from which it must be subtracted is not unique.
     """
     value, U = quantity.numbers(_METRES_PER_MICROMETRE)
     if not U:
@@ -382,9 +383,10 @@ def _is_of_length(
 ) -> bool:
     """Return whether a certified quantity belongs to a bar of the nominal length ``length_mm``.
 
-    It does if the length stands in the name of the quantity or of an XML element that contains the
-    quantity, as in ``Bar 100 mm``. It also does if one of ``nominals``, the certified nominal
-    lengths, equals ``length_mm`` and stands in the same element as the quantity.
+    The quantity belongs to such a bar if the length stands in the name of the quantity or of an XML
+    element that contains the quantity, as in ``Bar 100 mm``. It also belongs to such a bar if one
+    of ``nominals``, the certified nominal lengths, equals ``length_mm`` and stands in the same
+    element as the quantity.
     """
     texts = " ".join((*quantity.holders, quantity.name))
     for match in _LENGTH_IN_NAME.finditer(texts):
@@ -404,10 +406,11 @@ def _is_close(length_mm: float, nominal_mm: float) -> bool:
 def _several_errors(
     candidates: Sequence[CertifiedQuantity], lengths: Mapping[str, list[CertifiedQuantity]]
 ) -> InputError:
-    """Return the error for a certificate that states several errors of a bar's length.
+    """Return the `InputError` for a certificate that states several errors of a bar's length.
 
-    For each error, the message states a name that distinguishes it from the other errors, and the
-    two numbers that the user may give instead of the certificate.
+    For each of these errors of the length, the message states a name that distinguishes it from the
+    other errors of the length. It also states the two numbers that the user may give instead of the
+    certificate.
     """
     texts = []
     for quantity in candidates[:_QUANTITIES_LISTED]:
@@ -422,7 +425,7 @@ def _several_errors(
 
 
 def _name_apart(quantity: CertifiedQuantity, others: Sequence[CertifiedQuantity]) -> str:
-    """Return a text that distinguishes a certified quantity from ``others``.
+    """Return a text that distinguishes a certified quantity from the quantities ``others``.
 
     The text consists of the names of the XML elements that contain the quantity and of the quantity
     itself. Names that all of ``others`` have too are left out. If no name is left, return the
@@ -453,7 +456,8 @@ def _title_with_holder(quantity: CertifiedQuantity) -> str:
 def _largest(quantities: Sequence[CertifiedQuantity]) -> CertifiedQuantity | None:
     """Return the quantity with the largest absolute value.
 
-    Of several equally large quantities, return the last one. Return None if there are none.
+    Of several equally large quantities, return the last one. Return None if ``quantities`` is
+    empty.
     """
     if not quantities:
         return None

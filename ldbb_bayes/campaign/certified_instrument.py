@@ -140,8 +140,8 @@ class Instrument(Shown):
     force_linearity_percent: Percent | None = None
     #: random error of the force in each test, as one standard deviation [N]
     force_random_N: Certified | None = None
-    #: expanded uncertainty (k = 2) [deg] of two errors: the error of the zero from which angles are
-    #: measured, and the angle by which the readings lag behind
+    #: expanded uncertainty (k = 2) [deg] of two errors of the angle: the error of the zero from
+    #: which angles are measured, and the lag of the recorded readings behind the angle of the bar
     angle_U_deg: CertifiedAngle | None = None
     #: name of the bar's calibration certificate; no number depends on it
     bar_certificate: Label | None = None

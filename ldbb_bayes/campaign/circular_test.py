@@ -74,7 +74,7 @@ class TestFields(Shown):
     #: name of the test, made of characters that are permitted in the name of a file
     name: FileName | None = None
     force_N: Force | None = None  #: radial force of the bar during the test, above zero [N]
-    #: pressure of the regulator during the test, which produces the force [bar]
+    #: pressure of the regulator during the test [bar]; this pressure produces the force
     pressure_bar: Pressure | None = None
     #: direction of travel along the circle: clockwise (CW) or counterclockwise (CCW)
     direction: Direction | None = None

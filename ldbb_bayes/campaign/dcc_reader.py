@@ -107,9 +107,9 @@ def _quantities_in(
 ) -> Iterator[CertifiedQuantity]:
     """Yield all certified quantities inside an XML element of a certificate.
 
-    ``holder`` is the element. ``holders`` are its name and refType attribute and those of the
-    elements that contain it, outermost first. Each quantity stores the names and refType attributes
-    of all elements that contain the quantity.
+    ``holder`` is the element. ``holders`` are the names and refType attributes of this element and
+    of all elements that contain this element, outermost first. Each quantity stores the names and
+    refType attributes of all elements that contain the quantity.
     """
     for element in holder:
         name = _name_of(element)

@@ -402,8 +402,9 @@ def _path(
 
     The scatter is the standard deviation [µm] of all readings except spikes, which are readings far
     from the series. If the test goes once round the circle (``closes``), a drift linear in the
-    angle is fitted too; it shows the jump between last and first reading. Remarks on this jump and
-    on spikes are added to ``remarks``. ``resolution_um`` is the resolution of the readout [µm].
+    angle is fitted too; this drift shows the jump between last and first reading. Remarks on this
+    jump and on spikes are added to ``remarks``. ``resolution_um`` is the resolution of the readout
+    [µm].
     """
     turns = np.exp(1j * np.outer(test.angles_rad(), np.arange(_ORDER + 1)))
     reading = np.asarray(test.reading_um)
@@ -567,7 +568,7 @@ def _assumptions(campaign: Campaign) -> tuple[Remark, ...]:
 
 
 def _remark_on_drift(campaign: Campaign, remarks: _Remarks) -> None:
-    """Add a remark on the times from which a fit will compute the drift of bar and centre."""
+    """Add a remark on the times from which a fit will compute the drift of bar and circle."""
     number = len(campaign.tests)
     times_s = [test.time_s for test in campaign.tests if test.time_s is not None]
     span_min = None

@@ -1,4 +1,4 @@
-"""Sources of the times at which the tests of a campaign were run: stated times, or an order."""
+"""Sources of the times at which tests were run: stated start times, or the order of the tests."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SECONDS_PER_TEST = 360.0
 class TimeSource(StrEnum):
     """Source of the times at which tests were run.
 
-    The drift in each test is computed from these times.
+    The drift of the bar's length and of the circle's centre is computed from these times.
     """
 
     TIMES = "times"  #: the start time (``time_s``) that every test states
@@ -27,11 +27,12 @@ class TimeSource(StrEnum):
 
 
 def time_source(campaign: Campaign) -> TimeSource:
-    """Return the source of the times of a campaign's tests, from which a drift is computed.
+    """Return the source of the times at which a campaign's tests were run.
 
-    If the campaign states that nothing drifted, no times are needed. If all tests state their start
-    times, these times are used. If not, it is assumed that the tests were run in the order in which
-    they are listed, unless the campaign states that the order was random.
+    The drift of the bar's length and of the circle's centre is computed from these times. If the
+    campaign states that nothing drifted, no times are needed. If all tests state their start times,
+    these times are used. If not, it is assumed that the tests were run in the order in which they
+    are listed, unless the campaign states that the order was random.
     """
     if not campaign.drift:
         return TimeSource.NO_DRIFT

@@ -123,8 +123,8 @@ def app_(
     runs until Ctrl-C. It needs libraries that the extra "app" of this package installs.
     """
     try:
-        # The import is here and not at the top of the file, because the libraries that the page
-        # needs are optional.
+        # The import is here and not at the top of the file, because the libraries that the browser
+        # page needs are optional.
         from ldbb_bayes.app.server import serve
     except ModuleNotFoundError as error:
         raise InputError(

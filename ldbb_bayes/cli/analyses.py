@@ -48,8 +48,8 @@ def identify(
     The campaign may be a plan (without readings), so that this can be found before the experiment.
     Tables of readings are read in the same way as by the command ``report``.
     """
-    # The import is here and not at the top of the file, because these modules take a long time to
-    # load.
+    # The import is here and not at the top of the file, because the imported modules take a long
+    # time to load.
     from ldbb_bayes.report import identifiability_text, screens
 
     output.check(
@@ -94,8 +94,8 @@ def identify(
 
 def _assumptions_of(source: SourceCampaign) -> tuple[Passage, ...]:
     """Return sentences that state what was assumed when tables were imported."""
-    # The import is here and not at the top of the file, because this module takes a long time to
-    # load.
+    # The import is here and not at the top of the file, because the imported module takes a long
+    # time to load.
     from ldbb_bayes.cli.sources import import_parts
 
     return import_parts(source)
@@ -179,7 +179,10 @@ def _read_directions(entry: str, flag: str) -> tuple[str, ...]:
 
 
 def _read_prices(entry: str, flag: str) -> dict[str, float]:
-    """Return the prices in a text such as ``balls G10=300,bar=150``; keys name the certificates."""
+    """Return the prices of certificates that a text states, such as ``balls G10=300,bar=150``.
+
+    The keys of the result are the names of the certificates.
+    """
     prices = {}
     for name, text in pairs_in(names_in(entry), flag, "NAME=PRICE").items():
         prices[name.strip()] = numbers_in(text, flag)[0]
@@ -233,8 +236,8 @@ def design(
             f"--{name.replace('_', '-')} must go with --goal, got none. Give for example --goal"
             " C_XXX=5%.",
         )
-    # The import is here and not at the top of the file, because the module loads SciPy, which takes
-    # a long time.
+    # The import is here and not at the top of the file, because the imported module loads SciPy,
+    # which takes a long time.
     from ldbb_bayes.model.specification import model_to_toml
 
     output.check(
@@ -283,8 +286,8 @@ def _design_for_goals(
     ``settings`` are the options of the command ``design``, which include the goals; the keys are
     their names. The campaign is written as a plan. Exit with code 1 if a goal is not reached.
     """
-    # The import is here and not at the top of the file, because the modules load SciPy, which takes
-    # a long time.
+    # The import is here and not at the top of the file, because the imported modules load SciPy,
+    # which takes a long time.
     from ldbb_bayes.analysis.design import Costs
     from ldbb_bayes.model.specification import model_to_toml
 

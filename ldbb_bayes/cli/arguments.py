@@ -103,8 +103,8 @@ def readings_from(files: list[Path], **options: Any) -> SourceCampaign:
     InputError
         If the files cannot be read, or options and files contradict each other.
     """
-    # The import is here and not at the top of the file, because these modules take a long time
-    # to load.
+    # The import is here and not at the top of the file, because the imported modules take a long
+    # time to load.
     from ldbb_bayes.cli.sources import ReportSource
     from ldbb_bayes.reading.file_patterns import matching
 
@@ -281,7 +281,7 @@ def _layout(layout: Path | None = None, **options: Any) -> lb.reading.Layout:
 
 
 def _model_options() -> dict[str, Option]:
-    """Return the options that describe a model; the help of ``--without`` lists all terms."""
+    """Return the options that describe a model; ``--without`` lists all terms of models."""
     options = options_of("model")
     terms = [kind.key() for kind in Term.kinds.values()]
     without = options["without"]
@@ -396,8 +396,8 @@ JSON = _SHARED["json"]
 QUIET = _SHARED["quiet"]
 PRIOR_FROM = _SHARED["prior_from"]
 
-# Types of arguments are written as texts. The classes are then not imported, so that the help of a
-# command appears sooner.
+# Types of arguments are written as texts. The classes that are the types are then not imported, and
+# the help of a command appears sooner.
 CampaignArgument = Annotated[
     Path,
     typer.Argument(help="A campaign folder, a campaign.toml or a tidy CSV.", metavar="CAMPAIGN"),

@@ -82,8 +82,8 @@ def machine(
     c = cos θ and s = sin θ, where θ is the angle of the bar from the first axis of the plane, and
     with lengths in mm.
     """
-    # The import is here and not at the top of the file, because this module takes a long time to
-    # load.
+    # The import is here and not at the top of the file, because the imported module takes a long
+    # time to load.
     from ldbb_bayes.report import machine_text
 
     chain = lb.Machine(topology, settings["plane"], settings.get("frames_mm", {}))

@@ -1,6 +1,7 @@
 """Commands ``import``, ``check`` and ``simulate`` of ``ldbb-bayes``, which make no fit.
 
-They read, examine and simulate campaigns, which are sets of circular tests of one machine.
+These commands read, examine and simulate campaigns. A campaign is a set of circular tests of one
+machine.
 """
 
 from __future__ import annotations
@@ -51,8 +52,8 @@ def import_(
     assumed value instead. At a terminal the user is asked for information that the tables do not
     give, such as which of two units readings are in.
     """
-    # The import is here and not at the top of the file, because only this command needs these
-    # modules.
+    # The import is here and not at the top of the file, because only this command needs the
+    # imported modules.
     from ldbb_bayes.cli.questions import can_ask, import_with_answers
     from ldbb_bayes.reading.importing import Imported
     from ldbb_bayes.reading.layout import layout_to_toml
@@ -90,7 +91,7 @@ def _size(campaign: lb.Campaign) -> str:
 @command
 def check(campaign: arguments.GivenCampaign, as_json: Annotated[bool, arguments.JSON]) -> None:
     """Show what is in a campaign, what looks odd, and what a fit will assume. Fits nothing."""
-    planes_run_both_ways(campaign)  # refuses directions that only some tests state, as a fit does
+    planes_run_both_ways(campaign)  # A fit, too, refuses directions that only some tests state.
     preview = lb.check_campaign(campaign)
     uncertainties = lb.terms.uncertainties(campaign)
     record = lb.report.with_words(preview) | {
@@ -121,8 +122,8 @@ def simulate(
     True values of parameters and noise are drawn at random from the priors unless a TOML file
     states them.
     """
-    # The import is here and not at the top of the file, because the module loads SciPy, which takes
-    # a long time.
+    # The import is here and not at the top of the file, because the imported module loads SciPy,
+    # which takes a long time.
     from ldbb_bayes.model.specification import Truths, is_truths, read_truths
 
     if is_truths(source):

@@ -58,7 +58,8 @@ class WrittenReport(NamedTuple):
 class _Analyses:
     """Results that a report shows in addition to the fit.
 
-    If the comparison or the design cannot be computed, a text with the reason is stored instead.
+    If the comparison of models, or the design (choice of the next tests), cannot be computed, a
+    text with the reason is stored instead.
     """
 
     #: Comparison of constant with linear compliance.
@@ -126,8 +127,8 @@ def report_files(
         stated_result = fit_tables.full_result(stated_posterior, settings["prob"])
         if campaign.tolerances:
             # The summaries of the fit and of the averaged posterior contain the same decisions on
-            # conformity. The decisions are made with the averaged posterior, if there is one, and
-            # at the force that the report states.
+            # conformity. The decisions are made at the force that the report states, with the
+            # averaged posterior or, if there is no averaged posterior, with the fit.
             decisions = lb.assess_conformity(stated_posterior, force_N=settings.get("force_N"))
             conformity = {name: decision.as_dict() for name, decision in decisions.items()}
             fit_result["conformity"] = conformity
@@ -239,7 +240,8 @@ def _analyse(
 
     begin_step("average")
     averaged = _average_or_none(models, evidences, seed)
-    # The design is shown on the page, in files and at the terminal, but computed only once.
+    # The design (choice of the next tests) is shown on the page, in files and at the terminal, but
+    # is computed only once.
     return fit, _Analyses(comparison, averaged, cache(design))
 
 
@@ -252,9 +254,9 @@ def _analyse_for_sheets(
 ) -> tuple[xr.DataTree, _Analyses]:
     """Return a fit of compliance linear in force, and an average over two models.
 
-    The models have constant and linear compliance. The parameters are those of `_analyse`. Models
-    are not compared and no tests are chosen, because these results are shown only in the report's
-    annex, which is not made.
+    The models have constant and linear compliance. The arguments are the same as those of
+    `_analyse`. Models are not compared and no tests are chosen, because these results are shown
+    only in the report's annex, which is not made.
     """
     seed = settings["seed"]
     begin_step("fit")
@@ -311,7 +313,10 @@ def _write_beside_page(
     imported: lb.reading.Imported | None,
     analyses: _Analyses,
 ) -> None:
-    """Write the files of a report except its page: fit, average, campaign, comparison and design.
+    """Write all files of a report except its page.
+
+    The files hold the posterior of the fit, the posterior averaged over two models, the campaign,
+    the comparison of the models, and the design (choice of the next tests).
 
     Parameters
     ----------

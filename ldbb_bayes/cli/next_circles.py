@@ -34,8 +34,8 @@ def next_(
     circle is written as a plan, with a sheet for the operator. Evidence and intervals stay valid
     however often the command is run.
     """
-    # The import is here and not at the top of the file, because this module takes a long time to
-    # load.
+    # The import is here and not at the top of the file, because the imported module takes a long
+    # time to load.
     from ldbb_bayes.report import next_circle_text, operator_sheet
 
     output.check("campaign.toml", "next.json", operator_sheet.NAME, *pilot_of_plan(output.out))
@@ -63,8 +63,8 @@ def next_(
 
 def _assumptions_of(source: SourceCampaign) -> tuple[Any, ...]:
     """Return sentences that state what was assumed when tables were imported."""
-    # The import is here and not at the top of the file, because this module takes a long time to
-    # load.
+    # The import is here and not at the top of the file, because the imported module takes a long
+    # time to load.
     from ldbb_bayes.cli.sources import import_parts
 
     return import_parts(source)

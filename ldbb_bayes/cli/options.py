@@ -298,8 +298,8 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
             function(**arguments, **typed)
             sys.stdout.flush()
         except BrokenPipeError:
-            # The program that reads stdout has closed it. Output that is flushed at exit is
-            # discarded.
+            # The program that reads stdout has closed stdout. Output that is flushed at exit is
+            # therefore discarded.
             sys.stdout = open(os.devnull, "w")  # noqa: SIM115, it stays open to the end
         except (OSError, ArithmeticError, ValueError) as error:
             reason = plain_reason(error)

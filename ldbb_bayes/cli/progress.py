@@ -35,8 +35,8 @@ def _progress_bar(
     """Show a progress bar on stderr, and yield the function that updates the bar.
 
     Yield None if no bar is shown, because ``quiet`` is true or stderr is not a terminal.
-    ``state_of`` converts the arguments of an update to the completed share and a text; ``title`` is
-    shown in front of the bar.
+    ``state_of`` is a function. It converts the arguments with which the bar is updated to the
+    completed share and a text beside the bar. ``title`` is shown in front of the bar.
     """
     if quiet or not sys.stderr.isatty():
         yield None

@@ -98,7 +98,7 @@ def numbers_in(text: str, flag: str, separator: str = ",") -> tuple[float, ...]:
 
 
 def points_in(entries: Iterable[str], flag: str) -> list[tuple[float, ...]]:
-    """Return the points in the texts X,Y,Z of an option that the user may type several times.
+    """Return the points whose coordinates X,Y,Z are stated in the texts of a repeatable option.
 
     Parameters
     ----------

@@ -42,7 +42,8 @@ def check_target(target: Path, *, force: bool, ours: Collection[str] = ()) -> No
     _require_elsewhere(target)
     folder = target
     if target.is_symlink():
-        # The temporary folder must be beside the folder to which the link points.
+        # If the target is a link, the temporary folder must be beside the folder to which the link
+        # points.
         folder = target.resolve()
     with refuse_unwritable(target):
         is_file = False

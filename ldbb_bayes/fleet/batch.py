@@ -72,8 +72,8 @@ class Batch(Result):
     #: ``campaign``) and the reason (key ``reason``); at most 10 000 campaigns
     failed: tuple[dict[str, str], ...]
     #: one dictionary for each campaign whose fit is doubtful or whose sampler did not converge,
-    #: with its file path (key ``campaign``) and the verdict (key ``verdict``); at most 10 000
-    #: campaigns
+    #: with its file path (key ``campaign``) and a sentence that says how far the fit can be trusted
+    #: (key ``verdict``); at most 10 000 campaigns
     doubts: tuple[dict[str, str], ...]
     #: number of campaigns that this run of the batch tried to fit; earlier runs tried the remaining
     #: campaigns
@@ -336,11 +336,11 @@ def _saved_rows(journal: sqlite3.Connection) -> Iterator[dict[str, Any]]:
 
 
 def _count_by_state(journal: sqlite3.Connection) -> dict[str, int]:
-    """Return how many campaigns of a batch have each state, such as "doubtful".
+    """Return the number of campaigns of a batch for each state of a fit, such as "doubtful".
 
-    The keys of the result are the states, which say how far the fit of a campaign can be trusted. A
-    campaign that could not be fitted is counted under the key "failed". ``journal`` is the database
-    with the rows of the batch.
+    The state says how far the fit of a campaign can be trusted. The keys of the result are the
+    states. A campaign that could not be fitted is counted under the key "failed". ``journal`` is
+    the database with the rows of the batch.
     """
     query = "SELECT coalesce(state, status), count(*) FROM campaigns GROUP BY 1"
     return dict(journal.execute(query).fetchall())
@@ -349,12 +349,13 @@ def _count_by_state(journal: sqlite3.Connection) -> dict[str, int]:
 def _named_campaigns(
     journal: sqlite3.Connection, column: str, states: Sequence[str]
 ) -> tuple[dict[str, str], ...]:
-    """Return the file path and one further value of each campaign whose fit has a given state.
+    """Return one dictionary for each campaign whose fit has one of the given states.
 
-    ``states`` are the states to look for, such as "doubtful"; "failed" stands for campaigns that
-    could not be fitted. The further value is that in ``column``, a column of the batch's table such
-    as ``verdict``. ``journal`` is the database with the rows of the batch. At most 10 000 campaigns
-    are returned.
+    ``states`` are the given states, such as "doubtful"; "failed" stands for campaigns that could
+    not be fitted. A dictionary holds the file path of the campaign (key ``campaign``) and the
+    campaign's value in one column of the batch's table. The name of this column, such as
+    ``reason``, is ``column`` and is also the key of the value. ``journal`` is the database with the
+    rows of the batch. At most 10 000 dictionaries are returned.
     """
     marks = ", ".join("?" * len(states))
     query = (

@@ -167,7 +167,7 @@ def _settings_columns(settings: Settings, job: Job) -> dict[str, Any]:
 
 
 def _origin_columns(campaign: Campaign) -> dict[str, Any]:
-    """Return the columns of a campaign's row that describe it: machine, date, tests, forces.
+    """Return the columns of a row that describe the campaign: machine, date, tests, forces.
 
     The keys of the result are the names of the columns in the table of a batch.
     """

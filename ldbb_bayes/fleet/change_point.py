@@ -43,9 +43,9 @@ __all__ = [
 ]
 
 # The scatter r is the standard deviation of a machine's parameters from campaign to campaign. It is
-# integrated out as a sum over nodes (values of r). The constants are the lowest and the highest
-# node, in units of the scale of the prior of r (repeatability), and the step of ln r between nodes.
-# The prior density beyond the highest node is negligible.
+# integrated out as a sum over nodes (values of r). ``_LOWEST_RATIO`` and ``_HIGHEST_RATIO`` are the
+# lowest and the highest node divided by the scale of the prior of r. ``_LOG_STEP`` is the step of
+# ln r between nodes. The prior density beyond the highest node is negligible.
 _LOWEST_RATIO = 0.03
 _HIGHEST_RATIO = 8.0
 _LOG_STEP = 0.12

@@ -24,8 +24,9 @@ __all__ = ["draw_control_chart"]
 _VISIBLE_PROBABILITY = 0.05
 # Largest number of campaigns whose dates label the horizontal axis of a control chart.
 _LABELLED_CAMPAIGNS = 6
-# Layout of a control chart: largest number of panels side by side, height of a panel [inch], and
-# height of the part of the figure without panels [inch].
+# Layout of a control chart. ``_COLUMNS`` is the largest number of panels side by side,
+# ``_PANEL_HEIGHT`` the height of a panel [inch], and ``_MARGIN`` the height of the part of the
+# figure without panels [inch].
 _COLUMNS = 2
 _PANEL_HEIGHT = 2.0
 _MARGIN = 0.9
@@ -99,10 +100,10 @@ class _PanelData(NamedTuple):
 
     @property
     def edges(self) -> Array:
-        """Borders between the n campaigns on the panel's horizontal axis, shape (n + 1,).
+        """Positions on the panel's horizontal axis that separate the n campaigns, shape (n + 1,).
 
-        The borders are midway between campaigns; the first and the last are at the ends of the
-        axis.
+        The positions are midway between neighbouring campaigns. The first and the last position are
+        the ends of the axis.
         """
         return np.append(self.place - 0.5, self.place[-1] + 0.5)
 

@@ -60,13 +60,14 @@ def chart_points(
     *,
     limits: float = LIMITS,
 ) -> ChartPoints:
-    """Return the points of a control chart, and for each point limits from the earlier campaigns.
+    """Return the points of a control chart, and the limits of each point.
 
-    A point is the estimate of a parameter from one campaign alone. Its limits are the ends of the
-    interval in which the point should lie according to the earlier campaigns. The machine's scatter
-    is the standard deviation of its parameters from campaign to campaign. In the shapes of arrays,
-    n is the number of campaigns, q that of parameters and instrument errors, s that of instrument
-    errors, and r that of values of the scatter. All values are in units of the prior sd.
+    A point is the estimate of a parameter from one campaign alone. Its limits are computed from the
+    earlier campaigns: they are the ends of the interval in which the point should lie. The
+    machine's scatter is the standard deviation of its parameters from campaign to campaign. In the
+    shapes of arrays, n is the number of campaigns, q that of parameters and instrument errors, s
+    that of instrument errors, and r that of values of the scatter. All values are in units of the
+    prior sd.
 
     Parameters
     ----------

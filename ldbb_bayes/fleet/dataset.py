@@ -33,13 +33,14 @@ __all__ = [
     "write_dataset",
 ]
 
-# Names of files in the folder of a batch: the journal (a database of the rows computed so far), the
-# finished table, and the table while it is being written.
+# Names of files in the folder of a batch. ``JOURNAL`` is the journal, a database of the rows
+# computed so far. ``DATASET`` is the finished table, and ``PART`` the table while it is being
+# written.
 JOURNAL = "batch.sqlite"
 DATASET = "campaigns.parquet"
 PART = f".{DATASET}.part"
-# Version of the layout of a batch's table, and the key under which the metadata of the Parquet file
-# hold this version.
+# ``_SCHEMA`` is the version of the layout of a batch's table. The metadata of the Parquet file hold
+# this version under the key ``_METADATA_KEY``.
 _SCHEMA = 4
 _METADATA_KEY = b"ldbb_bayes"
 # Numbers that a batch's table holds for every parameter. Each number has a separate column, such as

@@ -25,14 +25,14 @@ __all__ = ["Estimates", "deviating", "estimate_separately", "whitened"]
 
 
 def whitened(likelihood: Gaussian, spread: Array, *, inverse: bool = False) -> Array:
-    """Return the matrix (Lᵀ | L⁻¹ s (Λ_c, η_c)), with which the deviations w are integrated out.
+    """Return the matrix with which the deviations w of campaigns or machines are integrated out.
 
     w are the deviations of a campaign's or machine's c parameters from their common level, with the
-    standard deviations s; in the formulae s stands for diag s, and the vertical bar puts matrices
-    side by side. L is the Cholesky factor of I + s Λ_cc s = L Lᵀ, the precision matrix (inverse
-    covariance) of w / s. A likelihood has the precision matrix Λ and the shift η, which is Λ times
-    the estimate. Λ_c are the rows of Λ for the parameters, Λ_cc is its block for them alone, and
-    η_c is the part of η for them.
+    standard deviations s. The matrix consists of Lᵀ and L⁻¹ s (Λ_c, η_c) side by side; in the
+    formulae s stands for diag s. L is the Cholesky factor of I + s Λ_cc s = L Lᵀ, the precision
+    matrix (inverse covariance) of w / s. A likelihood has the precision matrix Λ and the shift η,
+    which is Λ times the estimate. Λ_c are the rows of Λ for the parameters, Λ_cc is its block for
+    them alone, and η_c is the part of η for them.
 
     Parameters
     ----------

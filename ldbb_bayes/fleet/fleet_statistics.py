@@ -82,7 +82,7 @@ class FleetStatistics:
 
     @property
     def caveats(self) -> list[Caveat]:
-        """List with one caveat if compliances are extrapolated in force; empty if they are not.
+        """List with one caveat if compliances are extrapolated in force; otherwise an empty list.
 
         Compliances are extrapolated if the reference force is outside the range of the tests'
         forces in at least one campaign.

@@ -126,8 +126,10 @@ def batch_identity(settings: Settings) -> dict[str, Any]:
     ----------
     settings : settings with which the campaigns of the batch are fitted.
 
-    Returns ------- Options and versions of software. The keys are the names that a message states
-    if two runs differ.
+    Returns
+    -------
+    Options and versions of software. The keys are the names that a message states if two runs
+    differ.
     """
     identity: dict[str, Any] = {"model": model_sha256(settings.model)[:12]}
     for name in ("sampler", "seed", "ess", "prob", "compare"):
@@ -255,7 +257,8 @@ def _plain(value: Any) -> Any:
     """Return a value of a campaign's row in a form that can be stored as JSON and Parquet.
 
     The value may be nested. Numbers that are not finite become None (null in JSON), tuples become
-    lists. Characters that UTF-8 cannot encode, which file names may contain, become question marks.
+    lists. File names may contain characters that UTF-8 cannot encode; these characters become
+    question marks.
     """
     if isinstance(value, Mapping):
         return {name: _plain(entry) for name, entry in value.items()}

@@ -171,8 +171,9 @@ class PooledMachine(Result):
 class Population(Result):
     """Population of machines of one kind, and the estimates for each machine.
 
-    If ``judged`` is false, not every machine could be reliably compared with the other machines. A
-    machine that is not named in ``not_belonging`` may then still not belong to the population.
+    If ``judged`` is false, not every machine could be reliably compared with the other machines.
+    Further machines, which ``not_belonging`` does not name, may then not belong to the population
+    either.
 
     Examples
     --------
@@ -559,8 +560,8 @@ def _pool_parameters(
         Random draws of the spreads (standard deviations of the machines about their mean), from
         which the spreads are summarised.
     first_spreads
-        First of these draws, over which the distributions of the mean and of a further machine are
-        averaged.
+        The first part of these draws. The distributions of the mean and of a further machine are
+        averaged over this part only.
     shared
         Gaussian of the mean and the instrument's errors for each of ``first_spreads``.
     tails

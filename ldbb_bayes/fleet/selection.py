@@ -93,12 +93,13 @@ def choose(
 ) -> tuple[pd.DataFrame, list[Caveat]]:
     """Return the rows of a batch that an analysis shall use, and caveats on the choice.
 
-    By default, campaigns whose readings do not fit the model are left out: those in which a Fourier
-    order of a circle's readings fails its check, and those whose readings contradict the condition
-    that no compliance is negative. Readings a thousand times too large, for example, would move the
-    mean of a population, widen its spread and hide a change of a machine. Further campaigns are
-    also left out: those that could not be fitted, those whose row lacks sufficient statistics,
-    those that the user excludes, and those whose readings are the same as those of an earlier row.
+    By default, campaigns whose readings do not fit the model are left out. The readings do not fit
+    if the difference between readings and model is too large at one Fourier order of a circle, or
+    if the readings contradict the condition that no compliance is negative. Readings a thousand
+    times too large, for example, would move the mean of a population, widen its spread and hide a
+    change of a machine. Further campaigns are also left out: those that could not be fitted, those
+    whose row lacks sufficient statistics, those that the user excludes, and those whose readings
+    are the same as those of an earlier row.
 
     Parameters
     ----------
@@ -175,7 +176,8 @@ def _note(kind: CaveatKind, rows: pd.DataFrame, caveats: list[Caveat], text: str
 def _has_kind(rows: pd.DataFrame, kinds: frozenset[str]) -> pd.Series[bool]:
     """Return for each campaign whether its fit has a warning or failed check of the given kinds.
 
-    An example of a kind is "order". ``rows`` are rows of the table of a batch, one per campaign.
+    An example is the kind "order": the difference between readings and model is too large at one
+    Fourier order of a circle. ``rows`` are rows of the table of a batch, one per campaign.
     """
     matches = [
         reported is not None and not kinds.isdisjoint(reported) for reported in rows["kinds"]

@@ -296,8 +296,8 @@ class Spreads:
     #: k random draws of the spreads (standard deviations from machine to machine) of c parameters,
     #: in units of the parameters' prior sd, shape (k, c)
     spread: Array
-    #: logarithm of the posterior density divided by the density of the distribution from which the
-    #: draws were made, up to a constant, for each of k random draws, shape (k,)
+    #: logarithm, for each of k random draws, of a ratio: the posterior density divided by the
+    #: density of the distribution from which the draws were made; up to a constant, shape (k,)
     log_weight: Array
     #: importance weights of the k random draws, Pareto-smoothed, with a sum of one, shape (k,)
     weight: Array

@@ -1,8 +1,8 @@
 """Stiffness by direction of one machine over time, from each campaign alone.
 
-The stiffnesses are taken from a batch's table. The model of a change does not include the
-stiffnesses, because each of them is a function of several compliances, whose changes the model
-already describes.
+The stiffnesses are taken from a batch's table. The model of a step change of a machine
+(`change_point`) does not include the stiffnesses. Each stiffness is a function of several
+compliances, and the model already describes changes of compliances.
 """
 
 from __future__ import annotations

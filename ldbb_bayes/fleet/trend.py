@@ -432,9 +432,9 @@ def _campaigns_of_one_machine(rows: pd.DataFrame, machine: str | None) -> _Machi
     """Return the rows of the campaigns of one machine, with caveats on the choice of these rows.
 
     The machine_id of the machine is also returned. ``machine`` is the machine_id that the user
-    chose, or None. Rows without a machine_id are left out if other rows have one; a caveat states
-    this. Raise an `InputError` if ``machine`` is unknown, or is None although there are several
-    machines.
+    chose, or None. Rows without a machine_id are left out if other rows have a machine_id; a caveat
+    states this. Raise an `InputError` if ``machine`` is unknown, or is None although there are
+    several machines.
     """
     check_rows(rows)
     ids = rows["machine_id"]

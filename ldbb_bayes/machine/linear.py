@@ -55,8 +55,8 @@ _ANGLES = 64
 # their columns differs from ±1 by at most this number. A column holds the readings per unit of a
 # compliance.
 _PARALLEL = 1e-10
-# A compliance has no effect if the norm of its column (the readings per unit of the compliance) is
-# smaller than this share of the largest norm.
+# A compliance is treated as having no effect if the norm of its column (the readings per unit of
+# the compliance) is smaller than this share of the largest norm of any compliance's column.
 _NULL_SHARE = 1e-10
 # A compliance that is not kept can have a part of its effect in common with a kept compliance. This
 # part is a rounding error if it is smaller than this share of the whole effect. A negative
@@ -173,11 +173,11 @@ def _wrench(lever: Array, direction: Array) -> Array:
 
 @dataclass(frozen=True)
 class Kept:
-    """Compliances that circles can separate (kept), and further compliances that these represent.
+    """Compliances that circles can separate; each is kept as the representative of a set.
 
     A proportional set is a set of compliances that change the readings in proportion to each other.
-    The readings determine only their weighted sum; one compliance, the representative, is kept for
-    the set.
+    The readings determine only the weighted sum of the set's compliances; one compliance, the
+    representative, is kept for the set.
     """
 
     #: compliances that circles can separate, in the order of Table 1 of the paper. Each is kept as
@@ -188,9 +188,10 @@ class Kept:
     #: proportional to its effect (proportional set, Table 2 of the paper); the kept compliance
     #: comes first
     sets: tuple[tuple[str, ...], ...]
-    #: for each kept compliance, the weights of the compliances in its set, whose effects on the
-    #: readings are proportional to each other. A weight is the effect of a compliance on the
-    #: reading divided by the effect of the kept compliance; the unit of a weight is a power of mm.
+    #: for each kept compliance, the weights of the compliances in its set. The effects of these
+    #: compliances on the readings are proportional to each other. A weight is the effect of a
+    #: compliance on the reading divided by the effect of the kept compliance; the unit of a weight
+    #: is a power of mm.
     weights: tuple[tuple[float, ...], ...]
     #: for each kept compliance, the weights of further compliances that it represents in part. The
     #: effects of these further compliances are linear combinations of the effects of several kept
@@ -213,7 +214,7 @@ class Kept:
 
 
 def kept_compliances(machine: Machine, *circles: Circle) -> Kept:
-    """Return the compliances that circles can separate, and the sets they represent (Table 2).
+    """Return the compliances that circles can separate, and the set that each represents (Table 2).
 
     The compliances and sets are found numerically from the readings per unit compliance. Two kinds
     of compliances are examined: the planar compliances of every tested plane, and all further
@@ -262,8 +263,8 @@ def _candidates(machine: Machine, circles: tuple[Circle, ...]) -> _Candidates:
     jacobian = np.concatenate(
         [compliance_jacobian(machine, circle, angle, names) for circle in circles]
     )
-    # Divide each column by the radius, once for every rotary component of its compliance. All
-    # columns are then of comparable size.
+    # Each column holds the readings per unit of a compliance. Divide the column by the radius, once
+    # for every rotary component of the compliance. All columns are then of comparable size.
     unit = jacobian / [circles[0].radius_mm ** name.rotations for name in names]
     norms = np.linalg.norm(unit, axis=0)
     planar = set(wrench_names(machine))
@@ -283,10 +284,11 @@ def _candidates(machine: Machine, circles: tuple[Circle, ...]) -> _Candidates:
 
 @lru_cache(maxsize=64)
 def _kept_compliances(machine: Machine, circles: tuple[Circle, ...]) -> Kept:
-    """Return the compliances that circles can separate, and the sum for which each of them stands.
+    """Return the compliances that circles can separate; they are kept as parameters of the model.
 
-    A column holds the readings per unit of a compliance. Compliances with proportional columns form
-    a set. One compliance of every set is kept, unless its column depends linearly on the columns of
+    Each kept compliance represents a weighted sum of compliances, which is also returned. A column
+    holds the readings per unit of a compliance. Compliances with proportional columns form a set.
+    One compliance of every set is kept, unless its column depends linearly on the columns of
     compliances that are already kept.
     """
     candidates = _candidates(machine, circles)
@@ -296,8 +298,8 @@ def _kept_compliances(machine: Machine, circles: tuple[Circle, ...]) -> Kept:
     heads = sorted(set_by_head, key=lambda i: _table_order(names[i], machine))
     chosen = _independent(candidates.unit, heads)
     dropped = [i for i in heads if i not in chosen]
-    # Express every column as a combination of the kept columns, which are scaled to reduce rounding
-    # errors.
+    # A column holds the readings per unit of a compliance. Express every column as a combination of
+    # the columns of kept compliances, which are scaled to reduce rounding errors.
     scale = np.abs(jacobian[:, chosen]).max(axis=0)
     scaled = np.linalg.lstsq(jacobian[:, chosen] / scale, jacobian, rcond=None)[0]
     coefficients = scaled / scale[:, None]

@@ -52,10 +52,10 @@ class ComplianceName:
 
     @property
     def rotations(self) -> int:
-        """Number of rotary quantities among the indices i and j of the compliance: 0, 1 or 2.
+        """Number of rotary components of the compliance: 0, 1 or 2.
 
-        Rotations and moments are rotary: the number is 2 for a rotation caused by a moment, and 1
-        for a rotation caused by a force or a displacement caused by a moment.
+        The number is 2 for a rotation caused by a moment, 1 for a rotation caused by a force, 1 for
+        a displacement caused by a moment, and 0 for a displacement caused by a force.
         """
         return (self.twist in ROTARY) + (self.wrench in ROTARY)
 
