@@ -1,1 +1,1 @@
-"""The browser page of ``ldbb-bayes app``: its server, and processes that compute its answers."""
+"""The browser page of ``ldbb-bayes app``: its server, and processes that answer its requests."""

@@ -41,8 +41,8 @@ class Desk:
     ) -> dict[str, Any]:
         """Return the result of a function that runs in the process, or the reason for a refusal.
 
-        The function must return within two minutes. Time spent waiting for the answers to other
-        requests does not count.
+        The function must return within two minutes. The two minutes do not include the time spent
+        waiting for the answers to other requests.
 
         Parameters
         ----------

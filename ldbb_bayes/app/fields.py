@@ -270,8 +270,8 @@ def source_from(folder: Path, choices: Mapping[str, str]) -> ReportSource:
     Returns
     -------
     ReportSource
-        Paths of the files, the layout of their tables, and the fields of the campaign and of the
-        instrument that the user stated.
+        Paths of the files, the layout of their tables, and the properties of the campaign and of
+        the instrument that the user stated.
 
     Raises
     ------
@@ -289,7 +289,8 @@ def source_from(folder: Path, choices: Mapping[str, str]) -> ReportSource:
     if any(path.name == TOML for path in paths):
         files = [folder / FILES]
     elif len(paths) > 1:
-        # Name the files by wildcards. Files without readings are then skipped instead of refused.
+        # Name the files by wildcards such as ``*.csv``: files without readings are then skipped. If
+        # such a file were named itself, it would be refused.
         suffixes = sorted({path.suffix for path in paths} - {""})
         files = [folder / FILES / f"*{suffix}" for suffix in suffixes]
         files += [path for path in paths if not path.suffix]

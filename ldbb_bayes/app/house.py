@@ -24,15 +24,15 @@ __all__ = ["House"]
 
 MOST_SESSIONS = 32  # largest number of sessions (browser tabs) at the same time
 LOOK_S = 1.0  # time between checks whether sessions (browser tabs) have ended [s]
-# A fit is stopped if its page has sent no request for this time [s]. A second condition is that
-# another fit is waiting, whose page has sent a request within this time.
+# A fit is stopped if its page has sent no request for this time [s] and another fit is waiting. The
+# page of the waiting fit must have sent a request within this time.
 ABANDONED_S = 150.0
 _FIT = "from ldbb_bayes.app.worker import main; main()"
 
 
 @dataclass(eq=False)
 class House:
-    """All sessions (browser tabs), and the ``Desk`` that answers the requests of their pages."""
+    """All sessions (browser tabs), and the process that answers the requests of their pages."""
 
     folder: Path  #: Folder that holds one folder for each session.
     desk: Desk  #: Process that answers the requests of all sessions.
@@ -102,8 +102,8 @@ class House:
         """Write the report of a session (one browser tab) in a separate process.
 
         The process reads a copy of the session's files. An earlier report is replaced only after
-        the new report is complete. The state of the report, or a refusal, is stored as the outcome
-        of the session.
+        the new report is complete. The outcome of the session is then stored: the result of the
+        fit, or a refusal.
         """
         job = session.folder / JOB
         try:

@@ -1,4 +1,4 @@
-"""Plan of the next circular tests from sliders of the browser page, and expected results."""
+"""Plan of the next circular tests, set by sliders of the browser page, and its expected results."""
 
 from __future__ import annotations
 
@@ -33,17 +33,17 @@ _DIRECTIONS: Mapping[str, tuple[Direction, ...]] = {
     "CCW": ("CCW",),
 }
 _MOST_CIRCLES = 60  # largest number of tests in a plan
-# Largest number of candidate tests from which the best tests are chosen. The number is exceeded
-# only if there are so many combinations of ball angles, radii and directions that even three forces
-# for each combination give more candidate tests.
+# Largest number of candidate tests from which the best tests are chosen. The number of forces is
+# reduced to keep this limit, but not below ``_FEWEST_LEVELS``. With very many combinations of ball
+# angles, radii and directions, the limit may therefore be exceeded.
 _MOST_CANDIDATES = 180
 # Largest number of circles for which the search for the best tests starts from several designs.
 _MOST_SEARCHED_CIRCLES = 12
 # Least number of forces from which the best tests are chosen: the lowest, the middle and the
 # highest force.
 _FEWEST_LEVELS = 3
-# Number of possible states of the machine and noise over which a forecast is averaged while the
-# user moves a slider. The number is smaller than for the final forecast, to make the forecast fast.
+# Number of possible machines over which a forecast is averaged while the user moves a slider. The
+# number is smaller than for the final forecast, to make the forecast fast.
 _QUICK_STATES = 16
 
 
@@ -106,7 +106,7 @@ def _test_sliders(settings: Mapping[str, Any], pilot: lb.Campaign) -> dict[str, 
 
 
 class _Report(NamedTuple):
-    """Identity of a session's report; results computed from the report are cached under it."""
+    """Identity of a session's report: the key under which results computed from it are cached."""
 
     folder: Path  #: Folder of the session (one browser tab).
     #: Time at which the report was written [ns].
@@ -365,9 +365,10 @@ def forecast(folder: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
     Returns
     -------
     dict
-        Expanded uncertainty U (k = 2) of every parameter except the slopes of compliances, today
-        and expected; the probabilities that the evidence decides for constant or linear compliance;
-        time and cost; and the tests in the order in which to run them.
+        Expanded uncertainty U (k = 2) of every parameter except the slopes of compliances, from the
+        fit (before these tests) and as expected after these tests; the probabilities that the
+        evidence decides for constant or linear compliance; time and cost; and the tests in the
+        order in which to run them.
 
     Raises
     ------
@@ -419,9 +420,9 @@ def _expected_uncertainties(report: _Report, settings_json: str, *, fine: bool) 
     """Return the uncertainties and decisions that the planned tests are expected to give.
 
     Entry ``rows`` of the result has the expanded uncertainty U (k = 2) of every parameter except
-    the slopes of compliances, today and expected. Entry ``settle`` has the probabilities that the
-    evidence will decide for linear or for constant compliance; it is None if no such forecast is
-    possible.
+    the slopes of compliances: from the fit, and as expected after the planned tests. Entry
+    ``settle`` has the probabilities that the evidence will decide for linear or for constant
+    compliance; it is None if no such forecast is possible.
 
     Parameters
     ----------
@@ -430,8 +431,8 @@ def _expected_uncertainties(report: _Report, settings_json: str, *, fine: bool) 
     settings_json
         Values of the page's sliders as JSON text; the keys are the names of the sliders.
     fine
-        Whether to average over the 64 possible states of the machine of a final forecast. If False,
-        the forecast averages over fewer states and is faster.
+        Whether to average over 64 possible machines, as the final forecast does. If False, the
+        forecast averages over fewer machines and is faster.
     """
     space, plan_of_tests, _ = _planned_tests(report, settings_json)
     sd_today = _pilot_of(report).sd

@@ -47,7 +47,8 @@ class Session:
     fitted: int = -1
     #: Values of the page's sliders, which describe the plan of the next tests.
     asked: dict[str, Any] = field(default_factory=dict)
-    #: Outcome of the session's last fit: state and alerts of the report, or a refusal.
+    #: Outcome of the session's last fit: the report's alerts and its sentence on whether the
+    #: numbers can be used, or the reason for a refusal.
     outcome: dict[str, Any] = field(default_factory=dict)
     #: Task that makes the session's report, or waits for its turn; None before the first fit.
     task: asyncio.Task[None] | None = None
@@ -121,7 +122,7 @@ class Session:
         self.edition += 1
 
     def state(self) -> dict[str, Any]:
-        """Return the state of the session as a dictionary, which the page requests repeatedly.
+        """Return a dictionary that describes the session; the page requests it repeatedly.
 
         The dictionary has the number of files; the numbers ``edition`` (of changes made so far) and
         ``fitted`` (of changes made before the report); whether a fit is running; and the progress

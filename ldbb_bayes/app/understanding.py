@@ -178,7 +178,7 @@ def _in_one_row(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """Return the rows of assumptions, with successive rows on the same quantity joined into one.
 
     A quantity such as the force may be assumed for several files. The joined row lists the values
-    and the places of all joined rows, and keeps the reason of the first.
+    and the places of all joined rows, and keeps the reason that the first of these rows gives.
     """
     merged: list[dict[str, Any]] = []
     for row in rows:
@@ -223,8 +223,8 @@ def _uncertainties_by_part(campaign: lb.Campaign) -> dict[str, list[dict[str, An
     """
     entries_by_part: dict[str, list[dict[str, Any]]] = {}
     for assumed in lb.terms.uncertainties(campaign).assumed:
-        # The name of the part is the first word of the name of the instrument's field: bar_U_um is
-        # a field of the bar.
+        # The name of the part is the first word of the name of the instrument's attribute:
+        # ``bar_U_um`` belongs to the bar.
         certificate_field = assumed.certificate
         part = certificate_field.partition("_")[0] or assumed.name.partition("_")[0]
         if part in ("work", "tool"):

@@ -27,7 +27,7 @@ __all__ = ["CHOICES_NAME", "OUTCOME_NAME", "PROGRESS_NAME", "answer", "main", "w
 
 CHOICES_NAME = "said.json"  # name of the file with the texts that the user typed on the page
 PROGRESS_NAME = "progress.json"  # name of the file with the progress of a fit
-OUTCOME_NAME = "outcome.json"  # name of the file with the outcome of a fit: its state or a refusal
+OUTCOME_NAME = "outcome.json"  # name of the file with the outcome of a fit: a result or a refusal
 _LONGEST_MESSAGE = 300
 _LOOK_AT_PARENT_S = 1.0  # time between checks whether the process of the server still runs [s]
 

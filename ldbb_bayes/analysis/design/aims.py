@@ -3,8 +3,9 @@
 There are two kinds of aims. One is that a quantity has at most the standard uncertainty u*. If the
 uncertainty u is expected, the distance from this aim is ln(u/u*). The other is a decision between
 two models: the log Bayes factor in favour of the true model is to be at least t. If the log Bayes
-factor Φ is expected, the distance from this aim is ln(t/Φ). Distances from several aims can be
-added, because each distance is zero if the campaign is expected to just reach the aim.
+factor Φ is expected, the distance from this aim is ln(t/Φ). Each distance is a pure number: zero if
+the campaign is expected to just reach the aim, and positive if it is expected to miss the aim.
+Distances from several aims can therefore be added.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ __all__ = ["Aim", "SlopesAim", "UncertaintyAim", "total_distance"]
 
 # When a circle is chosen, the distance from an aim that is reached already has this weight. As the
 # weight is not zero, the aim still decides between two circles that are equally good for all aims
-# not yet reached.
+# that are not yet reached.
 _REACHED = 1e-3
 # An expected log Bayes factor [nat] below this value is replaced by it, to avoid the logarithm of
 # zero.
@@ -32,8 +33,9 @@ _LEAST_EVIDENCE = 1e-9
 class Aim(Protocol):
     """Aim of a campaign under way.
 
-    The distance of the campaign from the aim is computed from covariances of the parameters. It is
-    zero if the campaign is expected to just reach the aim.
+    The distance of the campaign from the aim is computed from covariances of the parameters. The
+    distance is zero if the campaign is expected to just reach the aim, and positive if it is
+    expected to miss the aim.
     """
 
     @property
@@ -61,10 +63,11 @@ class UncertaintyAim:
     #: weights w of the p parameters in the combination, shape (p,); the parameters are in units of
     #: their prior standard deviations
     weights: Array
-    target: float  #: largest standard uncertainty at which the aim is reached
-    #: factor by which uncertainties for known hyper-parameters are multiplied: the present standard
-    #: uncertainty for unknown hyper-parameters, divided by the root mean square of the standard
-    #: uncertainties for known hyper-parameters
+    target: float  #: largest standard uncertainty of w·β at which the aim is reached
+    #: factor by which the standard uncertainty of w·β for known hyper-parameters is multiplied,
+    #: because the hyper-parameters are not known. It is the present standard uncertainty, divided
+    #: by the root mean square of the present standard uncertainties for several known values of the
+    #: hyper-parameters.
     inflation: float
     is_reached: bool  #: whether the aim is reached already
 
@@ -96,7 +99,7 @@ class SlopesAim:
 
     #: indices of the slopes (changes of compliance with force) in the list of parameters
     columns: Sequence[int]
-    threshold: float  #: log Bayes factor that is enough for the decision [nat]
+    threshold: float  #: least absolute log Bayes factor with which the evidence decides [nat]
     is_reached: bool  #: whether the aim is reached already
 
     def distance(self, covariance: Array) -> Array:

@@ -1,9 +1,9 @@
 """Aims of a campaign under way: whether each is reached, now and after one more circle.
 
 An aim is a goal for the expanded uncertainty U (k = 2) of a parameter, or the decision whether a
-quantity keeps its tolerance. Whether an aim is reached now follows from the posterior given the
-circles run. Whether it will be reached follows from the covariances of the parameters that are
-expected after one more circle.
+quantity keeps its tolerance. The posterior given the circles run shows whether an aim is reached
+now. The covariances of the parameters that are expected after one more circle show whether the aim
+will then be reached.
 """
 
 from __future__ import annotations
@@ -54,7 +54,9 @@ _LEAST_TARGET = 1e-3
 
 @dataclass(frozen=True)
 class GoalSoFar(Result):
-    """State of a goal for an expanded uncertainty U (k = 2): now, and after the best next circle.
+    """Uncertainty of a parameter compared with its goal: now, and after the best next circle.
+
+    The goal limits the expanded uncertainty U (k = 2).
 
     All numbers except the probabilities are in the unit ``unit``.
     """
@@ -84,7 +86,7 @@ class ToleranceSoFar(Result):
 
     @property
     def decided(self) -> bool:
-        """Whether the quantity is found to conform, or not to conform."""
+        """Whether it is decided already that the quantity conforms, or that it does not."""
         return self.now.decision is not Decision.NOT_DECIDED
 
 
@@ -101,7 +103,7 @@ class Known(NamedTuple):
 
 
 def known_from(nodes: Nodes, seed: int) -> Known:
-    """Return moments and draws of the parameters, and values of the hyper-parameters.
+    """Return means, sds and draws of the parameters, and likely values of the hyper-parameters.
 
     All are computed from ``nodes``, weighted values of the hyper-parameters that represent the
     posterior given the circles run. ``seed`` is the seed of the random draws.
@@ -144,17 +146,20 @@ class GoalState:
         return self.goal.is_met(self.draws, self.sd)
 
     def probability(self, sd: Array) -> float:
-        """Return the probability that the goal is met if the parameter has a given uncertainty.
+        """Return the probability that the goal is met for given uncertainties of its parameter.
 
-        ``sd``, shape (K,), are K equally likely values of the standard uncertainty. The probability
-        is a mean over these values and over the posterior draws of the parameter. The draws matter
-        if the goal limits U to a percentage of the parameter's value.
+        ``sd``, shape (K,), are K equally likely values of the parameter's standard uncertainty. The
+        probability is a mean over these values and over the posterior draws of the parameter. The
+        draws matter if the goal limits U to a percentage of the parameter's value.
         """
         limits = self.goal.limit_U(self.draws)
         return float((COVERAGE_FACTOR * sd[:, None] <= limits).mean())
 
     def so_far(self, after: Array, floor: Array) -> GoalSoFar:
-        """Return the state of the goal now, after the best next circle and after very many circles.
+        """Return U and the probability that the goal is met: now, and after further circles.
+
+        U is the expanded uncertainty (k = 2) of the goal's parameter. Both are given now and after
+        the best next circle; U is also given after very many circles.
 
         ``after``, shape (K, p, p), are the covariances of the p parameters after the best next
         circle, at K values of the hyper-parameters. ``floor``, of the same shape, are the
@@ -179,9 +184,9 @@ class GoalState:
 def goal_states(
     goals: Mapping[str, Goal], known: Known, covariance: Array, confidence: float
 ) -> dict[str, GoalState]:
-    """Return the state of every goal before the next circle.
+    """Return every goal with what is known of its parameter before the next circle.
 
-    The keys are the names of the goals' parameters.
+    The keys of the result are the names of the goals' parameters.
 
     ``known`` is the posterior given the circles run, and ``covariance``, shape (K, p, p), are the
     covariances of the parameters at K values of the hyper-parameters. ``confidence`` is the least
@@ -238,12 +243,14 @@ def tolerance_states(
     covariance: Array,
     confidence: float,
 ) -> dict[str, ToleranceState]:
-    """Return the present decision on every tolerance, and the aim to reach a decision.
+    """Return the present decision on every tolerance, and the aim to decide on it.
 
     The decision is whether a quantity, such as a stiffness, keeps its tolerance. The keys of the
     result are the names of the quantities. Each quantity is approximated by a linear function of
     the parameters, which is fitted to the draws in ``posterior``. ``tolerances`` holds the
-    tolerance of each quantity. The other arguments are those of `goal_states`.
+    tolerance of each quantity. ``known`` is the posterior given the circles run. ``covariance``,
+    shape (K, p, p), are the covariances of the p parameters at K values of the hyper-parameters.
+    ``confidence`` is the least probability of a decision.
     """
     decisions = assess_conformity(posterior, tolerances, confidence=confidence)
     draws = quantity_draws(posterior, decisions)

@@ -73,9 +73,9 @@ def believed_scales(bound: BoundModel, phi: Array, draws: int, seed: int) -> Arr
     error_of_estimate = rng.standard_normal((machines, size))
     spread_of_belief = rng.standard_normal((machines, draws, size))
     first = _belief(truth, fisher_information(bound, truth), error_of_estimate)
-    # The Fisher information about a scale grows with the scale. The information half-way between
-    # the true scores and the first estimate of the scores is a better average than the information
-    # at the true scores.
+    # The Fisher information about a scale grows with the scale. Compute the information half-way
+    # between the true scores and the first estimate of the scores: this approximates the average
+    # information better than the value at the true scores does.
     middle = 0.5 * (truth + first.mean)
     belief = _belief(truth, fisher_information(bound, middle), error_of_estimate)
     scores = belief.mean[:, None] + np.einsum("kij,knj->kni", belief.root, spread_of_belief)

@@ -44,10 +44,9 @@ from ldbb_bayes.results import Records, Result, read_result, readable
 
 __all__ = ["Certificate", "Design", "Judged", "Limits", "design", "read_design"]
 
-# A division of tests among candidate tests is treated as proven optimal if the largest sensitivity
-# exceeds the mean of the sensitivities, weighted by the fractions of tests, by no more than this
-# relative amount. The sensitivity of a candidate is the rate at which the criterion grows with its
-# fraction of the tests.
+# The sensitivity of a candidate test is the rate at which the criterion grows with the candidate's
+# fraction of all tests. The fractions are treated as proven optimal if the largest sensitivity
+# exceeds the mean of the sensitivities, weighted by the fractions, by at most this relative amount.
 _CERTIFICATE_TOLERANCE = 1e-4
 # Candidate tests whose share (fraction) of the tests is below this are left out of the table of the
 # best shares.
@@ -68,13 +67,14 @@ class Certificate(Result):
     """Certificate that states whether the shares of candidate tests are proven to be the best.
 
     A candidate is a test that could be run; its share is its number of runs divided by the number
-    of all runs. The sensitivity of a candidate is the rate at which the criterion grows with its
-    share. The bound is the mean of the sensitivities, weighted by the shares. By Kiefer and
-    Wolfowitz (1960), the shares are optimal if the largest sensitivity of all candidates does not
-    exceed the bound. ``holds`` is true if the largest sensitivity exceeds the bound by at most 0.01
-    %. For criterion D with flat priors the bound is the number of parameters. If the criterion is
-    not concave, ``is_global`` is false: the certificate then proves only that no small change of
-    the shares is an improvement.
+    of all runs. The criterion is the figure of merit that the design makes large. The sensitivity
+    of a candidate is the rate at which the criterion grows with the candidate's share. The bound is
+    the mean of the sensitivities, weighted by the shares. By Kiefer and Wolfowitz (1960), the
+    shares are optimal if the largest sensitivity of all candidates does not exceed the bound.
+    ``holds`` is true if the largest sensitivity exceeds the bound by at most 0.01 %. For criterion
+    D with flat priors the bound is the number of parameters. If the criterion is not concave,
+    ``is_global`` is false: the certificate then proves only that no small change of the shares is
+    an improvement.
     """
 
     max_sensitivity: float
@@ -85,7 +85,7 @@ class Certificate(Result):
 
 @dataclass(frozen=True, eq=False)
 class Judged(Forecast):
-    """A design that is compared with the recommended design, with the forecast of its results."""
+    """A design for comparison with the recommended design, and the forecast of its results."""
 
     name: str
     #: table of the design's tests, one row per test: force_N, and the columns that `Design.columns`
@@ -101,9 +101,9 @@ class Judged(Forecast):
 class Limits(Result):
     """Limits of what the tests of a design can show."""
 
-    #: number of different forces of the tests, if these are too few to show that the degree of the
-    #: model's compliances as polynomials of force is wrong; None if the forces are enough, or if
-    #: the tests only add to tests already run
+    #: number of different forces of the tests, if these forces are too few to show that the model's
+    #: compliances need a higher degree as polynomials of force; None if the forces are enough, or
+    #: if the tests only add to tests already run
     levels: int | None
     #: direction of travel of each plane in which all circles run in the same direction although the
     #: model includes hysteresis in this plane; the keys are the planes
@@ -131,7 +131,7 @@ class Pilot(Result):
 
 @dataclass(frozen=True)
 class Planned:
-    """Tests that a design recommends, the possible tests, and the model for the analysis."""
+    """The recommended tests, the tests to choose from, and the model for the analysis."""
 
     tests: tuple[CircularTest, ...]
     space: Space
@@ -192,8 +192,8 @@ class Design(Forecast):
     #: one row per candidate test: force_N, the columns that `columns` names, and sensitivity, the
     #: rate at which the criterion grows with the share of the candidate, at the best shares
     sensitivity: Annotated[Records, Field(exclude=True)] = field(default_factory=pd.DataFrame)
-    #: the recommended tests, the space of the tests to choose from, and the model for the analysis;
-    #: None if the design was read from a file
+    #: the recommended tests, the tests to choose from, and the model for the analysis; None if the
+    #: design was read from a file
     planned: Annotated[Any, Field(exclude=True)] = None
 
     @property
@@ -264,11 +264,11 @@ class Design(Forecast):
         -------
         pandas.DataFrame
             One row per parameter, in internal units (mm, N, rad). ``sd`` is the expected standard
-            deviation, and ``sd_error`` its standard error, from the scatter over possible states of
-            the machine. Three columns are for comparison: ``prior_sd`` is the prior standard
-            deviation, ``floor_sd`` is the standard deviation that would remain if every test were
-            run very many times, and ``baseline_sd`` is the standard deviation expected of a design
-            in equal steps of force.
+            deviation, and ``sd_error`` its standard error, from the scatter over possible machines.
+            Three columns are for comparison: ``prior_sd`` is the prior standard deviation,
+            ``floor_sd`` is the standard deviation that would remain if every test were run very
+            many times, and ``baseline_sd`` is the standard deviation expected of a design in equal
+            steps of force.
         """
         columns = ["unit", "prior_sd", "sd", "sd_error", "floor_sd"]
         frame = pd.DataFrame([vars(entry) for entry in self.expected.values()], columns=columns)
@@ -367,7 +367,7 @@ def design(
     certificates: Mapping[str, float] = MappingProxyType({}),
     probability: float = 0.9,
 ) -> Design | GoalDesign:
-    """Return the best tests to run next, or the cheapest campaign that reaches goals.
+    """Return the best tests to run next or, if goals are given, the cheapest campaigns for these.
 
     The pilot is the campaign or plan that the design starts from. Everything is computed for the
     linear Gaussian model and averaged over the hyper-parameters (the scales of the noise and of
@@ -452,7 +452,7 @@ def design(
     require_campaign(pilot)
     if pilot.is_plan and pilot.pilot is not None:
         # A plan adds no readings to the campaign that it starts from: start from this campaign
-        # instead.
+        # instead of the plan.
         pilot = pilot.pilot
     check_seed(seed)
     if goals is not None:
@@ -578,7 +578,7 @@ def _check_compared(name: str, campaign: Campaign, pilot: Campaign) -> None:
     """Raise an `InputError` if a design for comparison has a reserved name or another machine.
 
     ``campaign`` holds the tests of the design for comparison, and ``name`` is its name. ``pilot``
-    is the campaign or plan, of the right machine, that the best design starts from.
+    is the campaign or plan that the best design starts from; its machine is the right one.
     """
     require(
         name not in _RESERVED_NAMES,
@@ -601,10 +601,10 @@ def _describe_design(
 ) -> Design:
     """Return the design that the search found, with the forecast of its results.
 
-    ``space`` describes the problem, and ``exact`` is the solution that the search found. ``pilot``
-    holds the name and the digest of the campaign that the design starts from. ``compared`` holds
-    the tests of the designs for comparison, whose names are its keys; the result includes the
-    forecasts of these designs.
+    ``space`` holds the tests to choose from, the criterion and the parameters of interest;
+    ``exact`` is the design that the search found. ``pilot`` holds the name and the digest of the
+    campaign that the design starts from. ``compared`` holds the tests of the designs for
+    comparison, whose names are its keys; the result includes the forecasts of these designs.
     """
     tests = space.tests_of(exact)
     optimum = exact.optimum

@@ -1,4 +1,4 @@
-"""Families of campaigns: those of one family have the same clockings, radii and certificates.
+"""Families of campaigns that have the same clockings, radii and calibration certificates.
 
 A clocking is a pair of angles by which the two balls are turned in their sockets. Campaigns of one
 family differ in the number of circles, and in the force, direction of travel, clocking and radius
@@ -46,7 +46,7 @@ class CampaignFamily:
     space: Space  #: candidate tests, with all forces, directions, clockings and radii of the family
     offers: tuple[CertificateOffer, ...]  #: certificates that are bought
     goals: Mapping[str, Goal]
-    states: States  #: possible states of the machine before the campaign
+    states: States  #: possible parameters and hyper-parameters of the machine before the campaign
 
     @property
     def certificates_price(self) -> float:
@@ -122,9 +122,9 @@ class CampaignFamily:
 
         If the best circles are all at one force although compliances may depend on force, one
         circle is replaced by the best candidate at another force. ``circles`` is the number of all
-        circles of the campaign. The search adds circles to those in ``start``, the number of
-        circles of each candidate test; by default all are zero. ``start`` and the result have the
-        shape (candidates,).
+        circles of the campaign. ``start`` holds a number of circles of each candidate test, to
+        which the search adds circles; by default all these numbers are zero. ``start`` and the
+        result have the shape (candidates,).
         """
         if start is None:
             start = np.zeros(self.quick.candidates, dtype=int)
@@ -190,7 +190,8 @@ def families_of(
 
     A clocking is a pair of angles by which the two balls are turned. ``space`` holds the clockings
     and radii to choose from. Every subset of clockings that contains the first clocking is combined
-    with every non-empty subset of the radii and with every set of certificates.
+    with every non-empty subset of the radii and with every set of the certificates that could be
+    bought.
     """
     first = space.clockings_deg[0]
     others = space.clockings_deg[1:]

@@ -110,7 +110,7 @@ class _Layout(NamedTuple):
     """
 
     columns: NDArray[np.int_]  # indices of the coefficients needed, those of interest last
-    rows: NDArray[np.int_]  # indices of rows that are not zero in at least one test
+    rows: NDArray[np.int_]  # indices of rows with an element other than zero in any test
     has_prior: NDArray[np.bool_]  # whether each coefficient has a proper prior, not a flat one
 
 

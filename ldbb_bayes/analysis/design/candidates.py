@@ -3,8 +3,8 @@
 The pilot is the campaign or plan that a design starts from. The model keeps the pilot's reference
 force F0, range of force, and estimate Ĉ of the compliances about which it is linearised. A clocking
 is the pair of angles by which the two balls are turned. If the tests have different clockings, the
-model has separate terms for the form errors of the two balls. If not, one common term is
-equivalent.
+model has separate terms for the form errors of the two balls. If not, it has one common term, which
+is then equivalent.
 """
 
 from __future__ import annotations
@@ -232,9 +232,9 @@ def bind_plan(model: HybridModel, plan: Campaign) -> BoundModel:
     """Return the model bound to a plan.
 
     The pilot is the campaign that the plan starts from. If the plan has a pilot, the reference
-    force, range of force and estimate Ĉ of the compliances are those of the pilot, as in
-    `bind_tests`. The instrument and the order of the tests are the plan's own. If the plan adds to
-    its pilot, the pilot's tests come first.
+    force, range of force and estimate Ĉ of the compliances are those of the pilot. The instrument
+    and the order of the tests are the plan's own. If the plan adds to its pilot, the pilot's tests
+    come first.
     """
     pilot = plan.pilot
     if pilot is None:
@@ -268,7 +268,7 @@ def _with_times(plan: Campaign, pilot: Campaign) -> Campaign:
 def _bind_to_pilot(
     model: HybridModel, plan: Campaign, pilot: Campaign, *, keep_pilot_tests: bool
 ) -> BoundModel:
-    """Return the model bound to a plan, with the settings that the pilot of the plan fixes.
+    """Return the model bound to a plan, with reference force and force range of the plan's pilot.
 
     The pilot is the campaign that the plan starts from. If ``keep_pilot_tests`` is true, the tests
     of the pilot are included, before those of the plan.
@@ -293,8 +293,9 @@ def running_order(
 
     Tests of one set-up form a block. Within this block, tests of one plane and radius form a block.
     Within that block, tests with one angle of the work ball form a block. All these blocks are in
-    random order. In one work-ball block the angles of the tool ball ascend, in the next block they
-    descend, and so on. Tests with the same angles of both balls are in random order.
+    random order. Within the innermost blocks, the tests are sorted by the angle of the tool ball:
+    ascending in one block, descending in the next, and so on. Tests with the same angles of both
+    balls are in random order.
     """
     ordered: list[CircularTest] = []
     for setup_block in _random_blocks(tests, _setup, rng):

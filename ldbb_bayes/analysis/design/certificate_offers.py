@@ -32,7 +32,7 @@ _FIELDS_BY_BALLS = {
     "work ball": ("work",),
     "tool ball": ("tool",),
 }
-# Words for balls with their grade, such as "balls G10".
+# Regular expression of the name of a certificate of balls with their grade, such as "balls G10".
 _BALLS = re.compile(r"(balls|work ball|tool ball)\s+(G\d+)", re.IGNORECASE)
 # Largest number of certificates that may be on offer. The number is limited because every set of
 # certificates is tried.
@@ -45,8 +45,8 @@ class CertificateOffer(Result):
 
     name: str  #: what is certified, such as "balls of grade G10"
     price: float  #: price, in a unit of money
-    #: values that the certificate states for fields of the instrument; the keys are the names of
-    #: the fields
+    #: values that the certificate states for properties of the instrument; the keys are the names
+    #: of the attributes of `Instrument`
     statements: Annotated[Mapping[str, Any], Field(exclude=True)] = field(default_factory=dict)
 
 
@@ -110,9 +110,9 @@ def sets_of_offers(
 ) -> tuple[tuple[CertificateOffer, ...], ...]:
     """Return all sets of certificates that could be bought for an instrument.
 
-    A certificate is left out if it states a field that the instrument's own certificates state
-    already. Sets in which two certificates state the same field are left out too. The first set is
-    empty.
+    A certificate is left out if it states a property of the instrument, such as the length of the
+    bar, that the instrument's own certificates state already. Sets in which two certificates state
+    the same property are left out too. The first set is empty.
     """
     uncertified = Instrument()
     useful = []
@@ -130,7 +130,7 @@ def sets_of_offers(
 
 
 def certified_with(instrument: Instrument, offers: Sequence[CertificateOffer]) -> Instrument:
-    """Return the instrument with the values that further certificates state for its fields."""
+    """Return the instrument with the values that further certificates state for its properties."""
     statements: dict[str, Any] = {}
     for offer in offers:
         statements.update(offer.statements)

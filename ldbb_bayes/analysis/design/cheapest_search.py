@@ -34,8 +34,8 @@ __all__ = [
 # Largest number of circles of a campaign.
 _MOST_CIRCLES = 40
 # To estimate how many circles are needed in a family of campaigns, the search takes the family's
-# best campaign of this many circles. The number of runs of each circle is multiplied by the factor
-# with which the goals are reached.
+# best campaign of this many circles. All its numbers of circles are then multiplied by the smallest
+# factor with which the goals are reached.
 _CIRCLES_OF_SHARES = 8
 # The search in a family of campaigns begins at this share of the estimated number of circles that
 # are needed.
@@ -43,9 +43,9 @@ _BEGIN_SHARE = 0.85
 # Number of halvings of the interval in which the search seeks the factor by which to multiply the
 # numbers of circles of a campaign.
 _HALVINGS = 10
-# A full forecast of a campaign is made only if ln(u/u*) is at most this. Here u is a standard
-# uncertainty: that of the quick forecast times the expected ratio of full to quick forecast. u* is
-# the largest standard uncertainty that the goal permits.
+# A full forecast of a campaign is made only if ln(u/u*) is at most this. Here u is the standard
+# uncertainty that the full forecast is expected to give for the parameter of a goal, and u* is the
+# largest standard uncertainty that the goal permits.
 _NEAR = 0.03
 # Largest number of full forecasts in one family of campaigns.
 _MOST_FORECASTS = 8
@@ -124,7 +124,7 @@ def shares_of_machines(stated: StatedByMachines, goals: Mapping[str, Goal]) -> d
 
 @dataclass
 class _Progress:
-    """State of the search in one family of campaigns: numbers of circles, and forecasts made."""
+    """Progress of the search in one family of campaigns: circles tried, and forecasts made."""
 
     family: CampaignFamily
     circles: int  #: number of circles that is tried next
@@ -162,8 +162,8 @@ def find_cheapest(
 ) -> CheapestCampaigns:
     """Return the cheapest campaigns that reach all goals, one of each family.
 
-    If fewer than ``number`` families reach the goals, campaigns with more circles are added, in the
-    family of the cheapest campaign.
+    If fewer than ``number`` families reach the goals, the result also has campaigns with more
+    circles, of the family of the cheapest campaign.
 
     Parameters
     ----------
@@ -242,12 +242,13 @@ class _Search:
         self._goals = goals
         self._costs = costs
         self._probability = probability
-        #: smallest coefficient `_Progress.inflation` of all families so far
+        #: smallest value of `_Progress.inflation` in the families searched so far. For n circles,
+        #: this value divided by n is part of the logarithm of the ratio of full to quick forecast.
         self._inflation = np.inf
         #: whether the largest campaign of at least one family reaches all goals
         self.is_reachable = False
-        #: the campaign that reaches all goals on most possible machines, among those largest
-        #: campaigns of families that miss the goals
+        #: the best campaign that misses the goals: of the largest campaigns of all families, the
+        #: campaign that reaches all goals on the largest share of the possible machines
         self.nearest: FoundCampaign | None = None
         self.effort = 0  #: sum of the squared numbers of circles of all full forecasts
 
@@ -288,7 +289,7 @@ class _Search:
         return float(np.quantile(excess, self._probability)) - distance
 
     def _keep_nearest(self, campaign: FoundCampaign) -> None:
-        """Store a campaign that misses the goals as ``nearest`` if it is the best of these so far.
+        """Store a campaign as ``nearest`` if it is the best so far that misses the goals.
 
         The best campaign is the one that reaches all goals on the largest share of the possible
         machines.
@@ -389,11 +390,11 @@ class _Search:
 
 
 def _least_multiple(family: CampaignFamily, counts: Array, distance: float) -> float:
-    """Return by which factor to multiply numbers of circles to reach a distance from the goals.
+    """Return the factor for numbers of circles that brings a campaign near enough to its goals.
 
-    ``counts`` are the numbers of circles of all candidate tests; the multiplied numbers need not be
-    whole. ``distance`` is the distance from the goals that the quick forecast is to give, as
-    `quick_forecast` defines it.
+    ``counts`` are the campaign's numbers of circles of all candidate tests. If all are multiplied
+    by the factor, the quick forecast gives the distance ``distance`` from the goals (zero: the
+    goals are just met). The multiplied numbers need not be whole.
     """
     low = -np.log(_CIRCLES_OF_SHARES)
     high = np.log(_MOST_CIRCLES / _CIRCLES_OF_SHARES)

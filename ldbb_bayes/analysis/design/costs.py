@@ -37,7 +37,8 @@ class Costs(Result):
     """
 
     minutes_per_circle: float = 3.0  #: minutes for one circle, including the time to set the force
-    #: minutes for every set-up; each combination of plane, radius and stated set-up needs a set-up
+    #: minutes for every set-up; circles that differ in plane, radius or stated set-up cannot be run
+    #: in the same set-up
     minutes_per_setup: float = 15.0
     minutes_per_clocking: float = 5.0  #: minutes for every turn of the balls within a set-up
     #: price of an hour of machine time, in the unit of money of the certificates' prices

@@ -134,9 +134,10 @@ class LogBayesFactor:
     size: float = 1.0
 
     def value(self, root: Array) -> Array:
-        """Return the expected log Bayes factor in favour of the true of two models, shape (...).
+        """Return the expected log Bayes factor in favour of the true model, shape (...).
 
-        In one model the s parameters of interest are free; in the other they are zero.
+        Two models are compared. In one, the s parameters of interest are free; in the other, they
+        are zero.
 
         ``root`` is the Cholesky factor of the precision of these parameters, shape (..., s, s). The
         leading dimensions (...) are those of several designs or hyper-parameters.

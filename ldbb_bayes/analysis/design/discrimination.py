@@ -21,10 +21,11 @@ __all__ = ["DECISIVE", "Discrimination", "discrimination_of"]
 # Evidence is called decisive if the absolute value of the log Bayes factor is at least this [nat]
 # (Kass and Raftery 1995: "very strong").
 DECISIVE = 5.0
-# Number of quasi-random points, for each value of the hyper-parameters, from which probabilities of
-# the log Bayes factor are computed.
+# Number of quasi-random samples, for each value of the hyper-parameters, from which probabilities
+# of the log Bayes factor are computed.
 _POINTS = 256
-# Variances are raised to at least this value, to avoid a division by zero.
+# Variances of the slopes, and the shares of these variances that remain after the tests, are raised
+# to at least this value. This avoids a division by zero.
 _LEAST_VARIANCE = 1e-12
 
 
@@ -32,8 +33,9 @@ _LEAST_VARIANCE = 1e-12
 class Discrimination(Result):
     """Expected log Bayes factor ln B of slopes over no slopes, and chances of decisive evidence.
 
-    Slopes are changes of the compliances with force. Fields that end in ``_with`` hold if there are
-    slopes; fields that end in ``_without`` hold if there are no slopes.
+    Slopes are changes of the compliances with force. Attributes whose names end in ``_with`` are
+    for a machine with slopes; those whose names end in ``_without`` are for a machine without
+    slopes.
     """
 
     #: root mean square of the slopes (changes of compliance with force) that are assumed to exist,
@@ -95,7 +97,7 @@ def discrimination_of(
     threshold
         Least absolute value of ln B at which evidence is decisive [nat].
     seed
-        Seed of the quasi-random points.
+        Seed of the quasi-random numbers.
 
     Returns
     -------
@@ -154,7 +156,7 @@ class _LogBayesFactorDistribution:
     """
 
     log_volume: Array  # ln det C of the slopes' posterior covariance C, shape (K,)
-    points: Array  # standard normal points for all components but one, shape (K, points, s − 1)
+    points: Array  # standard normal numbers for s − 1 components of z, shape (K, samples, s − 1)
 
     def expected(self, mean: Array, variance: Array) -> float:
         """Return the mean of the log Bayes factor [nat].
@@ -172,7 +174,7 @@ class _LogBayesFactorDistribution:
         The posterior mean of the slopes has s independent normal components. ``mean``, shape (K, 1
         or 2, s), and ``variance``, shape (K, s), are the means and variances of these components,
         for K values of the hyper-parameters. If there are two means of a component, the first is
-        used for half of the quasi-random points, and the second for the other half.
+        used for half of the quasi-random samples, and the second for the other half.
         """
         order = np.argsort(-variance, axis=1)[:, None]
         sorted_variance = np.take_along_axis(variance[:, None], order, axis=2)
@@ -182,7 +184,7 @@ class _LogBayesFactorDistribution:
         squares = ((centre[..., 1:] + sd[..., 1:] * self.points) ** 2).sum(axis=2)
         # The posterior mean of the slopes has several components. The component with the largest
         # variance (the first after sorting) is integrated analytically. The probability is averaged
-        # over points of all other components.
+        # over quasi-random samples of all other components.
         needed_square = 2.0 * level - self.log_volume[:, None] - squares
         edge = np.sqrt(np.maximum(needed_square, 0.0)) / sd[..., 0]
         middle = centre[..., 0] / sd[..., 0]
@@ -191,10 +193,10 @@ class _LogBayesFactorDistribution:
 
 
 def _normal_points(nodes: int, dimensions: int, seed: int) -> Array:
-    """Return standard normal points, shape (nodes, points, dimensions).
+    """Return quasi-random standard normal numbers, shape (nodes, samples, dimensions).
 
-    The points are quasi-random, with a different random shift for each of ``nodes`` values of the
-    hyper-parameters. ``dimensions`` is the number of components of a point.
+    Each sample has ``dimensions`` independent components. For each of ``nodes`` values of the
+    hyper-parameters, the samples are shifted by different random amounts.
     """
     rng = np.random.default_rng(seed)
     points = np.zeros((_POINTS, 0))

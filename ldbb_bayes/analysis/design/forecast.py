@@ -82,8 +82,8 @@ class Expected(Result):
     for the truncation (compliances must not be negative); ``untruncated_sd`` is the median without
     truncation. If priors are flat and the tests leave a parameter undetermined, all values except
     ``prior_sd`` are infinite. ``sd_error`` is the standard error of ``sd`` from the scatter over
-    possible states of the machine. ``sd_error`` is somewhat too large, because the states are
-    spread more evenly than independent states would be. ``floor_sd`` is the standard deviation if
+    the possible machines. ``sd_error`` is somewhat too large, because the machines are spread more
+    evenly than independent random machines would be. ``floor_sd`` is the standard deviation if
     every test were run a million times. ``floor_sd`` is due to nuisance effects that all tests
     share. The truncation reduces it in the same ratio as ``sd``.
     """
@@ -269,9 +269,9 @@ def forecast_tests(
 def _believed_covariance(bound: BoundModel, states: States, run: int) -> Array:
     """Return covariances of the parameters for scales that the analysis may find likely.
 
-    Scales are those of the noise and of other effects. The result has the shape (K, values, p, p),
-    for K possible machines, a few sets of scales for each machine, and p parameters. It is in units
-    of the prior standard deviations of the parameters. The condition that compliances are not
+    Scales are those of the noise and of other effects. The result has the shape (K, n, p, p), for K
+    possible machines, n sets of scales for each machine, and p parameters. The covariances are in
+    units of the prior standard deviations of the parameters. The condition that compliances are not
     negative is not used.
     """
     phi = extend_hyper_parameters(bound, states.phi, run, scattering=True)
@@ -487,8 +487,8 @@ def _draw_posterior_means(
     prior_mean = states.before.mean[is_possible]
     prior_precision = states.before.precision[is_possible] * np.outer(scale, scale)
     weight = np.eye(len(scale)) - covariance @ prior_precision[:, None]
-    # A symmetric root changes little with the scales, and equal random numbers then stand for equal
-    # readings. In other kinds of roots, columns may change their signs.
+    # Use symmetric roots: they are similar for similar scales, so that equal random numbers stand
+    # for the same readings. In other kinds of roots, columns may change their signs.
     root = _symmetric_root(weight @ covariance)
     deviation = (states.beta[is_possible] - prior_mean) / scale
     mean = (prior_mean / scale)[:, None] + np.einsum("knij,kj->kni", weight, deviation)

@@ -175,8 +175,8 @@ class GoalDesign(Result):
     #: circles reaches; the keys are the names of the parameters. If every single goal is reached,
     #: but not all goals together, all goals are included.
     near_misses: dict[str, NearMiss]
-    #: names of the parameters whose goals cannot be reached, even with the certificates on offer;
-    #: the plans leave these goals out
+    #: names of the parameters whose goals cannot be reached, even with the certificates that could
+    #: be bought; the plans leave these goals out
     unreachable: tuple[str, ...]
     #: campaigns as people run them today, for comparison; empty if ``plans`` is empty
     customary: tuple[CustomaryPlan, ...]
@@ -242,7 +242,10 @@ def design_for_goals(
     augment: bool = False,
     seed: int = 1,
 ) -> GoalDesign:
-    """Return the cheapest campaigns that reach goals, with the arguments of `ldbb_bayes.design`."""
+    """Return the cheapest campaigns that reach goals.
+
+    The arguments are those of `ldbb_bayes.design`.
+    """
     costs = costs or Costs()
     check_probability(probability, "probability")
     require(

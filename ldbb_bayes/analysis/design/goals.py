@@ -23,11 +23,10 @@ __all__ = ["COVERAGE_FACTOR", "Goal", "goals_in"]
 
 # Coverage factor k of the expanded uncertainty U = k u that a goal limits (GUM, 6.3.3).
 COVERAGE_FACTOR = 2.0
-# Pattern of a goal that is relative to the parameter's value: a number and a percent sign, as in 5
-# %.
+# Regular expression of a goal in percent of the parameter's value, such as "5 %".
 _PERCENTAGE = re.compile(r"\s*([+−-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)\s*%\s*", re.IGNORECASE)
-# Signs that may stand before a goal. They are ignored, because a goal always is an upper limit of
-# U, which extends equally to both sides.
+# Regular expression of the signs that may stand before a goal. These signs are ignored, because a
+# goal always is an upper limit of U, which extends equally to both sides.
 _SIGN = re.compile(r"^\s*(±|≤|<=)\s*")
 
 

@@ -114,7 +114,8 @@ class NextCircle(Result):
 
     circles: int  #: number of circles run
     confidence: float  #: least probability at which an aim is treated as reached
-    #: states of the goals for expanded uncertainties; the keys are the names of the parameters
+    #: how far each goal for an expanded uncertainty is reached; the keys are the names of the
+    #: parameters
     goals: dict[str, GoalSoFar]
     goals_probability: float  #: probability that all goals are met already; 1 if there are none
     #: decision between constant and linear compliance; None for a model without slopes
@@ -188,8 +189,8 @@ def next_circle(
     Returns
     -------
     NextCircle
-        The best next circles, and the state of every aim: now, and as expected after the best
-        circle.
+        The best next circles, and how far every aim is reached: now, and as expected after the best
+        next circle.
 
     Raises
     ------
@@ -305,7 +306,7 @@ def _states_of_tolerances(
 def _goals_so_far(
     goals: Mapping[str, GoalState], after: Array, floor: Array
 ) -> dict[str, GoalSoFar]:
-    """Return the state of every goal, with the names of the parameters as keys.
+    """Return how far every goal is reached, with the names of the parameters as keys.
 
     ``after``, shape (K, p, p), are the covariances of the p parameters after the best next circle,
     at K values of the hyper-parameters. ``floor``, of the same shape, are the covariances after
@@ -350,7 +351,7 @@ def _default_forces(campaign: Campaign) -> list[float]:
 
 
 def _clockings_of(campaign: Campaign) -> list[Clocking]:
-    """Return the pairs of ball angles of a campaign's circles [°], without repeated pairs."""
+    """Return the different pairs of ball angles [°] at which circles of a campaign were run."""
     pairs = [(test.work_ball_deg, test.tool_ball_deg) for test in campaign.tests]
     return list(dict.fromkeys(pairs))
 
@@ -375,9 +376,9 @@ def _joint_probability(states: Mapping[str, GoalState], known: Known) -> float:
 
 
 def _covariances_after_very_many(objective: Objective) -> Array:
-    """Return the covariances of the parameters if each circle were run very many times.
+    """Return the covariances that the parameters would have after very many runs of each circle.
 
-    The circles are the candidates of ``objective``.
+    The circles are the candidate tests of ``objective``.
 
     The result has the shape (K, p, p), for p parameters at K values of the hyper-parameters.
     """

@@ -21,7 +21,7 @@ from ldbb_bayes.results import Array, Shown
 __all__ = ["Objective"]
 
 # Let L be the Cholesky factor of the precision matrix M (inverse covariance) of a design. Parameter
-# i counts as undetermined by the design if L_ii is below this share of √M_ii.
+# i is treated as undetermined by the design if L_ii is below this share of √M_ii.
 _SINGULAR_SHARE = 1e-6
 # Largest number of matrix elements that `Objective.after_adding` computes at a time, to limit
 # memory.

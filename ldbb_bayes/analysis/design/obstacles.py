@@ -143,8 +143,8 @@ def _floors_with(
 
     u is the standard uncertainty of the goal's parameter, and u* the largest standard uncertainty
     that the goal permits. ``name`` is the name of the certificate, and ``statements`` are the
-    values of the fields of the instrument that the certificate states. The keys of the result are
-    the names of the goals' parameters.
+    values that it states for properties of the instrument, such as the length of the bar. The keys
+    of the result are the names of the goals' parameters.
     """
     offer = CertificateOffer(name, 0.0, statements)
     offers = (*family.offers, offer)
@@ -182,8 +182,9 @@ def _most_helpful(
 def _typical_limits(family: CampaignFamily) -> dict[str, float]:
     """Return the expanded uncertainty that every goal permits, averaged over possible machines.
 
-    The average is the geometric mean. It is needed because a goal in percent of a parameter permits
-    different uncertainties on different machines. The keys are the names of the goals' parameters.
+    The average is the geometric mean. An average is needed because a goal in percent of a parameter
+    permits different uncertainties on different machines. The keys are the names of the goals'
+    parameters.
     """
     limits = {}
     for name, goal in family.goals.items():
@@ -218,12 +219,12 @@ def _held_by(family: CampaignFamily) -> dict[str, _Holder]:
 
 
 def _repeated(information: Information) -> Information:
-    """Return the information as if every circle were run very many times.
+    """Return the information that very many runs of every circle would give.
 
     The scatter between circles then averages out; effects that all circles share remain.
     """
-    # Tests with the same noise share one dictionary of noise sources. In the result, these tests
-    # share one dictionary too.
+    # Tests with the same noise share one dictionary of noise covariances. In the result, these
+    # tests share one dictionary too.
     averaged: dict[int, dict[str, Array]] = {}
     for noises in information.noise:
         averaged[id(noises)] = {name: cov / _VERY_MANY for name, cov in noises.items()}

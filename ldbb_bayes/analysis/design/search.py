@@ -45,25 +45,26 @@ _TRIED_CANDIDATES = 12
 # random candidates are tried as a replacement of each test of a design.
 _TRIED_AT_THE_END = 128
 # To save time, the sensitivities by which candidates are selected are averaged over only one in
-# this many values of the hyper-parameters.
+# ``_HYPER_STEP`` values of the hyper-parameters.
 _HYPER_STEP = 4
 # Number of designs that the search starts from. The first has the best fractions of tests, rounded
-# to whole numbers; the others are random. In every third design, tests are drawn from all
-# candidates with equal probability. In the other random designs, the best fractions of tests are
-# the probabilities.
+# to whole numbers; the others are random. In two of every three random designs, the best fractions
+# of tests are the probabilities with which candidates are drawn. In the third, all candidates have
+# equal probability.
 _STARTS = 6
 # The shares of candidate tests (their numbers of runs divided by the number of all runs) are
 # treated as the best if the largest sensitivity exceeds the bound by at most this, relative to the
 # bound. A sensitivity is the rate at which the criterion grows with the share of a candidate; the
 # bound is the mean of the sensitivities, weighted by the shares.
 _SHARES_TOLERANCE = 1e-5
-# The search restarts from perturbed designs ``_MAX_RESTARTS`` times, or less often if the cost of
-# so many restarts would exceed ``_RESTART_COST``. The cost is the number of elements of the
+# The search restarts from randomly changed designs ``_MAX_RESTARTS`` times, or less often if the
+# cost of so many restarts would exceed ``_RESTART_COST``. The cost is the number of elements of the
 # precision matrices, times the number of tests, times the number of candidates that are tried as a
 # replacement of each test, times the number of restarts.
 _MAX_RESTARTS = 100
 _RESTART_COST = 4_000_000
-# If at most this many designs are possible, the search does not restart from perturbed designs.
+# If at most this many designs are possible, the search does not restart from randomly changed
+# designs.
 _FEW_DESIGNS = 1000
 # Two forces of a design are close if their distance is at most ``_CLOSE_FORCES`` times the range of
 # force. They are merged into one if the relative loss of efficiency is at most ``_MERGING_LOSS``.
@@ -72,7 +73,9 @@ _MERGING_LOSS = 1e-4
 
 
 def efficient_rounding(share: Array, tests: int) -> Array:
-    """Return whole numbers of tests nearest to given fractions (Pukelsheim and Rieder 1992).
+    """Return whole numbers of tests that are nearest to given fractions of the number of all tests.
+
+    The method is that of Pukelsheim and Rieder (1992).
 
     Parameters
     ----------
@@ -85,7 +88,7 @@ def efficient_rounding(share: Array, tests: int) -> Array:
     Returns
     -------
     Array
-        Counts of tests by candidate, shape (candidates,); their sum is ``tests``.
+        Number of tests of each candidate, shape (candidates,); the sum is ``tests``.
     """
     share = share / share.sum()
     support = np.flatnonzero(share)
@@ -125,8 +128,8 @@ def exchange(
     objective
         Criterion as a function of the number of tests of each candidate.
     start
-        Number of tests by candidate in the design to start from, shape (candidates,). The design
-        must be feasible.
+        Number of tests of each candidate in the design to start from, shape (candidates,). The
+        design must be feasible.
     rng
         Random generator for the order in which tests are replaced, and for the candidates that are
         tried.
@@ -134,13 +137,13 @@ def exchange(
         Function that takes the counts of a design and returns whether the design is allowed.
         Default: all designs are.
     thorough
-        Whether more candidates are tried as a replacement of each test at the end than before. If
-        not, only a few are tried throughout.
+        Whether, at the end of the search, more candidates are tried as a replacement of each test
+        than before. If False, the search always tries only a few.
 
     Returns
     -------
     counts : Array
-        Number of tests by candidate in the design, shape (candidates,).
+        Number of tests of each candidate in the design, shape (candidates,).
     value : float
         Value Φ of the criterion for the design.
     """
@@ -183,7 +186,7 @@ def _with_tests(counts: Array, candidate: int, number: int = 1) -> Array:
 def _likely_candidates(
     objective: Objective, base: Array, size: int, rng: np.random.Generator
 ) -> Array:
-    """Return the indices of candidates that are likely to improve a design if a test is added.
+    """Return the indices of candidates of which one more test is likely to improve a design.
 
     The indices are those of the ``size`` candidates with the largest sensitivity (rate at which the
     criterion grows with the number of their tests), and of ``size`` random candidates. If there are
@@ -234,7 +237,7 @@ class Search:
     _shares: dict[float, Optimum] = field(default_factory=dict, init=False)
 
     def shares(self, tests: float) -> Optimum:
-        """Return the best shares for this number of tests; they are computed only once.
+        """Return the best shares for ``tests`` tests in all; they are computed only once.
 
         The share of a candidate (test that could be run) is its number of runs divided by the
         number of all runs.
@@ -282,7 +285,7 @@ class Search:
         return ExactDesign(best, value, optimum, efficiency)
 
     def _starting_designs(self, share: Array, tests: int, rng: np.random.Generator) -> list[Array]:
-        """Return the designs that the search starts from, as counts of tests by candidate.
+        """Return the designs that the search starts from, as numbers of tests of each candidate.
 
         Each design has the shape (candidates,). The first is rounded from the best fractions of
         tests, ``share``, shape (candidates,). The others are random.
@@ -324,9 +327,9 @@ class Search:
         """Return a design with tests at enough different forces.
 
         ``counts`` holds the number of tests of each candidate. If all tests are at one force but
-        two forces are needed, one test is replaced by a random candidate at another force. If no
-        candidate differs enough from the force of the other tests, all other tests are first moved
-        to the lowest force.
+        two forces are needed, one test is replaced by a random candidate at another force. If the
+        force of no candidate differs enough from that of the tests, all tests are first moved to
+        the lowest force.
         """
         if self._is_feasible(counts):
             return counts
@@ -349,7 +352,7 @@ class Search:
         return [j for j in range(n) if self._is_feasible(_with_tests(counts, j))]
 
     def _number_of_restarts(self, tests: int) -> int:
-        """Return how often the search restarts from perturbed designs.
+        """Return how often the search restarts from designs of which a third is replaced at random.
 
         ``tests`` is the number of tests of a design. The number is limited, because restarts take
         time. It is zero if there are few possible designs.

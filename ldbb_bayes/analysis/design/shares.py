@@ -36,16 +36,17 @@ _JOINING_CANDIDATES = 3
 # Number of candidates, evenly spread over the list of all, whose shares are optimized in the first
 # round.
 _FIRST_CANDIDATES = 32
-# A share below this counts as zero.
+# A share of the tests below this value is treated as zero.
 _ZERO_SHARE = 1e-10
 # Before the solver starts, shares are raised to at least this number divided by the number of
 # candidates whose shares are optimized. Then all shares are scaled to sum to one.
 _STARTING_SHARE = 0.02
 # Value of the solver's loss function where the fractions of tests leave a parameter undetermined.
 _UNDETERMINED_LOSS = 1e6
-# Tolerances of the solver SLSQP for the best shares of tests. The first is used in the first round,
-# and none is smaller than the second. In later rounds, the tolerance is at most the third number
-# times `Optimum.excess`, which measures how far the shares are from the best.
+# Tolerances of the solver SLSQP for the best shares of tests: ``_LOOSE_TOLERANCE`` in the first
+# round, and never less than ``_TIGHT_TOLERANCE``. In later rounds, the tolerance is at most
+# ``_TOLERANCE_PER_EXCESS`` times `Optimum.excess`, which measures how far the shares are from the
+# best.
 _LOOSE_TOLERANCE = 1e-5
 _TIGHT_TOLERANCE = 1e-15
 _TOLERANCE_PER_EXCESS = 1e-3
@@ -139,8 +140,8 @@ def optimal_shares(objective: Objective, tests: float, *, tolerance: float = 1e-
     derivative of the criterion with respect to its number of tests. The bound is the mean of the
     sensitivities, weighted by the shares. The algorithm optimizes the shares of a few active
     candidates, then adds candidates whose sensitivity exceeds the bound. These two steps are
-    repeated until the relative excess of the largest sensitivity over the bound is within the
-    tolerance, until the steps no longer raise the criterion, or 400 times at most.
+    repeated, at most 400 times. They end when the relative excess of the largest sensitivity over
+    the bound is within the tolerance, or when they no longer raise the criterion.
 
     Parameters
     ----------
@@ -213,7 +214,7 @@ def _candidates_above_bound(optimum: Optimum) -> NDArray[np.intp]:
 
 
 def _solve_shares(objective: Objective, tests: float, start: Array, tolerance: float) -> Array:
-    """Return the shares of a few candidates that maximise the objective, shape (candidates,).
+    """Return the best shares of a few candidates under the objective, shape (candidates,).
 
     ``tests`` is the number of all tests. Shares are not negative and sum to one. They are computed
     with the solver SLSQP from the shares ``start``, shape (candidates,). ``tolerance`` is the

@@ -58,9 +58,9 @@ _GROUPS_BY_CRITERION = {"discriminate": {"slope"}, "i": {"compliance", "slope"}}
 class Space:
     """Candidate tests, criterion and parameters of interest of a design.
 
-    The fields are the arguments of `ldbb_bayes.design` except the number of tests. Repeated values
-    are dropped. The pilot is the campaign or plan that the design starts from. Kinds of tests that
-    the pilot has not run are added to the tests that the pilot foresees.
+    The attributes are the arguments of `ldbb_bayes.design` except the number of tests. Repeated
+    values are dropped. The pilot is the campaign or plan that the design starts from. Kinds of
+    tests that the pilot has not run are added to the tests that the pilot foresees.
     """
 
     model: HybridModel
@@ -79,7 +79,7 @@ class Space:
     seed: int = 1
 
     def __post_init__(self) -> None:
-        """Drop repeated values of the fields, and complete the tests that the pilot foresees.
+        """Drop repeated values of the attributes, and complete the tests that the pilot foresees.
 
         The pilot is the campaign or plan that the design starts from.
 
@@ -100,7 +100,7 @@ class Space:
         self._check_interest()
 
     def _store(self, name: str, value: object) -> None:
-        """Set a field of this frozen dataclass."""
+        """Set an attribute of this frozen dataclass."""
         object.__setattr__(self, name, value)
 
     def _check_candidates(self) -> None:
@@ -150,7 +150,10 @@ class Space:
 
     @cached_property
     def bound(self) -> BoundModel:
-        """The model bound to the pilot alone, the campaign or plan that the design starts from."""
+        """The model bound to the pilot alone.
+
+        The pilot is the campaign or plan that the design starts from.
+        """
         return self.model.bind(self.pilot)
 
     @cached_property
@@ -311,9 +314,9 @@ def _radii_of(pilot: Campaign) -> list[float]:
 
 
 def _distinct_clockings(clockings_deg: Sequence[Clocking]) -> tuple[Clocking, ...]:
-    """Return the clockings (pairs of angles of the balls) without repeated ones.
+    """Return every different clocking once; a clocking is a pair of angles of the balls.
 
-    Angles that differ by whole turns count as equal.
+    Angles that differ by whole turns are treated as equal.
     """
     first_by_angles: dict[Clocking, Clocking] = {}
     for work_deg, tool_deg in reversed(clockings_deg):
