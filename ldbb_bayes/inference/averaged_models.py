@@ -29,8 +29,8 @@ class AveragedModel:
     The average has p parameters: every parameter that at least one of its models has.
     """
 
-    #: share of the model's draws among all draws, which is about the posterior probability of the
-    #: model
+    #: number of the model's draws divided by the number of all draws; this share is about the
+    #: posterior probability of the model
     probability: float
     bound: BoundModel  #: the model, applied to the campaign
     places: NDArray[np.intp]  #: indices of the model's parameters among the p parameters
@@ -90,10 +90,10 @@ def _bound_of_model(
 ) -> BoundModel:
     """Return one model of an average, applied to the campaign.
 
-    ``largest`` is the model with all parameters of the average. ``places`` are the indices of the
-    returned model's parameters among the parameters of ``largest``. ``rivals`` are the names of the
-    rival explanations in the returned model: effects that look like a change of compliance with
-    force.
+    ``largest`` is the model with all parameters of the average. ``places`` holds, for each
+    parameter of the returned model, its index among the parameters of ``largest``. ``rivals`` are
+    the names of the rival explanations that the returned model contains. Rival explanations are
+    effects that look like a change of compliance with force.
     """
     present = {largest.names[place] for place in places}
     absent = [name for name in largest.names if name not in present]

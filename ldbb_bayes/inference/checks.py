@@ -1,8 +1,8 @@
 """Posterior predictive checks: whether readings look like those that the posterior predicts.
 
-The basis consists of the 25 harmonics of a circle: a constant, and cosine and sine for each of the
-orders 1 to 12. φ are the h hyper-parameters, the scales of the noise and of other effects; σ, one
-of the hyper-parameters, is the standard deviation of white noise. β are the p parameters:
+The readings of a circle are described by 25 harmonics: a constant, and cosine and sine for each of
+the orders 1 to 12. φ are the h hyper-parameters, the scales of the noise and of other effects; σ,
+one of the hyper-parameters, is the standard deviation of white noise. β are the p parameters:
 compliances, their slopes and geometric errors. Shared nuisances are effects that are modelled but
 not of interest and that several tests have in common. Draws are random draws from the posterior.
 Index r counts the tests.
@@ -62,9 +62,9 @@ _DRAWS = 500
 # A posterior predictive check fails if its p-value times the number of all checks (Bonferroni) is
 # below this value.
 _FAILS = 0.01
-# Posterior predictive checks are ranked by the logarithms of their p-values. p-values below this
-# number are first replaced by it, so that the logarithm is finite. Standard errors of slopes over
-# force below this number are replaced too, to avoid a division by zero.
+# Smallest p-value used where posterior predictive checks are ranked by the logarithms of their
+# p-values: a smaller p-value is replaced by this number, so that the logarithm is finite. A smaller
+# standard error of a slope over force is also replaced by this number, to avoid a division by zero.
 _SMALLEST_P = 1e-300
 # The autocorrelation of a test's noise is computed from at most this many readings of the test.
 _LONGEST_STRETCH = 100_000
@@ -109,12 +109,13 @@ class Check:
 class TestChecks(Result):
     """Posterior predictive p-values of one test.
 
-    ``orders_p`` refers to the residual of each Fourier order. The effects of the machine and of
-    shared nuisances (effects that are modelled but not of interest and that several tests have in
-    common, such as ball form) are subtracted first. Each p-value in ``orders_p`` is the probability
-    that the residual of a new circle is larger, averaged over the posterior. The p-values
-    ``noise_p`` and ``autocorrelation_p`` are two-sided. These two p-values and ``autocorrelation``
-    are None if the test has at most 25 readings.
+    The residual is what remains of the readings if the effects of the machine and of shared
+    nuisances are subtracted. Shared nuisances are effects that are modelled but not of interest and
+    that several tests have in common, such as ball form. ``orders_p`` holds a p-value for each
+    Fourier order: the probability that the residual of a new circle at this order is larger than
+    that of the measured circle, averaged over the posterior. The p-values ``noise_p`` and
+    ``autocorrelation_p`` are two-sided. These two p-values and ``autocorrelation`` are None if the
+    test has at most 25 readings.
     """
 
     __test__ = False
@@ -167,9 +168,9 @@ def effects_of_failures(
     """Return how much the causes of failing checks could change parameters and widen intervals.
 
     The first result is a dict, whose keys are the names of the tests that fail the check of a
-    Fourier order. Its values are the largest changes of any parameter when the test is left out, in
-    units of the parameter's posterior standard deviation. The dict is empty if no check of a
-    Fourier order fails, if the campaign has one test only, or if the prior is flat.
+    Fourier order. The value of a test is the largest change of any parameter when the test is left
+    out, in units of the parameter's posterior standard deviation. The dict is empty if no check of
+    a Fourier order fails, if the campaign has one test only, or if the prior is flat.
 
     The second result is the largest share by which a parameter's interval grows if the tests that
     fail a check of noise or autocorrelation are noisier than modelled. Their noise is assumed to be
@@ -211,9 +212,10 @@ def _widening_by_noise(bound: BoundModel, phi: Array, tests: Sequence[str]) -> f
     """Return the largest share by which an interval grows if some tests are noisier than modelled.
 
     Intervals are those of the parameters; a share of 0.1 means that an interval is 10 % wider.
-    ``tests`` are the names of the tests that are noisier. For these tests, the noise variance
-    follows from the readings at the Fourier orders 13 to 16, unless the noise variance σ² of the
-    model is larger. For every test, σ² is then replaced by the mean noise variance of all tests.
+    ``tests`` are the names of the tests that are noisier. For these tests, the noise variance is
+    assumed to be that which the readings show at the Fourier orders 13 to 16, or the noise variance
+    σ² of the model if σ² is larger. For all other tests, the noise variance is σ². The wider
+    intervals are those of a model in which σ² is replaced by the mean noise variance of all tests.
     ``phi``, shape (h,), is one value of the hyper-parameters (scales of the noise and of other
     effects). ``bound`` is the model, applied to its campaign.
     """
@@ -235,8 +237,8 @@ def _power_beyond(bound: BoundModel) -> Array:
 
     The orders are Fourier orders. The variances are in mm², shape (tests,). Tests of the same
     plane, radius and direction of travel form a group. The mean of the Fourier coefficients over
-    the group is first subtracted, because a pattern that the machine repeats is not noise.
-    ``bound`` is the model, applied to its campaign.
+    the group is first subtracted, because deviations that the machine repeats in all tests of a
+    group are not noise. ``bound`` is the model, applied to its campaign.
     """
     setting = bound.setting
     waves = np.array([_waves_beyond(test) for test in tests_in_order(bound)])
@@ -267,15 +269,15 @@ def _waves_beyond(test: CircularTest) -> Array:
 
 
 def centre_shift(bound: BoundModel, beta: Array) -> dict[str, float]:
-    """Return the machine axes along which the circles' centre shifts in proportion to force.
+    """Return p-values of the machine axes along which the circles' centre shifts with force.
 
-    The shift that the parameters ``beta``, shape (p,), explain is subtracted first. For each plane
-    and each of its two axes, a p-value is then computed by Student's t-test of the slope of the
-    centre (Fourier coefficients of order 1) over force. Only planes with at least four tests and at
-    least three different forces are checked. An axis is reported if its smallest p-value in any
-    plane, times the number of all p-values (Bonferroni), is below 1 %. The result is a dict from
-    each axis reported to the smallest p-value of this axis. ``bound`` is the model, applied to its
-    campaign.
+    The centres are first corrected for the shift that the parameters ``beta``, shape (p,), explain.
+    For each plane and each of its two axes, a p-value is then computed by Student's t-test of the
+    slope of the centre (Fourier coefficients of order 1) over force. Only planes with at least four
+    tests and at least three different forces are checked. An axis is reported if its smallest
+    p-value in any plane, times the number of all p-values (Bonferroni), is below 1 %. The result is
+    a dict. Its keys are the axes reported, its values the smallest p-values of these axes.
+    ``bound`` is the model, applied to its campaign.
     """
     residuals = reduced_residuals(bound, machine_coefficients(bound, beta[None])[0])
     harmonics = [matrix_to_harmonics(bound, r) @ residual for r, residual in enumerate(residuals)]

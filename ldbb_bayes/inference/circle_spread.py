@@ -3,9 +3,10 @@
 The factor λ multiplies the set-up shift (of zero and centre) and the discrepancy (unexplained
 deviations) of one circle. Its prior, λ² ~ InvGamma(a, a) with a = 3/2, has heavy tails, so that one
 unusual measured circle hardly changes the compliances. But most circles of one machine scatter
-alike, and a band for a new circle would be too wide if the λ of the new circle were drawn from that
-prior. The shape a is therefore learnt: each posterior draw of the λ of R measured circles
-determines the probabilities of a few possible values of a:
+alike. If λ of a new circle were drawn from that prior, the predicted band of the new circle's
+readings would be too wide. The shape a is therefore learnt from the R measured circles. Each
+posterior draw of their factors λ_1 … λ_R gives the probabilities of a few possible values of a,
+with the prior probabilities p(a):
 
     p(a | λ_1 … λ_R) ∝ p(a) Π InvGamma(λ_r²; a, a).
 
@@ -31,8 +32,8 @@ __all__ = ["draw_new_noise_factors", "shape_probabilities"]
 # alike.
 _SHAPES = np.array([1.5, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0, 40.0])
 # Prior probability of the first shape in ``_SHAPES``; the other shapes have equal prior
-# probabilities. The probability of the first shape is so large that a few circles cannot rule out
-# that the next circle is unusual.
+# probabilities. The first shape gives heavy tails. Its probability is large, so that a few circles
+# that scatter alike cannot rule out that the next circle is unusual.
 _FIRST_PROBABILITY = 0.5
 
 
@@ -53,8 +54,8 @@ def shape_probabilities(noise_factors: Array) -> Array:
     """Return the probabilities of the shapes a in ``_SHAPES`` for each of n posterior draws.
 
     λ² has the density InvGamma(a, a), where λ is the noise factor of a circle. ``noise_factors``,
-    shape (n, R), are the drawn factors of the R measured circles. The result has the shape (n,
-    shapes).
+    shape (n, R), are the drawn factors of the R measured circles. The result has one row for each
+    draw and one column for each value in ``_SHAPES``.
     """
     prior = np.full(len(_SHAPES), (1.0 - _FIRST_PROBABILITY) / (len(_SHAPES) - 1))
     prior[0] = _FIRST_PROBABILITY

@@ -72,7 +72,7 @@ class ModelDraws(NamedTuple):
 
 
 class PrivateTerm(NamedTuple):
-    """An effect on one circle only, with v coefficients that are drawn anew for every circle."""
+    """An effect on one circle only. Its v coefficients are drawn anew for every circle."""
 
     #: change of the readings' 25 Fourier coefficients (orders 0 to 12) [mm] per unit of each of the
     #: effect's v coefficients, shape (25, v)
@@ -221,7 +221,8 @@ def elastic_draws_with(
 ) -> ElasticDraws:
     """Return what `elastic_draws` returns, but with shared nuisances that are already drawn.
 
-    ``shared``, shape (draws, q), are the coefficients of the nuisances that tests share. These
+    Shared nuisances are effects that are modelled but not of interest and that several tests have
+    in common. ``shared``, shape (draws, q), are the coefficients of these nuisances. These
     coefficients are not used if the model has no term `JointLoad` (joints that yield to their own
     load). The other arguments are those of `elastic_draws`.
     """
@@ -305,7 +306,7 @@ def new_circle_coefficients(
 def draw_shared_coefficients(
     bound: BoundModel, phi: Array, beta: Array, rng: np.random.Generator
 ) -> Array:
-    """Return the machine's effects plus random draws of nuisances that tests share [mm].
+    """Return the machine's effects plus random effects of nuisances that tests share [mm].
 
     Nuisances are effects that are modelled but not of interest, such as ball form. The nuisances
     are drawn given the readings, the parameters ``beta``, shape (draws, p), and the

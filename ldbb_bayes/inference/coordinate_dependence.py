@@ -1,16 +1,17 @@
 """Proposal for importance sampling: means and widths of coordinates depend on other coordinates.
 
-A proposal is the density from which points are drawn. If a scale that is common to all circles is
-near zero, the readings determine the other scales less well, so that the other scales have wider
-densities. A correlation cannot express this. Let u be h coordinates that are not correlated, with
-indices from 1 to h. The mean m of a coordinate and the logarithm of its width s are therefore
-polynomials of degree two in the coordinates that have a smaller index, of which only the first k
-are used. Then
+A proposal is the density from which points are drawn. The points are values of the
+hyper-parameters, the scales of the noise and of other effects. If a scale that is common to all
+circles is near zero, the readings determine the other scales less well, and the densities of the
+other scales are wider. A correlation cannot express such a change of width. In the proposal, mean
+and width of a coordinate therefore depend on other coordinates. Let u be h coordinates that are not
+correlated with each other. The mean m of a coordinate and the logarithm of its width s are
+polynomials of degree two in those of the first k coordinates that have a smaller index. Then
 
     z = (u − m) / s − offset
 
-are coordinates that are nearly independent. The matrix of the derivatives ∂z/∂u is triangular. Its
-determinant is the product of all 1 / s.
+are coordinates that are nearly independent, with a constant ``offset`` for each coordinate. The
+matrix of the derivatives ∂z/∂u is triangular. Its determinant is the product of all 1 / s.
 """
 
 from __future__ import annotations
@@ -24,13 +25,14 @@ from ldbb_bayes.results import Array
 
 __all__ = ["Dependence", "fit_dependence"]
 
-# Largest number k of coordinates on which coordinates with a larger index may depend. The first
-# hyper-parameters are the scales that are common to all circles, at most seven.
+# Largest number k of coordinates on which coordinates with a larger index may depend. Scales that
+# are common to all circles come first among the hyper-parameters; there are at most seven.
 _LEADING = 7
 # In the polynomials, values of coordinates are limited to this distance from zero, so that the
 # polynomials are not extrapolated. Coordinates have the standard deviation one.
 _FARTHEST = 5.0
-# Largest absolute value of the logarithm of a coordinate's width.
+# Logarithms of the fitted widths of coordinates are limited to this absolute value, so that the fit
+# is not extrapolated.
 _LARGEST_LOG_WIDTH = 1.0
 # Means and logarithms of widths of coordinates are polynomials in other coordinates. A coefficient
 # is set to zero unless it exceeds this number of standard errors.
@@ -49,7 +51,7 @@ class IndependentPoints(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Dependence:
-    """How mean and width of h coordinates u depend on the first k coordinates.
+    """Coefficients with which mean and width of h coordinates u depend on the first k of them.
 
     The rows of ``mean`` and of ``log_width`` hold the coefficients of the constant 1, of the first
     k coordinates, and of the squares of these coordinates. A coordinate depends only on coordinates
@@ -118,8 +120,9 @@ class _Polynomials:
 
         ``of_linear`` and ``of_square``, shape (k, h), are the coefficients of the polynomials of
         degree one and of degree two. The rows of the result, shape (1 + 2 k, h), are the
-        coefficients of 1, of the k coordinates u, and of their squares. With t = (u − mean) / sd,
-        the polynomial of degree one is t; that of degree two is (t² − 1 − skewness t) / square_sd.
+        coefficients of 1, of the k coordinates u, and of their squares. The polynomial of degree
+        one is t = (u − mean) / sd; that of degree two is (t² − 1 − skewness t) / square_sd. The
+        numbers mean, sd, skewness and square_sd are attributes of this object.
         """
         mean = self.mean[:, None]
         sd = self.sd[:, None]
@@ -149,8 +152,8 @@ def _polynomials(leading: Array, weight: Array) -> _Polynomials:
 def fit_dependence(u: Array, weight: Array) -> Dependence:
     """Fit to n points how mean and width of h coordinates depend on the first k coordinates.
 
-    A coefficient that does not exceed three standard errors is zero. The standard error is computed
-    as if the number of points were the effective sample size of the weights.
+    A coefficient is set to zero unless it exceeds three standard errors. The standard error is
+    computed as if the number of points were the effective sample size of the weights.
 
     Parameters
     ----------

@@ -30,8 +30,8 @@ __all__ = ["log_likelihood_of_tests", "with_predictive"]
 
 # The integral over λ is computed as a sum over these values of ln λ. λ is the factor by which two
 # random effects on one circle are multiplied: its set-up shift (of zero and centre) and its
-# discrepancy (unexplained deviations of the orders 2 to 12). The steps are small compared with the
-# width of the density of ln λ.
+# discrepancy (unexplained deviations of the orders 2 to 12). The distance between successive values
+# is small compared with the width of the density of ln λ.
 _LOG_LAMBDA = np.arange(-1.5, 3.01, 0.25)
 # Error allowed in each log evidence, and in each log probability that no compliance is negative
 # [nat].
@@ -42,8 +42,8 @@ _LARGE_K = 0.4
 # The power to which the densities of a test's readings are raised (tempering) is this value divided
 # by the Pareto shape k̂ of the inverse densities.
 _TEMPERED_K = 0.2
-# Where the power of a tempered density is computed from the Pareto shape k̂, a larger k̂ counts as
-# this value.
+# Largest Pareto shape k̂ from which the power of a tempered density is computed; a larger k̂ is
+# replaced by this value. (Tempering raises a density to a power below one.)
 _LARGEST_K = 2.0
 
 
@@ -185,10 +185,10 @@ def _sampled_group(
 ) -> xr.DataTree:
     """Return a group of a DataTree from arrays of random draws, which are split into chains.
 
-    The keys of ``variables`` are names of variables. Its values are pairs of the name of the second
-    dimension and the array of draws, shape (chains × draws, length of the second dimension).
-    ``coordinates`` holds the labels along each second dimension; its keys are the names of the
-    dimensions.
+    The keys of ``variables`` are names of variables. Each value is a pair: the name of the array's
+    second dimension, and the array of draws, shape (chains × draws, length of the second
+    dimension). ``coordinates`` holds the labels along each second dimension; its keys are the names
+    of the dimensions.
     """
     data = {}
     draws = 0
@@ -245,7 +245,7 @@ def _without_circle_scale(bound: BoundModel, phi: Array, circle_scale: str) -> A
 
 
 def _with_moderate_tails(bound: BoundModel, log_density: Array) -> Array:
-    """Return the log densities of the tests, tempered where importance weights would fail.
+    """Return the log densities of the tests' readings, tempered where importance weights need it.
 
     ``log_density``, shape (w, tests), is the log density of the readings of each test given all
     other tests. The log density is given at w draws of the hyper-parameters (scales of the noise

@@ -30,7 +30,7 @@ from ldbb_bayes.results import Array, Shown
 __all__ = ["JointDensity", "LinearRedraw", "LogDensity", "log_density", "starting_points"]
 
 # The hyper-parameters of a sampler's starting points are drawn from a density like their posterior,
-# but with standard deviations multiplied by the square root of this temperature.
+# but with standard deviations multiplied by the square root of this number (a temperature).
 _START_TEMPERATURE = 1.5
 # Number of random points drawn for each starting point that a sampler needs. More than one point is
 # drawn, because points with a negative compliance are dropped.
@@ -322,14 +322,14 @@ class JointDensity:
     def split(self, x: Array) -> tuple[Array, Array]:
         """Return the parameters, shape (..., p), and free coordinates, shape (..., h), of points x.
 
-        x, shape (..., p + h), holds points in the coordinates of the sampler. Free coordinates are
-        the h hyper-parameters transformed to be unbounded, mostly ln(value − lower bound).
+        x, shape (..., p + h), holds points in the coordinates of `JointDensity`. Free coordinates
+        are the h hyper-parameters transformed to be unbounded, mostly ln(value − lower bound).
         """
         p = len(self.bound.names)
         return self.bound.centre + x[..., :p] * self.bound.scale, x[..., p:]
 
     def join(self, beta: Array, free: Array) -> Array:
-        """Return points in the coordinates of the sampler, shape (..., p + h).
+        """Return points in the coordinates of `JointDensity`, shape (..., p + h).
 
         ``beta``, shape (..., p), holds the parameters. ``free``, shape (..., h), holds the
         hyper-parameters transformed to be unbounded, mostly ln(value − lower bound). `split` is the
@@ -344,8 +344,8 @@ class LinearRedraw:
 
     The sampler proposes the draws as the next points of its walkers. φ is drawn from a density
     fitted to p(φ | y), where y are the readings. β is drawn from its exact Gaussian density given φ
-    and y. If compliances must not be negative, β is drawn from a shifted (tilted) density instead,
-    which is close to the Gaussian density restricted to compliances that are not negative.
+    and y. If compliances must not be negative, β is drawn from a shifted density instead, which is
+    close to the Gaussian density restricted to compliances that are not negative.
     """
 
     density: JointDensity

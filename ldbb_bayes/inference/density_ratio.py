@@ -1,7 +1,7 @@
 """Integral of a density g from its ratio to a similar density f, at a sample of the nodes of f.
 
-∫ f is known as a sum over n weighted nodes φ_i (points) in h dimensions. With the mean E_f under
-the density f,
+The integral ∫ f was computed before, as a sum over n weighted nodes φ_i (points) in h dimensions.
+With the mean E_f under the density f,
 
     ∫ g = ∫ f · E_f[g / f].
 
@@ -35,7 +35,8 @@ from ldbb_bayes.results import Array
 
 __all__ = ["LogValues", "RatioIntegral", "RatioSampler"]
 
-# Number of nodes (points at which a density is evaluated) in the largest sample.
+# Number of nodes in the largest sample of the nodes of an integral. Nodes are the points at which
+# the integrated density is evaluated.
 _LARGEST_SAMPLE = 4608
 # The density is first evaluated at every 24th node of the largest sample, then at every 8th node,
 # and at last at all its nodes. Evaluation stops as soon as the error is small enough.
@@ -46,9 +47,9 @@ _NODES_PER_SAMPLE = 2
 # A polynomial is fitted only if its number of coefficients is at most this share of the number of
 # nodes in the sample.
 _LARGEST_SHARE_OF_COEFFICIENTS = 0.5
-# Half of the nodes are drawn in proportion to their weights. The other half are drawn in proportion
-# to this power of the weights, so that nodes in the tails, where the ratio of the densities is
-# largest, are drawn too.
+# Half of the nodes in a sample are drawn with probabilities in proportion to their weights, the
+# other half with probabilities in proportion to this power of the weights, so that nodes in the
+# tails, where the ratio of the densities is largest, are drawn too.
 _TAIL_POWER = 0.5
 # Polynomials count as linearly dependent if a singular value is below this share of the largest
 # singular value.
@@ -127,7 +128,8 @@ class _Sample:
     def leverage(self) -> Array:
         """Leverage of each of the m nodes, shape (m,).
 
-        The leverage is the derivative of the fitted value with respect to the value to fit there.
+        The leverage of a node is the derivative of the polynomial's value at the node with respect
+        to the value at this node to which the polynomial is fitted.
         """
         leverage = (self._decomposition.left**2).sum(axis=1)
         return np.asarray(np.minimum(leverage, 1.0 - np.finfo(float).eps))
@@ -194,10 +196,11 @@ def _mean_ratio(sample: _Sample, log_ratio: Array, fitted: Array) -> _MeanRatio:
 
 
 def _is_trusted(share: Array, residual: Array, log_residual: Array) -> bool:
-    """Return whether the mean of ratios ρ can be trusted: little scatter, and no heavy tail.
+    """Return whether the mean of ratios ρ can be trusted.
 
-    ρ is the ratio of two densities at m nodes. ``share`` are the weights of the nodes, ``residual``
-    is ρ divided by its mean, minus one, and ``log_residual`` is ln ρ, each of shape (m,).
+    The mean can be trusted if the ratios scatter little and have no heavy tail. ρ is the ratio of
+    two densities at m nodes. ``share`` are the weights of the nodes, ``residual`` is ρ divided by
+    its mean, minus one, and ``log_residual`` is ln ρ, each of shape (m,).
     """
     if share @ residual**2 > _LARGEST_SCATTER**2:
         return False
@@ -253,7 +256,7 @@ class RatioSampler:
         -------
         RatioIntegral or None
             The integral. None if no sample of the nodes reaches the tolerance: g should then be
-            evaluated at all nodes, or at nodes of its own.
+            evaluated at all nodes, or its integral computed from new nodes.
         """
         log_density = np.full(len(self._integral.free), np.nan)
         error = np.full(len(log_density), np.nan)
@@ -281,7 +284,7 @@ class RatioSampler:
 
 
 def _probabilities(weight: Array) -> Array:
-    """Return the probability of each of n nodes (weighted points) of being picked, shape (n,)."""
+    """Return the probability with which each of n nodes (weighted points) is picked, shape (n,)."""
     tempered = weight**_TAIL_POWER
     return 0.5 * weight + 0.5 * tempered / tempered.sum()
 
@@ -290,7 +293,8 @@ def _systematic_sample(probability: Array, rng: np.random.Generator) -> Index:
     """Return the indices of the nodes of the largest sample; a node may occur several times.
 
     The nodes are put in random order and picked at equally spaced levels of their cumulative
-    ``probability``. The smaller samples consist of every 8th and of every 24th of the picked nodes.
+    ``probability``. One smaller sample consists of every 8th picked node, another of every 24th
+    picked node.
     """
     order = rng.permutation(len(probability))
     levels = (rng.random() + np.arange(_LARGEST_SAMPLE)) / _LARGEST_SAMPLE

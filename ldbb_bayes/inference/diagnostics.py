@@ -87,9 +87,9 @@ def power_sensitivity(
     sensitivity to a constant factor is 0. ``draws`` holds the posterior draws of each parameter;
     its keys are the names of the parameters. ``log_densities`` holds the logarithm of each factor
     at these draws; its keys are the names of the factors. All arrays have the shape (chains,
-    draws). The first key of the result is the parameter, the second key the factor. The draws are
-    weighted to represent the posterior at another power. These weights are so even that they are
-    not smoothed.
+    draws). The first key of the result is the parameter, the second key the factor. Weighted draws
+    represent the posterior in which a factor has another power. The weights are so even that they
+    need no smoothing.
     """
     from arviz_stats.base import array_stats
 
@@ -115,10 +115,10 @@ def power_sensitivity(
 def _scaling_weights(log_density: Array, power: float, parameters: int) -> Array:
     """Return weights of posterior draws for a factor of the density raised to a power.
 
-    Draws with these weights represent the posterior density in which the factor, such as the prior,
-    has that power. ``log_density`` is the logarithm of the factor at the draws, shape (chains,
-    draws). The result has the shape (parameters, draws of all chains), with equal rows, as the
-    weights are the same for all parameters.
+    Draws with these weights represent the posterior density in which a factor, such as the prior,
+    is raised to the power. ``log_density`` is the logarithm of the factor at the draws, shape
+    (chains, draws). The result has the shape (parameters, draws of all chains), with equal rows, as
+    the weights are the same for all parameters.
     """
     log_weight = (power - 1.0) * (log_density - log_density.mean())
     return np.broadcast_to(np.exp(log_weight).ravel(), (parameters, log_weight.size))

@@ -124,11 +124,12 @@ class Evidences(Shown):
     def unless_rejected(self, below: float, *models: HybridModel) -> list[Nodes]:
         """Return the quadrature nodes of each model; coarse nodes if all the models are rejected.
 
-        If nodes of all the models are known already, they are returned. Otherwise the nodes of all
-        the models are first computed coarsely. If every log evidence plus its error is then at most
-        ``below`` [nat], the models are rejected and these coarse nodes are returned. Otherwise the
-        nodes of all the models are computed again to the tolerance of this object. Evidences from
-        coarse nodes do not appear in `every`.
+        Nodes are weighted values of the hyper-parameters. If nodes of all the models are known
+        already, they are returned. Otherwise the nodes of all the models are first computed
+        coarsely. If every log evidence plus its error is then at most ``below`` [nat], the models
+        are rejected and these coarse nodes are returned. Otherwise the nodes of all the models are
+        computed again to the tolerance of this object. Evidences from coarse nodes do not appear in
+        `every`.
         """
         if all(model_to_toml(model) in self._nodes for model in models):
             return self.of(*models)
@@ -179,13 +180,13 @@ class Evidences(Shown):
     @cached_property
     def _rough(self) -> Evidences:
         rough = self.apart(max(self.tolerance, _ROUGH_TOLERANCE))
-        # Models applied to the campaign, and modes of their posteriors, do not depend on the
-        # tolerance.
+        # Use the bound models and the modes of their posteriors again, because neither depends on
+        # the tolerance.
         rough._posteriors = self._posteriors
         return rough
 
     def posterior(self, model: HybridModel) -> HyperPosterior:
-        """Return the posterior of a model's hyper-parameters, one object for all equal models."""
+        """Return the posterior of a model's hyper-parameters; equal models share one object."""
         key = model_to_toml(model)
         if key not in self._posteriors:
             check_comparable(model, self.campaign)
@@ -216,9 +217,9 @@ def _largest_first(model: HybridModel) -> list[int]:
     """Return a sort key that puts larger models before smaller ones.
 
     A model is larger if its compliances are polynomials of a higher degree in the force. Among
-    models of equal degree, the model with fewer parameters fixed at zero is larger. If these
-    numbers are equal too, the model with more rival explanations of slopes is larger; these are
-    effects that look like a change of compliance with force.
+    models of equal degree, the model with fewer parameters fixed at zero is larger. Among models
+    for which this number is equal too, the model with more rival explanations of slopes (effects
+    that look like a change of compliance with force) is larger.
     """
     return [-model.degree, len(model.fixed), -len(model.rivals)]
 
@@ -295,10 +296,11 @@ def left_out_log_densities(
     """Return the log density of the readings of every test given those of the other tests.
 
     ln p(y_r | y_−r) = ln Z(y) − ln Z(y_−r), where Z(y) is the evidence for the readings of all
-    tests and Z(y_−r) that for all tests except r. ``nodes_by_model`` gives Z(y); its keys are the
-    names of the models. ``left_out_nodes`` gives Z(y_−r); its keys are the name of the model, then
-    the name of test r. The result holds an array of shape (tests,) for each model. If no test was
-    left out for a model, its array is empty.
+    tests and Z(y_−r) that for all tests except r. Nodes are weighted values of the
+    hyper-parameters, from which an evidence follows. ``nodes_by_model`` gives Z(y); its keys are
+    the names of the models. ``left_out_nodes`` gives Z(y_−r); its keys are the name of the model,
+    then the name of test r. The result holds an array of shape (tests,) for each model. If no test
+    was left out for a model, its array is empty.
     """
     log_densities = {}
     for name, nodes in nodes_by_model.items():

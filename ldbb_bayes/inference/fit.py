@@ -49,8 +49,8 @@ _LARGEST_WIDENING = 0.1
 _QUALITY_DRAWS = 1000
 # Number of posterior draws from which the posterior predictive checks are computed.
 _CHECKED_DRAWS = 500
-# The readings speak against non-negative compliances if the log of the posterior probability that
-# no compliance is negative is below this value.
+# The readings contradict the condition that no compliance is negative if the logarithm of the
+# posterior probability of this condition is below this value.
 _IMPROBABLE = float(np.log(1e-3))
 # The posterior median of a hyper-parameter (scale of the noise or of another effect) is expected to
 # lie below the quantile of its prior at this probability.
@@ -259,8 +259,8 @@ def assess_fit(
     prior_level : float or array
         Expected value, under the prior, of the log prior density of the parameters. It is an array,
         shape (chains, draws), with the value for the model of each draw, or one number for all
-        draws. It is subtracted from the log prior density, so that differences of this level
-        between models do not count as sensitivity.
+        draws. It is subtracted from the log prior density, so that a difference of the expected
+        value between models is not mistaken for sensitivity to the prior.
 
     Returns
     -------
@@ -366,9 +366,10 @@ def _log_densities(
 def _check_posterior(
     bound: BoundModel, phi: Array, beta: Array, log_prob_truncation: float
 ) -> Iterator[Concern]:
-    """Check a posterior against the assumptions of its model; yield a warning for each misfit.
+    """Check a posterior against the assumptions of its model; yield warnings.
 
-    The warnings are of the kinds TRUNCATION, FORCES, HYPER, PRIOR and CENTRE; see `Concern`.
+    There is a warning for each assumption that the posterior contradicts. The warnings are of the
+    kinds TRUNCATION, FORCES, HYPER, PRIOR and CENTRE; see `Concern`.
 
     Parameters
     ----------

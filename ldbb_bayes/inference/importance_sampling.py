@@ -80,12 +80,13 @@ def importance_sample(
     Points are drawn in rounds from a proposal, a density much like f. The weight of a point is f
     divided by the proposal. The proposal of the first round is fitted to f along directions through
     every mode. The proposal of a later round is fitted to the points of all rounds before. If the
-    weights of a round are even enough, its number of points is doubled. The earliest round, except
-    the first, that reaches the tolerance with weights that can be trusted is returned. If there is
-    no such round, the round with the smallest error is returned; ``trusted`` of the result states
-    whether its weights can be trusted. If its weights cannot be trusted, other seeds are tried,
-    because a round may miss a tail of f by chance. If no seed gives weights that can be trusted,
-    the result of the first seed is returned.
+    weights of a round are even enough, its number of points is doubled. The integral returned is
+    that of the earliest round that reaches the tolerance with weights that can be trusted. The
+    first round is never returned. If no round reaches the tolerance, the round with the smallest
+    error is returned; ``trusted`` of the result states whether the weights of the round can be
+    trusted. If they cannot be trusted, the rounds are repeated with other seeds, because a round
+    may miss a tail of f by chance. If no seed gives weights that can be trusted, the result of the
+    first seed is returned.
 
     Parameters
     ----------

@@ -21,12 +21,12 @@ from ldbb_bayes.results import Array
 
 __all__ = ["JointDraws", "TooRoughError", "draw_jointly"]
 
-# The rejection sampler gives up after proposing this number of blocks of draws for each block of
-# 256 draws asked for.
+# The rejection sampler proposes draws in blocks. It gives up after this number of blocks if at most
+# 256 draws are asked for, and after this number of blocks per 256 draws otherwise.
 _MOST_ROUNDS = 50
 # If the posterior probability that no compliance is negative is below this value, rejection of
 # draws with negative compliances would lose too many draws. The parameters are then drawn from a
-# density that is shifted (tilted) towards compliances that are not negative.
+# density that is shifted towards compliances that are not negative.
 _SMALLEST_SHARE_INSIDE = 0.02
 # The number of random draws of the parameters for each value of the hyper-parameters is chosen so
 # that, on average, this number of draws have no negative compliance.
@@ -73,10 +73,10 @@ def draw_jointly(posterior: HyperPosterior, size: int, rng: np.random.Generator)
     these β without negative compliances. On average the share is the probability, given φ and the
     readings, that no compliance is negative, so that the draws are those of the posterior. If the
     share is too small, the weight is multiplied by this probability itself, and β is drawn from a
-    density shifted (tilted) towards compliances that are not negative. The probability of
-    acceptance is the weight divided by twice an estimate of the mean weight. If this ratio exceeds
-    one, φ may be used several times, with different β if enough β were drawn. ``posterior`` is the
-    posterior density of φ.
+    density shifted towards compliances that are not negative. The probability of acceptance is the
+    weight divided by twice an estimate of the mean weight. If this ratio exceeds one, φ may be used
+    several times, with different β if enough β were drawn. ``posterior`` is the posterior density
+    of φ.
 
     Raises
     ------
@@ -121,9 +121,8 @@ def _propose_tilted(
 
     φ is drawn from ``proposal`` and accepted in proportion to its weight. The weight is the
     posterior density of φ under the condition that no compliance is negative, divided by the
-    proposal. β is drawn given φ from a density shifted (tilted) towards compliances that are not
-    negative. The results have the shapes (accepted, h), with φ in unbounded coordinates, and
-    (accepted, p).
+    proposal. β is drawn given φ from a density shifted towards compliances that are not negative.
+    The results have the shapes (accepted, h), with φ in unbounded coordinates, and (accepted, p).
     """
     log_scale = proposal.log_integral + np.log(_ENVELOPE)
     free = proposal.draw(CHUNK, rng)

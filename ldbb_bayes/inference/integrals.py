@@ -1,8 +1,8 @@
 """Integrals ∫ f of a density f in h dimensions as sums over n weighted nodes, with an error.
 
-The nodes are either a lattice or a random sample. A lattice consists of two regular grids moved
-against each other. A sample is drawn from a proposal, which is a density much like f, by means of
-several randomised quasi-random sequences.
+The nodes are either a lattice or a random sample. A lattice consists of two regular grids, the
+second moved by half a step in every direction. A sample is drawn from a proposal, which is a
+density much like f, by means of several randomised quasi-random sequences.
 """
 
 from __future__ import annotations
@@ -61,8 +61,9 @@ _MEAN_OF_TWO = 0.25
 # times d. For larger d, the error is the larger of two numbers: its value at ``_LARGEST_LINEAR``,
 # and d².
 _LARGEST_LINEAR = 0.02
-# If the step of a lattice (the distance between its points) is shortened, the new difference
-# between the log integrals from its two grids counts as at least this share of the old difference.
+# If the step of a lattice (the distance between its points) is shortened, the difference between
+# the log integrals from the lattice's two grids may become small by chance. The difference used is
+# therefore at least this share of the difference before the step was shortened.
 _DECLINE = 0.35
 # If the share of an integral that falls on one of a lattice's two grids is below this number, the
 # number is used instead, so that the logarithm of the share is finite.
@@ -76,7 +77,7 @@ class ProposalDensity(Protocol):
         """Return the log density, shape (n,), at points of shape (n, h)."""
 
     def draw(self, size: int, rng: Random, *, temperature: float = 1.0) -> Array:
-        """Return independent draws, shape (size, h), with widths multiplied by √``temperature``."""
+        """Return random draws, shape (size, h); widths are multiplied by √``temperature``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +116,7 @@ class Integral:
 
     @cached_property
     def weight(self) -> Array:
-        """Weights of the n nodes, density times volume, scaled to sum to one, shape (n,)."""
+        """Weights of the n nodes: density times volume, scaled to sum to one, shape (n,)."""
         weight = np.exp(self._log_weight - self._log_weight.max())
         return weight / weight.sum()
 
@@ -154,11 +155,12 @@ class Integral:
         return float(np.hypot(of_nodes, self.ratio_error)) + self.left_out
 
     def _lattice_error(self) -> float:
-        """Return the error of the log integral ln ∫ f from a lattice [nat].
+        """Return the error of the log integral ln ∫ f from the two grids of a lattice [nat].
 
         The error is the sum of two parts: the error of the mean of the two grids (see
-        `_LARGEST_LINEAR`), and the share of the integral that may lie beyond the outermost nodes. A
-        difference between the grids counts as at least 0.35 of the difference before the step was
+        `_LARGEST_LINEAR`), and the share of the integral that may lie beyond the outermost nodes.
+        The first part follows from the difference between the log integrals from the two grids. The
+        difference used is at least 0.35 of the difference before the distance between the nodes was
         last shortened, because a small difference may be due to chance.
         """
         difference = max(self.grid_difference, _DECLINE * self.coarser_difference)
@@ -198,7 +200,7 @@ class Integral:
         return self.pareto_k <= LARGEST_PARETO_K
 
     def heaviest(self, spare: float) -> tuple[Array, Array]:
-        """Return the nodes with the largest weights, shape (k, h), and these weights, shape (k,).
+        """Return the k nodes with the largest weights, shape (k, h), and their weights, shape (k,).
 
         The nodes of smallest weight, which together hold less than the share ``spare`` of the
         integral, are left out. The weights returned are scaled to sum to one.
@@ -252,7 +254,8 @@ class Integral:
     def times(self, log_factor: Callable[[Index], Array], spare: float) -> Integral:
         """Return the integral ∫ f g, with ln g evaluated only at the nodes of largest weight.
 
-        f is the density of this integral, g a further factor. The nodes stay the same.
+        f is the density of this integral, g a further factor. The result has the same nodes with
+        other weights.
 
         Parameters
         ----------

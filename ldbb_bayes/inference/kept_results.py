@@ -1,9 +1,10 @@
 """Cache for results of posteriors that several tables, figures and files need.
 
-A report asks for the verdicts, the curves C(F) and the summary of one posterior many times. The
-cache holds the results that were computed last, so that each is computed only once. A posterior is
-identified by its contents: if it was changed, its results are computed anew; if it was read from a
-file, its results are found in the cache.
+A report asks for the same results of one posterior many times, such as its summary and its
+compliances C(F) as functions of the force F. The cache holds the results that were computed last,
+so that each result is computed only once. A posterior is identified by its contents: if it was
+changed, its results are computed anew; if it was read from a file, its results are found in the
+cache.
 """
 
 from __future__ import annotations

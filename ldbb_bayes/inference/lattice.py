@@ -190,8 +190,8 @@ def _grow_grid(
     [nat] or more. Growing also stops at ``max_nodes`` nodes. The grid's steps are the columns of
     ``cell``, shape (h, h). ``starts`` are the modes of the density relative to ``centre``, in
     multiples of the steps. ``offset`` is the part of a step, 0 or 0.5, by which the grid is moved
-    in every direction. The edge of the grid is its negligible nodes, and the nodes added last if
-    growth stopped at ``max_nodes``.
+    in every direction. ``edge`` of the result marks the negligible nodes, and the nodes added last
+    if growth stopped at ``max_nodes``.
     """
     h = len(starts[0])
     neighbours = np.vstack([np.eye(h), -np.eye(h)])

@@ -70,8 +70,8 @@ def fit_least_squares(
 ) -> LeastSquares:
     """Return compliances, slopes and geometric errors estimated by least squares (Eq. 31).
 
-    Errors of the balls, the bar and the mount are not modelled. They are therefore contained in the
-    estimates, whose uncertainties u are too small. `sample` models these errors.
+    Errors of the balls, the bar and the mount are not modelled. The estimates therefore contain
+    these errors, and the standard uncertainties u are too small. `sample` models these errors.
 
     Parameters
     ----------

@@ -400,10 +400,11 @@ class RedrawMove:
         self._last_log_weight = np.zeros(0)
 
     def propose(self, model: Any, state: Any) -> tuple[Any, NDArray[np.bool_]]:
-        """Return the next state of an ensemble, and which of its walkers accepted their proposals.
+        """Return the walkers after this move, and which of the walkers accepted their proposals.
 
-        ``model`` and ``state`` are those that emcee passes to a move: the random numbers, and the
-        coordinates and log densities of all walkers. The second result has the shape (walkers,).
+        ``model`` and ``state`` are the objects that emcee passes to a move: ``model`` holds the
+        random numbers, ``state`` the coordinates and log densities of all walkers. The first result
+        has the form of ``state``. The second result has the shape (walkers,).
         """
         walkers = len(state.coords)
         log_weight = self._log_weight_of(state.coords)

@@ -35,12 +35,13 @@ from ldbb_bayes.units import value_and_uncertainty
 
 __all__ = ["Evidence", "HyperPosterior", "Nodes", "ProbabilityInside"]
 
-# Step of the central differences by which the log density is differentiated with respect to the
-# unbounded coordinates of the hyper-parameters, which are mostly ln(value − lower bound).
+# Step of the central differences by which the log density of the hyper-parameters is
+# differentiated. The step is in normal scores, coordinates in which most of the priors are standard
+# normal.
 _DIFFERENCE_STEP = 0.05
-# A curvature (negative second derivative) of the log density in any direction counts as this value
-# if it is smaller. Curvatures are in unbounded coordinates of the hyper-parameters, such as their
-# logarithms.
+# Smallest curvature (negative second derivative) of the log density that is assumed in any
+# direction. A smaller curvature is replaced by this value. Curvatures are in normal scores of the
+# hyper-parameters, coordinates in which most of the priors are standard normal.
 _LEAST_CURVATURE = 0.3
 # The search for a mode (maximum) ends when a step raises the log density by at most this value
 # [nat].
@@ -49,17 +50,17 @@ _MODE_GAIN = 1e-5
 # points. Only the ``_BEST_STARTS`` points of highest density are considered further.
 _STARTS = 256
 _BEST_STARTS = _STARTS // 4
-# Largest number of points from which the search for modes (maxima) of the posterior climbs uphill.
+# Largest number of starting points of the search for modes (maxima) of the posterior.
 _BASINS = 3
 # Starting points of the search for modes (maxima) of the posterior, and the modes found, count as
-# separate if their distance is larger than this value. The distance is in unbounded coordinates of
-# the hyper-parameters, such as their logarithms.
+# separate if their distance is larger than this value. The distance is in normal scores of the
+# hyper-parameters, coordinates in which most of the priors are standard normal.
 _SEPARATION = 1.5
 # A maximum of the log posterior density of the hyper-parameters is negligible if it is lower than
 # the highest maximum by at least this value [nat].
 _NEGLIGIBLE_DEPTH = 12.0
-# Maxima of the posterior density are also sought with the normal score of one scale held at this
-# number of standard deviations below its value at the mode, that is, with the scale near zero.
+# Maxima of the posterior density are also sought with one scale held near zero. The coordinate of
+# the scale is then this number of posterior standard deviations below its value at the mode.
 _BELOW_MODE = 4.0
 # A maximum with one scale near zero is not sought if the log density, where the search would start,
 # is lower than at the mode by more than ``_NEGLIGIBLE_START`` [nat]. The maximum is negligible if
@@ -102,9 +103,9 @@ _PICKED_GROWTH = 4
 # where a rough value suffices.
 _PROBABILITY_TOLERANCE = 0.02
 # A mean of probabilities that no compliance is negative, each given one value of the
-# hyper-parameters, is computed relative to the largest probability. The logarithm of the largest
-# probability counts as at least ``_LEAST_LOG_PROBABILITY``, and the relative mean as at least
-# ``_LEAST_SHARE_INSIDE``, so that the logarithm of the mean is finite.
+# hyper-parameters, is computed relative to the largest probability. If the logarithm of the largest
+# probability is below ``_LEAST_LOG_PROBABILITY``, or the relative mean is below
+# ``_LEAST_SHARE_INSIDE``, the limit is used instead, so that the logarithm of the mean is finite.
 _LEAST_LOG_PROBABILITY = -700.0
 _LEAST_SHARE_INSIDE = 1e-300
 # Means and variances of parameters are averages over nodes, that is, weighted values of the
@@ -114,13 +115,14 @@ _SPARE = 1e-7
 # Quantiles of parameters are computed from a mixture of this number of Gaussians. Each Gaussian
 # belongs to one value of the hyper-parameters.
 _COMPONENTS = 8192
-# Quantiles of parameters are those of a mixture of Gaussians. The standard deviation of each
-# Gaussian counts as at least this share of the standard deviation of the means of all Gaussians.
+# Quantiles of parameters are those of a mixture of Gaussians. This is the smallest standard
+# deviation of a Gaussian, as a share of the standard deviation of the means of all Gaussians.
+# Narrower Gaussians are widened to this limit.
 _LEAST_SD_SHARE = 1e-6
 
 
 class ProbabilityInside(NamedTuple):
-    """Probability of no negative compliance, under a posterior that allows negative compliances."""
+    """Log posterior probability that no compliance is negative, and its error."""
 
     log_value: float  #: logarithm of the probability
     error: float  #: error of ``log_value`` [nat]
@@ -165,9 +167,10 @@ class HyperPosterior:
     def modes(self) -> list[tuple[Array, Array]]:
         """Modes (maxima) of the density, at most three, the highest first.
 
-        The density is that of the normal scores of the h hyper-parameters (`normal_scores`).
-        Negligible modes are left out. Each mode is a pair: the scores, shape (h,), and a square
-        root, shape (h, h), of the inverse of minus the Hessian of the log density there.
+        The density is that of the h hyper-parameters in normal scores, coordinates in which most of
+        the priors are standard normal (`normal_scores`). Negligible modes are left out. Each mode
+        is a pair: the scores, shape (h,), and a square root, shape (h, h), of the inverse of minus
+        the Hessian of the log density there.
         """
         summits: list[Array] = []
 
@@ -196,8 +199,9 @@ class HyperPosterior:
     def mode(self) -> Array:
         """The highest maximum of the density, in unbounded coordinates of φ, shape (h,).
 
-        φ are the h hyper-parameters (scales of the noise and of other effects). The density is that
-        of their normal scores.
+        φ are the h hyper-parameters (scales of the noise and of other effects). The maximum is that
+        of the density in normal scores, coordinates in which most of the priors are standard
+        normal.
         """
         return self._scores.free(self.modes[0][0])
 
@@ -335,8 +339,8 @@ class HyperPosterior:
 
         spare = min(tolerance / _PARTS_OF_TOLERANCE, _LARGEST_LEFT_OUT)
         truncated = integral.times(log_factor_in_chunks, spare)
-        # Errors of analytical bounds do not necessarily cancel between nodes and are added. Noise
-        # is independent between nodes, so that its squares are added.
+        # Errors of analytical bounds do not necessarily cancel between nodes and are added. Random
+        # errors are independent between nodes, so that their squares are added.
         counts = truncated.weight > 0.0
         weight = truncated.weight[counts]
         error = float(weight @ errors[counts] + np.linalg.norm(weight * noise[counts]))
@@ -347,9 +351,9 @@ class HyperPosterior:
 
         P(T | y, φ) is the probability, given the readings y and the hyper-parameters φ, of the
         condition T that no compliance is negative. The result is the mean of P(T | y, φ) over nodes
-        that are picked from ``integral`` in proportion to their weights. At first 256 nodes are
-        picked. As long as the error exceeds the tolerance, the number of picked nodes is multiplied
-        by four, but it does not exceed the number of nodes of ``integral``.
+        (values of φ) that are picked from ``integral`` in proportion to their weights. At first 256
+        nodes are picked. As long as the error exceeds the tolerance, the number of picked nodes is
+        multiplied by four, but it does not exceed the number of nodes of ``integral``.
 
         Parameters
         ----------
@@ -398,11 +402,11 @@ class HyperPosterior:
 
     @cached_property
     def proposal(self) -> Integral:
-        """Importance sample of the hyper-parameters, drawn from a mixture fitted to this density.
+        """Importance sample of the hyper-parameters, from a mixture fitted to their posterior.
 
-        Further values of the hyper-parameters can be drawn from the mixture. If this density is
-        ``truncated``, the probability that no compliance is negative is replaced by its upper
-        bound.
+        Further values of the hyper-parameters can be drawn from the mixture. If the posterior
+        density contains the probability that no compliance is negative (``truncated``), this
+        probability is replaced by its upper bound.
         """
         sample = importance_sample(
             self._smooth_of_scores,
@@ -416,58 +420,62 @@ class HyperPosterior:
     def coarse_probability(self) -> ProbabilityInside:
         """Posterior probability that no compliance is negative, from a few nodes.
 
-        The error of the log probability is at most 0.02 nat if a few nodes suffice for this;
-        otherwise the error is larger.
+        The error of the logarithm of the probability is at most 0.02 nat if a few nodes suffice to
+        reach this error.
 
-        The nodes are picked from the `proposal` of the density that allows negative compliances.
+        Nodes are values of the hyper-parameters. They are picked from the `proposal` of the density
+        that allows negative compliances.
         """
         return self.probability_inside(self.plain.proposal, _PROBABILITY_TOLERANCE)
 
     @cached_property
     def coarse(self) -> Integral:
-        """Coarse nodes of this density: weighted values of the hyper-parameters.
+        """Coarse nodes of the posterior density: weighted values of the hyper-parameters.
 
-        The error allowed in the log integral from coarse nodes is 0.2 nat. If this density is
-        ``truncated``, the probability that no compliance is negative is replaced by its upper
-        bound.
+        The error allowed in the log integral from coarse nodes is 0.2 nat. If the posterior density
+        contains the probability that no compliance is negative (``truncated``), this probability is
+        replaced by its upper bound.
         """
         return self._integrate(_COARSE_TOLERANCE, step=_COARSE_STEP)
 
     @cached_property
     def coarse_truncated(self) -> Integral:
-        """Coarse nodes of this density: values of the hyper-parameters with their exact weights.
+        """Coarse nodes of the posterior density: values of the hyper-parameters with exact weights.
 
-        The values are those of `coarse`. If this density is ``truncated``, the weights contain the
-        exact probability that no compliance is negative, not its upper bound.
+        The values are those of `coarse`. If the posterior density contains the probability that no
+        compliance is negative (``truncated``), the weights contain the probability itself, not its
+        upper bound.
         """
         return self._replace_bound(self.coarse)
 
     @cached_property
     def sample_nodes(self) -> Integral:
-        """Points of `proposal`, that is, values of the hyper-parameters, with their exact weights.
+        """Values of the hyper-parameters from `proposal`, with exact weights.
 
-        If this density is ``truncated``, the weights contain the exact probability that no
-        compliance is negative, not its upper bound. Otherwise the weights are those of `proposal`.
+        If the posterior density contains the probability that no compliance is negative
+        (``truncated``), the weights contain the probability itself, not its upper bound. Otherwise
+        the weights are those of `proposal`.
         """
         return self._replace_bound(self.proposal)
 
     def _replace_bound(self, integral: Integral) -> Integral:
         """Return an integral with the exact probability that no compliance is negative.
 
-        This probability replaces its upper bound in the weights of ``integral``. If this density is
-        not ``truncated``, the integral is returned unchanged.
+        The weights of ``integral`` contain an upper bound of this probability, which is replaced by
+        the probability itself. If the posterior density does not contain the probability
+        (``truncated`` is False), the integral is returned unchanged.
         """
         if not self.truncated:
             return integral
         return self.truncate(integral, _COARSE_TOLERANCE, bounded=True).integral
 
     def _starts(self) -> list[Array]:
-        """Return the points from which the search for modes climbs.
+        """Return the starting points of the search for modes (maxima) of the posterior density.
 
-        The points have high densities among many starting points. At most three points are
-        returned, and they are not close to each other. If the mode of a similar density was given,
-        only this mode is returned. Each point holds the normal scores of the hyper-parameters,
-        shape (h,).
+        At most three points are returned. They have the highest densities among many points, and
+        are not close to each other. If the mode of a similar density was given, only this mode is
+        returned. Each point, shape (h,), holds the hyper-parameters in normal scores, coordinates
+        in which most of the priors are standard normal.
         """
         if self._near is not None:
             return [self._scores.scores(self._near)]
@@ -485,9 +493,10 @@ class HyperPosterior:
     def _corners(self) -> list[tuple[Array, Array]]:
         """Maxima of the density with one scale held near zero, for one scale after the other.
 
-        The density may extend far towards the value zero of a scale. The other hyper-parameters
-        then have other values than at the mode. A proposal that is also fitted at these maxima
-        covers that region. Negligible maxima are left out. The result has the form of `modes`.
+        The posterior density may extend far towards the value zero of a scale, a region in which
+        the other hyper-parameters have other values than at the mode. A proposal (the density drawn
+        from) that is also fitted at these maxima covers this region. Negligible maxima are left
+        out. The result has the form of `modes`.
         """
         mode, root = self.modes[0]
         prior = self.bound.hyper_prior
@@ -513,7 +522,8 @@ class HyperPosterior:
     def _derivatives_at_fixed(self, axis: int) -> Callable[[Array], tuple[Array, Array]]:
         """Return a function that gives gradient and Hessian at a point, with zeros along one axis.
 
-        ``axis`` is the index of a normal score that the search for a maximum must not change.
+        Both are derivatives of the log posterior density of the hyper-parameters. ``axis`` is the
+        index of the coordinate that the search for a maximum must not change.
         """
         may_change = np.arange(len(self.bound.hyper_prior.names)) != axis
 
@@ -531,9 +541,12 @@ class HyperPosterior:
     def _derivatives(self, point: Array, *, exact: bool = False) -> tuple[Array, Array]:
         """Return gradient, shape (h,), and Hessian, (h, h), of the smooth log density at a point.
 
-        The noise factors of two circles hardly depend on each other. Unless ``exact`` is True,
-        mixed second derivatives with respect to two noise factors are not computed, so that the
-        work grows in proportion to the number of circles.
+        The log density is that of the posterior of the hyper-parameters. If it contains the
+        probability that no compliance is negative, the smooth log density contains an upper bound
+        of this probability instead. The noise factors of two circles, which are hyper-parameters,
+        hardly depend on each other. Unless ``exact`` is True, mixed second derivatives with respect
+        to two noise factors are not computed, so that the work grows in proportion to the number of
+        circles.
         """
         of_circle = np.array([law == "circle" for law in self.bound.hyper_prior.laws])
         coupled = np.ones((len(point), len(point)), dtype=bool)
@@ -562,7 +575,8 @@ def _log_probability(orthant: Orthant, tolerance: float, seed: int) -> NoisyLogP
 def _is_separate(point: Array, points: list[Array]) -> bool:
     """Return whether a point is farther than ``_SEPARATION`` from each of ``points``.
 
-    Points are normal scores of the hyper-parameters, shape (h,).
+    A point, shape (h,), holds the hyper-parameters (scales of the noise and of other effects) in
+    normal scores: coordinates in which most of the priors are standard normal.
     """
     return all(np.linalg.norm(point - other) > _SEPARATION for other in points)
 
@@ -663,8 +677,8 @@ class Nodes:
 
         The error of the integral over the nodes must not exceed the tolerance minus the truncation
         error, which is the error of the log probability that no compliance is negative. If the
-        truncation error is half the tolerance or more, finer nodes would hardly help. It is then
-        enough that the error of the integral does not exceed the tolerance itself.
+        truncation error is half the tolerance or more, finer nodes would hardly help. In this case
+        the error of the integral may be as large as the tolerance itself.
         """
         if self.truncation_error >= tolerance / 2.0:
             return self.integral.error <= tolerance

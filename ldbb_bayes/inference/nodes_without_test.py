@@ -31,8 +31,8 @@ __all__ = ["NodesWithoutTest"]
 # Seed of the random draws of noise factors of tests that are left out. These factors are drawn from
 # the prior.
 _SEED = 0
-# The fitted standard deviation of the coordinate of a noise factor, given the other coordinates,
-# counts as at least this value.
+# Smallest standard deviation of the coordinate of a noise factor, given the other coordinates. A
+# smaller fitted standard deviation is replaced by this value.
 _LEAST_SD = 1e-6
 
 
@@ -50,7 +50,7 @@ class GaussianFactor:
     sd: float  #: standard deviation of the coordinate about its mean
 
     def log_density(self, free: Array) -> Array:
-        """Return the log density at points of shape (w, h), shape (w,)."""
+        """Return the log density of the coordinate at w points of shape (w, h), shape (w,)."""
         mean = self.intercept + np.delete(free, self.axis, axis=1) @ self.slopes
         z = (free[:, self.axis] - mean) / self.sd
         return np.asarray(-0.5 * z**2 - np.log(self.sd * np.sqrt(2.0 * np.pi)))
@@ -97,8 +97,9 @@ class NodesWithoutTest:
     def nodes(self, posterior: HyperPosterior, test: str) -> Nodes | None:
         """Return the nodes for the campaign without one test, or None if their error is too large.
 
-        ``test`` is the name of the test left out. ``posterior`` is the posterior density of the
-        hyper-parameters, given the readings of the other tests.
+        Nodes are weighted values of the hyper-parameters. ``test`` is the name of the test left
+        out. ``posterior`` is the posterior density of the hyper-parameters, given the readings of
+        the other tests.
         """
         noise_factor = f"lambda_{test}"
         if noise_factor in self._prior.names:
@@ -115,8 +116,9 @@ class NodesWithoutTest:
     def _nodes_with_noise_factor(self, posterior: HyperPosterior, axis: int) -> Nodes | None:
         """Return the nodes without one test, for a model with a noise factor of this test.
 
-        ``axis`` is the index of the noise factor among the hyper-parameters. The result is None if
-        the error of the log evidence from the nodes exceeds the tolerance.
+        Nodes are weighted values of the hyper-parameters; the noise factor of the test is one of
+        the hyper-parameters, with the index ``axis``. The result is None if the error of the log
+        evidence from the nodes exceeds the tolerance.
         """
         factor = fit_factor(self._integral, axis)
 
@@ -135,8 +137,9 @@ class NodesWithoutTest:
     def _with_prior_of_noise_factor(self, integral: Integral, factor: GaussianFactor) -> Integral:
         """Return the integral with a noise factor that is drawn from its prior at every node.
 
-        The noise factor is that of the test left out; ``factor`` is the Gaussian density that
-        replaced its prior. The weights of the nodes and the integral do not change.
+        The nodes are values of the hyper-parameters. The noise factor is that of the test left out;
+        ``factor`` is the Gaussian density that replaced the prior of the noise factor. The weights
+        of the nodes and the integral do not change.
         """
         rng = np.random.default_rng(_SEED)
         log_noise = np.log(self._prior.draw_noise_factor(len(integral.free), rng))

@@ -5,8 +5,8 @@ hyper-parameter is a standard normal variable under the prior: Φ(z) is the prio
 the hyper-parameter is smaller. The logarithm of a scale that the readings hardly determine extends
 far towards minus infinity, with an exponential tail. The normal score of such a scale has a
 Gaussian tail, so that the posterior of all φ together resembles a Gaussian more closely, and fewer
-nodes suffice. Noise factors of circles are transformed to their logarithms instead, which are
-nearly normal.
+nodes (weighted values of φ) suffice for an integral over φ. Noise factors of circles are
+transformed to their logarithms instead, which are nearly normal.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ from ldbb_bayes.results import Array
 
 __all__ = ["NormalScores"]
 
-# The distance of a hyper-parameter from its bounds counts as at least this value, so that the
-# logarithm of the distance is finite.
+# Smallest distance of a hyper-parameter from its bounds. A smaller distance is replaced by this
+# value, so that the logarithm of the distance is finite.
 _LEAST_DISTANCE = 1e-300
 # A value of a hyper-parameter counts as near to a bound if the logarithm of the prior probability
 # of values between it and the bound is below this number. The distance from the bound is then
 # computed from this prior probability and the prior density at the bound, because a difference of
 # two nearly equal numbers would be inaccurate.
 _NEAR_BOUND = -20.0
-# The logarithm of a probability counts as at most this value, so that the normal quantile for the
-# probability is finite.
+# Largest logarithm of a probability. A larger logarithm is replaced by this value, so that the
+# normal quantile for the probability is finite.
 _LARGEST_LOG_PROBABILITY = -1e-300
 
 
@@ -42,18 +42,19 @@ _LARGEST_LOG_PROBABILITY = -1e-300
 class NormalScores:
     """Transformation between normal scores and unbounded coordinates of h hyper-parameters.
 
+    The normal score of a hyper-parameter φ is a coordinate in which its prior is standard normal.
     Unbounded coordinates, here called free, are those of `HyperPrior`, mostly ln(φ − lower bound).
-    Lengths and decays (powers by which form error falls with its order) are transformed to their
-    normal scores. Lengths and decays have normal priors that are restricted to an interval from a
-    to b; for lengths b is infinite. The logarithms of noise factors of circles stay as they are.
-    Arrays of points have the shape (..., h).
+    Hyper-parameters that are lengths or decays (powers by which form error falls with its order)
+    have normal priors that are restricted to an interval from a to b; for lengths b is infinite.
+    These hyper-parameters are transformed to their normal scores. The logarithms of noise factors
+    of circles are used unchanged as scores. Arrays of points have the shape (..., h).
     """
 
     prior: HyperPrior
 
     @cached_property
     def _restricted(self) -> NDArray[np.bool_]:
-        """Whether each hyper-parameter has a restricted normal prior, shape (h,)."""
+        """Whether each hyper-parameter has a normal prior restricted to an interval, shape (h,)."""
         return np.array([law != "circle" for law in self.prior.laws])
 
     @cached_property
@@ -104,9 +105,10 @@ class NormalScores:
 
     @cached_property
     def _log_density_at_bounds(self) -> Array:
-        """Log density of the k restricted priors at both bounds, shape (2, k).
+        """Log densities of the k restricted normal priors at both bounds, shape (2, k).
 
-        At an infinite bound, the log density is −inf.
+        The priors are restricted to the intervals between the bounds. At an infinite bound, the log
+        density is −inf.
         """
         white = (self._bounds - self._mean) / self._sd
         log_normal = -0.5 * white**2 - 0.5 * np.log(2.0 * np.pi)
@@ -175,11 +177,12 @@ class NormalScores:
         return log_density_at_lower + above, to_upper + below
 
     def log_jacobian(self, scores: Array) -> Array:
-        """Return the log volume of unbounded coordinates per volume of scores, shape (...).
+        """Return the log Jacobian of the unbounded coordinates with respect to scores, shape (...).
 
-        The log volume follows from the prior density p of a hyper-parameter φ. The standard normal
-        density of the score z times dz is p(φ) dφ. If u is the unbounded coordinate, and a and b
-        are the bounds of φ, then dφ is (φ − a) du, or (φ − a) (b − φ) / (b − a) du if b is finite.
+        The Jacobian is the volume in unbounded coordinates per unit of volume in normal scores. It
+        follows from the prior density p of each hyper-parameter φ: the standard normal density of
+        the score z times dz is p(φ) dφ. If u is the unbounded coordinate, and a and b are the
+        bounds of φ, then dφ is (φ − a) du, or (φ − a) (b − φ) / (b − a) du if b is finite.
         """
         values = self._values(scores)
         above, below = self._log_distances(scores)

@@ -78,14 +78,14 @@ _UNITS = {
     "angle_rad": "rad",
     "radius_mm": "mm",
 }
-# Fields of a test that are arrays. In a posterior these arrays are kept in the group constant_data,
-# not in the JSON record of the campaign.
+# Attributes of a `CircularTest` that are arrays. In a posterior these arrays are kept in the group
+# constant_data, not in the JSON record of the campaign.
 _ARRAY_FIELDS = ("angle_deg", "reading_um", "angle_rad", "reading_mm")
-# Angles [°] given to a foreseen test (one that the campaign plans for later), as the record of a
+# Angles [°] given to a test that the campaign only plans for later, because the record of a
 # posterior has no angles of such tests.
 _ANY_CIRCLE_DEG = np.arange(0.0, 360.0, 10.0)
-# The file of a posterior counts as damaged if its arrays, expanded, would have more bytes than
-# ``_LARGEST_EXPANSION`` times the size of the file plus ``_SMALL_FILE_BYTES``.
+# The file of a posterior counts as damaged if its arrays, decompressed, would have more bytes in
+# memory than ``_LARGEST_EXPANSION`` times the size of the file plus ``_SMALL_FILE_BYTES``.
 _LARGEST_EXPANSION = 20
 _SMALL_FILE_BYTES = 2**20
 # Edition of the default model. The record of a posterior states the edition, because draws from
@@ -320,8 +320,8 @@ def _path_of(node: xr.DataTree) -> str:
 def campaign_record(campaign: Campaign) -> dict[str, Any]:
     """Return the entry ``campaign`` of a posterior's record, from which the campaign is rebuilt.
 
-    The entry holds the fields of the campaign and of its tests. Readings and angles are left out,
-    because the group ``constant_data`` of the posterior has them. The pilot (the campaign from
+    The entry holds the attributes of the campaign and of its tests. Readings and angles are left
+    out, because the group ``constant_data`` of the posterior has them. The pilot (the campaign from
     which this campaign was planned) is left out too, because it matters only before the tests are
     run.
     """
@@ -459,7 +459,7 @@ def model_of(posterior: xr.DataTree) -> HybridModel:
 
 
 def bound_of(posterior: xr.DataTree) -> BoundModel:
-    """Return the model of a posterior, applied to the campaign as for sampling the posterior."""
+    """Return the model of a posterior, applied to the campaign as it was for sampling."""
     return model_of(posterior).bind(campaign_of(posterior))
 
 

@@ -42,9 +42,9 @@ def marginalize(
     """Return posterior means, sd and quantiles of every parameter by quadrature.
 
     The integral over the hyper-parameters (the scales of the noise and of other effects) is a sum
-    over weighted nodes. This needs no Markov chain: given the hyper-parameters, the parameters are
-    Gaussian, apart from the condition that compliances must not be negative (truncation). Quantiles
-    are computed by means of random draws.
+    over weighted nodes. No Markov chain is needed, because the parameters are Gaussian given the
+    hyper-parameters, apart from the condition that compliances must not be negative (truncation).
+    Quantiles are computed by means of random draws.
 
     Parameters
     ----------
@@ -55,7 +55,8 @@ def marginalize(
     prob : float
         Probability of the equal-tailed credible interval, between 0 and 1.
     tolerance : float
-        Relative error of the integrals behind means and standard deviations, between 0 and 1.
+        Relative error allowed in the integrals from which means and standard deviations follow,
+        between 0 and 1.
     seed : int
         Seed of the random points from which quantiles are computed. Because the number of points is
         finite, the cumulative probability at a quantile has a standard error of at most 0.6 %.

@@ -139,7 +139,7 @@ def matrix_to_harmonics(bound: BoundModel, r: int) -> Array:
 def tests_in_order(bound: BoundModel) -> list[CircularTest]:
     """Return the tests to which a model is applied, in the order of ``bound.test_names``.
 
-    Tests of the campaign that are left out are not among them.
+    Tests of the campaign that the model leaves out are not returned.
     """
     by_name = {test.name: test for test in bound.campaign.tests}
     return [by_name[name] for name in bound.test_names]
