@@ -1,4 +1,4 @@
-"""Analyses of a posterior or of a plan (a campaign without readings), such as verdicts."""
+"""Analyses of posteriors and plans (campaigns without readings), such as uncertainty budgets."""
 
 import lazy_loader
 

@@ -36,7 +36,8 @@ _NAMED_SHARE = 0.02
 # The effect of a coefficient on the readings is a rounding error if it is below this share of the
 # largest effect of any coefficient in the same combination.
 _ROUNDING = 1e-9
-# A change of a reading below this share of the resolution of the readings cannot be seen.
+# A change of a reading counts as invisible if it is below this share of the resolution of the
+# readings.
 _VISIBLE_SHARE = 0.1
 # One micrometre in millimetres.
 _MICROMETRE = 1e-3
@@ -193,11 +194,11 @@ def _sort_by_effect(indices: Sequence[int], effect: Array) -> list[int]:
 
 
 def _in_reading_units(coefficients: _Coefficients, pivot: int, vector: Array) -> Array:
-    """Return a combination of coefficients in internal units (mm, N, rad).
+    """Return a combination of coefficients, converted to internal units (mm, N, rad).
 
     The combination is ``vector``, shape (m,): the m coefficients in units of their prior standard
     deviations. If the coefficient with index ``pivot`` is a nuisance, the combination is scaled so
-    that this nuisance is one in the unit that users see, such as 1 µm.
+    that this nuisance has the value one in the unit in which it is displayed, such as 1 µm.
     """
     change = np.asarray(vector * coefficients.prior_sd)
     if coefficients.owners[pivot]:
@@ -208,7 +209,7 @@ def _in_reading_units(coefficients: _Coefficients, pivot: int, vector: Array) ->
 
 
 def _reading_change_um(space: NullSpace, prior_sds: Array) -> float:
-    """Return the largest change of any reading caused by a combination of coefficients [µm].
+    """Return the largest change of a reading that a combination of coefficients causes [µm].
 
     Return zero if this change is a rounding error. ``prior_sds`` are the changes of the
     coefficients in units of their prior standard deviations; ``space`` is the null space that the
@@ -232,9 +233,9 @@ def _modelled_term(bound: BoundModel, owner: str) -> Term | None:
 def _all_coefficients(bound: BoundModel) -> _Coefficients:
     """Return the coefficients that act in several tests: parameters and nuisance coefficients.
 
-    Nuisance coefficients are effects that are not of interest. The nuisance coefficients of the
-    model's terms are returned, and also those of terms that the model's preset has and the model
-    leaves out.
+    Nuisance coefficients are effects that are not of interest. Those of the model's own terms are
+    included, and also those of terms that the model's preset (the ready-made model from which the
+    model was made) has but the model leaves out.
     """
     modelled = {type(term): term for term in bound.model.nuisances}
     terms = {**edition_terms(bound), **modelled}

@@ -1,4 +1,4 @@
-"""Assumed sizes of effects: nobody measured or stated these sizes, but results depend on them."""
+"""Effects whose sizes are assumed: the sizes are neither measured nor stated by anybody."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ldbb_bayes.units import ranked
 __all__ = ["AssumedSize", "DecidingAssumption", "deciding_assumptions"]
 
 # A parameter counts as dependent on an assumed effect if the effect has at least this share of the
-# parameter's variance. Verdicts use the same limit to name effects.
+# parameter's variance.
 _DECIDING_SHARE = 0.05
 # Two sizes count as equal if the larger divided by the smaller is below this number.
 _SAME_SIZE = 1.0 + 1e-9
@@ -37,16 +37,18 @@ class DecidingAssumption(Result):
     """An effect whose size is assumed, and the parameter that depends on it most."""
 
     term: str  #: class name of the model term that describes the effect
-    parameter: str  #: parameter in whose variance the effect has its largest share
+    parameter: str  #: parameter of whose variance the effect causes the largest share
     share: float  #: share of the effect in the variance of ``parameter``
-    sizes: tuple[AssumedSize, ...]  #: size of the effect in each of its units
+    #: sizes of the effect, one for each unit that its coefficients have
+    sizes: tuple[AssumedSize, ...]
 
 
 def deciding_assumptions(budgets: Mapping[str, Budget]) -> tuple[DecidingAssumption, ...]:
     """Return the assumed effects that cause at least 5 % of the variance of at least one parameter.
 
-    The sizes of the effects are the standard uncertainties of the sources in the budgets. The
-    priors of the parameters are not effects, and are left out.
+    An effect is a model term, such as the deflection of the mount. Its size is the standard
+    uncertainty that the budgets state for its coefficients. The priors of the parameters do not
+    count as effects.
 
     Parameters
     ----------
@@ -56,7 +58,8 @@ def deciding_assumptions(budgets: Mapping[str, Budget]) -> tuple[DecidingAssumpt
     Returns
     -------
     tuple of DecidingAssumption
-        Each entry is for one model term. The term with the largest share comes first.
+        One entry for each of these effects. The effect with the largest share of a parameter's
+        variance comes first.
     """
     lines_by_term: dict[str, list[Contribution]] = {}
     shares: dict[str, dict[str, float]] = {}

@@ -333,7 +333,7 @@ def _log_densities(draws_of_models: Sequence[ModelDraws], order: Array) -> dict[
 
 
 def _log_prob_truncation(weighted: _WeightedModels) -> tuple[float, float]:
-    """Return the log probability that no compliance is negative, and its error [nat].
+    """Return the log probability that no compliance is negative, and the error of this value [nat].
 
     The probability is computed from the posterior of the most probable model, without the condition
     that compliances are not negative.

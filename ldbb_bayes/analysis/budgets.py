@@ -106,7 +106,7 @@ class Budget(Result):
         return sum(line.share for line in self.contributions if line.term == term)
 
     def origin_of(self, term: str) -> Origin:
-        """Return the origin (measured here, stated or assumed) of most of a model term's share."""
+        """Return the origin with most of a model term's share: measured here, stated or assumed."""
         shares = dict.fromkeys(Origin, 0.0)
         for line in self.contributions:
             if line.term == term:
@@ -126,7 +126,8 @@ class _ModelBudget:
     a source and of its model term, the share of the source in the variance of each parameter, shape
     (p,). ``ratio_if_known`` holds, for the name of a model term, the variance that each parameter
     would have if the term were known exactly, divided by the present variance of the parameter,
-    shape (p,). ``origins`` holds the origin of each source.
+    shape (p,). ``origins`` states for each source whether its size is measured here, stated or
+    assumed.
     """
 
     model: AveragedModel
@@ -177,8 +178,8 @@ class _SourceKey(NamedTuple):
 class _Portion:
     """Share of a source in the variance of one parameter, summed over the models of an average.
 
-    ``budget`` is that of the model that adds the largest part to the share. ``largest`` is this
-    part, and ``row`` is the index of the parameter in this model.
+    One of the models adds the largest part to the share. ``largest`` is this part, ``budget`` is
+    the budget under this model, and ``row`` is the index of the parameter in this model.
     """
 
     share: float
@@ -190,7 +191,7 @@ class _Portion:
 class _NoiseSource(NamedTuple):
     """Type (A or B of the GUM), standard uncertainty ``u`` and unit of a noise of the readings.
 
-    ``u`` is None where several noises are taken together.
+    ``u`` is None where one line of the budget stands for several noises.
     """
 
     kind: Kind
@@ -206,8 +207,9 @@ def budget_uncertainty(posterior: xr.DataTree) -> dict[str, Budget]:
     u_s(y) is the standard uncertainty of y due to s alone. The variance u²(y) is that of the
     posterior draws. Unlike the GUM, it includes the truncation (compliances are not negative) and
     the uncertainty of the hyper-parameters (the scales of the noise and of other effects). The
-    shares are averages over 16 draws of the hyper-parameters; whether a source is measured here is
-    decided at the mean of the hyper-parameters.
+    shares are averages over 16 draws of the hyper-parameters. Every source is measured here (by the
+    readings of this campaign), stated (by a certificate or the user) or assumed; which of the three
+    holds is decided at the mean of the hyper-parameters.
 
     In an average over models m with probabilities p_m, u² is Σ p_m (var_m + (mean_m − mean)²). The
     shares under each model are weighted with p_m var_m, and the spread of the means is a separate
@@ -434,7 +436,7 @@ def _contribution(
 
 
 def _noise_source(bound: BoundModel, term: str, phi: Mapping[Any, float]) -> _NoiseSource:
-    """Return type, standard uncertainty and unit of a noise, or of the parameters' own priors.
+    """Return type (A or B), standard uncertainty and unit of a noise or of the parameters' priors.
 
     ``term`` is the name of the source in the budget; ``phi`` are the hyper-parameters by name, with
     lengths in mm.

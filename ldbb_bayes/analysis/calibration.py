@@ -147,11 +147,11 @@ class Validation(Result):
 
     @property
     def calibrated(self) -> bool:
-        """Whether the posterior is found to be calibrated.
+        """Whether the ranks show no fault of the posterior.
 
-        The posterior is calibrated if no replicate (simulated campaign) failed, and the empirical
-        distributions of the ranks of all quantities stay between the limits ``band``. A rank is the
-        number of posterior draws below the true value.
+        This is so if no replicate (simulated campaign) failed, and if the empirical distributions
+        of the ranks of all quantities stay between the limits ``band``. A rank is the number of
+        posterior draws below the true value.
         """
         return not self.outside and not self.failures
 
@@ -177,7 +177,7 @@ class Validation(Result):
 
     @model_serializer
     def _record_without_ranks(self) -> dict[str, Any]:
-        """Return the JSON record: all fields except the ranks; each quantity's coverage is added.
+        """Return a record for JSON: all fields except the ranks, and the coverage of each quantity.
 
         The coverage is the share of true values that lie inside their credible intervals. The
         record also states for each quantity whether its ranks stay between the limits ``band``.

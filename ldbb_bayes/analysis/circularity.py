@@ -59,9 +59,9 @@ __all__ = [
     "summarise_draws",
 ]
 
-# Circular-test quantities of ISO 230-4 and their units. QUANTITIES are those of every tool path;
-# BIDIRECTIONAL are those of planes run both clockwise and counterclockwise; MINIMUM_ZONES are the
-# deviations about the centre of the minimum zone.
+# Circular-test quantities of ISO 230-4 and their units. ``QUANTITIES`` are computed for every tool
+# path, ``BIDIRECTIONAL`` only for planes that are run both clockwise and counterclockwise.
+# ``MINIMUM_ZONES`` are the deviations about the centre of the minimum zone.
 QUANTITIES = {
     "G": "µm",
     "F_max": "µm",
@@ -76,9 +76,9 @@ MINIMUM_ZONES = {"G_minimum_zone": "µm", "G_b_minimum_zone": "µm"}
 # Mask of the 25 Fourier coefficients of a circle that is false for those that describe its radius
 # and centre: the mean radius, and the amplitudes of cos θ and sin θ.
 _CENTRED = np.arange(SIZE) >= 3
-# Regular expressions for the names of hysteresis coefficients. The first expression matches
-# coefficients of the part that is independent of force, the second those of the part that is
-# proportional to force.
+# Regular expressions for the names of hysteresis coefficients. ``_CONSTANT_HYSTERESIS`` matches the
+# coefficients of the part that does not depend on force, ``_PROPORTIONAL_HYSTERESIS`` those of the
+# part that is proportional to force.
 _CONSTANT_HYSTERESIS = re.compile(r"hysteresis_(?!force)")
 _PROPORTIONAL_HYSTERESIS = re.compile("hysteresis_force")
 
@@ -94,10 +94,10 @@ def predict_circularity(
 ) -> pd.DataFrame:
     """Return circular-test quantities of the machine's own tool path, with credible intervals.
 
-    The quantities are those of ISO 230-4, without errors of the instrument, for the first circle of
-    each plane. The circular deviation G is the largest difference of radii along the path. The
-    uncertainty of the path makes G and the absolute values of F_max and F_min too large if the
-    readings do not determine the path well. This excess is removed on average.
+    The quantities are those of ISO 230-4, without errors of the instrument, for the circle of the
+    first test in each plane. The circular deviation G is the largest difference of radii along the
+    path. The uncertainty of the path makes G and the absolute values of F_max and F_min too large
+    if the readings do not determine the path well. This excess is removed on average.
 
     Parameters
     ----------
@@ -242,7 +242,7 @@ def _bidirectional_quantities(path_um: Array, half_difference_um: Array) -> dict
 
 
 def summarise_draws(values: Array, prob: float) -> dict[str, float]:
-    """Return standard deviation, median and interval ends of posterior draws, by column name.
+    """Return standard deviation, median and interval ends of posterior draws; keys name columns.
 
     ``values`` are the draws, shape (draws,); ``prob`` is the probability of the equal-tailed
     interval.
@@ -298,9 +298,9 @@ def _draw_hysteresis_of_model(draws: ModelDraws) -> dict[str, _Hysteresis]:
     """Return draws of the hysteresis in each plane, under one model of an average.
 
     The planes are those run in both directions of travel; planes in which the hysteresis is zero in
-    all draws are left out. Hysteresis changes its sign with the direction of travel, which is +1 or
-    −1 in `Setting`; the result is for the direction +1. One part of the result does not depend on
-    the force, and the other part is the hysteresis per newton of force.
+    all draws are left out. Hysteresis changes its sign with the direction of travel. The result is
+    for the direction that `Setting` describes by +1. One part of the result does not depend on the
+    force, and the other part is the hysteresis per newton of force.
     """
     bound = draws.bound
     names: list[str] = []
@@ -325,6 +325,6 @@ def _draw_hysteresis_of_model(draws: ModelDraws) -> dict[str, _Hysteresis]:
 
 
 def _first_travelled_circle(bound: BoundModel, plane: str) -> int:
-    """Return the index of the first test of a plane that has a direction of travel."""
+    """Return the index of the first test in a plane that states its direction of travel."""
     in_plane = np.array(bound.setting.plane) == plane
     return int(np.argmax(in_plane & (np.asarray(bound.setting.travel) != 0.0)))

@@ -80,16 +80,18 @@ _FAR_REJECTED = 10.0
 # Number of posterior draws over which each model's prediction of the readings is averaged.
 _QUALITY_DRAWS = 1000
 # Settings of the quadrature for the posterior mean and standard deviation of parameters. Its nodes
-# are weighted values of the hyper-parameters. The first setting is the largest share of the weight
-# that may be left out with the nodes of the smallest weight. The second is the number of
-# quasi-random points for the condition that no compliance is negative. The third is the largest
-# number of nodes. If there are more nodes, this number of them is picked in proportion to their
-# weights. This choice causes an error of about 1 % of the posterior standard deviation.
+# are weighted values of the hyper-parameters. The nodes of the smallest weight are left out;
+# ``_NEGLIGIBLE_WEIGHT`` is the largest share of the whole weight that they may have together.
+# ``_MOMENT_POINTS`` is the number of quasi-random points for the condition that no compliance is
+# negative. ``_MOMENT_NODES`` is the largest number of nodes. If there are more nodes, this number
+# of them is picked in proportion to their weights, which causes an error of about 1 % of the
+# posterior standard deviation.
 _NEGLIGIBLE_WEIGHT = 1e-4
 _MOMENT_POINTS = 256
 _MOMENT_NODES = 512
 # Smallest and largest tolerance of a log evidence that a caller may ask for [nat]. A comparison
-# computes hundreds of evidences, so that a finer tolerance would take too long.
+# computes hundreds of evidences, and would take too long with a tolerance below
+# ``_FINEST_TOLERANCE``.
 _FINEST_TOLERANCE = 1e-4
 _COARSEST_TOLERANCE = 1.0
 
@@ -134,12 +136,13 @@ class ComparedModel:
     #: the log density of each test given the other tests [nat]; not a number if no test was left
     #: out
     elpd_lofo: Number
-    elpd_lofo_se: Number  #: standard error of ``elpd_lofo``, from the scatter over the tests [nat]
-    #: root-mean-square residual (Eq. 34 of the paper) of the posterior mean prediction [µm]; the
-    #: prediction includes the machine's effects and the nuisance effects that tests share
+    elpd_lofo_se: Number  #: standard error of ``elpd_lofo``, from the scatter of its summands [nat]
+    #: root-mean-square residual (Eq. 34 of the article on which the model is based) of the
+    #: posterior mean prediction [µm]; the prediction includes the effects of the machine and the
+    #: nuisance effects that tests share
     rmse_um: float
-    #: root-mean-square residual (Eq. 34 of the paper) of the paper's least-squares fit (Eq. 31)
-    #: [µm]; not a number where the tests have too few forces for the fit
+    #: root-mean-square residual (Eq. 34) of the least-squares fit (Eq. 31) of the article on which
+    #: the model is based [µm]; not a number where the tests have too few forces for the fit
     least_squares_rmse_um: Number
     degree: int
     parameters: dict[str, ParameterEstimate]
@@ -151,8 +154,8 @@ class ComparedTest:
     """One test of a campaign, predicted from the other tests.
 
     Fields with ``lofo`` (leave one force out) in their names compare the test's readings with their
-    prediction from the other tests. The p-values, the worst Fourier order and the flag are those of
-    `JudgedTest`.
+    prediction from the other tests. `JudgedTest` explains the p-values, the Fourier order in which
+    the test deviates most, and the flag of a test that does not agree with the other tests.
     """
 
     force_N: float
@@ -229,8 +232,8 @@ class Comparison(Result):
     #: of the first model [nat], with the keys of ``log_bayes_factor``; empty if no test was left
     #: out
     elpd_difference: dict[str, Difference]
-    #: names of the first two models as "second/first"; the results under other priors and
-    #: assumptions state the log Bayes factor of the second model over the first
+    #: names of the first two models as "second/first". The log Bayes factors under other priors and
+    #: assumptions are those of the second model over the first.
     sensitivity_of: str
     #: log Bayes factor of the second model over the first at each scale of the prior of the slopes
     #: (changes of compliance with force); empty if neither model has slopes, or if the two models
@@ -265,9 +268,9 @@ class Comparison(Result):
     #: largest error of any log evidence [nat], except under assumptions whose log evidences are at
     #: least 10 nat below that of the models' own assumption
     largest_error: Finite
-    #: number of evidences whose quadrature weights cannot be trusted, so that their errors are
-    #: infinite. The field keeps the name of an older version, because programs read it from the
-    #: JSON file.
+    #: number of evidences whose errors are infinite, because their quadrature weights cannot be
+    #: trusted. The field keeps the name of an older version, because programs read it from the JSON
+    #: file.
     by_emcee: int = 0
     #: probabilities of slopes (changes of compliance with force) and of rival explanations of the
     #: same change of the readings, such as a nonlinear mount. The field is None unless two
@@ -288,8 +291,8 @@ class Comparison(Result):
     def headline(self) -> tuple[float, float]:
         """Return the log Bayes factor of the second model over the first, and its error [nat].
 
-        If rival explanations of a change of the readings with force were compared, the log Bayes
-        factor is averaged over them.
+        Where the models were also compared with rival explanations of a change of the readings with
+        force, such as a nonlinear mount, the log Bayes factor is averaged over these explanations.
         """
         if self.explanations is None:
             return (
@@ -303,8 +306,8 @@ class Comparison(Result):
     def within_tolerance(self) -> bool:
         """Return whether the largest error of any log evidence is at most ``tolerance``.
 
-        Assumptions whose log evidences are at least 10 nat below that of the models' own assumption
-        are not counted.
+        Evidences under an assumption are ignored if they are at least 10 nat below those under the
+        models' own assumption.
         """
         return self.largest_error <= self.tolerance
 
@@ -740,12 +743,12 @@ def _weigh_assumptions(
     evidences: Evidences,
     rejected_below: float,
 ) -> tuple[tuple[Assumed, ...], list[Evidence]]:
-    """Return the log Bayes factor of two models under each assumption, and all precise evidences.
+    """Return the log Bayes factor of two models under each assumption, and precise evidences.
 
     ``names`` are the names of the two models; ``assumptions`` holds both models under each
     assumption about how circles differ. Rough evidences are computed first. If both log evidences
-    are below ``rejected_below`` [nat], the rough evidences are used. If not, precise evidences are
-    computed.
+    are below ``rejected_below`` [nat], the log Bayes factor is computed from the rough evidences.
+    If not, precise evidences are computed, used and returned.
     """
     weigh = partial(evidences.unless_rejected, rejected_below)
     return sensitivity.under(names, assumptions, weigh), evidences.every
@@ -764,7 +767,7 @@ def _evidences_of(left_out_nodes: Mapping[str, Mapping[str, Nodes]]) -> list[Evi
 
 
 def _log_bayes_factors(nodes_by_model: Mapping[str, Nodes]) -> dict[str, tuple[float, float]]:
-    """Return the log Bayes factor of each later model over the first model, and its error [nat].
+    """Return the log Bayes factor of every other model over the first model, and its error [nat].
 
     In a key such as "linear/constant", the first model is named last.
     """
@@ -781,7 +784,7 @@ def _scaled_slopes(scales: Sequence[float], assumed: Sequence[Assumed]) -> tuple
     """Return the log Bayes factor of two models under each scale of the slopes' prior.
 
     Slopes are changes of compliance with force. ``assumed`` are the comparisons of the two models,
-    in the order of ``scales``.
+    one for each of ``scales``.
     """
     scaled = []
     for scale, result in zip(scales, assumed, strict=True):
@@ -792,8 +795,8 @@ def _scaled_slopes(scales: Sequence[float], assumed: Sequence[Assumed]) -> tuple
 def _crossings(scales: Sequence[float], assumed: Sequence[Assumed]) -> tuple[float, ...]:
     """Return the scales of the slopes' prior at which the log Bayes factor changes sign.
 
-    Slopes are changes of compliance with force. ``assumed`` are the comparisons of two models, in
-    the order of ``scales``.
+    Slopes are changes of compliance with force. ``assumed`` are the comparisons of two models, one
+    for each of ``scales``.
     """
     log_bayes_factor = np.array([result.log_bayes_factor for result in assumed])
     return interpolate_crossings(np.array(scales), log_bayes_factor)
@@ -880,10 +883,11 @@ def _compare_models(
 
 
 def _least_squares_rmse_um(model: HybridModel, campaign: Campaign) -> float:
-    """Return the root-mean-square residual of the paper's least-squares fit [µm].
+    """Return the root-mean-square residual of the least-squares fit of the paper, Eq. 31 [µm].
 
-    The degree of the compliance as a polynomial in force is that of the model. Return NaN if the
-    campaign has too few different forces for a fit of this degree.
+    The paper is the article on which the model is based. The degree of the compliance as a
+    polynomial in force is that of the model. Return NaN if the campaign has too few different
+    forces for a fit of this degree.
     """
     if campaign.force_levels < model.degree + 2:
         return np.nan
@@ -916,7 +920,7 @@ def _compare_tests(
     The result is empty if no test is left out. ``nodes_by_model`` holds the posterior of each model
     for all tests; ``left_out_nodes`` holds, for each model and test, the posterior without the
     test. ``left_out_log_densities`` holds, for each model, the log density of every test given the
-    other tests [nat]. ``tolerance`` is the error allowed of a log evidence [nat].
+    other tests [nat]. ``tolerance`` is the largest error allowed for a log evidence [nat].
     """
     if not left_out_nodes:
         return {}

@@ -1,4 +1,4 @@
-"""Change of compliance with force: the curve C(F) at the ends of the tested forces.
+"""Change of compliance with force: the curve C(F) at the smallest and the largest tested force.
 
 A slope such as C_XXX_1 does not describe the whole change. The curve also has a part that comes
 from joints that yield to their own load (the term `JointLoad`).

@@ -14,26 +14,26 @@ __all__ = ["NEAR_TIE", "SAME_COMBINATION", "confounding_sources"]
 # combination of parameters if the squared cosine of the angle between their vectors is at least
 # this number.
 SAME_COMBINATION = 0.95
-# An effect with less than this share of a parameter's variance is not named with the verdict on the
-# parameter.
+# An effect with less than this share of a parameter's variance is not among the effects with which
+# the parameter is said to be confounded.
 _NAMED_SHARE = 0.05
-# Shares and contractions that differ from their limit by less than this number count as equal to
-# the limit, so that no verdict depends on rounding errors. The contraction is one minus the ratio
-# of posterior and prior variance. With a share of one half, a parameter is not confounded. With a
-# contraction equal to the limit, it is not prior-limited.
+# Shares of a variance, and contractions, that differ from their limit by less than this number
+# count as equal to the limit, so that no verdict on a parameter depends on rounding errors. The
+# contraction is one minus the ratio of posterior and prior variance. A parameter is confounded only
+# if a share is above its limit, and prior-limited only if the contraction is below its limit.
 NEAR_TIE = 1e-6
 
 
 def confounding_sources(
     sources: Sequence[VarianceSource], likeness: Mapping[tuple[str, str], float] | None
 ) -> tuple[VarianceSource, ...]:
-    """Return the assumed sources with which a parameter is confounded; empty if it is not.
+    """Return the assumed sources with which a parameter is confounded, or an empty tuple.
 
     A parameter is confounded with assumed sources that together cause more than half of its
     variance, and act on the same combination of parameters. ``sources`` are all sources of the
     parameter's variance, the largest share first. ``likeness`` is the squared cosine of the angle
-    between the vectors of parameter errors that two sources cause, by the names of the two sources.
-    If ``likeness`` is None, all sources are taken to act on the same combination.
+    between the vectors of parameter errors that two sources cause; its keys are pairs of names of
+    sources. If ``likeness`` is None, all sources are taken to act on the same combination.
     """
     candidates = []
     for source in sources:

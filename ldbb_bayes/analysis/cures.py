@@ -1,4 +1,4 @@
-"""Further tests that would resolve the degeneracies of a campaign.
+"""Remedies for the degeneracies of a campaign: further tests, or a calibration.
 
 A degeneracy is a combination of parameters and nuisance coefficients (effects that are modelled but
 not of interest) that no reading resolves.
@@ -32,8 +32,8 @@ _ANGLE_DECIMALS = 6
 # Angles by which a ball is turned in its socket in further tests [°], to separate the form error of
 # the ball from the machine's errors.
 _CLOCKINGS_DEG = (45.0, 90.0)
-# Further tests at other forces are run at two forces: the first number times the lowest force of
-# the plan, and the second number times its highest force.
+# Further tests at other forces are run at two forces: ``_LOWER_FORCE_SHARE`` times the lowest force
+# of the plan, and ``_HIGHER_FORCE_SHARE`` times the highest force of the plan.
 _LOWER_FORCE_SHARE = 0.5
 _HIGHER_FORCE_SHARE = 1.5
 # Radius of further tests, divided by a radius of the plan.
@@ -66,20 +66,20 @@ class Cure(StrEnum):
 
 
 def cures(bound: BoundModel, aliases: Sequence[Degeneracy]) -> tuple[tuple[Cure, ...], ...]:
-    """Return the remedies that would resolve each degeneracy, in the order of ``aliases``.
+    """Return the remedies (further tests or a calibration) that would resolve each degeneracy.
 
     A degeneracy is a combination of parameters and nuisance coefficients (effects that are modelled
-    but not of interest) that no reading resolves. To find out whether further tests help, they are
-    added to the plan, and the degeneracies of the longer plan are found. Turning both balls is
-    named only if turning one ball does not help. If a degeneracy involves the effect of a model
-    term (its field ``term`` is not empty), a calibration is always among the remedies.
+    but not of interest) that no reading resolves. Further tests are a remedy if the degeneracy
+    vanishes when these tests are added to the plan. To turn both balls is a remedy only if to turn
+    one ball does not help. If a degeneracy involves the effect of a model term (its field ``term``
+    is not empty), a calibration is always among the remedies.
 
     Parameters
     ----------
     bound
         Model bound to a campaign or plan.
     aliases
-        The `degeneracies` of the bound model.
+        The `degeneracies` of the bound model. The results have the same order.
     """
     plan = bound.campaign.plan()
     remaining_after: dict[Cure, tuple[Degeneracy, ...]] = {}
@@ -172,8 +172,8 @@ class Directed(NamedTuple):
     """Circles of a plan with their direction of travel, and circles in the other direction.
 
     ``stated`` are the circles of the plan. If no circle of a plane states its direction, all
-    circles of the plane are taken to be clockwise. ``further`` are copies of circles in the
-    direction in which their plane is not run; a plane that is run in both directions has none.
+    circles of the plane are taken to be clockwise. ``further`` are copies of circles in the other
+    direction, for each plane whose circles are all run in one direction.
     """
 
     stated: list[CircularTest]

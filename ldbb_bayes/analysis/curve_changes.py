@@ -85,7 +85,7 @@ def _joint_load_weights(bound: BoundModel, information: Information, axis: str) 
 
     The compliance is the direct compliance of ``axis``. Its change is taken from the smallest
     tested force to the largest. The result has the shape (m,) for m coefficients. All elements are
-    zero if the model does not have the term, or if no circle drives the axis.
+    zero if the model does not have the term, or if no circle moves the axis.
     """
     weights = np.zeros(len(information.names))
     columns = joint_load_columns(bound.setting, bound.columns_of.get(JointLoad, ())).get(axis)

@@ -278,8 +278,8 @@ def stiffness(
     The compliance along the bar is the deflection along the bar at the angle θ of the circle,
     divided by the bar's force F. It includes the slopes of the compliances and the term
     `JointLoad`. An error of the bar's length changes none of the numbers. Errors of the mount
-    cancel in the difference of two compliances. Errors of the force's gain cancel in the ratio of
-    stiffnesses.
+    cancel in the difference of two compliances. An error of the gain of the force cancels in the
+    ratio of stiffnesses.
 
     Parameters
     ----------
@@ -478,9 +478,9 @@ def _cross(
 class _Tensor(NamedTuple):
     """Posterior draws of the elements of a plane's compliance tensor [mm/N], shape (draws,)."""
 
-    first: Array  #: diagonal element of the plane's first axis
-    second: Array  #: diagonal element of the plane's second axis
-    cross: Array  #: off-diagonal element, which couples the two axes
+    first: Array  #: element of the plane's first axis on the diagonal of the tensor
+    second: Array  #: element of the plane's second axis on the diagonal of the tensor
+    cross: Array  #: element that couples the two axes, off the diagonal of the tensor
 
 
 def _plane_tensor(bound: BoundModel, r: int, plane: str, compliances: Array) -> _Tensor:
@@ -514,7 +514,8 @@ def _principal_stiffness(
     values, vectors = np.linalg.eigh(tensors)
     mean_values, mean_vectors = np.linalg.eigh(tensors.mean(axis=0))
     axes = []
-    # Eigenvalues are sorted by size: the largest compliance is the last.
+    # The eigenvalues of the compliance tensor are in ascending order, so that the last eigenvalue
+    # belongs to the softest axis.
     for k in (2, 1, 0):
         eigenvalues = without_noise_excess(values[:, k], float(mean_values[k]))
         direction = mean_vectors[:, k]

@@ -35,8 +35,8 @@ _ANGLES_RAD = np.arange(24) * (2 * np.pi / 24)
 # on the radius. The degree is 2 because both force and measured deflection are along the bar.
 _COMPLIANCE_DEGREE = 2
 # Degree in cos θ and sin θ of the part of a geometric error's effect on the reading that does not
-# depend on the radius. The degree is 1 because the error is measured along the bar, and needs no
-# force.
+# depend on the radius. The degree is 1 because the readings show the component of the error along
+# the bar.
 _GEOMETRIC_DEGREE = 1
 # Superscripts of the powers 0 … 4 of a symbol in a formula; the superscripts of the powers 0 and 1
 # are empty.
@@ -87,7 +87,7 @@ class DescribedMachine(Result):
     #: the rank of the matrix of derivatives of the readings with respect to all compliances
     rank: int
     #: condition number of the matrix of derivatives of the readings with respect to
-    #: ``compliances``, unscaled (mm, N), for full circles with evenly spaced angles
+    #: ``compliances``, in mm and N without scaling, for full circles with evenly spaced angles
     condition_number: float
 
 
@@ -100,7 +100,8 @@ def describe_machine(machine: Machine, circles: Sequence[Circle] = ()) -> Descri
         Machine with its joints, planes and frames.
     circles : sequence of Circle
         Circles in the machine's planes. Default: in every plane a circle of radius 150 mm about the
-        origin of the frames. Patterns are those of the first circle of each plane.
+        origin of the frames. The formulas in the result are those for the first circle of each
+        plane.
 
     Returns
     -------

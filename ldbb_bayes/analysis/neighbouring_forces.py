@@ -1,10 +1,10 @@
 """Local fits: constant compliance and geometry at every two neighbouring force levels.
 
 If compliance changes with force, the estimates from different pairs of levels differ. Each pair is
-fitted twice: by the paper's least squares (Tables 7 and 8), and by the posterior of the model. The
-model includes nuisances, effects that are not of interest. Pairs overlap, and share ball form, bar
-length and mount. The errors of the estimates are therefore correlated, and the estimates scatter
-less than their uncertainties suggest.
+fitted twice: by the least squares of the article on which the model is based (Tables 7 and 8
+there), and by the posterior of the model. The model includes nuisances, effects that are not of
+interest. Pairs overlap, and share ball form, bar length and mount. The errors of the estimates are
+therefore correlated, and the estimates scatter less than their uncertainties suggest.
 
 Geometric errors are fitted anew in every pair, so that only the change of the readings between the
 two forces determines the compliance. A pair therefore estimates d(F C)/dF = C + F dC/dF. This
@@ -31,11 +31,12 @@ from ldbb_bayes.results import readable
 __all__ = ["local_fits"]
 
 # Settings of the quadrature for local fits. They limit the errors of standard deviations to 2 %,
-# which is enough for a figure. Nodes are weighted values of the hyper-parameters. The five settings
-# are: error of the log evidence [nat]; largest share of the weight that may be left out with the
-# nodes of the smallest weight; number of quasi-random points for the condition that no compliance
-# is negative; number of nodes for means and standard deviations; and number of components of the
-# mixture for the quantiles.
+# which is enough for a figure. Nodes are weighted values of the hyper-parameters. ``_TOLERANCE`` is
+# the error allowed for the log evidence [nat]. The nodes of the smallest weight are left out;
+# ``_SPARE`` is the largest share of the whole weight that they may have together.
+# ``_POINTS_INSIDE`` is the number of quasi-random points for the condition that no compliance is
+# negative. ``_MOMENT_NODES`` is the number of nodes for means and standard deviations.
+# ``_COMPONENTS`` is the number of components of the mixture from which the quantiles are computed.
 _TOLERANCE = 5e-2
 _SPARE = 1e-3
 _POINTS_INSIDE = 128
@@ -70,10 +71,10 @@ def local_fits(
     -------
     DataFrame
         One row per pair of force levels and parameter, in internal units (mm, N, rad). Columns are
-        force_low_N, force_high_N, force_N (mean over the pair's tests), tests (their number),
-        parameter and unit; the least-squares estimate least_squares and, for white noise alone, its
-        standard uncertainty least_squares_u (both are not a number if the pair does not determine
-        the parameter); and the posterior's mean, sd, ci_low and ci_high.
+        force_low_N, force_high_N, force_N (mean over the pair's tests), tests (number of tests in
+        the pair), parameter and unit; the least-squares estimate least_squares and, for white noise
+        alone, its standard uncertainty least_squares_u (both are not a number if the pair does not
+        determine the parameter); and the posterior's mean, sd, ci_low and ci_high.
 
     Raises
     ------

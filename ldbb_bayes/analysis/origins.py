@@ -54,12 +54,12 @@ class Origin(StrEnum):
 
 
 def origins(bound: BoundModel, information: Information) -> dict[tuple[str, str], Origin]:
-    """Return the origin of every source of uncertainty of a model's parameters.
+    """Return the origin (measured here, stated or assumed) of each source of uncertainty.
 
-    The keys are those of `Information.shares`: the name of the coefficient or noise, and the name
-    of the model term to which it belongs. In this function, the parameters' own priors (key ``(OWN,
-    OWN)``) count as assumed; `is_prior_stated` returns for one parameter whether the user gave its
-    prior.
+    The sources are those of the uncertainty of a model's parameters. The keys are those of
+    `Information.shares`: the name of the coefficient or noise, and the name of the model term to
+    which it belongs. In this function, the parameters' own priors (key ``(OWN, OWN)``) count as
+    assumed; `is_prior_stated` returns for one parameter whether the user gave its prior.
 
     Parameters
     ----------
@@ -154,9 +154,10 @@ def is_prior_stated(bound: BoundModel, parameter: str) -> bool:
 
 
 def edition_terms(bound: BoundModel) -> dict[type[Term], Term]:
-    """Return the nuisance terms of the preset that the model was made from; keys are classes.
+    """Return the nuisance terms of the preset from which a model was made; the keys are classes.
 
-    The terms have the package's own values, even where the user has changed them in the model.
+    A nuisance is an effect that is modelled but not of interest. The terms have the package's own
+    values, even where the user has changed these values in the model.
     """
     return {type(term): term for term in _edition(bound).nuisances}
 
@@ -185,7 +186,7 @@ def _term_named(bound: BoundModel, owner: str) -> Term | None:
 
 
 def _origin_of_noise(bound: BoundModel, name: str) -> Origin:
-    """Return the origin of a scatter between readings or circles.
+    """Return the origin of a scatter between readings or circles: measured here, stated or assumed.
 
     ``name`` is the class name of the model term that causes the scatter, or the name of the reading
     noise.

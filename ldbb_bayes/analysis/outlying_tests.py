@@ -40,20 +40,24 @@ __all__ = ["FALSE_ALARMS", "JudgedTest", "find_outlying_tests", "judge_circle", 
 
 # Family-wise error: probability that any test of a campaign is flagged although all tests agree.
 FALSE_ALARMS = 0.02
-# Least number of replicates that each test is compared with.
+# Least number of replicates (simulated circles) that each test is compared with.
 _REPLICATES = 20_000
-# In a campaign of n tests, each test is compared with at least n times this number of replicates.
-# With more tests, Holm's method flags only smaller p-values, and smaller p-values need more
-# replicates.
+# In a campaign of n tests, each test is compared with at least n times this number of replicates
+# (simulated circles). With more tests, Holm's method flags only smaller p-values, and smaller
+# p-values need more replicates.
 _REPLICATES_PER_TEST = 400
-# Number of replicates from each posterior draw when a test is first judged.
+# Number of replicates (simulated circles) from each posterior draw when a test is first compared
+# with its replicates.
 _CIRCLES_PER_DRAW = 5
-# A test whose p-value is at most this number is judged again with more replicates.
+# A test whose p-value is at most this number is compared again with more replicates (simulated
+# circles).
 _SMALL_P_VALUE = 0.05
-# Factor by which the number of replicates grows when a test is judged again.
+# Factor by which the number of replicates (simulated circles) grows when a test is compared with
+# its replicates a second time.
 _MORE_REPLICATES = 2
-# Number of replicates from each posterior draw when a test is judged again. This number is small
-# because circles from one draw deviate together, so that small p-values need many draws.
+# Number of replicates (simulated circles) from each posterior draw when a test is compared with its
+# replicates a second time. The number is small, because replicates from one draw deviate together,
+# and a small p-value is reliable only with many draws.
 _CIRCLES_PER_DRAW_AGAIN = 2
 
 
@@ -71,7 +75,8 @@ class JudgedTest:
     family_wise_p_value: float  #: p-value adjusted for the number of tests (Holm)
     order_p_values: tuple[float, ...]  #: p-value of each single Fourier order, 0 … 12
     worst_order: int  #: Fourier order in which the test deviates most
-    #: whether the family-wise p-value is below 2 % and more than half of the tests remain unflagged
+    #: whether the test is flagged as not in agreement with the other tests: its family-wise p-value
+    #: is below 2 %, and more than half of the tests remain unflagged
     flag: bool
     #: deviation in the worst Fourier order, stated as −ln of the probability of a larger χ². Among
     #: tests with equal p-values, the test with the largest deviation is flagged first.
@@ -333,9 +338,10 @@ def judge_circle(observed: Array, replicates: Array) -> JudgedTest:
         nearer_counts.append(int(np.sum(distances < distance)))
         replicate_distances.append(distances)
         tails.append(_minus_log_tail(float(distance), components))
-    # ``most_nearer`` is the number of replicates that deviate less than the circle in its worst
-    # Fourier order. Count the replicates that, in at least one order, deviate more than the
-    # ``most_nearer`` replicates that deviate least in this order.
+    # For each Fourier order, ``nearer_counts`` holds the number of replicates that deviate less
+    # than the circle; ``most_nearer`` is the largest of these numbers. In each order, all but the
+    # ``most_nearer`` smallest deviations count as large. The p-value follows from the number of
+    # replicates with a large deviation in at least one order.
     most_nearer = max(nearer_counts)
     edge = np.full((MAX_ORDER + 1, 1), -np.inf)
     if most_nearer:

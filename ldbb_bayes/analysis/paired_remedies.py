@@ -1,7 +1,8 @@
-"""Pairs of cures for parameters that stay confounded after the best single cure.
+"""Pairs of remedies for parameters that stay confounded after one remedy.
 
-A cure is a change of the plan, such as more circles, or a certificate of the instrument. A
-parameter is confounded if assumed effects cause more than half of its variance.
+A remedy for a large uncertainty is a change of the plan, such as more circles, or a certificate of
+the instrument. A parameter is confounded if effects whose size nobody measured or stated cause more
+than half of its variance.
 """
 
 from __future__ import annotations
@@ -16,25 +17,27 @@ from ldbb_bayes.units import ranked
 
 __all__ = ["PairedRemedy", "paired_remedies"]
 
-# Two second cures count as equal if the parameter's standard uncertainties with them, divided by
-# that without any cure, differ by less than this number. Of two equal cures, the cheaper is taken.
+# A second remedy (a change of the plan or a certificate) is compared with another by the ratio of
+# the parameter's standard uncertainty with both remedies to that without any remedy. If the two
+# ratios differ by less than this number, the cheaper remedy is taken.
 _EQUAL_RATIOS = 0.02
 
 
 @dataclass(frozen=True)
 class PairedRemedy(Result):
-    """Two cures together for a parameter that stays confounded after the first cure alone.
+    """Two remedies together for a parameter that stays confounded after the first remedy alone.
 
-    A cure is a change of the plan, such as more circles, or a certificate of the instrument.
+    A remedy is a change of the plan, such as more circles, or a certificate of the instrument. A
+    parameter is confounded if assumed effects cause more than half of its variance.
     """
 
-    first: CureStep  #: cheapest cure, if only one cure is used
-    #: cure that, added to the first, reduces the parameter's standard uncertainty most
+    first: CureStep  #: cheapest remedy, if only one remedy is used
+    #: remedy that, added to the first, reduces the parameter's standard uncertainty most
     second: CureStep
-    circles: int  #: number of circles that both cures together add to those of the campaign
-    sd: float  #: standard uncertainty of the parameter after both cures, in internal units
-    ratio: float  #: ``sd`` divided by the standard uncertainty without any cure
-    is_confounded: bool  #: whether the parameter stays confounded after both cures
+    circles: int  #: number of circles that both remedies together add to the campaign
+    sd: float  #: standard uncertainty of the parameter after both remedies, in internal units
+    ratio: float  #: ``sd`` divided by the standard uncertainty without any remedy
+    is_confounded: bool  #: whether the parameter stays confounded after both remedies
 
 
 def paired_remedies(
@@ -43,28 +46,30 @@ def paired_remedies(
     sd: Mapping[str, float],
     confounded: Collection[str],
 ) -> dict[str, PairedRemedy]:
-    """Return pairs of cures for parameters that stay confounded after the best single cure.
+    """Return a pair of remedies for every parameter that stays confounded after one remedy.
 
-    A cure is a change of the plan, such as more circles, or a certificate of the instrument. The
-    first cure is the parameter's cheapest cure from `remedies`. The second cure is the one that,
-    added to the first, makes the standard uncertainty of the parameter smallest. A pair counts only
-    if this standard uncertainty is less than 90 % of that with the first cure alone.
+    A remedy is a change of the plan, such as more circles, or a certificate of the instrument. The
+    first remedy is the parameter's cheapest remedy from `remedies`. The second remedy is that
+    which, added to the first, makes the standard uncertainty of the parameter smallest. A pair is
+    returned only if this standard uncertainty is less than 90 % of that with the first remedy
+    alone.
 
     Parameters
     ----------
     tried
-        The campaign, with its uncertainties after each cure.
+        The campaign, with its uncertainties after each remedy.
     chosen
-        The cheapest cure of every parameter by name, from `remedies`.
+        The cheapest remedy for every parameter, from `remedies`. The keys are names of parameters.
     sd
-        Standard uncertainties of the parameters without any cure, by name, in internal units.
+        Standard uncertainties of the parameters without any remedy, by name, in internal units.
     confounded
         Names of the parameters that are confounded.
 
     Returns
     -------
     dict of PairedRemedy
-        The keys are names of parameters. Parameters without a useful pair are left out.
+        Pairs of remedies; the keys are names of parameters. Parameters without a useful pair are
+        left out.
     """
     pairs = {}
     for name in confounded:
@@ -80,17 +85,18 @@ def paired_remedies(
 
 
 def _best_pair(tried: TriedCures, name: str, first: CureStep, sd: float) -> PairedRemedy | None:
-    """Return the first cure together with the best second cure for a parameter.
+    """Return the first remedy for a parameter together with the best second remedy.
 
-    The best second cure is the one that, added to the first, makes the parameter's standard
-    uncertainty smallest. ``sd`` is the standard uncertainty without any cure. Return None if no
-    second cure reduces the standard uncertainty to less than 90 % of that with the first cure.
+    A remedy is a change of the plan or a certificate. The best second remedy is that which, added
+    to the first, makes the parameter's standard uncertainty smallest. ``sd`` is the standard
+    uncertainty without any remedy. Return None if no second remedy reduces the standard uncertainty
+    to less than 90 % of that with the first remedy.
     """
     before = tried.sd_with()[name]
     ratio_of: dict[CureStep, float] = {}
     for step in tried.steps:
-        # All cures are tried, because a cure that has no effect by itself may have an effect
-        # together with the first cure.
+        # All remedies are tried, because a remedy that has no effect by itself may have an effect
+        # together with the first remedy.
         if step == first:
             continue
         after = tried.sd_with(first, step)

@@ -36,13 +36,13 @@ __all__ = [
 
 # Number of posterior draws from which contributions to the readings of a circle are computed.
 DRAWS = 2000
-# Names of three sums of contributions to the readings: the sum over all effects of the machine, the
-# sum over all compliances, and the sum over all geometric errors.
+# Names of three sums of contributions to the readings. ``TOGETHER`` is the sum over all effects of
+# the machine, ``COMPLIANCE`` over all compliances, and ``GEOMETRY`` over all geometric errors.
 TOGETHER = "compliance and geometry"
 COMPLIANCE = "compliance"
 GEOMETRY = "geometry"
-# Columns of the table of contributions to the readings. The first list states the circle, the force
-# and the source of the contribution; the second names the columns of values in µm.
+# Columns of the table of contributions to the readings. ``_PLACE_COLUMNS`` state the circle, the
+# force and the source of the contribution; ``_VALUE_COLUMNS`` hold values in µm.
 _PLACE_COLUMNS = ["plane", "radius_mm", "force_N", "source"]
 _VALUE_COLUMNS = ["maximum", "minimum", "peak_to_peak", "sd", "ci_low", "ci_high"]
 

@@ -24,8 +24,8 @@ class Zone:
     All values are in the unit of the deviations.
     """
 
-    lower: float  #: smallest distance from the centre minus the nominal radius
-    upper: float  #: largest distance from the centre minus the nominal radius
+    lower: float  #: smallest distance of the path from the centre, minus the nominal radius
+    upper: float  #: largest distance of the path from the centre, minus the nominal radius
     mean: float  #: radius of the least-squares circle minus the nominal radius
 
     @property

@@ -1,18 +1,18 @@
-"""The cheapest cure for the uncertainty of every parameter, and the uncertainty with the cure.
+"""The cheapest remedy for a large uncertainty of each parameter, and the uncertainty after it.
 
-A cure is a change of the plan (another order of the circles, the other direction of travel, turned
-balls, more circles, a second radius) or a certificate of the instrument. Each cure is tried: the
-longer plan, or the certified campaign, is bound to the same model, and its `Information` gives the
-standard uncertainty of every parameter. The hyper-parameters φ (the scales of the noise and of
-other effects) keep their values under the same names (`HyperPrior.carried`). Effects that depend on
-an estimate of the machine keep the estimate from the readings.
+A remedy is a change of the plan (another order of the circles, the other direction of travel,
+turned balls, more circles, a second radius) or a certificate of the instrument. Each remedy is
+tried: the model is bound to the changed plan, or to the campaign with the certificate, and the
+`Information` of the bound model gives the standard uncertainty of every parameter. The
+hyper-parameters φ (the scales of the noise and of other effects) keep their values
+(`HyperPrior.carried`).
 
-Changes of a plan that add circles double the number of circles. A part of the benefit comes from
-this larger number alone. The same part would result if all readings were taken twice under the same
-conditions. Another order, direction of travel, angle of the balls or radius counts as a cure only
-if it helps more than taking all readings twice. More circles are advised only if sources that are
-measured here, such as scatter between readings and circles, have most of the variance. An assumed
-effect is the same in every circle, and does not average out.
+Changes of a plan that add circles double the number of circles. To take all readings twice under
+the same conditions would also reduce the uncertainty. Circles in another order, in the other
+direction of travel, with turned balls or at another radius are therefore a remedy only if they
+reduce the uncertainty more than that. More circles are advised only if sources that are measured
+here, such as scatter between readings and circles, have most of the variance. An assumed effect is
+the same in every circle, and does not average out.
 """
 
 from __future__ import annotations
@@ -30,37 +30,38 @@ from ldbb_bayes.units import ranked
 
 __all__ = ["CURED_RATIO", "NARROWER", "Remedy", "remedies"]
 
-# A cure is enough if the standard uncertainty with the cure, divided by that without the cure, is
-# at most this number: at least half of the variance is then removed.
+# A remedy (a change of the plan or a certificate) is sufficient if the standard uncertainty with
+# the remedy, divided by that without the remedy, is at most this number. At least half of the
+# variance is then removed.
 CURED_RATIO = 0.5**0.5
-# A change counts as a cure only if the standard uncertainty with the change, divided by that
-# without the change, is less than this number.
+# A change of the plan, or a certificate, counts as a remedy only if the standard uncertainty after
+# the change, divided by that before the change, is less than this number.
 NARROWER = 0.9
-# A change of the plan that adds circles counts as a cure only if it is better than taking all
-# readings twice: the standard uncertainty with the change, divided by that from taking all readings
-# twice, must be less than this number.
+# A change of the plan that adds circles counts as a remedy for a large uncertainty only if it is
+# better than taking all readings twice: the standard uncertainty with the change, divided by that
+# from taking all readings twice, must be less than this number.
 _BETTER_THAN_REPETITION = 0.9
 
 
 @dataclass(frozen=True)
 class Remedy(Result):
-    """The cheapest cure for one parameter, and the parameter's uncertainty with this cure."""
+    """The cheapest remedy for a large uncertainty of a parameter, and the uncertainty after it."""
 
-    kind: RemedyKind  #: kind of cure
+    kind: RemedyKind  #: kind of remedy, such as more circles or a certificate
     #: certificate, as a key of ``CERTIFICATES`` such as "mount ± 2 %"; empty for a change of the
     #: plan
     certificate: str
-    circles: int  #: number of circles that the cure adds to those of the campaign
-    sd: float  #: standard uncertainty of the parameter with the cure, in internal units
-    ratio: float  #: ``sd`` divided by the standard uncertainty without the cure
+    circles: int  #: number of circles that the remedy adds to the campaign
+    sd: float  #: standard uncertainty of the parameter with the remedy, in internal units
+    ratio: float  #: ``sd`` divided by the standard uncertainty without the remedy
 
 
 @dataclass(frozen=True)
 class _Trial:
-    """A single cure that was tried.
+    """One remedy (a change of the plan or a certificate) that was tried.
 
-    ``ratio``, shape (p,), are the standard uncertainties of all parameters with the cure, divided
-    by those without the cure.
+    ``ratio``, shape (p,), are the standard uncertainties of all parameters with the remedy, divided
+    by those without the remedy.
     """
 
     kind: RemedyKind
@@ -70,28 +71,28 @@ class _Trial:
 
 
 def remedies(tried: TriedCures, sd: Array, measured_share: Array) -> dict[str, Remedy | None]:
-    """Return the cheapest cure of every parameter and of every change with force, by name.
+    """Return the cheapest remedy for every parameter and every change with force, by name.
 
-    The cure is None if no cure reduces the standard uncertainty by more than 10 %. Changes with
-    force are those of compliances over the tested forces (`curve_changes`). In the result, changes
-    with force follow the parameters, under names such as "change of C_XXX".
+    A remedy for a large uncertainty is a change of the plan or a certificate. It is None if no
+    remedy reduces the standard uncertainty by more than 10 %. Changes with force are those of
+    compliances over the tested forces (`curve_changes`). In the result, the changes with force come
+    after the parameters; their names are such as "change of C_XXX".
 
-    The cures are tried in the order of `RemedyKind`, and certificates in the order of
-    ``CERTIFICATES``. The first cure that reduces the standard uncertainty to at most 71 % (the
-    variance to half) is returned. If there is no such cure, the cure that reduces the standard
-    uncertainty most is returned, provided that the result is less than 90 % of the standard
-    uncertainty without any cure.
+    Remedies are tried in the order of `RemedyKind`, and certificates in the order of
+    ``CERTIFICATES``. The first remedy that reduces the standard uncertainty to at most 71 % (the
+    variance to half) is returned. If there is no such remedy, the remedy that reduces the standard
+    uncertainty most is returned.
 
     Parameters
     ----------
     tried
-        The campaign, with its uncertainties after each cure.
+        The campaign, with its uncertainties after each remedy.
     sd
-        Standard uncertainties of the p parameters and changes without any cure, shape (p,), in
+        Standard uncertainties of the p parameters and changes without any remedy, shape (p,), in
         internal units.
     measured_share
-        Share of the sources that are measured here, such as scatter between readings and circles,
-        in the variance of each of these p quantities, shape (p,).
+        For each of these p quantities, the share of its variance that comes from sources that are
+        measured here, such as scatter between readings and circles, shape (p,).
     """
     bound = tried.bound
     once = tried.sd_with()
@@ -114,14 +115,14 @@ def remedies(tried: TriedCures, sd: Array, measured_share: Array) -> dict[str, R
 
 
 def _helps(trial: _Trial, i: int, repetition: float, measured_share: float) -> bool:
-    """Return whether a cure by itself reduces the standard uncertainty of parameter i enough.
+    """Return whether a remedy by itself reduces the standard uncertainty of parameter i noticeably.
 
-    The standard uncertainty with the cure must be less than 90 % of that without the cure. A cure
-    that adds circles under other conditions must also be better than taking all readings twice with
-    nothing else changed; ``repetition`` is the standard uncertainty from all readings taken twice,
-    divided by the present standard uncertainty. More circles under the same conditions help only if
-    most of the variance comes from sources that are measured here; ``measured_share`` is the share
-    of these sources.
+    A remedy is a change of the plan or a certificate. The standard uncertainty with the remedy must
+    be less than 90 % of that without the remedy. A remedy that adds circles under other conditions
+    must also be better than taking all readings twice with nothing else changed; ``repetition`` is
+    the standard uncertainty from all readings taken twice, divided by the present standard
+    uncertainty. More circles under the same conditions help only if most of the variance comes from
+    sources that are measured here; ``measured_share`` is the share of these sources.
     """
     ratio = float(trial.ratio[i])
     if not ratio < NARROWER:
@@ -134,11 +135,12 @@ def _helps(trial: _Trial, i: int, repetition: float, measured_share: float) -> b
 
 
 def _cheapest(helpful: Sequence[_Trial], i: int, sd: float) -> Remedy | None:
-    """Return the first cure that is enough for parameter i; if none is, return the best cure.
+    """Return the first sufficient remedy for parameter i, or the best remedy if none is sufficient.
 
-    ``helpful`` are the cures that help, the cheapest first. A cure is enough if it removes at least
-    half of the variance; the best cure leaves the smallest standard uncertainty. ``sd`` is the
-    standard uncertainty without any cure. Return None if no cure helps.
+    A remedy is a change of the plan or a certificate. ``helpful`` are the remedies that reduce the
+    standard uncertainty noticeably, the cheapest first; if there are none, return None. A remedy is
+    sufficient if it removes at least half of the variance. The best remedy leaves the smallest
+    standard uncertainty. ``sd`` is the standard uncertainty without any remedy.
     """
     if not helpful:
         return None

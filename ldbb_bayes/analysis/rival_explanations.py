@@ -1,9 +1,9 @@
 """Slopes compared with rival explanations of why compliance seems to change with force.
 
-Slopes of the compliances, load on the joints, a nonlinear mount and a nonlinear force device may
-each explain why the readings do not grow in proportion to force. Every combination of these
-explanations is a model. All models have the same prior probability, and their evidences give the
-posterior probabilities.
+Compliances that change with force (slopes), joints that yield to their own load, a nonlinear mount
+and a nonlinear force device may each explain why the readings do not grow in proportion to force.
+Every combination of these explanations is a model. All models have the same prior probability, and
+their evidences give the posterior probabilities.
 """
 
 from __future__ import annotations

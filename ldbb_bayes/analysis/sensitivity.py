@@ -25,7 +25,7 @@ _UNCHANGED = "as in the model"
 
 
 class _Alternative(NamedTuple):
-    """Assumption about how circles differ, made by a change of one term of a model."""
+    """Assumption about how circles differ from one another, made by a change of a model term."""
 
     label: str
     kind: type[Term]  #: class of the model term that is replaced or left out
@@ -112,7 +112,7 @@ def _reduce_to_white_noise(model: HybridModel) -> HybridModel:
 def changed(
     pair: Iterable[HybridModel], changes: Mapping[str, Change]
 ) -> dict[str, tuple[HybridModel, ...]]:
-    """Return both models of a pair under each assumption; the keys are labels of assumptions.
+    """Return two models changed by each assumption; the keys are labels of assumptions.
 
     ``changes`` are the assumptions, as `discrepancy_assumptions` returns them. An assumption is
     left out if the two models are the same under it.

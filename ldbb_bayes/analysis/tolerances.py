@@ -38,15 +38,15 @@ PATH_QUANTITIES = {"G": _UPPER, "F_max": _UPPER, "F_min": _LOWER}
 STIFFNESS_QUANTITIES = {"k_min": _LOWER, "k_max": _LOWER, "k_ratio": _UPPER}
 # Internal unit of each stiffness by direction; a ratio has none.
 _STIFFNESS_UNITS = {"k_min": "N/mm", "k_max": "N/mm", "k_ratio": ""}
-# Regular expressions for names of quantities that cannot be negative. The first expression matches
-# direct compliances (deflection along a force, or tilt about a moment); the second expression also
-# matches stiffnesses, their ratio and the circular deviation G.
+# Regular expressions for names of quantities that cannot be negative. ``_DIRECT_COMPLIANCE``
+# matches direct compliances (deflection along a force, or tilt about a moment). ``_NEVER_NEGATIVE``
+# also matches stiffnesses, the ratio of stiffnesses and the circular deviation G.
 _DIRECT_COMPLIANCE = re.compile(r"C_(.)\1.")
 _NEVER_NEGATIVE = re.compile(
     _DIRECT_COMPLIANCE.pattern + r"|stiffness_.|(G|k_min|k_max|k_ratio)(_..)?"
 )
-# A compliance may be stated at forces from the first number times the smallest force tested to the
-# second number times the largest force tested.
+# A compliance may be stated at forces from ``_LEAST_FORCE_SHARE`` times the smallest force tested
+# to ``_LARGEST_FORCE_SHARE`` times the largest force tested.
 _LEAST_FORCE_SHARE = 0.1
 _LARGEST_FORCE_SHARE = 1.5
 # Signs before the number of a tolerance, such as ≤, and the limits, upper or lower, that they

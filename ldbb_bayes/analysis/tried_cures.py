@@ -1,10 +1,10 @@
-"""Trial of cures: the same model is bound to a campaign with one cure or several cures.
+"""Trial of remedies for large uncertainties: a model is bound to a changed campaign.
 
-A cure is a change of the plan (another order of the circles, the other direction of travel, turned
-balls, more circles, a second radius) or a certificate of the instrument. The longer plan, or the
-certified campaign, is bound to the model. The hyper-parameters φ (the scales of the noise and of
-other effects) keep their values under the same names (`HyperPrior.carried`). Effects that depend on
-an estimate of the machine keep the estimate from the readings.
+A remedy is a change of the plan (another order of the circles, the other direction of travel,
+turned balls, more circles, a second radius) or a certificate of the instrument. The model is bound
+to the changed plan, or to the campaign with the certificate. The hyper-parameters φ (the scales of
+the noise and of other effects) keep their values (`HyperPrior.carried`). Effects that depend on an
+estimate of the machine keep the estimate from the readings.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ from ldbb_bayes.units import ranked
 
 __all__ = ["CureStep", "RemedyKind", "TriedCures", "longer_plans", "sd_by_name"]
 
-# Angle by which both balls are turned in the further circles [°]. One angle is enough, because it
-# turns the phase of a ball's form error by 90° at order 2, by 135° at order 3 and by 180° at order
-# 4.
+# Angle by which both balls are turned in the further circles [°]. A second angle is not needed,
+# because this angle turns the phase of a ball's form error by 90° at order 2, by 135° at order 3
+# and by 180° at order 4.
 _TURN_DEG = 45.0
 # Number of random orders of the circles that are tried. The order that is least correlated with
 # force is taken.
@@ -42,7 +42,7 @@ _ORDERS_TRIED = 200
 
 
 class RemedyKind(StrEnum):
-    """Kinds of cure in the order of their cost, the cheapest first."""
+    """Kinds of remedy for a large uncertainty, in the order of their cost, the cheapest first."""
 
     ORDER = "order"  #: the same circles are run in an order that is not correlated with force
     DIRECTION = "direction"  #: every circle is run in both directions of travel
@@ -54,16 +54,16 @@ class RemedyKind(StrEnum):
 
 @dataclass(frozen=True)
 class CureStep(Result):
-    """One cure, given by its kind and, if it is a certificate, by the name of the certificate."""
+    """A remedy, given by its kind and, if it is a certificate, by the name of the certificate."""
 
-    kind: RemedyKind  #: kind of cure
+    kind: RemedyKind  #: kind of remedy, such as more circles or a certificate
     #: certificate, as a key of ``CERTIFICATES`` such as "mount ± 2 %"; empty for a change of the
     #: plan
     certificate: str
 
 
 class TriedCures:
-    """A campaign, and its uncertainties after each cure alone or after several cures together.
+    """A campaign, and its uncertainties after each remedy alone or after several remedies together.
 
     Parameters
     ----------
@@ -82,17 +82,18 @@ class TriedCures:
 
     @cached_property
     def steps(self) -> tuple[CureStep, ...]:
-        """All single cures that can be tried, the cheapest first."""
+        """All single remedies that can be tried, the cheapest first."""
         steps = [CureStep(kind, "") for kind in longer_plans(self.bound)]
         for name in missing_certificates(self.bound.campaign.instrument):
             steps.append(CureStep(RemedyKind.CERTIFICATE, name))
         return tuple(steps)
 
     def bound_with(self, *steps: CureStep) -> BoundModel | None:
-        """Return the model bound to the campaign after these cures, applied one after the other.
+        """Return the model bound to the campaign after these remedies, applied one after the other.
 
-        Return None if a cure cannot be applied after those before it, for example because the
-        instrument already has the certificate.
+        A remedy is a change of the plan or a certificate of the instrument. Return None if a remedy
+        cannot be applied after the earlier remedies, for example because the instrument already has
+        the certificate.
         """
         if steps not in self._bound_with:
             before = self.bound_with(*steps[:-1])
@@ -103,10 +104,11 @@ class TriedCures:
         return self._bound_with[steps]
 
     def sd_with(self, *steps: CureStep) -> dict[str, float]:
-        """Return the standard uncertainty of every parameter and change after these cures, by name.
+        """Return standard uncertainties of parameters and changes after these remedies, by name.
 
-        The names are those of `sd_by_name`; the result is empty if the cures cannot be applied one
-        after the other.
+        A remedy is a change of the plan or a certificate of the instrument. Changes are those of
+        compliances with force. The names are those of `sd_by_name`. The result is empty if the
+        remedies cannot be applied one after the other.
         """
         if steps not in self._sd_with:
             changed = self.bound_with(*steps)
@@ -116,7 +118,7 @@ class TriedCures:
         return self._sd_with[steps]
 
     def confounded_with(self, *steps: CureStep) -> set[str]:
-        """Return the names of the parameters that stay confounded after these cures."""
+        """Return the names of the parameters that stay confounded after these remedies."""
         if steps not in self._confounded_with:
             names = set()
             changed = self.bound_with(*steps)
@@ -129,7 +131,7 @@ class TriedCures:
         return self._confounded_with[steps]
 
     def circles_with(self, *steps: CureStep) -> int:
-        """Return the number of circles that these cures add to the campaign."""
+        """Return the number of circles that these remedies add to the campaign."""
         changed = self.bound_with(*steps)
         if changed is None:
             return 0
@@ -141,10 +143,10 @@ class TriedCures:
 
 
 def _with_cure(bound: BoundModel, step: CureStep) -> BoundModel | None:
-    """Return the model bound to the campaign or plan after one further cure.
+    """Return the model bound to the campaign or plan after one further remedy.
 
-    Return None if the instrument already has the certificate, or if the plan does not need the
-    change.
+    A remedy is a change of the plan or a certificate of the instrument. Return None if the
+    instrument already has the certificate, or if the plan does not need the change.
     """
     if step.certificate:
         statements = missing_certificates(bound.campaign.instrument).get(step.certificate)
@@ -180,12 +182,12 @@ def sd_by_name(
 
 
 def longer_plans(bound: BoundModel) -> Mapping[RemedyKind, Campaign]:
-    """Return the plan after each cure that changes the plan, by kind of cure, cheapest cure first.
+    """Return the changed plan for each change that may reduce uncertainties, the cheapest first.
 
-    Cures that the campaign does not need are left out: another order of the circles if the model
-    has no drift, and the other direction of travel if every plane is run in both directions. For
-    another order, the circles of a plan are reordered. If the campaign has been run already, its
-    circles are repeated in the new order.
+    The keys are the kinds of change. Changes that the campaign does not need are left out: another
+    order of the circles if the model has no drift, and the other direction of travel if every plane
+    is run in both directions. For another order, the circles of a plan are reordered. If the
+    campaign has been run already, its circles are repeated in the new order.
     """
     plan = bound.campaign.plan()
     tests = _timed(plan)

@@ -17,9 +17,9 @@ __all__ = ["Judgement", "Reason", "ReasonKind", "Use", "state_of", "undetermined
 
 
 # If the ratio of a parameter's posterior and prior standard deviation is above a limit, the
-# readings hardly determine the parameter. The limit lies between the two values given here. It is
-# placed in the widest gap, on a logarithmic scale, between the ratios of the campaign's parameters,
-# so that parameters that are known equally well are judged alike.
+# readings hardly determine the parameter. The limit lies between ``_LEAST_RATIO`` and
+# ``_LARGEST_RATIO``, in the widest gap (on a logarithmic scale) between the ratios of the
+# campaign's parameters. Parameters that are known equally well are thus judged alike.
 _LEAST_RATIO = 0.25
 _LARGEST_RATIO = 0.4
 
@@ -71,10 +71,10 @@ class Judgement(Result):
 def undetermined_parameters(verdicts: Mapping[str, ParameterIdentifiability]) -> frozenset[str]:
     """Return the names of the parameters that the readings hardly determine.
 
-    A parameter with the verdict identified, or with a flat prior, is determined. Any other
-    parameter is hardly determined if the ratio of its posterior and prior standard deviation is
-    above a limit between 0.25 and 0.4. The limit lies in the widest gap between the ratios of the
-    other parameters, so that two parameters with nearly the same ratio are judged alike.
+    A parameter that `Verdict` calls identified, or that has a flat prior, is determined. Every
+    remaining parameter is hardly determined if the ratio of its posterior and prior standard
+    deviation is above a limit between 0.25 and 0.4. The limit lies in the widest gap between the
+    ratios of these parameters, so that two parameters with nearly the same ratio are judged alike.
 
     Parameters
     ----------
@@ -160,9 +160,10 @@ def _grave_reasons(fit: Fit) -> list[Reason]:
 def _reservations(
     fit: Fit, verdicts: Mapping[str, ParameterIdentifiability], stated: Collection[str]
 ) -> list[Reason]:
-    """Return the reasons for reservation that come from the fit and from the verdicts.
+    """Return the reasons for reservation that come from the fit and from verdicts on parameters.
 
-    ``stated`` are the names of the parameters on the certificate.
+    A verdict states how far the readings determine a parameter. ``stated`` are the names of the
+    parameters on the certificate.
     """
     reasons = []
     undetermined = []

@@ -84,7 +84,7 @@ class Moments(NamedTuple):
 
 
 def averaged_moments(bound: BoundModel, combinations: Array, weight: Array, phi: Array) -> Moments:
-    """Return mean and standard uncertainty of combinations of coefficients, averaged over φ.
+    """Return means and standard uncertainties of combinations of coefficients, averaged over φ.
 
     The hyper-parameters φ are the scales of the noise and of other effects. As in
     `uncertainty_with`, the variance of a combination is the sum of two parts: its variance given φ,

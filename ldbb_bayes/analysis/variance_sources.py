@@ -316,8 +316,8 @@ def _without_noise(information: Information, known: Sequence[str]) -> Informatio
     """
     if not known:
         return information
-    # Tests with the same noise share one dictionary of sources of noise. They share one dictionary
-    # in the result too.
+    # Tests with the same noise share one dictionary of noise sources. ``remaining`` holds one new
+    # dictionary for each of these, so that the tests share a dictionary in the result, too.
     remaining: dict[int, dict[str, Array]] = {}
     for sources in information.noise:
         remaining[id(sources)] = {name: sources[name] for name in sources if name not in known}

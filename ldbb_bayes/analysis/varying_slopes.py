@@ -37,13 +37,13 @@ __all__ = [
     "slope_subsets",
 ]
 
-# Number of posterior draws from which the curves of compliance against force are computed, and
-# number of forces at which each curve is computed.
+# ``_DRAWS`` is the number of posterior draws from which the curves of compliance against force are
+# computed; ``_CURVE_POINTS`` is the number of forces at which each curve is computed.
 _DRAWS = 4000
 _CURVE_POINTS = 41
 # The curves of a model are computed from draws of the parameters at several values of the
-# hyper-parameters. There are at most ``_DRAWS_PER_NODE`` draws at each value, and fewer if there
-# would otherwise be fewer than ``_FEWEST_NODES`` values.
+# hyper-parameters. At each value there are at most ``_DRAWS_PER_NODE`` draws. There are fewer draws
+# at each value where this is necessary to reach ``_FEWEST_NODES`` values.
 _DRAWS_PER_NODE = 8
 _FEWEST_NODES = 64
 # In a subset of slopes, some compliances change with force and others do not. If there are at most

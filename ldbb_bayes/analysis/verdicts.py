@@ -1,11 +1,12 @@
-"""Verdicts whether each parameter is identified, prior-limited or confounded.
+"""Verdicts on parameters: each parameter is identified, prior-limited or confounded.
 
-A verdict follows from the sources of a parameter's uncertainty. Each source has a share in the
-variance of the parameter (`Information.shares`; the shares sum to one), and an origin: it is
-measured here, stated or assumed (`origins`). A parameter is confounded with an effect that nobody
-measured or stated if this effect has more than half of the variance. In this module, β are the
-parameters (compliances, their slopes and geometric errors) and y the readings. Nuisances are
-effects that are modelled but not of interest.
+A verdict states how far the readings determine a parameter. It follows from the sources of the
+parameter's uncertainty. Each source has a share in the variance of the parameter
+(`Information.shares`; the shares sum to one), and an origin: it is measured here, stated or assumed
+(`origins`). A parameter is confounded with an effect that nobody measured or stated if this effect
+has more than half of the variance. In this module, β are the parameters (compliances, their slopes
+and geometric errors) and y the readings. Nuisances are effects that are modelled but not of
+interest.
 
 Shares, origins and degeneracies are computed for the linear Gaussian model, in which compliances
 may be negative, at one value of the hyper-parameters φ (the scales of the noise and of other
@@ -18,7 +19,8 @@ is judged, standard uncertainties are those of its draws; if a plan is judged, t
 forecast.
 
 In an average over models, shares and uncertainties are averaged over the models, weighted with the
-models' probabilities (`variance_sources`). The rules for the verdicts are those for a single model.
+models' probabilities (`variance_sources`). The verdicts then follow by the same rules as for a
+single model.
 """
 
 from __future__ import annotations
@@ -96,7 +98,7 @@ _ROUNDING = 1e-12
 
 
 class Verdict(StrEnum):
-    """Verdict on how well one parameter is known.
+    """Verdict on a parameter, which states how far the readings determine the parameter.
 
     Every source of uncertainty has a share in the variance of the parameter, and an origin: it is
     measured here, stated or assumed. The sources are the terms of the model, with one source for
@@ -105,8 +107,8 @@ class Verdict(StrEnum):
 
     1. *confounded*, if one assumed effect has more than half of the parameter's variance, or if
        several assumed effects that act on the same combination of parameters have more than half
-       together. The effects with the largest shares are taken, and none with a share below 5 %. An
-       effect is a term of the model, or another parameter through its prior. Together with an
+       together. The effects with the largest shares are named, but no effect with a share below 5
+       %. An effect is a term of the model, or another parameter through its prior. Together with an
        error of this parameter, an effect causes errors of all parameters. Two effects act on the
        same combination if the vectors of these errors, in units of posterior sds, are nearly
        proportional: the squared cosine of the angle between the vectors is at least 0.95. Knowing
@@ -136,7 +138,7 @@ class ParameterIdentifiability(Result):
     ('confounded', ('BallForm',))
     >>> parameter.held_by.name, parameter.held_by.origin.value
     ('BallForm', 'assumed')
-    >>> parameter.remedy.kind.value  # the cheapest cure
+    >>> parameter.remedy.kind.value  # the cheapest remedy
     'balls'
     """
 
@@ -152,12 +154,13 @@ class ParameterIdentifiability(Result):
     #: standard uncertainty that the parameter would have if the effects in ``partners`` were known
     #: exactly; None if ``partners`` is empty
     sd_if_known: float | None
-    #: cheapest cure, with the parameter's standard uncertainty after this cure; None if no cure
-    #: reduces the standard uncertainty by more than 10 %, or if no cures were looked for
+    #: cheapest remedy for a large uncertainty (a change of the plan or a certificate), with the
+    #: parameter's standard uncertainty after this remedy; None if no remedy reduces the standard
+    #: uncertainty by more than 10 %, or if no remedies were looked for
     remedy: Remedy | None
-    #: two cures together, if the parameter stays confounded after ``remedy`` alone; None if the
-    #: parameter does not stay confounded, or if no second cure reduces the standard uncertainty by
-    #: a further 10 %
+    #: two remedies (changes of the plan or certificates) together, if the parameter stays
+    #: confounded after ``remedy`` alone; None if the parameter does not stay confounded, or if no
+    #: second remedy reduces the standard uncertainty by a further 10 %
     paired_remedy: PairedRemedy | None
     unit: str  #: internal unit of the parameter (of mm, N, rad)
     prior_mean: Number  #: prior mean of the parameter; not a number for a flat prior
@@ -202,13 +205,14 @@ class ChangeIdentifiability(Result):
     unit: str  #: internal unit of the compliance and of its change
     smallest_force_N: float  #: smallest force tested, F_min [N]
     largest_force_N: float  #: largest force tested, F_max [N]
-    verdict: Verdict  #: verdict on the change C(F_max) − C(F_min)
+    #: verdict on the change C(F_max) − C(F_min): identified, prior-limited or confounded
+    verdict: Verdict
     held_by: VarianceSource  #: source with the largest share of the change's variance
     #: for each assumed effect with which the change is confounded, the share of the variance of the
     #: change that is due to this effect; the keys are names of effects
     partner_shares: dict[str, float]
-    #: cheapest cure for the uncertainty of the change; None if no cure reduces ``sd`` by more than
-    #: 10 %
+    #: cheapest remedy for a large uncertainty of the change: a change of the plan or a certificate;
+    #: None if no remedy reduces ``sd`` by more than 10 %
     remedy: Remedy | None
     prior_sd: Finite  #: prior standard deviation of the change; infinite for a flat prior
     sd: float  #: posterior standard deviation of the change
@@ -233,7 +237,8 @@ class Identifiability(Result):
 
     #: verdict on each parameter, by name
     parameters: dict[str, ParameterIdentifiability]
-    #: verdict on the change of each compliance over the tested forces, by name of the compliance
+    #: how well the change of each compliance over the tested forces is known, by name of the
+    #: compliance
     changes: dict[str, ChangeIdentifiability]
     degeneracies: tuple[Degeneracy, ...]  #: combinations of coefficients that no reading resolves
     #: remedies for each of ``degeneracies``: further tests that would resolve the degeneracy, or a
@@ -258,8 +263,8 @@ class Identifiability(Result):
     #: certificate that the instrument lacks, and for all these certificates together. There is no
     #: entry for a flat prior.
     certificates: dict[str, dict[str, float]]
-    #: hyper-parameters (scales of the noise and of other effects) at which the verdicts are
-    #: computed; lengths in µm; noise factors λ and decays are pure numbers
+    #: hyper-parameters (scales of the noise and of other effects) at which the verdicts on the
+    #: parameters are computed; lengths in µm; noise factors λ and decays are pure numbers
     hyper_um: dict[str, float]
     #: whether the hyper-parameters and the means come from readings; if not, they come from priors
     measured: bool
@@ -663,7 +668,7 @@ def not_modelled(bound: BoundModel) -> tuple[str, ...]:
 
 
 class PartneredVerdict(NamedTuple):
-    """A verdict on a parameter, and the sources from which the parameter cannot be separated."""
+    """A verdict on a parameter, and the effects with which the parameter is confounded."""
 
     verdict: Verdict
     partners: tuple[VarianceSource, ...]
@@ -701,7 +706,7 @@ def judge_parameters(
     mean: Array,
     sampled_sd: SampledSd | None = None,
 ) -> dict[str, ParameterIdentifiability]:
-    """Return the verdict on every parameter of a model, without cures.
+    """Return the verdict on every parameter of a model; remedies are not looked for.
 
     Parameters
     ----------
@@ -712,8 +717,8 @@ def judge_parameters(
     mean
         Mean of the p parameters, shape (p,), in internal units (mm, N, rad).
     sampled_sd
-        Prior and posterior standard deviations that the verdicts state. They come from random draws
-        in which no compliance is negative, or they are averaged over the hyper-parameters. Default:
+        Prior and posterior standard deviations for the results. They come from random draws in
+        which no compliance is negative, or they are averaged over the hyper-parameters. Default:
         those of the linear Gaussian model, given the hyper-parameters.
 
     Returns
@@ -734,7 +739,8 @@ def _judge_average(
     """Return the verdict on every parameter of one model, or of an average over models.
 
     ``bound`` is the model with all parameters. ``variance`` holds the variances of the parameters
-    under each model. ``sampled_sd`` are the standard deviations that the verdicts state.
+    under each model. ``sampled_sd`` are the prior and posterior standard deviations for the
+    results.
     """
     entries = {}
     for i, parameter in enumerate(bound.parameters):
@@ -776,7 +782,7 @@ def _judge_average(
 def _judge_changes(
     variance: AveragedVariance, changes: Mapping[str, CurveChange], prior_sd: Array
 ) -> dict[str, ChangeIdentifiability]:
-    """Return the verdict on the change of every compliance with force, without cures.
+    """Return the verdict on every change of a compliance with force; remedies are not looked for.
 
     ``variance`` holds the variances of all parameters, then of the changes, under each model.
     ``prior_sd`` are the prior standard deviations of the changes, one for each of ``changes``.
@@ -809,10 +815,10 @@ def _remedies_of(
     parameters: Mapping[str, ParameterIdentifiability],
     changes: Mapping[str, ChangeIdentifiability],
 ) -> dict[str, Remedy | None]:
-    """Return the cheapest cure of every parameter and of every change with force, by name.
+    """Return the cheapest remedy for every parameter and every change with force, by name.
 
-    The names are those of `remedies`. ``tried`` holds the campaign and its uncertainties after each
-    cure.
+    A remedy for a large uncertainty is a change of the plan or a certificate. The names are those
+    of `remedies`. ``tried`` holds the campaign and its uncertainties after each remedy.
     """
     entries: list[ParameterIdentifiability | ChangeIdentifiability] = []
     entries += parameters.values()

@@ -46,7 +46,8 @@ _TOLERANCE = 1e-2
 # If the p-value of all circles left out together is below this number, the circles do not scatter
 # as predicted.
 _UNIFORM = 0.05
-# Number of steps by which the weights of stacking are found; each step raises the mean log density.
+# Number of steps of the EM algorithm that finds the weights of stacking (the mixture of models that
+# predicts circles left out best).
 _STACKING_STEPS = 500
 
 
@@ -56,7 +57,7 @@ class PriorRange:
 
     measured_um: float
     low_um: float  #: lower end of the interval of ranges of circles drawn from the prior
-    high_um: float  #: upper end of the interval that begins at ``low_um``
+    high_um: float  #: upper end of the interval of ranges of circles drawn from the prior
     #: probability, under the prior, of a range at least as large as the measured range, not
     #: adjusted for the number of circles; a small value means that the prior is too narrow for this
     #: machine
@@ -102,7 +103,7 @@ class Workflow(Result):
     #: calibration for machines like this one: ranks of true values among posterior draws, from
     #: `calibrate_posterior`
     calibration: Validation
-    #: weights with which the models together predict circles left out best, by name of the model
+    #: weights of the mixture of models that predicts circles left out best, by name of the model
     stacking_weights: dict[str, float]
     #: expected log predictive density of each model: sum over the tests of the log density of each
     #: test given the other tests [nat]; the keys are names of models
@@ -153,7 +154,7 @@ class Workflow(Result):
     def scatter_as_predicted(self) -> bool:
         """Whether the p-values of all circles left out are uniform (p-value at least 5 %).
 
-        This result is for information only, and does not count in ``passed``.
+        This result is for information only; ``passed`` does not depend on it.
         """
         return self.uniformity_p_value >= _UNIFORM
 
@@ -161,7 +162,7 @@ class Workflow(Result):
     def passed(self) -> bool:
         """Whether nothing is found wrong with computation or model.
 
-        That a parameter depends on its prior is not wrong, and does not count here.
+        The result may be true although a parameter depends on its prior, which is no fault.
         """
         nothing_odd = not self.surprising_circles and not self.outlying_circles
         return nothing_odd and self.converged and self.calibration.calibrated
@@ -284,7 +285,7 @@ def _left_out_circles(
     left_out_nodes: Mapping[str, Mapping[str, Nodes]],
     seed: int,
 ) -> dict[str, LeftOutCircle]:
-    """Return for every test the comparison of its circle with the prediction from the others."""
+    """Return the comparison of every circle with its prediction from the other circles, by name."""
     judged = judge_tests(nodes_by_model, left_out_nodes, seed=seed, tolerance=_TOLERANCE)
     circles = {}
     for name, test in judged.items():
@@ -293,7 +294,7 @@ def _left_out_circles(
 
 
 def stacking_weights(log_densities: Mapping[str, Array]) -> dict[str, float]:
-    """Return the weights with which models together predict circles left out best, by model.
+    """Return the weights of the mixture of models that predicts circles left out best, by model.
 
     The weights w_m are not negative, sum to one and maximise Σ_r ln Σ_m w_m p_m(y_r | y_−r) (Yao et
     al., Bayesian Analysis 13, 2018). ``log_densities`` holds ln p_m(y_r | y_−r) [nat], shape
