@@ -28,14 +28,15 @@ __all__ = ["information_of", "informations_of"]
 class _Noise:
     """Nuisance effect that differs between tests and is therefore treated as noise of each test.
 
-    ``term`` is the class name of the nuisance term, and ``columns`` describe its effect.
+    Nuisance effects are effects that are modelled but not of interest. ``term`` is the class name
+    of the effect, and ``columns`` holds the reading per unit of each of its coefficients.
     """
 
     term: str
     columns: Columns | BasisNoise
 
     def covariance(self, factor: Array, hyper: Mapping[str, float], test: int) -> Array:
-        """Return the covariance of this noise in the m reduced readings of one test, (m, m) [mm²].
+        """Return the covariance of this effect in the m reduced readings of one test, (m, m) [mm²].
 
         Reduced readings are the at most 25 numbers to which the readings of a test are reduced.
 
@@ -118,8 +119,9 @@ def informations_of(bound: BoundModel, phi: Array) -> Iterator[Information]:
 def _sort_columns(bound: BoundModel) -> _SortedColumns:
     """Return the columns of all nuisance terms of a campaign's model, sorted into two groups.
 
-    In one group the coefficients are the same in all tests, in the other they differ between tests.
-    ``bound`` is the model of the campaign.
+    A column holds the readings per unit of one coefficient of a nuisance, which is an effect that
+    is modelled but not of interest. In one group the coefficients are the same in all tests, in the
+    other they differ between tests. ``bound`` is the model of the campaign.
     """
     shared: list[Columns] = []
     owners: list[str] = []
@@ -137,10 +139,12 @@ def _sort_columns(bound: BoundModel) -> _SortedColumns:
 def _first_tests_of_equal_noise(bound: BoundModel, noises: list[_Noise], phi: Array) -> list[int]:
     """Return for each test the index of the first test that has the same noise covariance.
 
-    Two tests have the same noise if they have the same angles, the same noise factor λ of the
-    circle, and the same columns of the nuisance terms that act as noise (``noises``). Equal angles
-    are recognised only in a plan; in a campaign with readings, all tests count as different.
-    ``phi``, shape (w, h), are the hyper-parameters, among them the factors λ. Indices count from 0.
+    Tests have the same noise if they have the same angles, if their circles have the same noise
+    factor λ, and if the nuisance effects that act as noise (``noises``) have the same columns in
+    them. Nuisances are effects that are modelled but not of interest; a column is the reading per
+    unit of one coefficient. Equal angles are recognised only in a plan; in a campaign with
+    readings, all tests count as different. ``phi``, shape (w, h), are the hyper-parameters, among
+    them the factors λ. Indices count from 0.
     """
     scale_of = dict(zip(bound.hyper_prior.names, phi.T, strict=True))
     first_of_kind: dict[tuple[object, ...], int] = {}
@@ -160,13 +164,12 @@ def _noise_covariances(
 ) -> dict[str, Array]:
     """Return, for each source of noise, the covariance of one test's reduced readings [mm²].
 
-    A covariance has the shape (m, m) for m reduced readings.
-
-    The keys are the class names of the nuisance terms that act as noise; the white noise of the
-    readings has the key ``NOISE``. Reduced readings are the at most 25 numbers to which the
-    readings of a test are reduced. ``factor`` (m, 25) turns Fourier coefficients into reduced
-    readings, ``hyper`` holds the hyper-parameters by name, with lengths in mm, and ``test`` is the
-    index of the test, from 0.
+    The result is a dict of arrays of shape (m, m), for m reduced readings. Its keys are the class
+    names of the nuisance terms (effects modelled but not of interest) that act as noise; the white
+    noise of the readings has the key ``NOISE``. Reduced readings are the at most 25 numbers to
+    which the readings of a test are reduced. ``factor`` (m, 25) turns Fourier coefficients into
+    reduced readings, ``hyper`` holds the hyper-parameters by name, with lengths in mm, and ``test``
+    is the index of the test, from 0.
     """
     blocks = {NOISE: np.eye(len(factor)) * hyper["sigma"] ** 2}
     for noise in noises:

@@ -34,7 +34,7 @@ class ParameterConditional(Gaussian):
         """Return some of the w Gaussian densities, selected by their indices.
 
         Each of the w Gaussian densities belongs to one value of the hyper-parameters φ. ``index``
-        holds the indices, from 0 to w − 1; an index may repeat.
+        holds the indices, from 0 to w − 1; an index may occur more than once.
         """
         selected = ParameterConditional.factored(
             self.mean[index], self.root[index], self.scale[index]
@@ -46,7 +46,8 @@ class ParameterConditional(Gaussian):
     def orthant(self) -> Orthant:
         """Object that computes the probability that no compliance is negative, for w values of φ.
 
-        φ are the hyper-parameters. The object also draws random parameters under this condition.
+        φ are the hyper-parameters (scales of the noise and of other effects). The object can also
+        draw random parameters given that no compliance is negative.
         """
         rows = self.physical.rows
         return Orthant(self.mean @ rows.T, self.spread(rows))
@@ -55,7 +56,7 @@ class ParameterConditional(Gaussian):
         self,
         rng: np.random.Generator,
     ) -> tuple[Array, NDArray[np.bool_]]:
-        """Return random parameters given that no compliance is negative, and which draws are valid.
+        """Return random parameters without negative compliances, and whether each draw is valid.
 
         The first array holds one draw of the p parameters from each of the w Gaussian densities,
         shape (w, p). The second array, shape (w,), is true for draws that the rejection sampler

@@ -55,8 +55,9 @@ _CACHE_SIZE = 1 << 19
 # products (BLAS) rounds such multiples identically, so that results do not depend on how many
 # values are processed together.
 BLAS_MULTIPLE = 8
-# Largest number of orders of elimination that the cache holds: one order for all design matrices
-# with zeros in the same places. A comparison of a hundred models needs fewer.
+# Largest number of orders of elimination that the cache holds. Design matrices with zeros in the
+# same places have the same order, so that a comparison of a hundred models needs fewer orders than
+# this.
 _KEPT_PLANS = 64
 # When columns are eliminated, sums of products of their entries are subtracted from the entries of
 # later columns. Each sum has one term for every eliminated column. If there are at least this many
@@ -66,29 +67,31 @@ _MANY_TERMS = 12
 
 
 class Update(NamedTuple):
-    """Products of matrix entries, which are subtracted when groups of columns are eliminated.
+    """Products that are subtracted from matrix entries when groups of columns are eliminated.
 
-    The border of a group is the set of later columns that the group changes; the products are
-    subtracted from their entries. The number of borders is a, and the number of groups with the
-    same border is b. One call computes the products of the border's rows ``first`` to ``stop`` − 1
-    with all its rows from ``first`` on.
+    Eliminating a group of columns changes the matrix entries of a set of later columns, which is
+    called the border of the group. The factors of the products are entries of the eliminated
+    columns, in the rows of the border. An update multiplies the entries in the rows ``first`` to
+    ``stop`` − 1 of the border with those in all its rows from ``first`` on.
     """
 
-    #: Slice that selects the groups to which this update applies from all groups that are
-    #: eliminated together. Groups with the same border (set of later columns) follow each other.
+    #: Slice that selects, among all groups of columns that are eliminated together, the groups to
+    #: which this update applies. Groups that change the same later columns follow each other.
     groups: slice
     #: Number of borders (sets of later columns that a group of columns changes). No two borders
     #: have a column in common.
     borders: int
-    #: Index, in the border (set of later columns), of the first row whose products are computed.
+    #: Index, within the border (the set of later columns that a group changes), of the first row
+    #: for which the update computes products with the following rows.
     first: int
-    #: Index, in the border (set of later columns), of the row after the last row whose products are
-    #: computed.
+    #: Index, within the border (the set of later columns that a group changes), of the row after
+    #: the last row for which the update computes products.
     stop: int
     #: Rows of the workspace (the array of all matrix entries) from which the products are
-    #: subtracted, shape (a, stop − first, m + 1 − first) for borders (sets of later columns) of m
-    #: columns. A product that occurs twice is used once; its second copy goes to the last row of
-    #: the workspace, which is never read.
+    #: subtracted, shape (borders, stop − first, m + 1 − first). A border is the set of m later
+    #: columns that a group changes. The matrix is symmetric, and only half of its entries are
+    #: needed; products for the other half are subtracted from the last row of the workspace, which
+    #: is never read.
     targets: NDArray[np.intp]
 
 
@@ -256,12 +259,12 @@ class EliminationPlan:
         return updates
 
     def _targets(self, border: NDArray[np.intp], first: int, stop: int) -> NDArray[np.intp]:
-        """Return the places of matrix entries from which products for one border are subtracted.
+        """Return the rows of the workspace from which products for one border are subtracted.
 
-        A border is the set of later columns that a group changes. The products are those of the
-        border's rows ``first`` to ``stop`` − 1 with all its rows from ``first`` on. For a border of
-        m columns, the result has the shape (stop − first, m + 1 − first). It is explained at
-        `Update.targets`.
+        The workspace is the array of all matrix entries. A border is the set of m later columns
+        that a group of columns changes when it is eliminated. Entries in the rows ``first`` to
+        ``stop`` − 1 of the border are multiplied with those in all its rows from ``first`` on, and
+        with the right-hand side. The result has the shape (stop − first, m + 1 − first).
         """
         following = np.append(border[first:], self.place.shape[1] - 1)
         targets = self.place[np.ix_(border[first:stop], following)]
@@ -408,7 +411,7 @@ class DesignRows:
         Design matrix A, shape (rows, columns).
     values
         Readings r, shape (rows,). Rows that depend on the parameters of interest hold zero, because
-        the caller adds their part for each value of these parameters (``shift`` of
+        the caller adds the contribution of these parameters for each of their values (``shift`` of
         `Elimination.factorize`).
     kinds
         Index of each row's kind (rows of one kind have the same variance), shape (rows,).
@@ -438,8 +441,9 @@ class DesignRows:
     def elimination(self, last: int) -> Elimination:
         """Return the Cholesky elimination of all coefficients, in an order that needs little work.
 
-        Shared coefficients are the same in all tests. The last shared coefficients, ``last`` in
-        number, are eliminated after all other coefficients, in the order of their columns.
+        Shared coefficients are the same in all tests. ``last`` states how many of them, counted
+        from the last one, are eliminated after all other coefficients; these are eliminated in the
+        order of their columns.
         """
         if last not in self._eliminations:
             last_columns = np.arange(self._shared - last, self._shared)
@@ -450,8 +454,9 @@ class DesignRows:
     def private_elimination(self) -> Elimination:
         """Cholesky elimination of the coefficients of single tests, given the shared coefficients.
 
-        Shared coefficients are the same in all tests. Column 0 is the first column of the design
-        matrix whose coefficient belongs to a single test.
+        Shared coefficients are the same in all tests. The columns of shared coefficients are left
+        out: column 0 of the result is the first column of the design matrix whose coefficient
+        belongs to a single test.
         """
         columns = self._columns[:, self._shared :]
         return self._eliminate(columns, self._signs[self._shared :], np.arange(0))
@@ -464,11 +469,12 @@ class DesignRows:
 
 @lru_cache(maxsize=_KEPT_PLANS)
 def _plan(pattern: bytes, shape: tuple[int, int], last: bytes, signs: bytes) -> EliminationPlan:
-    """Return the order of elimination of columns, worked out once for each pattern of zeros.
+    """Return the order in which the columns of a design matrix are eliminated.
 
-    ``pattern`` holds, as packed bits, whether each element of the design matrix of this ``shape``
-    is not zero. ``last`` are the indices of the columns that are eliminated last, ``signs`` the
-    signs of the prior variances, both as the bytes of an array.
+    ``pattern`` holds, as packed bits, whether each element of the design matrix is not zero, and
+    ``shape`` is the shape of this matrix. ``last`` holds the indices of the columns that are
+    eliminated last, and ``signs`` the signs of the prior variances, both as the bytes of an array.
+    Results are kept in a cache.
     """
     bits = np.unpackbits(np.frombuffer(pattern, dtype=np.uint8), count=shape[0] * shape[1])
     is_not_zero = bits.reshape(shape).astype(bool)
@@ -480,10 +486,10 @@ def _families_of_fronts(groups: list[ColumnGroup]) -> list[list[_Family]]:
     """Sort groups of columns into fronts, and the groups of each front into families.
 
     The border of a group is the set of later columns that the group changes. The groups of a front
-    are eliminated together: they have the same height in the elimination tree, equal numbers of
-    columns, and borders with equal numbers of columns. The groups of a family also have the same
-    border. Fronts are in the order of elimination; within a front, families with more groups come
-    first.
+    can be eliminated at the same time (the function `heights` returns the same number for all of
+    them). They have equal numbers of columns, and borders with equal numbers of columns. The groups
+    of a family also have the same border. Fronts are in the order of elimination; within a front,
+    families with more groups come first.
     """
     fronts: dict[tuple[int, int, int], dict[tuple[int, ...], _Family]] = {}
     for group, height in zip(groups, heights(groups), strict=True):

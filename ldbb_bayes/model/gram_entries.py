@@ -63,11 +63,12 @@ class _DenseGram(NamedTuple):
     """
 
     block: EntryBlock
-    #: Index, within each group, of the first column whose Gram entries (scalar products of columns)
-    #: are in ``products``. Entries before the diagonal of this column are left out.
+    #: Index, within each group of columns, of the first column whose Gram entries (scalar products
+    #: of columns) are in ``products``. Entries before the diagonal entry of this column are left
+    #: out.
     first: int
-    #: Indices of the k kinds of rows of the design matrix that have Gram entries (scalar products
-    #: of columns) in each group of columns, shape (groups, k).
+    #: For each group of columns, the indices of the k kinds of rows (rows with the same variance)
+    #: to which its Gram entries (scalar products of columns) belong, shape (groups, k).
     kinds: NDArray[np.intp]
     #: Gram entries (scalar products of columns of the design matrix) for each of k kinds of rows,
     #: shape (groups, columns, entries of a column, k).

@@ -364,9 +364,9 @@ class HybridModel(Result):
     def without(self, *names: str) -> HybridModel:
         """Return the same model without the named effects.
 
-        A name is that of a nuisance term as on the command line, such as ``ball-form``. The name
-        ``truncation`` removes the condition that compliances are not negative. Raise an
-        `InputError` for any other name.
+        The effects are named as on the command line, such as ``ball-form``. The name ``truncation``
+        removes the condition that compliances are not negative. Raise an `InputError` for any other
+        name.
         """
         check_known("term", names, (*(kind.key() for kind in Term.kinds.values()), "truncation"))
         prior = replace(self.prior, truncated=False) if "truncation" in names else self.prior
@@ -390,10 +390,9 @@ class HybridModel(Result):
         return tuple(names)
 
     def with_rivals(self, *names: str) -> HybridModel:
-        """Return the same model with only those of its `rivals` that are named.
+        """Return the same model without the effects among its `rivals` that are not named.
 
         Rivals are effects that resemble a change of compliance with force, such as ``joint load``.
-        All rivals that are not named are removed.
         """
         model = self
         for name in self.rivals:
@@ -495,9 +494,9 @@ class HybridModel(Result):
         Raises
         ------
         InputError
-            For unknown names and for hyper-parameters outside their range. If no ``parameters`` are
-            given, also for a flat prior, and for a prior under which nearly all random machines
-            have a negative compliance.
+            If a name is unknown or a hyper-parameter is outside its range. If no ``parameters`` are
+            given, the error is also raised for a flat prior, and for a prior under which nearly all
+            random machines have a negative compliance.
 
         Examples
         --------
@@ -537,8 +536,8 @@ class HybridModel(Result):
 def _ordered(scales: Sequence[Scale]) -> tuple[Scale, ...]:
     """Return the hyper-parameters ``scales`` without repetition, in the order of ``_HYPER_ORDER``.
 
-    Hyper-parameters not named in ``_HYPER_ORDER`` follow, and the noise factors λ of single circles
-    are last.
+    Hyper-parameters that ``_HYPER_ORDER`` does not name come after those that it names. The noise
+    factors λ of single circles are last.
     """
 
     def place(scale: Scale) -> int:
@@ -584,9 +583,10 @@ def _draw_hyper_parameters(
 def _check_hyper_parameter(name: str, value: float, law: Law, bounds: Sequence[float]) -> None:
     """Raise an `InputError` if a true hyper-parameter is out of range.
 
-    ``law`` is the kind of its prior. ``bounds`` are its least and greatest value; they are used
-    only for the decay, the power by which form error falls with its order. ``value`` is in µm for a
-    length; the decay and the noise factor of a circle have no unit.
+    The true value ``value`` is one that a user gives for a simulation. ``law`` is the kind of the
+    hyper-parameter's prior. ``bounds`` are the least and the greatest permitted value; they are
+    used only for the decay, the power by which form error falls with its order. ``value`` is in µm
+    for a length; the decay and the noise factor of a circle have no unit.
     """
     if law == "decay":
         low, high = bounds
@@ -722,11 +722,11 @@ class BoundModel(Shown):
         self.interest = self._interest_columns()
 
     def _setting_of_campaign(self, reduced: Sequence[Reduced]) -> Setting:
-        """Return the conditions of all tests, with estimates of the machine's parameters.
+        """Return the conditions of all tests, completed with estimates of the machine's parameters.
 
-        Some effects on the readings depend on these estimates; the module `linearisation` explains
-        which effects, and why. The parameters are estimated from ``reduced``, the reduced readings
-        of all tests, or from the pilot campaign if there is one.
+        The module `linearisation` explains which effects on the readings depend on these estimates.
+        The parameters are estimated from ``reduced``, the reduced readings of all tests, or from
+        the pilot campaign if there is one.
         """
         setting = self._with_circles(
             setting_of(
@@ -740,10 +740,11 @@ class BoundModel(Shown):
         return linearise(setting, self.compliances, self.estimate)
 
     def _with_circles(self, setting: Setting) -> Setting:
-        """Return the conditions of all tests with the names of the circles' noise factors λ.
+        """Return the conditions of all tests, completed with the names of the noise factors λ.
 
-        Circles have such factors only if the model has the term `CircleScale`, and the campaign or
-        its pilot has at least four tests.
+        A noise factor λ is a hyper-parameter that multiplies the noise of one circle. Circles have
+        such factors only if the model has the term `CircleScale`, and the campaign or its pilot has
+        at least four tests.
         """
         count = len(self.campaign.tests)
         if self.pilot is not None:
@@ -761,9 +762,10 @@ class BoundModel(Shown):
 
         ``setting`` are the conditions of all tests and ``reduced`` their reduced readings. Models
         of the presets ``first`` and ``paper``, and models with flat priors, use the least-squares
-        estimate. Other models use the posterior mean at reference scales of noise and other effects
-        (module `reference_posterior`). A plan, which has no readings, gets typical values. The
-        estimates are kept in a cache for every campaign and model.
+        estimate. Other models use the posterior mean that follows if the scales of noise and other
+        effects are at their prior medians (module `reference_posterior`). A plan, which has no
+        readings, gets typical values. The estimates are kept in a cache for every campaign and
+        model.
         """
         model = self.model
         of_campaign = _ESTIMATES.setdefault(self.campaign, [])
@@ -926,10 +928,11 @@ class BoundModel(Shown):
 
     @cached_property
     def columns_of(self) -> dict[type[Term], tuple[Columns | BasisNoise, ...]]:
-        """Columns (readings per unit coefficient) of nuisance terms; the keys are their classes.
+        """Dict with the columns of every nuisance term; its keys are the classes of the terms.
 
-        Nuisances are effects that are modelled but not of interest. For a term that does not act on
-        this campaign, the tuple is empty.
+        Nuisance terms are effects that are modelled but not of interest. A column is the reading
+        per unit of one coefficient. For a term that does not act on this campaign, the value is an
+        empty tuple.
         """
         return {type(term): tuple(term.columns(self.setting)) for term in self.model.nuisances}
 
@@ -1099,8 +1102,8 @@ class BoundModel(Shown):
     def _impossible_prior(self) -> InputError:
         """Return the error for a prior whose random machines nearly all have a negative compliance.
 
-        The message names the compliance whose prior mean is the most sds below zero, or the setting
-        ``slope_scale`` if no prior mean is negative.
+        The message names the compliance whose prior mean, divided by its prior sd, is the lowest.
+        If no prior mean is negative, the message names the setting ``slope_scale`` instead.
         """
         constrained = np.flatnonzero(self.truncation.rows.any(axis=0))
         ratio = self.prior_mean[constrained] / self.prior_sd[constrained]
@@ -1185,7 +1188,7 @@ def _check_levels(model: HybridModel, campaign: Campaign) -> None:
     """Raise an `InputError` if a campaign has too few different forces for a model.
 
     A model with linear or quadratic compliance (degree 1 or 2) needs at least two different forces.
-    A model with flat priors needs at least as many as its degree plus two.
+    A model with flat priors needs at least its degree plus two different forces.
     """
     levels = campaign.force_levels
     degree = model.degree

@@ -154,7 +154,7 @@ class Information:
     def root(
         self, fixed: Collection[str] = (), *, times: float = 1.0
     ) -> tuple[Array, NDArray[np.intp]]:
-        """Return a square root of the posterior precision matrix, and which coefficients it holds.
+        """Return a square root of the posterior precision matrix, and the indices of its columns.
 
         The coefficients are divided by their prior sd. Coefficients that are taken as known are
         left out of the matrix.
@@ -283,18 +283,18 @@ class Information:
         linear function of all sources. Each source s alone therefore contributes an error of
         covariance Cov_s, shape (p, p), and the errors together have the covariance C = Σ Cov_s. The
         share of s in the variance of parameter i is [Γ_s V]_ii / V_ii with Γ_s = Cov_s C⁻¹, where V
-        is the covariance that is to be divided; the shares of all sources sum to one.
+        is the covariance matrix that is to be divided into shares. The shares of all sources sum to
+        one.
 
         Parameters
         ----------
         covariance
             Covariance V of the parameters in units of their prior sds, shape (p, p); by default C.
 
-        Returns
-        -------
-        Shares (p,) of every source. The key of a source is a pair of names: that of the coefficient
-        or noise, and that of the term to which it belongs. The priors of the parameters of interest
-        are one source with the key ``(OWN, OWN)``, and with flat priors there is no such source.
+        Returns ------- Dict of arrays of shape (p,): the shares of every source. The key of a
+        source is a pair of names: the name of the coefficient or noise, and the name of the term to
+        which it belongs. The priors of the parameters of interest are one source with the key
+        ``(OWN, OWN)``. If they are flat, this source does not exist.
         """
         total = self.covariance()[np.ix_(self.interest, self.interest)]
         if covariance is None:
@@ -308,11 +308,11 @@ class Information:
         return {key: np.einsum("ij,ji->i", cov, weight) for key, cov in covariances.items()}
 
     def error_covariances(self, weights: Array | None = None) -> dict[tuple[str, str], Array]:
-        """Return the covariance of the parameters' errors due to every independent source, (p, p).
+        """Return the covariances of the parameters' errors that are due to each independent source.
 
-        The errors of the p parameters of interest are divided by their prior sds. The sum of all
-        covariances is the posterior covariance. The keys name the sources and are explained at
-        `shares`.
+        The errors of the p parameters of interest are divided by their prior sds. The result is a
+        dict of arrays of shape (p, p); its keys are the names of the sources, which the method
+        `shares` explains. The sum of all covariances is the posterior covariance.
 
         Parameters
         ----------
@@ -343,11 +343,11 @@ class Information:
     def contributions(self) -> dict[str, Array]:
         """Return the share of every term in the variances of the p parameters of interest.
 
-        The key is the class name of the term, the value has the shape (p,). The noise of the
-        readings (key ``NOISE``) and the priors of the parameters of interest (key ``OWN``) count as
-        terms. The shares of all terms sum to one. A share is also the derivative d ln u / d ln s,
-        where u is the standard uncertainty of the parameter and s the scale (prior sd) of the term,
-        with all other scales constant.
+        The result is a dict of arrays of shape (p,); its keys are the class names of the terms. The
+        noise of the readings (key ``NOISE``) and the priors of the parameters of interest (key
+        ``OWN``) count as terms. The shares of all terms sum to one. A share is also the derivative
+        d ln u / d ln s, where u is the standard uncertainty of the parameter and s the scale (prior
+        sd) of the term, with all other scales constant.
         """
         by_term: dict[str, Array] = {}
         for (_, term), share in self.shares().items():

@@ -55,7 +55,7 @@ class Parameter:
     def compliance(self) -> str:
         """Name of the compliance to which a slope belongs, such as C_XXX for C_XXX_1.
 
-        If the parameter is a compliance or a geometric error, the text is its own name.
+        For a compliance or a geometric error, it is the name of the parameter itself.
         """
         return self.name.removesuffix(f"_{self.degree}") if self.degree else self.name
 
@@ -165,9 +165,9 @@ class ParametersOfInterest:
         """Return the size of every compliance of the model, shape (compliances,).
 
         A compliance of the model may represent, in part, compliances that are not in the model
-        (`Kept.absorbed`). Their sizes, multiplied by weights, are then added in quadrature to the
-        size of this compliance. ``size_of`` is a function that returns the sizes of named
-        compliances before this addition.
+        (`Kept.absorbed`). The sizes of the latter, multiplied by weights, are then added in
+        quadrature to the size of the former. ``size_of`` is a function that returns the sizes of
+        named compliances before this addition.
         """
         sizes = size_of(self.compliances)
         for k, absorbed in enumerate(self.visible.absorbed):
@@ -263,11 +263,11 @@ def _check_slope_has_compliance(
 ) -> None:
     """Raise an `InputError` if a compliance that is fixed at zero is negative at some force.
 
-    The compliance is zero at the reference force only. It is negative on one side of this force if
-    its linear slope is free, it has no free quadratic slope, and tested forces lie on both sides.
-    ``label`` is the name of the compliance, and ``parameters`` are the p parameters that are not
-    fixed. ``rows`` holds one array (p,) for each tested force; its product with the parameters is
-    the compliance at this force.
+    A compliance that is fixed at zero is zero at the reference force, but changes with force if its
+    slope is free. It is negative on one side of this force if its linear slope is free, it has no
+    free quadratic slope, and tested forces lie on both sides. ``label`` is the name of the
+    compliance, and ``parameters`` are the p parameters that are not fixed. ``rows`` holds one array
+    (p,) for each tested force; its product with the parameters is the compliance at this force.
     """
     belongs = [p.group != "geometric" and p.compliance == label for p in parameters]
     degrees = [p.degree for p, belonging in zip(parameters, belongs, strict=True) if belonging]

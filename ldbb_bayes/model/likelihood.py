@@ -82,7 +82,10 @@ class _Batch(NamedTuple):
 
     @property
     def size(self) -> int:
-        """Number of values of the hyper-parameters in the batch, without repeated values."""
+        """Number of values of the hyper-parameters in the batch, as the caller gave them.
+
+        Copies of the last value, which are added to fill up the batch, are not counted.
+        """
         return int(self.phi_index[-1] + 1 - self.phi_index[0])
 
 
@@ -351,10 +354,11 @@ class StructuredGaussian:
             yield _Batch(index, weight, shift, log_density)
 
     def _variances(self, phi: Array) -> Array:
-        """Return the absolute noise variance of every kind of row, shape (kinds, w).
+        """Return the absolute value of the variance of every kind of row, shape (kinds, w).
 
-        Rows of one kind have the same variance. ``phi``, shape (w, h), are w values of the h
-        hyper-parameters, with lengths in mm. Variances below 1e-60 are replaced by 1e-60.
+        The rows are those of the observation equations; rows of one kind have the same variance.
+        ``phi``, shape (w, h), are w values of the h hyper-parameters, with lengths in mm. Absolute
+        values below 1e-60 are replaced by 1e-60.
         """
         value = dict(zip(self._hypers, np.ascontiguousarray(phi.T), strict=True))
         squares = np.empty((len(self._sources), len(phi)))

@@ -89,7 +89,7 @@ class Observations(NamedTuple):
     #: this test alone; empty if no test has such columns.
     private: list[NDArray[np.intp]]
     #: Constants that are added to the log density of the readings: one for every test, then one for
-    #: all flat priors of nuisance coefficients. Shape (tests + 1,).
+    #: the flat priors of all nuisance coefficients together. Shape (tests + 1,).
     log_constants: Array
 
 
@@ -102,8 +102,8 @@ class _Nuisances(NamedTuple):
     """
 
     #: Terms of independent noise of each test's Fourier coefficients. The readings of each test are
-    #: rotated so that this noise has a diagonal covariance. It then needs no columns in the design
-    #: matrix.
+    #: rotated so that this noise has a diagonal covariance. The noise then needs no columns in the
+    #: design matrix.
     diagonal: list[BasisNoise]
     shared: list[Columns]
     private: list[Columns]
@@ -118,7 +118,7 @@ class _Nuisances(NamedTuple):
 
     @property
     def private_size(self) -> int:
-        """Number of nuisance coefficients that each test has for itself, the same for all tests."""
+        """Number of nuisance coefficients of each single test; it is equal for all tests."""
         return len(self.private_signs)
 
 

@@ -34,8 +34,8 @@ __all__ = ["PRODUCT_COLUMNS", "ColumnGroup", "elimination_groups", "heights"]
 # multiplies with all columns of the border.
 PRODUCT_COLUMNS = 8
 # The following costs are measured times, in units of the time of one multiplication for all values
-# of the hyper-parameters that are processed together. Results depend little on them.
-# Time of the function calls that each group of columns needs once, when the group is eliminated.
+# of the hyper-parameters that are processed together. Their exact values matter little. Time of the
+# function calls that each group of columns needs once, when the group is eliminated.
 _GROUP_COST = 100.0
 # Time of the function calls that eliminate one column of a group.
 _COLUMN_COST = 200.0
@@ -53,7 +53,8 @@ _KEPT_COSTS = 4096
 class ColumnGroup(NamedTuple):
     """Columns of the design matrix that are eliminated together.
 
-    Both fields hold indices of columns, in the order of their elimination.
+    ``columns`` and ``border`` hold indices of columns of the design matrix, in the order of their
+    elimination.
     """
 
     #: Columns of the group, shape (s,).
@@ -65,10 +66,11 @@ class ColumnGroup(NamedTuple):
 
 
 class _Node(NamedTuple):
-    """Columns that are eliminated together, and their border (the later columns they change).
+    """Columns that are eliminated together, and the later columns that this changes.
 
-    Both fields are sets of columns. Each set is stored as an integer whose bit k is set if the
-    column at place k in the order of elimination belongs to the set.
+    ``columns`` is the set of the columns that are eliminated, and ``border`` the set of the later
+    columns. Each set is stored as an integer whose bit k is set if the column at place k in the
+    order of elimination belongs to the set.
     """
 
     columns: int
@@ -80,7 +82,7 @@ class _Node(NamedTuple):
         return self.columns.bit_count(), self.border.bit_count()
 
     def into(self, parent: _Node) -> _Node:
-        """Return the union of this node and its parent: one set of columns, eliminated together."""
+        """Return the union of this set of columns and ``parent``, to be eliminated together."""
         border = (self.border | parent.border) & ~parent.columns
         return _Node(self.columns | parent.columns, border)
 
@@ -99,8 +101,8 @@ def elimination_groups(pattern: NDArray[np.bool_], last: NDArray[np.intp]) -> li
     Returns
     -------
     list of ColumnGroup
-        Every column is in one group. A group precedes all groups with columns that its elimination
-        changes (its border).
+        Every column is in one group. Each group precedes all groups whose columns change when it is
+        eliminated.
     """
     columns = pattern.astype(np.float32)
     neighbours = (columns.T @ columns) > 0.0
@@ -115,11 +117,12 @@ def elimination_groups(pattern: NDArray[np.bool_], last: NDArray[np.intp]) -> li
 
 
 def heights(groups: list[ColumnGroup]) -> list[int]:
-    """Return the height of each group in the elimination tree: 0 for groups without children.
+    """Return one number for each group of columns, by which groups can be eliminated together.
 
-    The border of a group is the set of later columns that the group changes. A group is higher than
-    all groups whose borders contain one of its columns. All groups of the same height can therefore
-    be eliminated at the same time. ``groups`` are in the order of elimination.
+    The number is called the height of the group. It is 0 if the elimination of no other group
+    changes a column of this group. Otherwise it is larger than the heights of all groups whose
+    elimination changes a column of this group. Groups of the same height can therefore be
+    eliminated at the same time. ``groups`` are in the order of elimination.
     """
     group_of = {}
     for k, group in enumerate(groups):
@@ -182,10 +185,11 @@ def _single_nodes(neighbours: NDArray[np.bool_]) -> list[_Node]:
     """Return one node (set of columns that are eliminated together) for each column.
 
     ``neighbours`` (columns, columns) states which columns have a row in common; rows and columns of
-    this matrix are in the order of elimination. The border of a column contains its neighbours that
-    are eliminated later. When the column is eliminated, they become neighbours of each other. It is
-    enough to add them to the border of the neighbour that is eliminated next, because the
-    elimination of this neighbour passes them on.
+    this matrix are in the order of elimination. The border of a column is the set of its neighbours
+    that are eliminated later. When the column is eliminated, the columns of its border become
+    neighbours of each other. Only the first of them gets the others as additional neighbours here;
+    when this first one is eliminated, the second gets the remaining ones in the same way, and so
+    on.
     """
     linked = _bit_sets(np.triu(neighbours, k=1))
     nodes = []
@@ -200,10 +204,11 @@ def _single_nodes(neighbours: NDArray[np.bool_]) -> list[_Node]:
 def _merge(single: list[_Node]) -> list[_Node]:
     """Merge nodes into their parents where this is faster, and return the nodes that remain.
 
-    A node is a set of columns that are eliminated together, and its border the set of later columns
-    that it changes. The parent of a node is the node that contains the first column of its border.
-    Nodes of equal shape are eliminated by the same calls and share the time of function calls.
-    Merging is repeated until no node is merged any more.
+    A node is a set of columns that are eliminated together. The border of a node is the set of
+    later columns that change when the node is eliminated. The parent of a node is the node that
+    contains the first column of its border. Nodes with equal numbers of columns, and with borders
+    of equal size, are eliminated by the same calls and share the time of function calls. Merging is
+    repeated until no node is merged any more.
     """
     nodes = dict(enumerate(single))
     node_of = list(range(len(single)))
@@ -211,9 +216,9 @@ def _merge(single: list[_Node]) -> list[_Node]:
     while merged:
         merged = False
         count = Counter(node.shape for node in nodes.values())
-        # Copies are nodes (sets of columns) of the same shape. If a node is merged into its parent,
-        # its copies are merged into copies of the parent. The merged node therefore has as many
-        # copies as the parent had.
+        # Nodes (sets of columns) with the same numbers of columns count as copies of each other. If
+        # a node is merged into its parent, the copies of the node are merged into copies of the
+        # parent. The merged node therefore has as many copies as the parent had.
         copies = {k: count[node.shape] for k, node in nodes.items()}
         for k in sorted(nodes):
             node = nodes[k]

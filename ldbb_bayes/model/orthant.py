@@ -83,8 +83,8 @@ _LEAST_PAIR = 1e-9
 # The computed probability that two constraints both hold counts as too inaccurate if their
 # correlation is closer to ±1 than this.
 _LEAST_DIFFERENCE = 1e-6
-# If the bound of P(u ≥ 0) by the constraint most likely to fail has a relative error below this, no
-# pairs of constraints are considered.
+# P(u ≥ 0) is first bounded by the probability of the constraint most likely to fail. If the
+# relative error of this bound is below this number, pairs of constraints are not considered.
 _NEGLIGIBLE_ERROR = 1e-9
 # Number that replaces zero limits h or k in Owen's formula for P(x < h, y < k), which divides by
 # them.
@@ -119,11 +119,11 @@ class OrthantMoments(NamedTuple):
 class NoisyLogProbability(NamedTuple):
     """Log probabilities ln P(u ≥ 0) of w problems, and two parts of their errors [nat]."""
 
-    log_value: Array  #: ln P(u ≥ 0), shape (w,)
-    #: error from analytical bounds and from leaving out constraints [nat], shape (w,); infinite if
-    #: no quasi-random point satisfies all constraints
+    log_value: Array  #: log probability that all constraints u ≥ 0 hold, shape (w,)
+    #: error of the log probability due to analytical bounds and to constraints left out [nat],
+    #: shape (w,); infinite if no quasi-random point satisfies all constraints
     common_error: Array
-    noise: Array  #: error that comes from the quasi-random points [nat], shape (w,)
+    noise: Array  #: error due to the limited number of quasi-random points [nat], shape (w,)
 
 
 class _Solved(NamedTuple):
@@ -144,7 +144,7 @@ class _Points:
     """Quasi-random points: eight copies of one lattice, each with a random shift (scramble)."""
 
     seed: int
-    shared: bool  #: whether the points are the same for all probabilities
+    shared: bool  #: whether all w probabilities are computed from the same points
 
     def of(self, tilted: Tilted, size: int) -> Array:
         """Return quasi-random points in the unit cube for w problems.
@@ -221,7 +221,7 @@ class Orthant:
 
         The errors that come from the points, called noise, are independent. In a mean over many
         problems these errors cancel to a large part, so that few points suffice for each problem.
-        In all other respects, this method is `log_probability`.
+        In all other respects, the method does the same as `log_probability`.
 
         Parameters
         ----------
@@ -488,8 +488,8 @@ class Orthant:
         saddle = find_saddle_point(unit, bound)
         axes = solve_lower(lower, core_spread)
         # ``core`` holds the rows of linearly independent constraints. All other constraints are
-        # linear combinations of these. Each is expressed as a row of length one that multiplies x,
-        # the coordinates of the standard normal vector along the directions ``axes``.
+        # linear combinations of these. Each of the others is expressed as a row of length one that
+        # multiplies x, the coordinates of the standard normal vector along the directions ``axes``.
         outside_core = np.ones(mean.shape, dtype=bool)
         np.put_along_axis(outside_core, core, values=False, axis=1)
         other_rows = np.nonzero(outside_core)[1].reshape(len(core), -1)
@@ -660,7 +660,8 @@ def _scrambled_lattice(dimensions: int, size: int, seed: int) -> Array:
 def _shift_of_problem(tilted: Tilted) -> Array:
     """Return the shift of the quasi-random points of each of w problems, shape (d, 1, w).
 
-    The shift is computed from the bounds of the problem's d constraints alone.
+    Each problem has d constraints on a standard normal vector. Its shift is computed from the lower
+    bounds of its constraints alone.
     """
     return np.asarray(tilted.bound[:, None] * _DIGITS)
 
@@ -731,8 +732,8 @@ def _uncertain_rows(
     Each of w problems has m constraints u = mean + spread e ≥ 0, with standard normal e of q
     elements; ``mean`` has shape (w, m) and ``spread`` (w, m, q). A constraint counts as certain,
     and is left out, if its mean is more than 12 sd above zero in every problem. All indices are
-    returned if the mean of some other constraint is more than three sd below zero in a problem:
-    given that such a constraint holds, constraints that look certain may fail.
+    returned if, in some problem, the mean of a constraint is more than three sd below zero: given
+    that this constraint holds, constraints that look certain may fail.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         distance = mean / np.linalg.norm(spread, axis=2)

@@ -238,7 +238,8 @@ class Prior(Shown):
     straightness_per_mm: float = 1e-6
     offset_mm: float = 0.02  #: prior sd of offsets of the tool ball, such as E_Xt0 [mm]
     sigma_um: float = 1.0  #: scale of the half-normal prior of σ, the sd of white noise [µm]
-    #: scale of the half-normal prior of δ, the sd of shifts of zero and centre between circles [µm]
+    #: scale of the half-normal prior of δ, the sd of the random shifts of the readings' zero and of
+    #: the circle's centre between circles [µm]
     delta_um: float = 1.0
     #: scale of the half-normal prior of κ, the sd of the discrepancy (model inadequacy and change
     #: from circle to circle) [µm]
@@ -246,16 +247,17 @@ class Prior(Shown):
     #: scale of the half-normal prior of τ, the sd of the balls' form error at 6 waves in a turn
     #: [µm]
     tau_um: float = 1.5
-    #: scale of the half-normal prior of ω, the sd of the machine's pattern (geometric and cyclic
-    #: errors of higher orders) at 6 waves in a turn [µm]
+    #: scale of the half-normal prior of ω, the sd of the machine's geometric and cyclic errors of
+    #: higher orders, at 6 waves in a turn [µm]
     omega_um: float = 1.5
     #: scale of the half-normal prior of η, the sd of hysteresis that does not depend on force [µm]
     eta_um: float = 2.0
-    #: prior mean of the power by which the sd of the balls' form, and of the machine's pattern,
-    #: falls with the order (waves in a turn); the prior is Gaussian, restricted to [0.5, 3.5]
+    #: prior mean of the power by which the sds of the balls' form errors, and of the machine's
+    #: errors of higher orders, fall with the order (waves in a turn); the prior is Gaussian,
+    #: restricted to [0.5, 3.5]
     decay: float = 2.0
-    #: prior sd of the power by which the sd of the balls' form, and of the machine's pattern, falls
-    #: with the order (waves in a turn)
+    #: prior sd of the power by which the sds of the balls' form errors, and of the machine's errors
+    #: of higher orders, fall with the order (waves in a turn)
     decay_sd: float = 0.7
     #: whether the prior sd of a slope (change of a compliance with force) is proportional to the
     #: estimate of its compliance. If true, the size of the compliance that ``slope_scale``

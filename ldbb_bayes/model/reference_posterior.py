@@ -203,9 +203,9 @@ def fixed_point(
 ) -> MachineEstimate:
     """Return the estimate of a machine that results from the model linearised about this estimate.
 
-    ``posterior`` is the posterior of the machine's parameters at reference scales, ``setting`` are
-    the conditions of all tests, and ``start`` is the estimate about which the model is linearised
-    in the first of three steps.
+    ``posterior`` is the posterior of the machine's parameters at fixed scales of the noise and of
+    other effects, ``setting`` are the conditions of all tests, and ``start`` is the estimate about
+    which the model is linearised in the first of three steps.
     """
     estimate = start
     for _ in range(_STEPS):

@@ -184,9 +184,9 @@ class Setting:
     def driven_axes(self) -> list[tuple[int, float]]:
         """Return the machine axes that the circles drive, with the size of their compliance [mm/N].
 
-        Each axis is an index: X is 0, Y is 1, Z is 2. The size is that of the axis' direct
-        compliance (displacement along the axis per force along it). Axes without a direct
-        compliance are left out.
+        The result is a list of pairs. The first element is the index of the axis (X is 0, Y is 1, Z
+        is 2), the second the size of its direct compliance (displacement along the axis per force
+        along it). Axes without a direct compliance are left out.
         """
         moves = np.abs(self.direction).max(axis=(0, 1)) > 0.0
         axes = []
@@ -526,12 +526,12 @@ def _relative_to_mean(
     campaign: Campaign,
     pilot: Campaign | None,
 ) -> Array:
-    """Return a quantity of every test minus its mean, shape (tests,).
+    """Return a quantity of every test minus the mean of this quantity, shape (tests,).
 
     ``field`` is the name of the field of a test, such as temperature_C. If a pilot campaign is
     given, the mean is that of the pilot, and tests without a value are assumed to be at the mean.
     Otherwise the mean is that of the campaign, and tests without a value get NaN. All values are
-    NaN if nothing is recorded in the tests that give the mean.
+    NaN if the quantity is not recorded in any of the tests from which the mean is computed.
     """
     values = _recorded(field, campaign)
     reference = _recorded(field, pilot or campaign)

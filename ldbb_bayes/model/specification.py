@@ -244,7 +244,7 @@ class Truths:
     #: plan must then come from another file.
     plan: Campaign | None
     #: true compliances, slopes and geometric errors by name, in internal units (mm, N, rad); None
-    #: to draw them at random from the prior
+    #: if they are drawn at random from the prior
     parameters: dict[str, float] | None
     #: true hyper-parameters (scales of noise and other effects) by name, with lengths in µm; those
     #: not named are drawn at random from their priors

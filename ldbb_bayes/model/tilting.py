@@ -96,10 +96,10 @@ class _ConvexFunction(NamedTuple):
     """Convex function whose minimum gives the saddle point of the tilted density, for w problems.
 
     Each problem has d constraints U x ≥ ``bound`` on a standard normal vector x, where U is a lower
-    triangular matrix with ones on its diagonal. The function of m is
-    ½ mᵀ C m − boundᵀ m + Σ_j (e_j m_j + ln Φ(−e_j)), with the coupling C = U Uᵀ − I. Each m_j is
-    the inverse Mills ratio φ(e_j) / Φ(−e_j) of an edge e_j, the lower limit of a normal variable
-    that the tilting has shifted. φ and Φ are the standard normal density and distribution function.
+    triangular matrix with ones on its diagonal. The function of m is ½ mᵀ C m − boundᵀ m + Σ_j (e_j
+    m_j + ln Φ(−e_j)), with the coupling C = U Uᵀ − I. Each m_j is the inverse Mills ratio φ(e_j) /
+    Φ(−e_j) of the lower limit e_j of a shifted normal variable. φ and Φ are the standard normal
+    density and distribution function.
     """
 
     #: Value, for each of w problems, of the convex function whose minimum gives the saddle point of
@@ -108,8 +108,8 @@ class _ConvexFunction(NamedTuple):
     #: Derivatives of the convex function (whose minimum gives the saddle point) with respect to the
     #: inverse Mills ratios m, shape (w, d).
     gradient: Array
-    #: Derivative of each inverse Mills ratio m_j with respect to its edge e_j, between 0 and 1,
-    #: shape (w, d).
+    #: Derivative of each inverse Mills ratio m_j with respect to the lower limit e_j of the shifted
+    #: normal variable, between 0 and 1, shape (w, d).
     slope: Array
     #: Largest absolute element of the convex function's gradient for each of w problems, relative
     #: to the size of the gradient's terms, shape (w,).
@@ -236,7 +236,8 @@ class Tilted(NamedTuple):
         from above. The upper limit is None if there is no dependent constraint whose last element
         is x_j.
         """
-        # The first constraint depends on x_0 alone, so its lower limit is the same for all points.
+        # The first constraint depends on x_0 alone. The lower limit of x_0 is therefore the same
+        # for all points.
         explained = np.einsum("kw,ksw->sw", self.unit[j, :j], x[:j]) if j > 0 else 0.0
         low = np.atleast_2d(self.bound[j] - explained - self.tilt[j])
         rows = np.flatnonzero((self.last == j).any(axis=1))
@@ -362,10 +363,10 @@ def _solve_edges(
     bound: Array,
     start: Array,
 ) -> _Edges:
-    """Solve e + C m(e) = bound for the edges e of w problems, by Newton's method.
+    """Solve e + C m(e) = bound for the vectors e of w problems, by Newton's method.
 
-    The edges are the lower limits of the d shifted normal variables of each problem, and m(e) their
-    inverse Mills ratios. C is ``coupling``, shape (w, d, d). The search starts from the edges
+    The vector e holds the lower limits (edges) of the d shifted normal variables of a problem, and
+    m(e) their inverse Mills ratios. C is ``coupling``, shape (w, d, d). The search starts from e =
     ``start``; ``start`` and ``bound`` have the shape (w, d). Each step is halved until it reduces
     the value of `_ConvexFunction` or the relative size of its gradient.
     """
@@ -413,7 +414,7 @@ def _edges_of_nearest_point(
     block = coupling[np.ix_(binding, binding)] + np.eye(len(binding))
     mills = np.zeros(len(bound))
     mills[binding] = np.linalg.solve(block, bound[binding])
-    # The inverse Mills ratio m of a large edge e is about e + 1/e, so that e is about m − 1/m.
+    # The inverse Mills ratio m of a large number e is about e + 1/e, so that e is about m − 1/m.
     far = mills - 1.0 / np.maximum(mills, 1.0)
     return np.where(mills > 1.0, far, bound - coupling @ mills)
 

@@ -81,7 +81,8 @@ class Truncation:
         p = self.rows.shape[1]
         bounds = np.empty((p, 2))
         for j in range(p):
-            # The parameter comes first, because _support bounds the first coordinate.
+            # Put the parameter with the index j first, because _support bounds the first
+            # coordinate.
             reordered = [j, *(k for k in range(p) if k != j)]
             bounds[j] = _support(self.rows[:, reordered], np.zeros(len(self.rows)))
         return bounds

@@ -29,8 +29,8 @@ _FORM_ORDERS = range(2, MAX_ORDER + 1)
 # Orders n of the harmonics cos nθ, sin nθ of the machine's pattern (geometric and cyclic errors of
 # higher orders). They start at 4, because other geometric errors describe the lower orders.
 _PATTERN_ORDERS = range(4, MAX_ORDER + 1)
-# Hyper-parameter p, the power by which the sds of the balls' form and of the machine's pattern fall
-# with the order n (waves in a turn).
+# Hyper-parameter p, the power by which the sds of the balls' form errors, and of the machine's
+# errors of higher orders, fall with the order n (waves in a turn).
 _DECAY = Scale("decay", "decay", "p", "decay of form with its order", "decay")
 # Prior variance of each coefficient of a ball's form at the orders 2 and 3 (waves in a turn),
 # divided by the square of the ball's deviation from sphericity (peak to valley).
@@ -335,11 +335,11 @@ class MachinePattern(Term):
 
     θ is the angle on the circle. The prior sd of each coefficient is ω (n/6)^(−p), with the
     hyper-parameters ω (scale at order 6) and p (decay with order, the same as for the form of the
-    balls). The pattern is the same in all tests of one plane, direction of travel and radius. The
-    term acts only if the clocking of a ball (angle by which it is turned in its socket) differs
-    between tests, or if a certificate or grade states the form of a ball. Form and pattern can then
-    be separated, because the form turns with the ball and the pattern does not, or because the form
-    is known. Otherwise the form contains the pattern.
+    balls). These errors are called the machine's pattern. They are the same in all tests of one
+    plane, direction of travel and radius. The term acts only if the clocking of a ball (angle by
+    which it is turned in its socket) differs between tests, or if a certificate or grade states the
+    form of a ball. Form and pattern can then be separated, because the form turns with the ball and
+    the pattern does not, or because the form is known. Otherwise the form contains the pattern.
 
     Examples
     --------
@@ -356,9 +356,10 @@ class MachinePattern(Term):
     def columns(self, setting: Setting) -> tuple[Columns, ...]:
         """Return the columns of the machine's pattern for the tests of a campaign.
 
-        A column is the reading per unit of one coefficient. The tuple is empty if the clocking of
-        no ball (angle by which it is turned in its socket) differs between tests, and the form of
-        no ball is stated.
+        The pattern is made of the machine's geometric and cyclic errors of higher orders. A column
+        is the reading per unit of one coefficient. The tuple is empty if every ball has the same
+        clocking (angle by which it is turned in its socket) in all tests and the form of no ball is
+        stated.
         """
         if not (setting.clocked or _states_form(setting.instrument)):
             return ()

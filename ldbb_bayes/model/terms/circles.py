@@ -76,9 +76,10 @@ class SetupShift(Term):
         )
 
     def columns(self, setting: Setting) -> tuple[BasisNoise, ...]:
-        """Return the shift as noise of the Fourier coefficients of 1, cos θ, sin θ.
+        """Return the random shift as noise of the Fourier coefficients of 1, cos θ, sin θ.
 
-        The noise is independent between the tests of a campaign.
+        The readings' zero, the circle's centre or both shift between circles. The noise is
+        independent between the tests of a campaign.
         """
         zero_sd = np.where(ORDERS == 0, 1.0, 0.0)
         centre_sd = np.where(ORDERS == 1, 1.0, 0.0)
@@ -115,7 +116,8 @@ class Discrepancy(Term):
     def columns(self, setting: Setting) -> tuple[BasisNoise, ...]:
         """Return the discrepancy as noise of the Fourier coefficients of the orders 2 to 12.
 
-        The noise is independent between the tests of a campaign.
+        The discrepancy consists of model inadequacy and change from run to run. The noise is
+        independent between the tests of a campaign.
         """
         sd = np.where(ORDERS >= 2, np.maximum(ORDERS, 1.0) ** -self.decay, 0.0)
         return (BasisNoise("kappa", sd, setting.circle),)
@@ -125,9 +127,10 @@ class Discrepancy(Term):
 class CircleScale(Term):
     """Noise factor λ of every circle, which multiplies the sd of its set-up shift and discrepancy.
 
-    λ² has an inverse gamma prior, InvGamma(3/2, 3/2). The circles therefore scatter as Student's t
-    with three degrees of freedom, and an outlying circle hardly changes the estimated compliances.
-    The term does not act on campaigns with fewer than four tests.
+    The classes `SetupShift` and `Discrepancy` describe these two effects. λ² has an inverse gamma
+    prior, InvGamma(3/2, 3/2). The circles therefore scatter as Student's t with three degrees of
+    freedom, and an outlying circle hardly changes the estimated compliances. The term does not act
+    on campaigns with fewer than four tests.
 
     Examples
     --------

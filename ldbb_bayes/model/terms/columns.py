@@ -27,9 +27,9 @@ OWN = "Parameters"
 # Some lists state the class name of the nuisance term of each source of noise. The white noise of
 # the readings belongs to no term; this name is stated for it instead.
 NOISE = "ReadingNoise"
-# The scale τ of ball form and the scale ω of the machine's pattern (see `MachinePattern`) are prior
-# sds of the harmonics cos nθ, sin nθ of this order n. At other orders, the prior sds are these
-# scales times (n/6)^(−decay).
+# Order n of the harmonics cos nθ, sin nθ for which the scale τ of the balls' form errors and the
+# scale ω of the machine's errors of higher orders are stated. At any order n, the prior sds are
+# proportional to (n/6)^(−decay).
 FORM_ORDER = 6.0
 # Kinds of prior distribution of a hyper-parameter: half-normal for scales, decay for the power by
 # which the amplitude of form falls with its order, circle for the noise factor λ of one circle.

@@ -141,10 +141,10 @@ class Mount(Term):
         return _standard_uncertainty(instrument.mount_U_percent, self.relative_sd, 0.01)
 
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
-        """Yield the deflection and curvature of the mount that the term assumes, and their sds.
+        """Yield deflection and curvature that the term assumes, with standard uncertainties.
 
-        The standard uncertainty of the deflection comes from the certificate in ``campaign``, if
-        there is one.
+        The deflection is that of the work ball's mount. Its standard uncertainty comes from the
+        certificate in ``campaign`` if there is one, and from the field ``relative_sd`` if not.
         """
         nominal = campaign.mount.deflection_um_per_bar * 1e-3
         sd = self._relative_sd(campaign.instrument) * nominal
@@ -226,7 +226,7 @@ class ForceError(Term):
         return (*columns, Columns(("force_random",), deflection, random_sd, private=True))
 
     def _sd_by_name(self, instrument: Instrument) -> dict[str, float]:
-        """Return the prior sds of the force errors; their keys are the names of the coefficients.
+        """Return a dict with the prior sds of the force errors; its keys name the coefficients.
 
         An sd comes from the certificate in ``instrument`` if there is one, and from the fields of
         the term if not. The linearity in a certificate is taken as the half-width of a uniform
@@ -248,8 +248,8 @@ class ForceError(Term):
         """Yield the errors of the force that the term models, with their standard uncertainties.
 
         The errors are gain, curvature (unless ``curvature_sd`` is zero) and random error.
-        Uncertainties that the certificate in ``campaign`` states are used; the others come from the
-        fields of the term.
+        Uncertainties that the certificate in ``campaign`` states are used. Uncertainties that it
+        does not state come from the fields of the term.
         """
         certificates = {
             "force_gain": "force_U_percent",
@@ -318,8 +318,8 @@ class Angle(Term):
     def assumed(self, campaign: Campaign) -> Iterator[Uncertainty]:
         """Yield the standard uncertainties that the term assumes for angle reference and lag.
 
-        The uncertainties come from the certified uncertainty in ``campaign``, if there is one, and
-        from ``sd_deg`` if there is none.
+        If ``campaign`` holds an uncertainty that a certificate states for the angle, both results
+        follow from it. If not, both are equal to the field ``sd_deg``.
         """
         sd = self._sd_rad(campaign.instrument)
         for name in ("angle_reference", "angle_lag"):

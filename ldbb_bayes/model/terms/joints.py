@@ -111,7 +111,7 @@ class JointLoad(Term):
         return deflections / force_N[:, None]
 
     def deflections(self, setting: Setting, axis: int, r: int, force_N: Array) -> Array:
-        """Return the nonlinear deflections of an axis around the circle of the test with index r.
+        """Return the nonlinear deflections of an axis on the circle of one test.
 
         Parameters
         ----------
@@ -120,8 +120,8 @@ class JointLoad(Term):
         axis
             Index of the machine axis: X is 0, Y is 1, Z is 2.
         r
-            Index of a test, from 0. Only the circle of this test is used; ``force_N`` need not
-            contain its force.
+            Index of the test, from 0. Only the circle of this test is used; ``force_N`` need not
+            contain the force of the test.
         force_N
             Forces of the bar, shape (n,) [N].
 
@@ -175,10 +175,11 @@ class JointLoad(Term):
 def joint_load_columns(
     setting: Setting, columns: Sequence[Columns | BasisNoise]
 ) -> dict[str, Columns]:
-    """Return the columns of `JointLoad` for each axis; the keys are the axes' letters, such as X.
+    """Return a dict with the columns of `JointLoad`; its keys are the letters of the axes.
 
-    ``columns`` are the columns of the term in the model bound to a campaign. If the model lacks the
-    term, ``columns`` and the result are empty.
+    A column is the reading per unit of one coefficient. ``columns`` are the columns of the term in
+    the model bound to a campaign. If the model lacks the term, ``columns`` and the result are
+    empty.
     """
     shared = [block for block in columns if isinstance(block, Columns)]
     if not shared:
