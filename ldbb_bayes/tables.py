@@ -278,7 +278,7 @@ class _TextLayout:
         return self._width_with(column, self._head_lines[column])
 
     def _width_with(self, column: int, head_lines: Sequence[str]) -> int:
-        """Return the width [characters] of a column whose head is broken into ``head_lines``.
+        """Return the width [characters] of a column whose head has the lines ``head_lines``.
 
         ``column`` is the index of the column.
         """

@@ -314,9 +314,9 @@ def inside_name(text: str) -> str:
 def ranked(items: Iterable[T], key: Callable[[T], float], *, tolerance: float = 1e-6) -> list[T]:
     """Return items in the order of a sort key, the largest key first.
 
-    ``key`` is a function that gives the sort key of an item. Items whose keys agree within the
-    relative tolerance keep their original order; rounding errors therefore do not affect the order.
-    Keys below 1e-12 of the largest key are treated as zero.
+    ``key`` is a function that gives the sort key of an item. Items whose keys are nearly equal keep
+    their original order; rounding errors therefore do not affect the order. Keys below 1e-12 of the
+    largest key are treated as zero.
     """
     entries = [_Ranked(key(item), i, item) for i, item in enumerate(items)]
     entries.sort(key=_largest_key_first)

@@ -363,8 +363,8 @@ class Campaign(CampaignFields):
         The conditions are the fields of each test, and the fields topology, frames_mm, mount,
         resolution_um, order and drift of the campaign. The digest also depends on the names and the
         sequence of the tests, and on the foreseen tests. It does not depend on the format of the
-        files. It does not depend on certificates or on the pilot (the campaign from which a plan
-        was designed), because certificates and pilot are prior knowledge.
+        files, nor on prior knowledge, that is, on certificates and on the pilot (the campaign from
+        which a plan was designed).
         """
         digest = hashlib.sha256()
         head: list[Any] = [

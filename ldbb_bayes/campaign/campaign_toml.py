@@ -99,8 +99,7 @@ class _CampaignFile(CampaignFields):
 class CampaignContent(NamedTuple):
     """Content of campaign.toml: the tests, and the values of all other fields of `Campaign`.
 
-    Foreseen tests, which are planned tests that may be run later, are the value of one of the other
-    fields.
+    The other fields include the foreseen tests, which are planned tests that may be run later.
     """
 
     tests: tuple[CircularTest, ...]

@@ -361,8 +361,8 @@ class CircularTest(TestFields):
         """Nominal circle of the test: its radius, centre and plane.
 
         If the test does not state a radius or coordinate, zero is assumed; if it does not state a
-        plane, XY is assumed. Tests of a campaign state all of these, because the campaign fills in
-        missing values.
+        plane, XY is assumed. Tests of a campaign always state radius, centre and plane, because the
+        campaign fills in missing values.
         """
         x, y, z = (float(getattr(self, key) or 0.0) for key in CENTRE)
         return Circle(float(self.radius_mm or 0.0), (x, y, z), self.plane or "XY")

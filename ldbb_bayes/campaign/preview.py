@@ -321,7 +321,7 @@ def _preview_test(test: CircularTest, campaign: Campaign) -> TestPreview:
 def _remark_on_angles(
     test: CircularTest, campaign: Campaign, angles: _Angles, remarks: _Remarks
 ) -> None:
-    """Add remarks if angles contradict the direction, cover only an arc or have a wide gap."""
+    """Add remarks on angles that contradict the stated direction, leave a gap or cover an arc."""
     contradicts = test.direction and angles.travel and test.direction != angles.travel
     if contradicts and not campaign.is_plan and not _order_shows_no_travel(campaign):
         remarks.add(RemarkKind.TRAVEL, stated=test.direction, travel=angles.travel)
@@ -333,7 +333,7 @@ def _remark_on_angles(
 
 
 def _order_shows_no_travel(campaign: Campaign) -> bool:
-    """Return whether all tests have increasing angles, although they state both directions.
+    """Return whether the angles of all tests increase although the tests state both directions.
 
     If so, the tables of readings were sorted by angle, and the order of the readings does not show
     the direction of travel.

@@ -273,7 +273,7 @@ def _no_design() -> str:
 
 
 def _averaged_models(model: lb.HybridModel) -> dict[str, lb.HybridModel]:
-    """Return the models with constant and with linear compliance; ``model`` is the linear one."""
+    """Return the linear model ``model``, and the same model with constant compliance."""
     return {"constant": model.with_degree(0), "linear": model}
 
 

@@ -21,7 +21,7 @@ _LONGEST_LINE = 20_000
 _DEEP_KEY = re.compile(r"(?:[\w-]{1,200}[ \t]{0,9}\.[ \t]{0,9}){8}")
 # Pattern of strings and comments. A string between triple quotes may end with two more quotes. A
 # string without closing quotes is assumed to end with its line or with the text. No part of the
-# text is then searched twice. TOML with such a string is refused later.
+# text is then searched twice. A text with an unclosed string is refused later.
 _STRING_OR_COMMENT = re.compile(
     r'''
     """(?:[^\\]|\\(?:.|\Z))*?(?:"{3,5}|\Z)  # string between triple quotation marks

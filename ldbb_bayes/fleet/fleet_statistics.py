@@ -229,7 +229,7 @@ def _reference_force(rows: pd.DataFrame, reference_force_N: float | None) -> flo
 
 
 def _machine_names(rows: pd.DataFrame) -> tuple[str, ...]:
-    """Return the name of each campaign's machine: its machine_id if the campaign states one.
+    """Return the name of each campaign's machine, which is the machine_id that the campaign states.
 
     If a campaign states no machine_id, the file path of the campaign is the name of its machine.
     ``rows`` are rows of the table of a batch.

@@ -63,7 +63,7 @@ def linear_over_constant(density: HyperPosterior, *, tolerance: float) -> Eviden
 
 
 def _log_evidence_from(nodes: Nodes, truncated: HyperPosterior, tolerance: float) -> _LogEvidence:
-    """Return the log evidence of a model, computed from nodes of the density without truncation.
+    """Return the log evidence of a model, computed with nodes from a fit without truncation.
 
     Truncation is the condition that no compliance is negative. Nodes are weighted values of the
     hyper-parameters.

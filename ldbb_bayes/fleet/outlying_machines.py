@@ -146,7 +146,7 @@ class _LeftOut(NamedTuple):
 def _leave_out_each(
     likelihood: Gaussian, separate: Estimates, spread: Array, shared: Gaussian
 ) -> _LeftOut:
-    """Compare each of n machines with all other machines, for each of k draws of the spreads.
+    """Return a comparison of each of n machines with all others, for k draws of the spreads.
 
     ``likelihood`` holds the likelihood of each machine from its campaigns. ``separate`` holds the
     estimates from each machine alone. ``spread``, shape (k, c), holds the draws of the spreads,

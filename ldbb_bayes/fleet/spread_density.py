@@ -80,11 +80,11 @@ _POINT_MARGIN = 1e-12
 
 
 def machine_likelihoods(statistics: FleetStatistics) -> tuple[tuple[str, ...], Gaussian]:
-    """Return the names of n machines, and the likelihood of each for q quantities, shape (n, q).
+    """Return the names of n machines, and the likelihood of q quantities of each machine.
 
     The quantities are the parameters of the machine, then the errors of the instrument. The
     machines are in the order of their first campaigns. A machine's likelihood is the product of the
-    likelihoods of its campaigns.
+    likelihoods of its campaigns. The likelihoods have the shape (n, q).
 
     Parameters
     ----------

@@ -298,8 +298,9 @@ def _kept_compliances(machine: Machine, circles: tuple[Circle, ...]) -> Kept:
     heads = sorted(set_by_head, key=lambda i: _table_order(names[i], machine))
     chosen = _independent(candidates.unit, heads)
     dropped = [i for i in heads if i not in chosen]
-    # A column holds the readings per unit of a compliance. Express every column as a combination of
-    # the columns of kept compliances, which are scaled to reduce rounding errors.
+    # A column holds the readings per unit of a compliance. The columns of kept compliances are
+    # scaled to reduce rounding errors; every column is then expressed as a combination of these
+    # columns.
     scale = np.abs(jacobian[:, chosen]).max(axis=0)
     scaled = np.linalg.lstsq(jacobian[:, chosen] / scale, jacobian, rcond=None)[0]
     coefficients = scaled / scale[:, None]
@@ -389,7 +390,9 @@ def _joint_matrices(names: Sequence[ComplianceName], halves: NDArray[np.float64]
     """Return a symmetric matrix of the weights of compliances for each joint, shape (6, 6).
 
     Rows and columns are in the order X, Y, Z, A, B, C: components along and about the three axes.
-    ``halves`` holds half of the weight of each compliance in ``names``.
+    The weight of a compliance is divided equally between an element of the matrix and the element
+    on the other side of the diagonal; ``halves`` holds half of the weight of each compliance in
+    ``names``.
     """
     matrices: dict[str, Array] = {}
     for name, half in zip(names, halves, strict=True):

@@ -32,7 +32,8 @@ ANSWER_S = 10.0
 # Number of threads of this process that wait for results of Dask workers. Each thread waits for one
 # job; Dask therefore has at most this number of jobs at the same time.
 _WAITING_THREADS = 64
-# Names of Dask's loggers that are silenced, because exceptions state the same messages.
+# Names of Dask's loggers that are silenced, because the errors that are raised state the same
+# faults.
 _LOGGERS = (
     "distributed",
     "distributed.client",

@@ -1,4 +1,4 @@
-"""Functions that run independent jobs and give a result for each, even if workers die."""
+"""Functions that run independent jobs and give a result for each job, even if workers die."""
 
 from __future__ import annotations
 
