@@ -321,7 +321,7 @@ def _preview_test(test: CircularTest, campaign: Campaign) -> TestPreview:
 def _remark_on_angles(
     test: CircularTest, campaign: Campaign, angles: _Angles, remarks: _Remarks
 ) -> None:
-    """Add remarks on angles that contradict the stated direction, leave a gap or cover an arc."""
+    """Add remarks on angles that contradict the direction, leave a gap or cover only an arc."""
     contradicts = test.direction and angles.travel and test.direction != angles.travel
     if contradicts and not campaign.is_plan and not _order_shows_no_travel(campaign):
         remarks.add(RemarkKind.TRAVEL, stated=test.direction, travel=angles.travel)
