@@ -54,6 +54,8 @@ BRACKET = re.compile(r"[\[({<]")
 _INSIDE_BRACKETS = re.compile(r"[\[({<]\s*([^\[\](){}<>]+?)\s*(?=[\[\](){}<>])")
 # Pattern of a range before a unit of angle in a header, such as 0-360°.
 _RANGE = re.compile(r"-?\d+\s*(?:-|–|to|\.\.\.?)\s*\d+\s*(?=°|deg)")
+# Pattern of words before a unit in the brackets of a header, as in (in mm).
+_BEFORE_UNIT = re.compile(r"^(?:all\s)?(?:in|units?|einheit)\s?:?\s(?=\S)", re.IGNORECASE)
 # Pattern of a factor before a unit in a header, as in "10-3 mm" (10⁻³ mm), "x 10 µm" or "0.1 µm".
 _FACTOR = re.compile(r"[x×*]|\S*[\d⁰¹²³⁴⁵⁶⁷⁸⁹]\S*")
 # Pattern of a column's number in its header, as in "reading 2 µm": one or two digits. Digits that
@@ -113,7 +115,9 @@ def _name_and_unit(header: str) -> Header:
     before_brackets = _unit_before_remark(header, name)
     if before_brackets is not None:
         return before_brackets
-    bracketed = [_RANGE.sub("", text) for text in _INSIDE_BRACKETS.findall(header)]
+    bracketed = []
+    for text in _INSIDE_BRACKETS.findall(header):
+        bracketed.append(_BEFORE_UNIT.sub("", _RANGE.sub("", text)))
     if name and bracketed:
         after_brackets = re.split(r"[\])}>]", header)[-1].removesuffix(name)
         is_scaled = re.search(r"\d", after_brackets) is not None

@@ -179,7 +179,7 @@ def _turns_sign(text: str) -> bool:
 
     Such a text is not about angles or loads, and contains no number other than −1.
     """
-    text = LOAD_IN_NAME.sub("", text[:LONGEST_TEXT])
+    text = LOAD_IN_NAME.sub("", text[:LONGEST_TEXT].replace("_", " "))
     if _OTHER_SUBJECT.search(text) or _OTHER_NUMBER.search(text) or _DENIED.search(text):
         return False
     return _SUBJECT.search(text) is not None and _TURNED.search(text) is not None

@@ -85,7 +85,7 @@ class _SheetColumns:
     def _units(self, column: int, rows: Sequence[int]) -> Iterator[RowUnits]:
         """Yield, for each source, the units that the source states for rows of one column."""
         if column in self.unit_columns:
-            units = self._cells_with_units(self.unit_columns[column], rows)
+            units = self.cells_with_units(self.unit_columns[column], rows)
             yield RowUnits(units, "a column of units")
         places = [(self.lines[row], column) for row in rows]
         cell_units = self.sheet.cell_units
@@ -94,10 +94,11 @@ class _SheetColumns:
         source = "the number format of its cells"
         yield RowUnits([format_units.get(place, "") for place in places], source)
 
-    def _cells_with_units(self, column: int, rows: Sequence[int]) -> list[str]:
+    def cells_with_units(self, column: int, rows: Sequence[int]) -> list[str]:
         """Return the cells of a column in given rows, with the units that stood behind numbers.
 
-        In a column of units, such a cell is a unit with a factor, such as 0.1 µm.
+        In a column of units, such a cell is a unit with a factor, such as 0.1 µm. ``column`` and
+        ``rows`` are the indices of the column and of the rows.
         """
         texts = []
         for row in rows:
@@ -155,7 +156,7 @@ class _SheetColumns:
         lines: list[tuple[int | str, str]] = []
         in_use = {*self.heading.roles.values(), *self.heading.readings, *self.unit_columns.values()}
         for column, header in enumerate(self.heading.headers):
-            cells = set(self._cells_with_units(column, rows))
+            cells = set(self.cells_with_units(column, rows))
             if header and column not in in_use and len(cells) == 1 and header not in PER_TEST:
                 place = f"{self.heading.line}, column {header!r}"
                 lines.append((place, f"{header}: {cells.pop()}"))
@@ -477,7 +478,9 @@ def _labels_of(columns: _SheetColumns) -> list[str]:
     """
     if "test" not in columns.heading.roles:
         return [""] * len(columns.lines)
-    labels = columns.cells[columns.heading.roles["test"]]
+    rows = range(len(columns.lines))
+    # In a name such as 100 N, the unit was split from the number.
+    labels = columns.cells_with_units(columns.heading.roles["test"], rows)
     if "" in labels:
         line = columns.lines[labels.index("")]
         raise InputError(

@@ -53,12 +53,14 @@ _UNIT = re.compile(r"[^\s;,|:=()\[\]/]+")
 _SHARE = re.compile(rf"(?<!\w)(?:{_WORDS['share']})(?!\w)", re.IGNORECASE)
 # Pattern of a line that is nothing but a label and a unit, such as "Units - mm".
 _BARE_LINE = re.compile(
-    rf"\W*(?:{_WORDS['label']})\s*[-–]?\s*(?P<unit>(?:[\d.,]+\s)?[^\s;|()\[\]]+)[\s;,|\t]*",
+    rf"\W*(?:(?:{_WORDS['filling']})\s)*(?:{_WORDS['label']})\s*[-–(\[]?\s*"
+    r"(?P<unit>(?:[\d.,]+\s)?[^\s;|()\[\]]+)[\])\s;,|\t]*",
     re.IGNORECASE,
 )
 # Pattern of a line that is a unit, alone or in brackets behind a word for readings.
 _UNIT_ALONE = re.compile(
-    rf"\W*(?:{_WORDS['bracketed']})\s*[\[(](?P<bracketed>[^\])]+)[\])]\W*|\W*(?P<unit>[^\W\d]+)\W*",
+    rf"\W*(?:{_WORDS['bracketed']})\s*[\[(](?P<bracketed>[^\])]+)[\])]\W*|\W*"
+    r"(?P<unit>(?:(?:0[.,]0*1|1/10+)\s?)?[^\W\d]+)\W*",
     re.IGNORECASE,
 )
 # Pattern of a unit of readings that is no length.

@@ -751,7 +751,8 @@ def _row_of_cells(draft: _Draft, written: WrittenCircle, j: int, unit: str) -> l
 
 def _files(draft: _Draft) -> Mutation:
     """Return the files of a draft, as one for each circle, one table, or a workbook."""
-    names = [f"{circle.force_N:g}N" for circle in TRUTH]
+    between = " " if draft.shape == "long" else ""
+    names = [f"{circle.force_N:g}{between}N" for circle in TRUTH]
     circles = []
     for k, circle in enumerate(TRUTH):
         circles.append(_written(circle, names[k], draft.meaning_of(k)))

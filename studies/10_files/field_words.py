@@ -310,6 +310,26 @@ def factor_cases() -> dict[str, FieldCase]:
 def unit_of_line_cases() -> dict[str, FieldCase]:
     kind = "a unit beside or above"
     cases = {}
+    tenths = ("0.1 um", "Measurement unit - 0.1 um")
+    for number, line in enumerate(tenths):
+        cases[f"unit_with_factor_{number}"] = FieldCase(
+            kind,
+            f"a line '{line}'",
+            field.texts(NO_UNIT, field.scaled(0.1), above=line),
+            told="unit of the reading: 0.1 um (line 1",
+        )
+    cases["unit_in_brackets_with_in"] = FieldCase(
+        kind,
+        "a header 'Reading (in mm)'",
+        field.texts("Angle (in deg),Reading (in mm)", field.scaled(1e3)),
+    )
+    cases["unit_no_length"] = FieldCase(
+        kind,
+        "a line 'Deviation (V)'",
+        field.texts(NO_UNIT, above="Deviation (V)"),
+        refusal="got 'V' in line 1. Correct the header, or give --unit",
+        step=("--unit", "um"),
+    )
     for number, line in enumerate(("mm", "[mm]", "Readings [mm]", "Abweichung (mm)")):
         cases[f"unit_alone_{number}"] = FieldCase(
             kind,
@@ -502,6 +522,23 @@ def column_cases() -> dict[str, FieldCase]:
         ),
         refusal="units belong into the header, not into cells",
         mended=field.texts("Winkel [Grad]\tDiameter deviation [um]", field.doubled, separator="\t"),
+    )
+    cases["loads_in_names_of_tests"] = FieldCase(
+        "names of tests",
+        "a column of tests with cells as '100N'",
+        field.tidy(
+            "test,Angle [deg],Reading [um]",
+            lambda c, k: [f"{c.force_N:g}N", *field.plain(c, k)],
+        ),
+        told="force_N: 100 N (the name '100 N'",
+    )
+    cases["letter_R_before_load"] = FieldCase(
+        "headers of readings",
+        "headers 'R0 - R 100 N_um'",
+        field.wide(
+            "Angle_deg;" + ";".join(f"R0 - R {force:g} N_um" for force in field.FORCES_N),
+            lambda k: [f"{field.ANGLES_DEG[k]:g}", *(f"{-c.reading_um[k]:.3f}" for c in TRUTH)],
+        ),
     )
     return cases
 
