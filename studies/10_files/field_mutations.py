@@ -690,7 +690,7 @@ def _draw_circle(draft: _Draft) -> None:
 def _draw_name(draft: _Draft) -> None:
     """Choose what the names of files add to the force, and what it means."""
     random = draft.random
-    if draft.reading_place == "format" or not chance(random, 0.2):
+    if not chance(random, 0.2):
         return
     addition = pick(random, NAME_ADDITIONS)
     changed = NAME_ADDITIONS[addition]
@@ -752,7 +752,8 @@ def _row_of_cells(draft: _Draft, written: WrittenCircle, j: int, unit: str) -> l
 def _files(draft: _Draft) -> Mutation:
     """Return the files of a draft, as one for each circle, one table, or a workbook."""
     between = " " if draft.shape == "long" else ""
-    names = [f"{circle.force_N:g}{between}N" for circle in TRUTH]
+    addition = draft.name_addition if draft.shape == "workbook" else ""
+    names = [f"{circle.force_N:g}{between}N{addition}" for circle in TRUTH]
     circles = []
     for k, circle in enumerate(TRUTH):
         circles.append(_written(circle, names[k], draft.meaning_of(k)))

@@ -50,6 +50,35 @@ def test_a_true_file_is_true(tmp_path: Path) -> None:
     assert mutation_outcomes.outcome(tmp_path, mutated) == "true"
 
 
+def log_over_time(start: str, meaning: Meaning) -> Mutation:
+    """Return the first circle as a log over time at 1500 mm/min, with its true meaning."""
+    circle = field_mutations.TRUTH[0]
+    name = f"{circle.force_N:g}N.csv"
+    seconds = np.deg2rad(circle.angle_deg) * 150.0 / 25.0
+    rows = ["Feed: 1500 mm/min", start, "Time [s];Reading [um]"]
+    for time, reading in zip(seconds, circle.reading_um, strict=True):
+        rows.append(f"{time:.6f};{reading:.3f}")
+    content = "\n".join([*rows, ""]).encode()
+    written = WrittenCircle(name, circle.force_N, seconds, circle.reading_um, meaning)
+    return Mutation("", {name: content}, (written,), frozenset())
+
+
+def test_a_log_that_starts_at_an_axis_is_true(tmp_path: Path) -> None:
+    mutated = log_over_time("Start at +Y", Meaning(1.0, zero_deg=90.0, feed_mm_per_min=1500.0))
+    assert mutation_outcomes.outcome(tmp_path, mutated) == "true"
+
+
+def test_a_log_whose_feed_a_note_names_is_told(tmp_path: Path) -> None:
+    mutated = log_over_time("Start: 0°", Meaning(1.0, feed_mm_per_min=1600.0))
+    assert mutation_outcomes.outcome(tmp_path, mutated).startswith("told")
+
+
+def test_a_log_of_another_unit_of_time_without_a_note_is_silent(tmp_path: Path) -> None:
+    meaning = Meaning(1.0, feed_mm_per_min=1500.0, s_per_time=1.1)
+    mutated = log_over_time("Start: 0°", meaning)
+    assert mutation_outcomes.outcome(tmp_path, mutated).startswith("silent")
+
+
 def test_a_wrong_guess_that_a_note_names_is_told(tmp_path: Path) -> None:
     mutated = one_file("Angle [deg];Reading", Meaning(0.1))
     assert mutation_outcomes.outcome(tmp_path, mutated) == "told: reading_um"
