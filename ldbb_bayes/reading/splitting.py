@@ -38,6 +38,8 @@ __all__ = ["FIELDS_OF_ALL_TESTS", "layout_names", "split_sheet"]
 # Roles of the columns whose numbers are not shared by the tests of a sheet: the columns that name
 # tests and directions hold words, and each column of readings may be a separate test.
 _NOT_SHARED = ("test", "direction", "reading")
+# Pattern of a cell that begins with a number, as in "0.9 x 10 um".
+_BEGINS_WITH_NUMBER = re.compile(r"\s*[+\-−]?[.,]?\d")
 # Fewest numbers with a decimal mark in a column for which it is checked whether the mark may
 # separate thousands.
 _FEWEST_MARKED = 5
@@ -350,11 +352,21 @@ def _numeric_columns(heading: Heading) -> list[int]:
 
 
 def _table_rows(sheet: Sheet, heading: Heading) -> list[Row]:
-    """Return the rows of a table up to its last row of numbers."""
+    """Return the rows of a table up to its last row of numbers, which may have unknown units."""
     rows = sheet.rows[heading.first_row :]
-    while rows and not _has_number(rows[-1]):
+    while rows and not (_has_number(rows[-1]) or _holds_quantities(rows[-1], heading)):
         rows.pop()
     return rows
+
+
+def _holds_quantities(row: Row, heading: Heading) -> bool:
+    """Return whether every cell of a row of the table begins with a number, as ``0.9 x 10 um``.
+
+    Such a row is no remark below the table. Its units are refused later.
+    """
+    if len(row.cells) != len(heading.headers):
+        return False
+    return all(_BEGINS_WITH_NUMBER.match(cell) for cell in row.cells)
 
 
 def _has_number(row: Row) -> bool:

@@ -24,6 +24,7 @@ from ldbb_bayes.reading.unit_lines import (
     mentions_scale,
     multiplies_readings,
     unit_mentioned,
+    unknown_unit_in,
 )
 from ldbb_bayes.reading.words import UNITS
 
@@ -239,6 +240,8 @@ def _check_mentions(recording: Recording, unit: str) -> str:
     mentions += [("its name", name) for name in recording.names_of_files()]
     for source, text in mentions:
         mentioned = unit_mentioned(text)
+        if source != "its name":
+            mentioned = mentioned or unknown_unit_in(text)
         if mentioned == unit:
             note = f"{source} says {text.strip()[:_TEXT_SHOWN]!r}"
         if source == "its name" and _COUNTS.search(text):

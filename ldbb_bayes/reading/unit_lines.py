@@ -25,6 +25,7 @@ __all__ = [
     "multiplies_readings",
     "unit_mentioned",
     "units_stated",
+    "unknown_unit_in",
 ]
 
 _WORDS = WORDS["unit_lines"]
@@ -324,3 +325,14 @@ def unit_mentioned(text: str) -> str:
         if unit in UNITS["reading"] and match["number"] is None and not is_word:
             return unit
     return ""
+
+
+def unknown_unit_in(line: str) -> str:
+    """Return the word of a line that is a label and an unknown unit, as V in ``Units (V)``.
+
+    The result is empty for any other line.
+    """
+    match = _BARE_LINE.fullmatch(line[:LONGEST_TEXT])
+    if match is None or not match["unit"].isalpha() or unit_named(match["unit"]):
+        return ""
+    return match["unit"]

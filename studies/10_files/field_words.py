@@ -344,6 +344,13 @@ def unit_of_line_cases() -> dict[str, FieldCase]:
         refusal="said once, got um in line 2 and mm in line 1",
         step=("--unit", "um"),
     )
+    cases["unit_unknown_in_brackets"] = FieldCase(
+        kind,
+        "a line 'Units (V)', numbers that fit µm",
+        field.texts(NO_UNIT, above="Units (V)"),
+        refusal="numbers that fit um, and 'Units (V)' in line 1. Say which: --unit",
+        step=("--unit", "um"),
+    )
     cases["unit_mentioned"] = FieldCase(
         kind,
         "a line 'Columns: deg; mm', numbers that fit µm",
@@ -532,6 +539,16 @@ def column_cases() -> dict[str, FieldCase]:
         ),
         told="force_N: 100 N (the name '100 N'",
     )
+    cases["unread_units_at_the_end"] = FieldCase(
+        "units in cells",
+        "cells of the last tests with a unit that is not read",
+        field.tidy("test,Angle,Reading", in_other_units),
+        refusal="must be a finite number, got",
+        mended=field.tidy(
+            "test,Angle,Reading",
+            lambda c, k: [f"{c.force_N:g} N", f"{c.angle_deg[k]:g} deg", f"{c.reading_um[k]} um"],
+        ),
+    )
     cases["letter_R_before_load"] = FieldCase(
         "headers of readings",
         "headers 'R0 - R 100 N_um'",
@@ -541,6 +558,14 @@ def column_cases() -> dict[str, FieldCase]:
         ),
     )
     return cases
+
+
+def in_other_units(circle: Circle, k: int) -> list[str]:
+    """Return a reading in µm below 300 N, and in steps of 10 µm from 300 N on."""
+    cells = [f"{circle.force_N:g} N", f"{circle.angle_deg[k]:g} deg"]
+    if circle.force_N < 300.0:
+        return [*cells, f"{circle.reading_um[k]} um"]
+    return [*cells, f"{circle.reading_um[k] / 10.0:.4f} x 10 um"]
 
 
 def with_column(header: str, cell: str) -> dict[str, bytes]:
